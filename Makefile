@@ -1,0 +1,71 @@
+# Everything from a bare Python >= 3.11: `make run`, `make test`. `make help` lists the rest.
+
+PYTHON ?= python3
+ARGS ?=
+BIN := .venv/bin
+READY := .venv/.ready
+PYTEST := $(BIN)/python -m pytest
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+.PHONY: help
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+.PHONY: run
+run: $(READY)  ## run AW0 and AW3 on the virtual rig, in real time over real sockets
+	$(BIN)/astb run aw0 aw3 --rig rigs/local.toml --out runs/demo
+
+.PHONY: test
+test: $(READY)  ## the ordinary suite (ARGS="-k leak" narrows it)
+	$(PYTEST) -m "not slow" $(ARGS)
+
+.PHONY: test-slow
+test-slow: $(READY)  ## only the tests that the ordinary suite leaves out for their length
+	$(PYTEST) -m "slow and not vcan" $(ARGS)
+
+.PHONY: test-all
+test-all: $(READY)  ## the ordinary suite and the slow tests
+	$(PYTEST) $(ARGS)
+
+.PHONY: test-vcan
+test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mode Linux
+	tools/with_vcan.sh -- $(PYTEST) -m vcan $(ARGS)
+
+.PHONY: check
+check: $(READY)  ## lint, format, types, import contracts, generated files
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+	$(BIN)/python -m astb.generate --check
+
+.PHONY: format
+format: $(READY)  ## let ruff put the code in order
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+.PHONY: generate
+generate: $(READY)  ## write the files that come from the table of signals and of states
+	$(BIN)/python -m astb.generate
+
+.PHONY: bench
+bench: $(READY)  ## measure speed and lateness, each beside a control of the same minute
+	$(BIN)/python -m benchmarks $(ARGS)
+
+.PHONY: clean
+clean:  ## remove the environment, caches and demo runs
+	rm -rf .venv build dist *.egg-info runs .pytest_cache .mypy_cache .ruff_cache .hypothesis \
+		.import_linter_cache .grimp_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamp is newer than pyproject.toml only after a complete installation.
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "ASTB needs Python 3.11 or newer and $(PYTHON) is $$($(PYTHON) -V 2>&1): try make PYTHON=python3.12" >&2; exit 2; }
+	@echo "installing ASTB and its tools into .venv (once, about a minute)"
+	@$(PYTHON) -m venv .venv || \
+		{ echo "$(PYTHON) cannot make environments: on Debian and Ubuntu, apt-get install python3-venv" >&2; exit 2; }
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --editable '.[dev]'
+	@touch $@

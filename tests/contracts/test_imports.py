@@ -1,0 +1,164 @@
+"""The import contracts hold, and each of them is seen to bite when it is broken on purpose."""
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CONTRACTS = CONFIG["tool"]["importlinter"]["contracts"]
+PACKAGES = CONFIG["tool"]["importlinter"]["root_packages"]
+
+LAYERS = "Imports go down; drivers, records and rig are apart"
+INSIDE = "Inside the rig: shell, then parameters, then model"
+PLANS = "Test plans reach the rig only through drivers"
+PURE = "The model is pure: no time, no chance, no I/O"
+CLOCK = "One clock: only bench_protocol.clock imports time"
+PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
+RIG = "The rig is sans-IO: only bench_sim.rig.servers opens sockets"
+CAN = "python-can belongs to the drivers"
+MODBUS = "pymodbus belongs to drivers.modbus_port"
+
+HIDDEN = "def hidden():\n    {}\n"
+"""An import inside a function is an import all the same."""
+
+SABOTAGE = [
+    (LAYERS, "bench_protocol/__init__.py", "import drivers"),
+    (LAYERS, "drivers/__init__.py", "import bench_sim.rig"),
+    (LAYERS, "bench_sim/rig/__init__.py", "import drivers"),
+    (LAYERS, "bench_records/__init__.py", HIDDEN.format("from bench_sim import rig")),
+    (LAYERS, "drivers/__init__.py", "import bench_records"),
+    (LAYERS, "test_plans/__init__.py", "import astb"),
+    (INSIDE, "bench_sim/model/__init__.py", "import bench_sim.parameters"),
+    (INSIDE, "bench_sim/parameters/__init__.py", HIDDEN.format("from bench_sim import rig")),
+    (INSIDE, "bench_sim/newcomer.py", '"""A module that no layer knows."""'),
+    (PLANS, "test_plans/__init__.py", "import bench_sim.model"),
+    (PLANS, "test_plans/__init__.py", HIDDEN.format("from bench_sim import parameters")),
+    (PURE, "bench_sim/model/__init__.py", "import random"),
+    (PURE, "bench_sim/model/__init__.py", "import threading"),
+    (PURE, "bench_sim/model/__init__.py", HIDDEN.format("from pathlib import Path")),
+    (PURE, "bench_sim/model/__init__.py", HIDDEN.format("from bench_protocol import clock")),
+    (CLOCK, "bench_sim/rig/__init__.py", "from time import monotonic_ns"),
+    (CLOCK, "drivers/__init__.py", HIDDEN.format("import time")),
+    (CLOCK, "astb/__init__.py", "import time as wall"),
+    (PROTOCOL, "bench_protocol/__init__.py", "import socket"),
+    (RIG, "bench_sim/rig/__init__.py", HIDDEN.format("import asyncio")),
+    (CAN, "test_plans/__init__.py", "import can"),
+    (CAN, "bench_records/__init__.py", HIDDEN.format("from can import Message")),
+    (MODBUS, "drivers/__init__.py", "from pymodbus.client import ModbusTcpClient"),
+    (MODBUS, "test_plans/__init__.py", HIDDEN.format("import pymodbus")),
+]
+"""(the contract that must go red, the file, the line added to it)."""
+
+
+def sources(package: str) -> Iterator[Path]:
+    """The package's Python files, relative to the root."""
+    return (path.relative_to(ROOT) for path in sorted((ROOT / package).rglob("*.py")))
+
+
+def broken_contracts(tree: Path) -> set[str]:
+    """Run lint-imports in a tree and return the names of the contracts that it reports as broken."""
+    run = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()", "--no-cache"],
+        cwd=tree,
+        env={"COLUMNS": "200", "NO_COLOR": "1", "PYTHONPATH": str(tree)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert "Contracts:" in run.stdout, run.stdout + run.stderr
+    broken = set(re.findall(r"^(.+) BROKEN", run.stdout, flags=re.MULTILINE))
+    assert run.returncode == bool(broken), run.stdout + run.stderr
+    return broken
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of every package, with the project's own contracts, to break things in."""
+    copy = tmp_path_factory.mktemp("tree")
+    shutil.copy(ROOT / "pyproject.toml", copy)
+    for package in PACKAGES:
+        for path in sources(package):
+            (copy / path).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / path, copy / path)
+    return copy
+
+
+@pytest.fixture
+def sabotaged(tree: Path, request: pytest.FixtureRequest) -> Iterator[Path]:
+    """The copy with one line more; the line is taken out again afterwards."""
+    path, line = request.param
+    victim = tree / path
+    before = victim.read_text() if victim.exists() else None
+    victim.write_text(f"{before or ''}\n{line}\n")
+    yield tree
+    if before is None:
+        victim.unlink()
+    else:
+        victim.write_text(before)
+
+
+def test_the_tree_keeps_every_contract(tree: Path) -> None:
+    assert broken_contracts(tree) == set()
+
+
+@pytest.mark.parametrize(
+    ("contract", "sabotaged"),
+    [pytest.param(name, (path, line), id=f"{path}: {line.strip()}") for name, path, line in SABOTAGE],
+    indirect=["sabotaged"],
+)
+def test_a_broken_contract_is_named(contract: str, sabotaged: Path) -> None:
+    assert contract in broken_contracts(sabotaged)
+
+
+def test_every_contract_is_broken_on_purpose() -> None:
+    assert {contract["name"] for contract in CONTRACTS} == {name for name, _, _ in SABOTAGE}
+
+
+def test_the_layers_are_exhaustive() -> None:
+    """import-linter cannot see a new package at the root: every list of packages must name the same ones."""
+    on_disk = {
+        path.parent.relative_to(ROOT).as_posix().replace("/", ".")
+        for top in ROOT.iterdir()
+        if not top.name.startswith(".") and (top / "__init__.py").exists()
+        for path in top.rglob("__init__.py")
+    }
+    layers = next(contract["layers"] for contract in CONTRACTS if contract["name"] == LAYERS)
+    assert on_disk == set(CONFIG["tool"]["setuptools"]["packages"])
+    assert {name.split(".")[0] for name in on_disk} == set(PACKAGES)
+    assert {name.strip() for layer in layers for name in layer.split("|")} == set(PACKAGES)
+    assert set(CONFIG["tool"]["mypy"]["packages"]) == set(PACKAGES)
+
+
+@pytest.mark.parametrize(
+    ("path", "line", "rule"),
+    [
+        ("bench_sim/model/chance.py", "import numpy as np\n\nnp.random.normal()", "TID251"),
+        ("bench_sim/model/files.py", 'open("noise.txt")', "PTH123"),
+        ("astb/heavy.py", "import pandas\n\npandas.DataFrame()", "TID253"),
+        ("bench_records/heavy.py", "from matplotlib import pyplot\n\npyplot.plot()", "TID253"),
+    ],
+)
+def test_ruff_holds_what_import_linter_cannot_see(tree: Path, path: str, line: str, rule: str) -> None:
+    """Parts of packages (numpy.random), builtins (open), and heavy imports that would slow `astb --help`."""
+    (tree / path).write_text(f'"""Broken on purpose."""\n\n{line}\n')
+    try:
+        run = subprocess.run(
+            [sys.executable, "-m", "ruff", "check", "--no-cache", "--output-format=concise", path],
+            cwd=tree,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    finally:
+        (tree / path).unlink()
+    assert run.returncode == 1, run.stdout + run.stderr
+    assert f"{path}:" in run.stdout and rule in run.stdout
