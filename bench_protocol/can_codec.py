@@ -1,0 +1,321 @@
+"""The compiled CAN codec: values to frames and back, straight from the table of signals.
+
+Bit order is little-endian (Intel) in all messages. Of a feedback message::
+
+         bit   0              16              32              48      56      63
+               | field 1      | field 2       | field 3       | spare | counter |
+
+and of a command message (end-to-end protected)::
+
+         bit   0     8       12            28            44            60      63
+               | CRC | alive | field 1     | field 2     | field 3     | spare |
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Final
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.e2e import COUNTER_PERIOD, counter_step, crc8
+from bench_protocol.frames import FRAME, STANDARD_ID_MAX, Block
+from bench_protocol.signals import Protection, Table
+from bench_protocol.units import NS
+
+_NONE: Final = Protection.NONE.value
+_COUNTER: Final = Protection.COUNTER.value
+_E2E: Final = Protection.E2E.value
+
+_MESSAGE: Final = np.dtype(
+    [
+        ("identifier", "<u4"),
+        ("first", "<i8"),
+        ("count", "<i8"),
+        ("protection", "<i8"),
+        ("data_id", "<i8"),
+        ("counter_bit", "<i8"),
+        ("period", "<i8"),
+    ]
+)
+_FIELD: Final = np.dtype(
+    [
+        ("signal", "<i8"),
+        ("shift", "<i8"),
+        ("bits", "<i8"),
+        ("signed", "<i8"),
+        ("nullable", "<i8"),
+        ("step", "<f8"),
+        ("low", "<i8"),
+        ("high", "<i8"),
+        ("null", "<i8"),
+    ]
+)
+
+
+class Tally(IntEnum):
+    """What a decoder counts."""
+
+    ACCEPTED = 0
+    UNKNOWN = 1  #: identifiers that are not in the table
+    MALFORMED = 2  #: frames of another length or kind
+    LOST = 3  #: gaps in the sample counters
+    CORRUPT = 4  #: wrong CRC
+    REPEATED = 5  #: the same counter again (doubled or echoed frames)
+    OUT_OF_SEQUENCE = 6  #: a counter that jumped too far
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The table compiled into arrays that the kernels read."""
+
+    messages: npt.NDArray[np.void]
+    fields: npt.NDArray[np.void]
+    rows: npt.NDArray[np.int64]  #: message row by identifier, -1 where there is none
+
+    @classmethod
+    def of(cls, table: Table) -> "Plan":
+        """Compile ``table``."""
+        messages = np.zeros(len(table.messages), _MESSAGE)
+        fields = np.zeros(sum(len(message.fields) for message in table.messages), _FIELD)
+        rows = np.full(STANDARD_ID_MAX + 1, -1, np.int64)
+        position = 0
+        for row, message in enumerate(table.messages):
+            rows[message.identifier] = row
+            period = round(NS / message.rate) if message.rate else 0
+            messages[row] = (
+                message.identifier,
+                position,
+                len(message.fields),
+                message.protection.value,
+                message.data_id,
+                message.counter_bit,
+                period,
+            )
+            for place, shift in message.placed():
+                fields[position] = (
+                    table.index[place.signal],
+                    shift,
+                    place.bits,
+                    place.signed,
+                    place.nullable,
+                    place.step or table[place.signal].step,
+                    place.raw_low,
+                    place.raw_high,
+                    place.raw_null,
+                )
+                position += 1
+        return cls(messages, fields, rows)
+
+
+@numba.njit(cache=True)
+def encode_into(
+    values: Any,
+    rows: Any,
+    time: int,
+    messages: Any,
+    fields: Any,
+    counters: Any,
+    out: Any,
+    position: int,
+) -> int:
+    """Write one frame per message in ``rows`` to ``out[position:]``; return the position behind the last.
+
+    ``values`` are SI floats by table row; a value outside its range travels as the nearest limit, NaN as "not
+    available". ``counters`` (by message row) advance by one.
+    """
+    for row in rows:
+        message = messages[row]
+        word = np.uint64(0)
+        for k in range(message.first, message.first + message.count):
+            place = fields[k]
+            value = values[place.signal]
+            if np.isnan(value):
+                raw = place.null if place.nullable else 0
+            else:
+                # Clamp before the conversion: a float beyond int64 has no defined integer.
+                raw = np.int64(min(max(np.rint(value / place.step), float(place.low)), float(place.high)))
+            mask = (np.uint64(1) << np.uint64(place.bits)) - np.uint64(1)
+            word |= (np.uint64(raw) & mask) << np.uint64(place.shift)
+        record = out[position]
+        record.time, record.id, record.extended, record.length = time, message.identifier, 0, 8
+        if message.protection == _COUNTER or message.protection == _E2E:
+            word |= np.uint64(counters[row]) << np.uint64(message.counter_bit)
+            counters[row] = (counters[row] + 1) % (COUNTER_PERIOD if message.protection == _E2E else 256)
+        for byte in range(8):
+            record.data[byte] = np.uint8(word >> np.uint64(8 * byte) & np.uint64(0xFF))
+        if message.protection == _E2E:
+            record.data[0] = crc8(record.data, message.data_id)
+        position += 1
+    return position
+
+
+@numba.njit(cache=True)
+def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tally: Any) -> bool:
+    """Check the protection of one frame and move its counter; a rejected frame moves nothing."""
+    if message.protection == _NONE:
+        return True
+    byte = record.data[message.counter_bit >> 3]
+    if message.protection == _COUNTER:
+        if counters[row] >= 0:
+            advance = (np.int64(byte) - counters[row]) % 256
+            if advance == 0:
+                tally[5] += 1
+                return False
+            tally[3] += advance - 1
+        counters[row] = byte
+        return True
+    if crc8(record.data, message.data_id) != record.data[0]:
+        tally[4] += 1
+        return False
+    counter: Any = np.int64(byte) & 0x0F
+    if counter >= COUNTER_PERIOD:
+        tally[4] += 1
+        return False
+    if counters[row] >= 0:
+        advance = counter_step(counter, counters[row])
+        if advance == 0:
+            tally[5] += 1
+            return False
+        # As in the profile's MaxDeltaCounter: silence widens the window, so that a gap heals by itself.
+        if advance > 2 + (record.time - times[row]) // max(message.period, 1):
+            tally[6] += 1
+            return False
+        tally[3] += advance - 1
+    counters[row] = counter
+    return True
+
+
+@numba.njit(cache=True)
+def decode_into(
+    block: Any,
+    plan_rows: Any,
+    messages: Any,
+    fields: Any,
+    counters: Any,
+    times: Any,
+    tally: Any,
+    latest: Any,
+    latest_times: Any,
+    out_times: Any,
+    out_signals: Any,
+    out_values: Any,
+) -> int:
+    """Decode ``block``; return how many samples were written to the three ``out_`` arrays.
+
+    ``latest`` and ``latest_times`` (by table row) are brought up to date, ``times`` (by message row) keeps when each
+    message last came, ``tally`` counts what was refused.
+    """
+    count = 0
+    for record in block:
+        if record.extended != 0 or record.id > STANDARD_ID_MAX:
+            tally[1] += 1
+            continue
+        row = plan_rows[record.id]
+        if row < 0:
+            tally[1] += 1
+            continue
+        if record.length != 8:
+            tally[2] += 1
+            continue
+        message = messages[row]
+        if not _accept(record, message, row, counters, times, tally):
+            continue
+        times[row] = record.time
+        tally[0] += 1
+        word = np.uint64(0)
+        for byte in range(8):
+            word |= np.uint64(record.data[byte]) << np.uint64(8 * byte)
+        for k in range(message.first, message.first + message.count):
+            place = fields[k]
+            mask = (np.uint64(1) << np.uint64(place.bits)) - np.uint64(1)
+            raw = np.int64(word >> np.uint64(place.shift) & mask)
+            if place.signed and raw >> (place.bits - 1):
+                raw -= np.int64(1) << place.bits
+            value = np.nan if place.nullable and raw == place.null else raw * place.step
+            latest[place.signal] = value
+            latest_times[place.signal] = record.time
+            out_times[count] = record.time
+            out_signals[count] = place.signal
+            out_values[count] = value
+            count += 1
+    return count
+
+
+class Encoder:
+    """Turns values into frames; keeps the counters of the messages it sends."""
+
+    def __init__(self, table: Table) -> None:
+        self.plan = Plan.of(table)
+        self._table = table
+        self.counters = np.zeros(len(table.messages), np.int64)
+
+    def rows(self, names: Sequence[str]) -> npt.NDArray[np.int64]:
+        """Return the message rows of ``names``, to be used with :meth:`encode`."""
+        return np.array([self._table.message_index[name] for name in names], np.int64)
+
+    def encode(self, values: npt.NDArray[np.float64], rows: npt.NDArray[np.int64], time: int) -> Block:
+        """Return a block with one frame per message row, stamped ``time`` (ns)."""
+        block = np.zeros(rows.size, FRAME)
+        encode_into(values, rows, time, self.plan.messages, self.plan.fields, self.counters, block, 0)
+        return block
+
+
+@dataclass
+class Samples:
+    """Decoded samples in the order of arrival: three arrays of one length (ns, table row, SI value)."""
+
+    times: npt.NDArray[np.int64]
+    signals: npt.NDArray[np.int64]
+    values: npt.NDArray[np.float64]
+
+
+@dataclass
+class Decoder:
+    """Turns frames into samples; sees gaps, repetitions and corruption by counter and CRC."""
+
+    table: Table
+    from_rig: bool | None = None  #: take only messages of the rig (True) or of the commander (False)
+    latest: npt.NDArray[np.float64] = field(init=False)  #: last value by table row, NaN before the first
+    latest_times: npt.NDArray[np.int64] = field(init=False)  #: when it came (ns), -1 before the first
+    message_times: npt.NDArray[np.int64] = field(init=False)
+    tally: npt.NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.plan = Plan.of(self.table)
+        for message in self.table.messages:
+            if self.from_rig not in (None, message.from_rig):
+                self.plan.rows[message.identifier] = -1  # an echo of our own frames is nobody's news
+        size = len(self.table.signals)
+        self.latest = np.full(size, np.nan)
+        self.latest_times = np.full(size, -1, np.int64)
+        self.message_times = np.full(len(self.table.messages), -1, np.int64)
+        self.tally = np.zeros(len(Tally), np.int64)
+        self._counters = np.full(len(self.table.messages), -1, np.int64)
+        self._fields_max = int(self.plan.messages["count"].max())
+
+    def forget(self) -> None:
+        """Start anew after a reconnection: the next frame of every message is its first."""
+        self._counters[:] = -1
+
+    def decode(self, block: Block) -> Samples:
+        """Return the samples of all frames of ``block`` that their protection lets through."""
+        room = block.size * self._fields_max
+        times, signals, values = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
+        count = decode_into(
+            block,
+            self.plan.rows,
+            self.plan.messages,
+            self.plan.fields,
+            self._counters,
+            self.message_times,
+            self.tally,
+            self.latest,
+            self.latest_times,
+            times,
+            signals,
+            values,
+        )
+        return Samples(times[:count], signals[:count], values[:count])

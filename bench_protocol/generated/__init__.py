@@ -1,0 +1,1 @@
+"""Files generated from the table of signals, for other tools: `make generate` writes them."""
