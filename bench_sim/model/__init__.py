@@ -1,0 +1,1 @@
+"""The plant: the air spring test bench as compiled differential equations, without time, chance or input and output."""

@@ -1,0 +1,137 @@
+"""Servo-hydraulic actuators: force or displacement control of second order behind a delay, on a compliant frame.
+
+In each mode one state q follows the delayed set-point, d²q/dt² = ω²(q_set − q) − 2ζω dq/dt. Under force control
+(and OFF, which is force control to zero with a slow ramp) q is the force. Under displacement control q is the piston,
+and frame and oil stand between piston and bolster: F = k (q − d) + c (dq/dt − dd/dt), limited by the supply pressure.
+"""
+
+from math import pi
+from typing import Any
+
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.compiled import compiled
+from bench_sim.model.layout import ACTUATORS, DELAY_CAPACITY, LATERAL, Input, Mode, State
+
+
+@compiled
+def actuator_sense(actuator: int) -> float:
+    """+1 if a positive force moves the bolster in the positive direction: the vertical ones push down."""
+    return 1.0 if actuator == LATERAL else -1.0
+
+
+@compiled
+def bolster_point(x: Any, par: Any, actuator: int) -> tuple[float, float]:
+    """Displacement and speed of the bolster where the actuator is pinned, up or left positive."""
+    if actuator == LATERAL:
+        arm = -par.lateral_actuator_height
+        place = State.BOLSTER_LATERAL
+    else:
+        arm = (1.0 - 2.0 * actuator) * par.actuator_half_spacing
+        place = State.BOLSTER_VERTICAL
+    # The speeds stand three places behind the displacements.
+    return (
+        x[place] + arm * x[State.BOLSTER_ROLL],
+        x[place + 3] + arm * x[State.BOLSTER_ROLL_SPEED],
+    )
+
+
+@compiled
+def actuator_force(x: Any, mem: Any, par: Any, j: int, d: float, d_speed: float) -> float:
+    """Force of one actuator on the bolster in N, in its own sense, including the cushion at the end of its stroke."""
+    sense = actuator_sense(j)
+    q = x[State.ACTUATOR + j]
+    if mem.mode[j] == Mode.DISPLACEMENT:
+        q = sense * (
+            par.frame_stiffness[j] * (q - d) + par.frame_damping[j] * (x[State.ACTUATOR_RATE + j] - d_speed)
+        )
+    force = min(max(q, -par.actuator_force_limit[j]), par.actuator_force_limit[j])
+    stroke = par.actuator_stroke[j]
+    beyond = d - min(max(d, -stroke), stroke)
+    if beyond != 0.0:
+        # The cushion brakes on the way in and lets go on the way out.
+        braking = par.frame_damping[j] * d_speed if beyond * d_speed > 0.0 else 0.0
+        force -= sense * (par.frame_stiffness[j] * beyond + braking)
+    return force
+
+
+@compiled
+def actuator_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
+    """Dynamics of the three actuators, and their forces on the bolster (as force, to be divided by mass later)."""
+    for j in range(ACTUATORS):
+        omega = 2.0 * pi * par.actuator_frequency[j]
+        rate = x[State.ACTUATOR_RATE + j]
+        dx[State.ACTUATOR + j] += rate
+        dx[State.ACTUATOR_RATE + j] += omega * (
+            omega * (mem.delayed[j] - x[State.ACTUATOR + j]) - 2.0 * par.actuator_damping[j] * rate
+        )
+        d, d_speed = bolster_point(x, par, j)
+        force = actuator_force(x, mem, par, j, d, d_speed)
+        out[Algebraic.ACTUATOR_FORCE + j] = force
+        out[Algebraic.ACTUATOR_DISPLACEMENT + j] = d
+        out[Algebraic.ACTUATOR_SPEED + j] = d_speed
+        if j == LATERAL:
+            dx[State.BOLSTER_LATERAL_SPEED] += force
+            dx[State.BOLSTER_ROLL_SPEED] -= par.lateral_actuator_height * force
+        else:
+            dx[State.BOLSTER_VERTICAL_SPEED] -= force
+            dx[State.BOLSTER_ROLL_SPEED] -= (1.0 - 2.0 * j) * par.actuator_half_spacing * force
+
+
+@compiled
+def piston_displacement(x: Any, mem: Any, par: Any, j: int, force: float, d: float) -> float:
+    """What the transducer in the actuator sees: the bolster's displacement plus the give of the frame."""
+    if mem.mode[j] == Mode.DISPLACEMENT:
+        return x[State.ACTUATOR + j]
+    return d + actuator_sense(j) * force / par.frame_stiffness[j]
+
+
+@compiled
+def hold_setpoint(mem: Any, j: int, value: float) -> None:
+    """Fill the delay line with one value: the actuator has always been asked for it."""
+    mem.setpoint[j] = value
+    mem.delayed[j] = value
+    for k in range(DELAY_CAPACITY):
+        mem.delay_line[j, k] = value
+
+
+@compiled
+def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
+    """Take over without a bump: force and speed stay, and the set-point starts from where the actuator is."""
+    d, d_speed = bolster_point(x, par, j)
+    force = actuator_force(x, mem, par, j, d, d_speed)
+    was = mem.mode[j]
+    mem.mode[j] = mode
+    if mode == Mode.DISPLACEMENT and was != Mode.DISPLACEMENT:
+        q = d + actuator_sense(j) * force / par.frame_stiffness[j]
+        x[State.ACTUATOR + j] = q
+        x[State.ACTUATOR_RATE + j] = d_speed
+        hold_setpoint(mem, j, q)
+    elif mode != Mode.DISPLACEMENT and was == Mode.DISPLACEMENT:
+        x[State.ACTUATOR + j] = force
+        x[State.ACTUATOR_RATE + j] = 0.0
+        hold_setpoint(mem, j, force)
+
+
+@compiled
+def command_actuators(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
+    """Once per step: modes, limits and slew rates of the set-points, delay line."""
+    head = mem.step % DELAY_CAPACITY
+    for j in range(ACTUATORS):
+        mode = int(u[Input.VERTICAL_LEFT_MODE + j])
+        if mode != mem.mode[j]:
+            change_mode(x, mem, par, j, mode)
+        target = u[Input.VERTICAL_LEFT_COMMAND + j]
+        if mode == Mode.DISPLACEMENT:
+            limit = par.actuator_stroke[j]
+            slew = par.actuator_speed_limit[j]
+        elif mode == Mode.FORCE:
+            limit = par.actuator_force_limit[j]
+            slew = par.actuator_force_rate[j]
+        else:
+            limit = 0.0
+            slew = par.actuator_unload_rate[j]
+        target = min(max(target, -limit), limit)
+        mem.setpoint[j] += min(max(target - mem.setpoint[j], -slew * dt), slew * dt)
+        mem.delay_line[j, head] = mem.setpoint[j]
+        behind = min(int(par.actuator_delay[j] / dt + 0.5), DELAY_CAPACITY - 1)
+        mem.delayed[j] = mem.delay_line[j, (mem.step - behind) % DELAY_CAPACITY]

@@ -1,0 +1,212 @@
+"""Experiments with an imposed motion: the bolster is moved by hand, so that the springs alone show what they do.
+
+The terms, the step and the memory are the kernel's; only the bolster's six states are given instead of integrated.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from math import cos, floor, pi, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.model.kernel import begin_step, evaluate
+from bench_sim.model.layout import SENSORS, STATES, Input, State
+from bench_sim.model.plant import Plant
+
+
+class Shape(IntEnum):
+    """Course of an imposed motion over time."""
+
+    SINE = 0  #: offset + amplitude sin 2πft
+    TRIANGLE = 1  #: offset + amplitude times a triangle of frequency f, rising first
+    RAMP = 2  #: offset, then to offset + amplitude within 1/f seconds, then held
+
+
+#: Directions of motion, in the order of the bolster's states.
+LATERAL, VERTICAL, ROLL = 0, 1, 2
+
+
+@compiled
+def course(shape: int, amplitude: float, frequency: float, t: float) -> tuple[float, float]:
+    """Displacement and speed at ``t`` ≥ 0."""
+    if shape == Shape.SINE:
+        omega = 2.0 * pi * frequency
+        return amplitude * sin(omega * t), amplitude * omega * cos(omega * t)
+    if shape == Shape.TRIANGLE:
+        phase = frequency * t + 0.25
+        phase -= floor(phase)
+        if phase < 0.5:
+            return amplitude * (4.0 * phase - 1.0), 4.0 * amplitude * frequency
+        return amplitude * (3.0 - 4.0 * phase), -4.0 * amplitude * frequency
+    if t * frequency < 1.0:
+        return amplitude * frequency * t, amplitude * frequency
+    return amplitude, 0.0
+
+
+@compiled
+def place_bolster(t: float, motion: Any, x: Any) -> None:
+    """Write the imposed motion into the bolster's states; rows of ``motion``: shape, offset, amplitude, frequency, start."""
+    for k in range(3):
+        displacement, speed = course(
+            int(motion[k, 0]), motion[k, 2], motion[k, 3], max(t - motion[k, 4], 0.0)
+        )
+        x[State.BOLSTER_LATERAL + k] = motion[k, 1] + displacement
+        x[State.BOLSTER_LATERAL_SPEED + k] = speed
+
+
+@compiled_entry
+def impose_motion(
+    x: Any,
+    memory: Any,
+    u: Any,
+    parameters: Any,
+    dt: float,
+    steps: int,
+    motion: Any,
+    every: int,
+    states: Any,
+    rows: Any,
+) -> None:
+    """``steps`` Runge-Kutta steps with the bolster moved by ``motion``.
+
+    Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, as long as there are rows.
+    """
+    mem = memory[0]
+    par = parameters[0]
+    work = np.empty((5, STATES))
+    out = np.empty(ALGEBRAICS)
+    values = np.empty(SENSORS)
+    for n in range(steps):
+        t = mem.time
+        place_bolster(t, motion, x)
+        begin_step(x, mem, u, par, dt, work[0], out, values)
+        if n % every == 0 and n // every < rows.shape[0]:
+            rows[n // every] = out
+            states[n // every] = x
+        for stage in range(1, 4):
+            ahead = dt if stage == 3 else 0.5 * dt
+            for k in range(STATES):
+                work[4, k] = x[k] + ahead * work[stage - 1, k]
+            place_bolster(t + ahead, motion, work[4])
+            evaluate(t + ahead, work[4], mem, u, par, work[stage], out)
+        for k in range(STATES):
+            x[k] += dt / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+        mem.step += 1
+        mem.time = t + dt
+        place_bolster(mem.time, motion, x)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One imposed direction: SI, frequency in Hz (of a ramp: one over its duration)."""
+
+    direction: int
+    amplitude: float
+    frequency: float
+    shape: Shape = Shape.SINE
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What an experiment recorded: time in s, states and algebraic quantities row by row."""
+
+    time: NDArray[np.floating]
+    states: NDArray[np.float64]
+    algebraic: NDArray[np.float64]
+
+    def of(self, quantity: Algebraic, side: int = 0) -> NDArray[np.float64]:
+        """Return one algebraic quantity over time."""
+        return self.algebraic[:, quantity + side]
+
+
+def isolate(plant: Plant) -> None:
+    """Close the plant's valves (leveling, service, differential pressure); the orifice paths stay."""
+    for valve in (
+        Input.LEFT_LEVELING,
+        Input.RIGHT_LEVELING,
+        Input.LEFT_SERVICE_VALVE,
+        Input.RIGHT_SERVICE_VALVE,
+        Input.DPV_CONNECTED,
+    ):
+        plant.inputs[valve] = 0.0
+
+
+def impose(
+    plant: Plant,
+    motions: list[Motion],
+    duration: float,
+    *,
+    every: int = 1,
+    dt: float | None = None,
+    rows: int | None = None,
+) -> Course:
+    """Move the plant's bolster for ``duration`` s from now and record every so many steps (at most ``rows``)."""
+    step = plant.dt if dt is None else dt
+    steps = round(duration / step)
+    count = -(-steps // every) if rows is None else rows
+    table = np.zeros((3, 5))
+    table[:, 3] = 1.0
+    for motion in motions:
+        table[motion.direction] = motion.shape, motion.offset, motion.amplitude, motion.frequency, plant.time
+    algebraic = np.zeros((count, ALGEBRAICS))
+    states = np.zeros((count, STATES))
+    time = plant.time + step * every * np.arange(count)
+    impose_motion(
+        plant.state,
+        plant.memory_array,
+        plant.inputs,
+        plant.parameter_array,
+        step,
+        steps,
+        table,
+        every,
+        states,
+        algebraic,
+    )
+    return Course(time, states, algebraic)
+
+
+def first_harmonic(signal: NDArray[np.float64], cycles: int = 1) -> complex:
+    """Return the complex amplitude of sin 2πft in equidistant samples over whole ``cycles``."""
+    phase = 2.0 * np.pi * cycles * np.arange(len(signal)) / len(signal)
+    return complex(2.0 * np.mean(signal * np.sin(phase)), 2.0 * np.mean(signal * np.cos(phase)))
+
+
+def dynamic_stiffness(
+    plant: Plant,
+    amplitude: float,
+    frequency: float,
+    cycles: int,
+    *,
+    direction: int = VERTICAL,
+    longest_step: float = 1e-3,
+    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> tuple[complex, Course]:
+    """Complex stiffness K' + iK'' in N/m of the left spring over the last of ``cycles`` sine cycles, and that cycle.
+
+    First harmonic of the force on the bolster over that of the displacement, restoring positive. ``offsets`` holds
+    the bolster's mean position (lateral, vertical, roll).
+    """
+    isolate(plant)
+    per_cycle = max(16, int(np.ceil(1.0 / (frequency * longest_step) - 1e-9)))
+    dt = 1.0 / (frequency * per_cycle)
+    table = np.zeros((3, 5))
+    table[:, 1] = offsets
+    table[:, 3] = 1.0
+    table[direction, 2:] = amplitude, frequency, plant.time
+    algebraic = np.zeros((per_cycle, ALGEBRAICS))
+    states = np.zeros((per_cycle, STATES))
+    nothing = np.zeros((0, ALGEBRAICS)), np.zeros((0, STATES))
+    shared = plant.state, plant.memory_array, plant.inputs, plant.parameter_array, dt
+    impose_motion(*shared, per_cycle * (cycles - 1), table, 1, nothing[1], nothing[0])
+    time = plant.time + dt * np.arange(per_cycle)
+    impose_motion(*shared, per_cycle, table, 1, states, algebraic)
+    course_ = Course(time, states, algebraic)
+    force = course_.of(Algebraic.LATERAL_FORCE if direction == LATERAL else Algebraic.VERTICAL_FORCE)
+    moved = course_.of(Algebraic.LATERAL if direction == LATERAL else Algebraic.HEIGHT)
+    return -first_harmonic(force) / first_harmonic(moved), course_

@@ -1,0 +1,120 @@
+"""The gas in a chamber: state from mass and internal energy, heat from its wall, enthalpy that flows with mass.
+
+    dm/dt = Σ G_in − Σ G_out
+    dU/dt = Σ G_in c_p T_up − Σ G_out c_p T − p dV/dt + hS (T_w − T),   U = m c_v T,   p = (κ−1) U / V
+
+Mass and internal energy are the states because both are conserved: a Runge-Kutta step keeps their sums exactly.
+"""
+
+from typing import Any
+
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.compiled import compiled
+from bench_sim.model.layout import State
+
+
+@compiled
+def temperature(mass: float, energy: float, R: float, kappa: float) -> float:
+    """T = (κ−1) U / (m R) in K."""
+    return (kappa - 1.0) * energy / (mass * R)
+
+
+@compiled
+def energy_of(pressure: float, volume: float, kappa: float) -> float:
+    """U = p V / (κ−1) in J."""
+    return pressure * volume / (kappa - 1.0)
+
+
+@compiled
+def mass_of(pressure: float, volume: float, T: float, R: float) -> float:
+    """m = p V / (R T) in kg."""
+    return pressure * volume / (R * T)
+
+
+@compiled
+def density_factor(density: float, known_density: float, known_factor: float, par: Any) -> float:
+    """(ρ/ρ_ref)^n, the exponent being that of turbulent natural convection, a guess.
+
+    Within a step the density hardly leaves the ``known_density`` at its start, and the binomial series
+    f (1+ε)^n = f (1 + nε + n(n−1)/2 ε² + n(n−1)(n−2)/6 ε³), 1e-9 close, costs a fifth of the power.
+    """
+    n = par.heat_density_exponent
+    if abs(density - known_density) < 0.01 * known_density:
+        e = density / known_density - 1.0
+        return known_factor * (1.0 + n * e * (1.0 + 0.5 * (n - 1.0) * e * (1.0 + (n - 2.0) / 3.0 * e)))
+    return (density / par.heat_reference_density) ** n
+
+
+@compiled
+def transfer(dx: Any, source: int, sink: int, flow: float, enthalpy: float) -> None:
+    """Move ``flow`` kg/s with ``enthalpy`` J/kg between two chambers given by the places of their masses.
+
+    The energy of a chamber stands two places behind its mass (`State`).
+    """
+    dx[source] -= flow
+    dx[sink] += flow
+    dx[source + 2] -= flow * enthalpy
+    dx[sink + 2] += flow * enthalpy
+
+
+@compiled
+def wall_heat(
+    x: Any, par: Any, side: int, mass_state: int, wall_state: int, T: float, hS: float, dx: Any
+) -> float:
+    """Heat from the wall into the gas in W; the wall follows C_w dT_w/dt = −hS (T_w−T) + (hS)_o (T_amb−T_w).
+
+    A wall without heat capacity (0 J/K) stays as it is: a wall at ambient temperature.
+    """
+    heat = hS * (x[wall_state] - T)
+    dx[mass_state + 2] += heat
+    capacity = par.wall_heat_capacity[side]
+    if capacity > 0.0:
+        outer = par.wall_outer_heat_transfer[side] * (par.ambient_temperature - x[wall_state])
+        dx[wall_state] += (outer - heat) / capacity
+    return heat
+
+
+@compiled
+def heat_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
+    """Heat exchange hS (T_w − T), hS = (hS)_ref (ρ/ρ_ref)^n, of all four chambers with their walls."""
+    for i in range(2):
+        density = x[State.BELLOWS_MASS + i] / out[Algebraic.VOLUME + i]
+        factor = density_factor(density, mem.heat_density[i], mem.heat_factor[i], par)
+        out[Algebraic.HEAT + i] = wall_heat(
+            x,
+            par,
+            i,
+            State.BELLOWS_MASS + i,
+            State.BELLOWS_WALL + i,
+            out[Algebraic.TEMPERATURE + i],
+            par.bellows_heat_transfer[i] * factor,
+            dx,
+        )
+        density = x[State.AUXILIARY_MASS + i] / par.auxiliary_volume[i]
+        factor = density_factor(density, mem.heat_density[2 + i], mem.heat_factor[2 + i], par)
+        out[Algebraic.AUXILIARY_HEAT + i] = wall_heat(
+            x,
+            par,
+            i,
+            State.AUXILIARY_MASS + i,
+            State.AUXILIARY_WALL + i,
+            out[Algebraic.AUXILIARY_TEMPERATURE + i],
+            par.auxiliary_heat_transfer[i] * factor,
+            dx,
+        )
+
+
+@compiled
+def note_densities(x: Any, mem: Any, par: Any, out: Any) -> None:
+    """Keep the densities at the start of a step, and their factors, once they have moved."""
+    for i in range(2):
+        keep_density(mem, par, i, x[State.BELLOWS_MASS + i] / out[Algebraic.VOLUME + i])
+        keep_density(mem, par, 2 + i, x[State.AUXILIARY_MASS + i] / par.auxiliary_volume[i])
+
+
+@compiled
+def keep_density(mem: Any, par: Any, chamber: int, density: float) -> None:
+    """Expand anew when the density is a thousandth away from where the factor is known."""
+    if abs(density - mem.heat_density[chamber]) > 1e-3 * density:
+        mem.heat_density[chamber] = density
+        mem.heat_factor[chamber] = (density / par.heat_reference_density) ** par.heat_density_exponent

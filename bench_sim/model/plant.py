@@ -1,0 +1,207 @@
+"""The plant as one object: its state in one place, steps, readings, snapshots, and the two states it starts from."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.actuator import hold_setpoint
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.compiled import bind
+from bench_sim.model.gas import energy_of, mass_of
+from bench_sim.model.kernel import advance_plant, measure_plant, observe
+from bench_sim.model.layout import (
+    ACTUATORS,
+    BRANCHES,
+    INPUTS,
+    SENSORS,
+    SIDES,
+    STATES,
+    Input,
+    Mode,
+    Sensor,
+    State,
+)
+from bench_sim.model.quantities import MEMORY, PARAMETERS
+from bench_sim.model.sensors import prepare_lags
+from bench_sim.model.spring import volume
+
+#: Length of the fixed step in s.
+STEP = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Everything that changes in a plant, as copies; valid for plants with the same layout."""
+
+    state: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    memory: NDArray[np.void]
+    counter: int
+
+
+class Plant:
+    """The bench with one parameter record (``bench_sim.parameters.Parameters.record``).
+
+    ``state`` (`State`), ``inputs`` (`Input`) and ``memory`` are all there is to know; ``inputs`` may be written at any
+    time and holds until written again. The plant has no chance in it: ``seed`` picks the noise.
+    """
+
+    def __init__(self, parameters: Any, *, seed: int = 0, dt: float = STEP) -> None:
+        if not 0.0 < dt <= 2.5e-3:
+            raise ValueError(f"dt = {dt * 1e3:g} ms is outside 0 to 2.5 ms, where the step is stable")
+        self.parameter_array = np.array([parameters], PARAMETERS).view(np.recarray)
+        self.parameters: Any = self.parameter_array[0]
+        self.dt = dt
+        self.state = np.zeros(STATES)
+        self.inputs = np.zeros(INPUTS)
+        self.memory_array = np.zeros(1, MEMORY).view(np.recarray)
+        self.memory: Any = self.memory_array[0]
+        self.memory.seed = seed
+        #: How often the sensors have been read: picks the noise of the next reading.
+        self.counter = 0
+        self._slope = np.zeros(STATES)
+        self._algebraic = np.zeros(ALGEBRAICS)
+        self._values = np.zeros(SENSORS)
+        everything = (self.state, self.memory_array, self.inputs, self.parameter_array)
+        self._advance = bind(advance_plant, *everything, dt, 1)
+        self._measure = bind(measure_plant, *everything, 0, self._values)
+
+    @classmethod
+    def depressurised(cls, parameters: Any, *, seed: int = 0, dt: float = STEP) -> "Plant":
+        """Return a bench without air: atmosphere in every chamber, bolster on the emergency springs, actuators off."""
+        plant = cls(parameters, seed=seed, dt=dt)
+        par = parameters
+        weight = 0.5 * par.bolster_mass * par.gravity
+        bellows = np.empty(SIDES)
+        height = np.empty(SIDES)
+        for side in range(SIDES):
+            shell = par.shell_stiffness_vertical[side]
+            hanging = -weight / shell if shell > 0.0 else -np.inf
+            seated = (par.contact_stiffness * par.contact_height - weight) / (shell + par.contact_stiffness)
+            bellows[side] = max(hanging, seated)
+            height[side] = bellows[side]
+            if par.emergency_spring:
+                height[side] -= (weight - par.nominal_preload[side]) / par.emergency_stiffness_vertical[side]
+        plant.inputs[[Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]] = 1.0
+        plant._settle(bellows, height, np.full(SIDES, par.atmospheric_pressure), par.atmospheric_pressure)
+        return plant
+
+    @classmethod
+    def at_rest(cls, parameters: Any, *, seed: int = 0, dt: float = STEP) -> "Plant":
+        """Return a bench at design height under its load case: p = P/A_e + p_atm, actuators in force control.
+
+        The leveling valves are isolated; supply, orifice paths and differential pressure valve are open.
+        """
+        plant = cls(parameters, seed=seed, dt=dt)
+        par = parameters
+        preload = par.nominal_preload
+        force = np.zeros(ACTUATORS)
+        total = preload[0] + preload[1] - par.bolster_mass * par.gravity
+        difference = (preload[0] - preload[1]) * par.spring_half_spacing / par.actuator_half_spacing
+        force[:2] = 0.5 * (total + difference), 0.5 * (total - difference)
+        plant.inputs[
+            [Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE, Input.DPV_CONNECTED]
+        ] = 1
+        for j in range(ACTUATORS):
+            plant.inputs[Input.VERTICAL_LEFT_MODE + j] = Mode.FORCE
+            plant.inputs[Input.VERTICAL_LEFT_COMMAND + j] = force[j]
+            plant.memory.mode[j] = Mode.FORCE
+            plant.state[State.ACTUATOR + j] = force[j]
+        pressure = preload / par.effective_area + par.atmospheric_pressure
+        supply = par.sawtooth_high if par.supply_sawtooth else par.supply_pressure
+        plant._settle(np.zeros(SIDES), np.zeros(SIDES), pressure, supply + par.atmospheric_pressure)
+        return plant
+
+    def _settle(
+        self,
+        bellows: NDArray[np.float64],
+        height: NDArray[np.float64],
+        pressure: NDArray[np.float64],
+        supply: float,
+    ) -> None:
+        """Put the bolster at the given spring heights with relaxed rubber, gas at ambient temperature, lags settled."""
+        par, x, mem = self.parameters, self.state, self.memory
+        T, R, kappa = par.ambient_temperature, par.gas_constant, par.heat_capacity_ratio
+        x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])
+        x[State.BOLSTER_ROLL] = 0.5 * (height[0] - height[1]) / par.spring_half_spacing
+        x[State.SUPPLY_LINE] = supply
+        for side in range(SIDES):
+            for mass, V in (
+                (State.BELLOWS_MASS, volume(par, side, bellows[side], 0.0)),
+                (State.AUXILIARY_MASS, par.auxiliary_volume[side]),
+            ):
+                x[mass + side] = mass_of(pressure[side], V, T, R)
+                x[mass + SIDES + side] = energy_of(pressure[side], V, kappa)
+            x[[State.BELLOWS_WALL + side, State.AUXILIARY_WALL + side]] = T
+            x[State.LEVER + side] = height[side] + par.lever_offset[side]
+            first = State.VERTICAL_DASHPOT + side * BRANCHES
+            x[first : first + BRANCHES] = bellows[side]
+            mem.bellows_vertical[side] = bellows[side]
+            mem.friction_origin[0, side] = mem.friction_last[0, side] = bellows[side]
+        for j in range(ACTUATORS):
+            hold_setpoint(mem, j, float(x[State.ACTUATOR + j]))
+        observe(x, mem, self.inputs, par, self._slope, self._algebraic, self._values)
+        prepare_lags(mem, par, self.dt)
+        mem.sensor_output[:] = self._values
+        mem.sensor_input[:] = self._values
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s."""
+        return float(self.memory.time)
+
+    def step(self, n: int = 1) -> None:
+        """Advance by ``n`` fixed steps with the present inputs."""
+        self._advance(self.state, self.memory_array, self.inputs, self.parameter_array, self.dt, n)
+
+    def measure(self) -> NDArray[np.float64]:
+        """Return one reading of every sensor, in SI and in the order of `Sensor`; a fresh array each time."""
+        readings = np.empty(SENSORS)
+        self._measure(
+            self.state, self.memory_array, self.inputs, self.parameter_array, self.counter, readings
+        )
+        self.counter += 1
+        return readings
+
+    def ideal(self) -> NDArray[np.float64]:
+        """Return what sensors without any fault or lag would read, in the order of `Sensor`."""
+        observe(
+            self.state, self.memory, self.inputs, self.parameters, self._slope, self._algebraic, self._values
+        )
+        return self._values.copy()
+
+    def truth(self) -> dict[str, float]:
+        """Return every algebraic quantity and ideal reading by name, like ``volume[0]`` or ``left_height``."""
+        values = self.ideal()
+        names = list(Algebraic)
+        ends = [*(int(name) for name in names[1:]), ALGEBRAICS]
+        result = {}
+        for name, end in zip(names, ends, strict=True):
+            for place in range(name, end):
+                result[f"{name.name.lower()}[{place - name}]"] = float(self._algebraic[place])
+        return result | {sensor.name.lower(): float(values[sensor]) for sensor in Sensor}
+
+    def valid(self) -> bool:
+        """Tell whether the model claims to hold here: κ₀+κ₁ζ_b > 0, no vacuum beyond half an atmosphere."""
+        self.ideal()
+        par = self.parameters
+        for side in range(SIDES):
+            zeta = self._algebraic[Algebraic.BELLOWS_VERTICAL + side]
+            if par.membrane_length[side] + par.membrane_length_slope[side] * zeta <= 0.0:
+                return False
+            if self._algebraic[Algebraic.PRESSURE + side] < 0.5 * par.atmospheric_pressure:
+                return False
+        return bool(np.isfinite(self.state).all())
+
+    def snapshot(self) -> Snapshot:
+        """Return everything that changes; `restore` brings it back bit for bit."""
+        return Snapshot(self.state.copy(), self.inputs.copy(), self.memory_array.copy(), self.counter)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back (or over) to a snapshot."""
+        self.state[:] = snapshot.state
+        self.inputs[:] = snapshot.inputs
+        self.memory_array[:] = snapshot.memory
+        self.counter = snapshot.counter

@@ -1,0 +1,161 @@
+"""What the plant's parameters are called, their SI units and shapes, and the records that carry them compiled."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from bench_sim.model.layout import ACTUATORS, BRANCHES, BUMP_POINTS, DELAY_CAPACITY, SENSORS, SIDES
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One parameter: ``shape`` () is a scalar, (2,) differs between left and right, (3,) between actuators."""
+
+    name: str
+    unit: str
+    shape: tuple[int, ...] = ()
+
+
+def _each(unit: str, *names: str, shape: tuple[int, ...] = ()) -> tuple[Quantity, ...]:
+    return tuple(Quantity(name, unit, shape) for name in names)
+
+
+_SIDE = (SIDES,)
+_ACTUATOR = (ACTUATORS,)
+_SENSOR = (SENSORS,)
+
+#: Every parameter that the equations read, except those of the sensors.
+PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
+    # gas, surroundings, supply
+    *_each("J/(kg*K)", "gas_constant"),
+    *_each("1", "heat_capacity_ratio"),
+    *_each("Pa", "atmospheric_pressure"),
+    *_each("K", "ambient_temperature", "supply_temperature"),
+    *_each("Pa", "supply_pressure", "sawtooth_low", "sawtooth_high"),
+    *_each("1", "supply_sawtooth"),
+    *_each("s", "sawtooth_decay_time", "sawtooth_recharge_time", "supply_lag"),
+    # volumes and areas
+    *_each("m2", "effective_area", shape=_SIDE),
+    *_each("m", "effective_area_slope", shape=_SIDE),
+    *_each("m3", "bellows_volume", "auxiliary_volume", shape=_SIDE),
+    *_each("m", "membrane_length", shape=_SIDE),
+    *_each("1", "membrane_length_slope", shape=_SIDE),
+    *_each("m", "membrane_travel", shape=_SIDE),
+    # heat
+    *_each("W/K", "bellows_heat_transfer", "auxiliary_heat_transfer", shape=_SIDE),
+    *_each("kg/m3", "heat_reference_density"),
+    *_each("1", "heat_density_exponent"),
+    *_each("J/K", "wall_heat_capacity", shape=_SIDE),
+    *_each("W/K", "wall_outer_heat_transfer", shape=_SIDE),
+    # orifice and leak
+    *_each("m", "orifice_diameter", shape=_SIDE),
+    *_each("1", "discharge_coefficient", shape=_SIDE),
+    *_each("1", "laminar_limit"),
+    *_each("m3/(s*Pa)", "leak_conductance", shape=_SIDE),
+    *_each("1", "leak_critical_ratio"),
+    *_each("kg/(s*Pa2)", "leak_laminar", shape=_SIDE),
+    # valves
+    *_each("m", "leveling_deadband", "leveling_hysteresis", "leveling_range", "lever_offset", shape=_SIDE),
+    *_each("s", "leveling_lag", shape=_SIDE),
+    *_each("m3/(s*Pa)", "fill_conductance", "exhaust_conductance", shape=_SIDE),
+    *_each("1", "valve_critical_ratio"),
+    *_each("Pa", "dpv_opening", "dpv_reclosing"),
+    *_each("m3/(s*Pa)", "dpv_conductance"),
+    # rubber
+    *_each("N/m", "shell_stiffness_vertical", "shell_stiffness_lateral", shape=_SIDE),
+    *_each("1", "maxwell_ratio", shape=(BRANCHES,)),
+    *_each("s", "maxwell_time", shape=(BRANCHES,)),
+    *_each("N", "friction_vertical", "friction_lateral", shape=_SIDE),
+    *_each("N/Pa", "friction_vertical_slope", "friction_lateral_slope", shape=_SIDE),
+    *_each("m", "friction_vertical_travel", "friction_lateral_travel", shape=_SIDE),
+    # emergency spring and contact
+    *_each("N", "nominal_preload", shape=_SIDE),
+    *_each("1", "emergency_spring"),
+    *_each("N/m", "emergency_stiffness_vertical", "emergency_stiffness_lateral", shape=_SIDE),
+    *_each("m", "contact_height"),
+    *_each("N/m", "contact_stiffness"),
+    *_each("s/m", "contact_loss"),
+    # roll and coupling
+    *_each("N*m/rad", "torsional_stiffness", shape=_SIDE),
+    *_each("N*m/(rad*Pa)", "torsional_stiffness_slope", shape=_SIDE),
+    *_each("m", "column_height"),
+    *_each("rad", "coupling_angle"),
+    *_each("1", "coupling_sign"),
+    # bolster and bump stop
+    *_each("kg", "bolster_mass"),
+    *_each("kg*m2", "bolster_inertia"),
+    *_each("m/s2", "gravity"),
+    *_each("m", "spring_half_spacing", "centre_height", "actuator_half_spacing", "lateral_actuator_height"),
+    *_each("m", "bump_stop_travel", shape=(BUMP_POINTS,)),
+    *_each("N", "bump_stop_force", shape=(BUMP_POINTS,)),
+    # actuators and platform
+    *_each("Hz", "actuator_frequency", shape=_ACTUATOR),
+    *_each("1", "actuator_damping", shape=_ACTUATOR),
+    *_each("s", "actuator_delay", shape=_ACTUATOR),
+    *_each("m", "actuator_stroke", shape=_ACTUATOR),
+    *_each("m/s", "actuator_speed_limit", shape=_ACTUATOR),
+    *_each("N", "actuator_force_limit", shape=_ACTUATOR),
+    *_each("N/s", "actuator_force_rate", "actuator_unload_rate", shape=_ACTUATOR),
+    *_each("N/m", "frame_stiffness", shape=_ACTUATOR),
+    *_each("N*s/m", "frame_damping", shape=_ACTUATOR),
+    *_each("Hz", "platform_frequency"),
+    *_each("1", "platform_damping"),
+    # load cells
+    *_each("m", "load_cell_x", "load_cell_y", "load_cell_height"),
+    *_each("1", "load_cell_crosstalk", shape=(6, 6)),
+)
+
+#: Properties of every sensor; the unit "signal" is that of the sensor itself.
+SENSOR_QUANTITIES: Final[tuple[Quantity, ...]] = (
+    *_each("1", "sensor_gain", shape=_SENSOR),
+    *_each("signal", "sensor_bias", shape=_SENSOR),
+    *_each("signal/s", "sensor_drift", shape=_SENSOR),
+    *_each("s", "sensor_lag", shape=_SENSOR),
+    *_each("signal", "sensor_noise", "sensor_resolution", "sensor_low", "sensor_high", shape=_SENSOR),
+    # The maker's bound on the bias: nothing reads it but whoever draws the bias of a rig as built.
+    *_each("signal", "sensor_accuracy", shape=_SENSOR),
+)
+
+QUANTITIES: Final = PLANT_QUANTITIES + SENSOR_QUANTITIES
+
+#: The record that compiled code reads as ``par.name``.
+PARAMETERS: Final = np.dtype([(q.name, np.float64, q.shape) for q in QUANTITIES])
+
+#: What the plant remembers beside its continuous states; changed once per step, never between.
+MEMORY: Final = np.dtype(
+    [
+        ("step", np.int64),
+        ("time", np.float64),
+        ("seed", np.int64),
+        # the algebraic solution at the start of the last step: where Newton's method begins
+        ("solved_time", np.float64),
+        ("bellows_vertical", np.float64, _SIDE),
+        ("bellows_lateral", np.float64, _SIDE),
+        ("bellows_vertical_speed", np.float64, _SIDE),
+        ("bellows_lateral_speed", np.float64, _SIDE),
+        # friction: the last reversal, (vertical, lateral) per side
+        ("friction_origin", np.float64, (2, SIDES)),
+        ("friction_level", np.float64, (2, SIDES)),
+        ("friction_direction", np.float64, (2, SIDES)),
+        ("friction_last", np.float64, (2, SIDES)),
+        # gas: density and heat-transfer factor around which the factor is expanded, chambers b_L b_R a_L a_R
+        ("heat_density", np.float64, (2 * SIDES,)),
+        ("heat_factor", np.float64, (2 * SIDES,)),
+        # latches: leveling −1 filling, 0 closed, +1 exhausting; differential pressure valve 0 or 1
+        ("leveling_latch", np.int64, _SIDE),
+        ("dpv_latch", np.int64),
+        # actuators: the mode in force, its slewed set-point, the delay line, what leaves it
+        ("mode", np.int64, _ACTUATOR),
+        ("setpoint", np.float64, _ACTUATOR),
+        ("delay_line", np.float64, (ACTUATORS, DELAY_CAPACITY)),
+        ("delayed", np.float64, _ACTUATOR),
+        # sensor lags: filter output and last input, and their coefficients for (lag, step)
+        ("sensor_output", np.float64, _SENSOR),
+        ("sensor_input", np.float64, _SENSOR),
+        ("lag_time", np.float64, _SENSOR),
+        ("lag_step", np.float64),
+        ("lag_decay", np.float64, _SENSOR),
+        ("lag_ramp", np.float64, _SENSOR),
+    ]
+)

@@ -1,0 +1,113 @@
+"""Rubber: Berg's friction, and the generalised Maxwell model whose states are the positions of its dash-pots.
+
+A Maxwell branch with spring k_j and time constant τ_j carries k_j q_j, dq_j/dt = dx/dt − q_j/τ_j. With the dash-pot
+position w_j = x − q_j as the state, dw_j/dt = (x − w_j)/τ_j needs no speed.
+"""
+
+from typing import Any
+
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.compiled import compiled
+from bench_sim.model.layout import BRANCHES, State
+
+
+@compiled
+def friction_curve(x: float, origin: float, level: float, travel: float) -> tuple[float, float]:
+    """Normalised friction force F/F_max and its slope, Berg (1998).
+
+    From the last reversal (``origin``, ``level`` = F_s/F_max) with x₂ = ``travel``:
+    x > x_s: f = α + (x−x_s)/(x₂(1−α) + x−x_s) · (1−α); x < x_s the same with the signs turned.
+    """
+    s = x - origin
+    if s >= 0.0:
+        rest = 1.0 - level
+        d = max(travel * rest, 1e-12)
+        n = d + s
+        return level + s / n * rest, rest * d / (n * n)
+    rest = 1.0 + level
+    d = max(travel * rest, 1e-12)
+    n = d - s
+    return level + s / n * rest, rest * d / (n * n)
+
+
+@compiled
+def friction_limit(constant: float, slope: float, gauge: float) -> float:
+    """F_max = F_0 + F_1 p_g in N; a vacuum adds nothing."""
+    return constant + slope * max(gauge, 0.0)
+
+
+@compiled
+def maxwell_pull(
+    x: Any, par: Any, first: int, stiffness: float, displacement: float
+) -> tuple[float, float, float]:
+    """Force of all branches in N, their common stiffness in N/m, and the rate of the force by relaxation in N/s.
+
+    ``first`` is the place of the first dash-pot.
+    """
+    force = 0.0
+    total = 0.0
+    relaxation = 0.0
+    for j in range(BRANCHES):
+        k = stiffness * par.maxwell_ratio[j]
+        q = displacement - x[first + j]
+        force += k * q
+        total += k
+        relaxation += k * q / par.maxwell_time[j]
+    return force, total, relaxation
+
+
+@compiled
+def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
+    """dw_j/dt = (x_b − w_j)/τ_j for every branch of both springs and both directions."""
+    for i in range(2):
+        for j in range(BRANCHES):
+            k = i * BRANCHES + j
+            vertical = State.VERTICAL_DASHPOT + k
+            lateral = State.LATERAL_DASHPOT + k
+            dx[vertical] += (out[Algebraic.BELLOWS_VERTICAL + i] - x[vertical]) / par.maxwell_time[j]
+            dx[lateral] += (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) / par.maxwell_time[j]
+
+
+@compiled
+def reversal(
+    position: float, last: float, speed: float, last_speed: float, dt: float, direction: float
+) -> tuple[float, bool]:
+    """Where friction turned between two samples, and whether it did.
+
+    The turning point is the vertex of the parabola through the last position with both speeds.
+    """
+    if (position - last) * direction >= 0.0:
+        return last, False
+    if last_speed * direction > 0.0 and speed * direction < 0.0:
+        return last + 0.5 * dt * last_speed * last_speed / (last_speed - speed), True
+    return last, True
+
+
+@compiled
+def turn_friction(
+    mem: Any,
+    direction: int,
+    side: int,
+    position: float,
+    speed: float,
+    last_speed: float,
+    travel: float,
+    dt: float,
+) -> bool:
+    """Note a reversal of one spring in one ``direction`` (0 vertical, 1 lateral); True if there was one.
+
+    The level kept is F/F_max, not F: the limit moves with pressure, and a kept force could exceed it.
+    """
+    last = mem.friction_last[direction, side]
+    if abs(position - last) < 1e-12:  # rounding is no motion
+        return False
+    turn, turned = reversal(position, last, speed, last_speed, dt, mem.friction_direction[direction, side])
+    if turned:
+        level, _ = friction_curve(
+            turn, mem.friction_origin[direction, side], mem.friction_level[direction, side], travel
+        )
+        mem.friction_origin[direction, side] = turn
+        mem.friction_level[direction, side] = level
+    mem.friction_direction[direction, side] = 1.0 if position > last else -1.0
+    mem.friction_last[direction, side] = position
+    return turned

@@ -1,0 +1,118 @@
+"""The measuring chain: s_m = (1+g)(H s) + b + d t + Σ c_jk s_k + noise, quantised and limited to its range.
+
+The lag H = 1/(1+τs) is discretised for an input that is linear between samples (ramp-invariant), so that a τ far
+below the step acts as it does in nature: as a delay τ, linear in τ down to zero.
+"""
+
+from math import exp, floor
+from typing import Any
+
+from bench_sim.model.actuator import piston_displacement
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.compiled import compiled
+from bench_sim.model.layout import ACTUATORS, SENSORS, Sensor, State
+from bench_sim.model.noise import normal
+
+
+@compiled
+def load_cell_term(par: Any, out: Any, values: Any) -> None:
+    """Reactions in the six load cells that carry the platform, from the force and moment of both springs.
+
+    F_z = ΣF_k (four vertical, compression positive), F_y = F_5 + F_6 (the force that springs and bump stop do to the
+    bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the springs bring
+    Σ (M_i + s_i b F_z,i − h F_y,i); M_y = M_z = 0. The platform's own weight is tared and its inertia not seen.
+    """
+    F_z = out[Algebraic.VERTICAL_FORCE] + out[Algebraic.VERTICAL_FORCE + 1]
+    F_y = out[Algebraic.LATERAL_FORCE] + out[Algebraic.LATERAL_FORCE + 1]
+    M_x = (
+        out[Algebraic.ROLL_MOMENT]
+        + out[Algebraic.ROLL_MOMENT + 1]
+        + par.spring_half_spacing * (out[Algebraic.VERTICAL_FORCE] - out[Algebraic.VERTICAL_FORCE + 1])
+        - par.column_height * F_y
+    )
+    F_y += out[Algebraic.BUMP_STOP]
+    tilt = (M_x + par.load_cell_height * F_y) / (4.0 * par.load_cell_y)
+    values[Sensor.LOAD_CELL_1] = 0.25 * F_z + tilt
+    values[Sensor.LOAD_CELL_2] = 0.25 * F_z - tilt
+    values[Sensor.LOAD_CELL_3] = 0.25 * F_z + tilt
+    values[Sensor.LOAD_CELL_4] = 0.25 * F_z - tilt
+    values[Sensor.LOAD_CELL_5] = 0.5 * F_y
+    values[Sensor.LOAD_CELL_6] = 0.5 * F_y
+
+
+@compiled
+def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
+    """What ideal sensors would read (SI, pressures gauge), in the order of `Sensor`."""
+    atmosphere = par.atmospheric_pressure
+    for i in range(2):
+        values[Sensor.LEFT_HEIGHT + i] = out[Algebraic.HEIGHT + i]
+        values[Sensor.LEFT_BELLOWS_PRESSURE + i] = out[Algebraic.PRESSURE + i] - atmosphere
+        values[Sensor.LEFT_AUXILIARY_PRESSURE + i] = out[Algebraic.AUXILIARY_PRESSURE + i] - atmosphere
+        values[Sensor.LEFT_BELLOWS_TEMPERATURE + i] = out[Algebraic.TEMPERATURE + i]
+        values[Sensor.LEFT_AUXILIARY_TEMPERATURE + i] = out[Algebraic.AUXILIARY_TEMPERATURE + i]
+    values[Sensor.SUPPLY_PRESSURE] = x[State.SUPPLY_LINE] - atmosphere
+    for j in range(ACTUATORS):
+        force = out[Algebraic.ACTUATOR_FORCE + j]
+        values[Sensor.VERTICAL_LEFT_FORCE + j] = force
+        values[Sensor.VERTICAL_LEFT_DISPLACEMENT + j] = piston_displacement(
+            x, mem, par, j, force, out[Algebraic.ACTUATOR_DISPLACEMENT + j]
+        )
+    load_cell_term(par, out, values)
+    values[Sensor.LATERAL_ACCELERATION] = out[Algebraic.LATERAL_ACCELERATION]
+    values[Sensor.PLATFORM_VERTICAL] = x[State.PLATFORM_VERTICAL]
+    values[Sensor.PLATFORM_LATERAL] = x[State.PLATFORM_LATERAL]
+    values[Sensor.PLATFORM_ROLL] = x[State.PLATFORM_ROLL]
+
+
+@compiled
+def prepare_lags(mem: Any, par: Any, dt: float) -> None:
+    """Keep e^{−dt/τ} and (τ/dt)(1 − e^{−dt/τ}) of every sensor; recomputed only when τ or dt has changed."""
+    fresh = mem.lag_step != dt
+    mem.lag_step = dt
+    for k in range(SENSORS):
+        tau = par.sensor_lag[k]
+        if fresh or tau != mem.lag_time[k]:
+            mem.lag_time[k] = tau
+            decay = exp(-dt / tau) if tau > 0.0 else 0.0
+            mem.lag_decay[k] = decay
+            mem.lag_ramp[k] = tau / dt * (1.0 - decay)
+
+
+@compiled
+def lagged(mem: Any, k: int, value: float) -> float:
+    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1}, with e = decay and g = ramp of `prepare_lags`."""
+    decay = mem.lag_decay[k]
+    ramp = mem.lag_ramp[k]
+    return decay * mem.sensor_output[k] + (1.0 - ramp) * value + (ramp - decay) * mem.sensor_input[k]
+
+
+@compiled
+def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
+    """Move every sensor's lag on to the present true values."""
+    prepare_lags(mem, par, dt)
+    for k in range(SENSORS):
+        mem.sensor_output[k] = lagged(mem, k, values[k])
+        mem.sensor_input[k] = values[k]
+
+
+@compiled
+def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
+    """Readings of one sampling instant from the true values of that instant; ``counter`` picks the noise."""
+    for k in range(SENSORS):
+        readings[k] = lagged(mem, k, values[k])
+    for k in range(SENSORS):
+        values[k] = readings[k]
+    for k in range(SENSORS):
+        s = (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
+        if Sensor.LOAD_CELL_1 <= k <= Sensor.LOAD_CELL_6:
+            for other in range(6):
+                s += (
+                    par.load_cell_crosstalk[k - Sensor.LOAD_CELL_1, other]
+                    * values[Sensor.LOAD_CELL_1 + other]
+                )
+        if par.sensor_noise[k] > 0.0:
+            s += par.sensor_noise[k] * normal(mem.seed, counter, k)
+        step = par.sensor_resolution[k]
+        if step > 0.0:
+            s = step * floor(s / step + 0.5)
+        readings[k] = min(max(s, par.sensor_low[k]), par.sensor_high[k])

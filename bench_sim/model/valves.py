@@ -1,0 +1,193 @@
+"""Every flow of air: orifice path, leveling and service valves, differential pressure valve, leaks, supply line."""
+
+from typing import Any
+
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.compiled import compiled
+from bench_sim.model.gas import transfer
+from bench_sim.model.layout import Input, State
+from bench_sim.model.orifice import (
+    effective_flow_area,
+    iso_flow,
+    laminar_between,
+    orifice_between,
+    valve_between,
+)
+
+
+@compiled
+def orifice_term(u: Any, par: Any, out: Any, dx: Any) -> None:
+    """Flow between each bellows and its auxiliary chamber, carrying the enthalpy of its upstream side."""
+    kappa = par.heat_capacity_ratio
+    c_p = kappa / (kappa - 1.0) * par.gas_constant
+    for i in range(2):
+        opening = min(max(u[Input.LEFT_RESERVOIR_VALVE + i], 0.0), 1.0)
+        flow = 0.0
+        if opening > 0.0:
+            T_b = out[Algebraic.TEMPERATURE + i]
+            T_a = out[Algebraic.AUXILIARY_TEMPERATURE + i]
+            flow = orifice_between(
+                out[Algebraic.PRESSURE + i],
+                T_b,
+                out[Algebraic.AUXILIARY_PRESSURE + i],
+                T_a,
+                opening * effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i]),
+                par.gas_constant,
+                kappa,
+                par.laminar_limit,
+            )
+            transfer(
+                dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, c_p * (T_b if flow > 0.0 else T_a)
+            )
+        out[Algebraic.ORIFICE_FLOW + i] = flow
+
+
+@compiled
+def leveling_latch(lever: float, latch: int, deadband: float, hysteresis: float) -> int:
+    """−1 filling, 0 closed, +1 exhausting: opens at the deadband, closes at deadband − hysteresis."""
+    if lever > deadband:
+        return 1
+    if lever < -deadband:
+        return -1
+    if latch * lever <= deadband - hysteresis:
+        return 0
+    return latch
+
+
+@compiled
+def leveling_opening(lever: float, latch: int, deadband: float, hysteresis: float, span: float) -> float:
+    """u = sat((|x| − δ + δ_h)/Δ) with the sign of the latch: positive exhausts."""
+    if latch == 0:
+        return 0.0
+    return latch * min(max((latch * lever - deadband + hysteresis) / span, 0.0), 1.0)
+
+
+@compiled
+def lever_term(x: Any, par: Any, out: Any, dx: Any) -> None:
+    """dx_l/dt = (ζ + offset − x_l)/τ: the lever follows the height through its dash-pot."""
+    for i in range(2):
+        target = out[Algebraic.HEIGHT + i] + par.lever_offset[i]
+        dx[State.LEVER + i] += (target - x[State.LEVER + i]) / par.leveling_lag[i]
+
+
+@compiled
+def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
+    """Filling and exhausting of each auxiliary chamber by its leveling valve and the rig's service valve.
+
+    Both have the same conductances and stand in parallel. Check valves keep air from flowing back into the supply;
+    an open exhaust lets air in where the chamber is below atmosphere.
+    """
+    kappa = par.heat_capacity_ratio
+    c_p = kappa / (kappa - 1.0) * par.gas_constant
+    b = par.valve_critical_ratio
+    supply = x[State.SUPPLY_LINE]
+    for i in range(2):
+        leveling = min(max(u[Input.LEFT_LEVELING + i], 0.0), 1.0) * leveling_opening(
+            x[State.LEVER + i],
+            mem.leveling_latch[i],
+            par.leveling_deadband[i],
+            par.leveling_hysteresis[i],
+            par.leveling_range[i],
+        )
+        service = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
+        fill = max(-leveling, 0.0) + max(service, 0.0)
+        exhaust = max(leveling, 0.0) + max(-service, 0.0)
+        p = out[Algebraic.AUXILIARY_PRESSURE + i]
+        T = out[Algebraic.AUXILIARY_TEMPERATURE + i]
+        flow = 0.0
+        power = 0.0
+        if fill > 0.0 and supply > p:
+            G = fill * iso_flow(
+                supply, par.supply_temperature, p, par.fill_conductance[i], b, par.laminar_limit
+            )
+            flow += G
+            power += G * c_p * par.supply_temperature
+        if exhaust > 0.0:
+            G = exhaust * valve_between(
+                p,
+                T,
+                par.atmospheric_pressure,
+                par.ambient_temperature,
+                par.exhaust_conductance[i],
+                b,
+                par.laminar_limit,
+            )
+            flow -= G
+            power -= G * c_p * (T if G > 0.0 else par.ambient_temperature)
+        dx[State.AUXILIARY_MASS + i] += flow
+        dx[State.AUXILIARY_ENERGY + i] += power
+        out[Algebraic.LEVELING_FLOW + i] = flow
+
+
+@compiled
+def dpv_latch(difference: float, latch: int, opening: float, reclosing: float) -> int:
+    """1 open, 0 closed: opens above ``opening``, recloses below ``reclosing`` (both Pa, of |p_L − p_R|)."""
+    if abs(difference) > opening:
+        return 1
+    if abs(difference) < reclosing:
+        return 0
+    return latch
+
+
+@compiled
+def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
+    """Flow from the left to the right auxiliary chamber while the differential pressure valve is open."""
+    flow = 0.0
+    if mem.dpv_latch == 1 and u[Input.DPV_CONNECTED] > 0.0:
+        T_left = out[Algebraic.AUXILIARY_TEMPERATURE]
+        T_right = out[Algebraic.AUXILIARY_TEMPERATURE + 1]
+        flow = valve_between(
+            out[Algebraic.AUXILIARY_PRESSURE],
+            T_left,
+            out[Algebraic.AUXILIARY_PRESSURE + 1],
+            T_right,
+            par.dpv_conductance * min(u[Input.DPV_CONNECTED], 1.0),
+            par.valve_critical_ratio,
+            par.laminar_limit,
+        )
+        c_p = par.heat_capacity_ratio / (par.heat_capacity_ratio - 1.0) * par.gas_constant
+        enthalpy = c_p * (T_left if flow > 0.0 else T_right)
+        transfer(dx, State.AUXILIARY_MASS, State.AUXILIARY_MASS + 1, flow, enthalpy)
+    out[Algebraic.DPV_FLOW] = flow
+
+
+@compiled
+def leak_term(par: Any, out: Any, dx: Any) -> None:
+    """Leaks of the bellows to the atmosphere: as an orifice (ISO 6358) and as a laminar crack, in parallel."""
+    c_p = par.heat_capacity_ratio / (par.heat_capacity_ratio - 1.0) * par.gas_constant
+    for i in range(2):
+        if par.leak_conductance[i] == 0.0 and par.leak_laminar[i] == 0.0:
+            continue
+        p = out[Algebraic.PRESSURE + i]
+        T = out[Algebraic.TEMPERATURE + i]
+        flow = valve_between(
+            p,
+            T,
+            par.atmospheric_pressure,
+            par.ambient_temperature,
+            par.leak_conductance[i],
+            par.leak_critical_ratio,
+            par.laminar_limit,
+        )
+        flow += laminar_between(p, par.atmospheric_pressure, par.leak_laminar[i])
+        dx[State.BELLOWS_MASS + i] -= flow
+        dx[State.BELLOWS_ENERGY + i] -= flow * c_p * (T if flow > 0.0 else par.ambient_temperature)
+
+
+@compiled
+def source_pressure(t: float, par: Any) -> float:
+    """Gauge pressure before the main valve: constant, or falling and recharged in a saw-tooth."""
+    if par.supply_sawtooth == 0.0:
+        return par.supply_pressure
+    phase = t % (par.sawtooth_decay_time + par.sawtooth_recharge_time)
+    swing = par.sawtooth_high - par.sawtooth_low
+    if phase < par.sawtooth_decay_time:
+        return par.sawtooth_high - swing * phase / par.sawtooth_decay_time
+    return par.sawtooth_low + swing * (phase - par.sawtooth_decay_time) / par.sawtooth_recharge_time
+
+
+@compiled
+def supply_term(t: float, x: Any, u: Any, par: Any, dx: Any) -> None:
+    """dp_s/dt = (p_source − p_s)/τ behind the main valve; a closed main valve vents the line."""
+    gauge = source_pressure(t, par) if u[Input.SUPPLY] > 0.5 else 0.0
+    dx[State.SUPPLY_LINE] += (gauge + par.atmospheric_pressure - x[State.SUPPLY_LINE]) / par.supply_lag
