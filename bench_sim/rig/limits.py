@@ -1,0 +1,66 @@
+"""Limit detectors of the bench: which reading may go how far, for how long, and what happens then."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.signals import Table
+from bench_protocol.units import bar, kN, mm, ms
+
+
+class Action(IntEnum):
+    """What a tripped detector does."""
+
+    INDICATE = 0
+    HOLD = 1
+    POWER_OFF = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A detector on one signal: trips when the reading stays outside for ``persistence`` seconds; latched."""
+
+    signal: str
+    low: float
+    high: float
+    persistence: float
+    action: Action
+
+
+#: Assumed limits: wide enough for every plan, narrow enough to save the springs. Only the first trip is reported.
+LIMITS: Final = (
+    *(Limit(f"{side}.height", -130 * mm, 90 * mm, 20 * ms, Action.POWER_OFF) for side in ("left", "right")),
+    *(
+        Limit(f"{side}.bellows_pressure", -0.5 * bar, 9.0 * bar, 20 * ms, Action.POWER_OFF)
+        for side in ("left", "right")
+    ),
+    *(
+        Limit(f"vertical_{side}.force", -60 * kN, 190 * kN, 20 * ms, Action.HOLD)
+        for side in ("left", "right")
+    ),
+    Limit("lateral.force", -47 * kN, 47 * kN, 20 * ms, Action.HOLD),
+    Limit("lateral.displacement", -120 * mm, 120 * mm, 20 * ms, Action.HOLD),
+)
+
+DETECTOR: Final = np.dtype(
+    [
+        ("signal", "<i8"),
+        ("low", "<f8"),
+        ("high", "<f8"),
+        ("samples", "<i8"),
+        ("outside", "<i8"),
+        ("tripped", "<i8"),
+    ]
+)
+
+
+def detectors(table: Table, limits: tuple[Limit, ...], rate: float) -> npt.NDArray[np.void]:
+    """Compile ``limits`` into the array that the tick reads; ``rate`` is that of the readings in Hz."""
+    rows = np.zeros(len(limits), DETECTOR)
+    for row, limit in enumerate(limits):
+        samples = max(1, round(limit.persistence * rate))
+        rows[row] = (table.index[limit.signal], limit.low, limit.high, samples, 0, 0)
+    return rows

@@ -1,0 +1,139 @@
+"""The rig in real time: a tick loop on absolute deadlines with its servers, alone in a process of its own."""
+
+import contextlib
+import gc
+import os
+import sys
+import threading
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Final
+
+from bench_protocol.clock import Clock, RealClock, sharpen_timers, wall_time_ns
+from bench_protocol.frames import Block
+from bench_protocol.units import NS
+from bench_sim.rig.rig import Rig
+from bench_sim.rig.servers import CAN_PORT, CanHub, ModbusTcpServer, serve_in_thread
+from bench_sim.rig.socketcan import SocketCan
+from bench_sim.rig.tick import TICK_NS
+
+MODBUS_PORT: Final = 15020
+#: A thread that computes may keep the tick waiting for this long at most (Python's default is 5 ms).
+_SWITCH_INTERVAL: Final = 0.0005
+#: Under the policy ``fault``, the lateness that counts as a lost tick.
+_LOST: Final = 0.1 * NS
+
+
+class Late(StrEnum):
+    """What happens to ticks whose time has passed."""
+
+    CATCH_UP = "catch_up"  #: run them all, at once
+    SKIP = "skip"  #: let the rig's time stand still for as long
+    FAULT = "fault"  #: catch up, but more than 100 ms is a fault of the bench
+
+
+def keep_time(
+    rig: Rig,
+    publish: Callable[[Block], None],
+    stop: threading.Event,
+    clock: Clock,
+    policy: Late = Late.CATCH_UP,
+) -> None:
+    """Tick ``rig`` every millisecond of ``clock`` until ``stop`` is set, and publish what it sends.
+
+    Frames leave stamped with the nominal time of their tick (Unix epoch, ns): the sampling instants are even even if
+    the loop is late.
+    """
+    start = clock.now()
+    epoch = wall_time_ns()
+    beat = 0
+    while not stop.is_set():
+        beat += 1
+        deadline = start + beat * TICK_NS
+        clock.sleep_until(deadline)
+        late = clock.now() - deadline
+        rig.report_lateness(late / NS, lost=policy is Late.FAULT and late > _LOST)
+        if policy is Late.SKIP and late >= TICK_NS:
+            missed = late // TICK_NS
+            start += missed * TICK_NS
+            epoch += missed * TICK_NS
+        block = rig.tick()
+        if block.size:
+            block["time"] += epoch
+            publish(block)
+
+
+def run_rig(
+    rig: Rig,
+    *,
+    can: str = "auto",
+    host: str = "127.0.0.1",
+    can_port: int = CAN_PORT,
+    modbus_port: int = MODBUS_PORT,
+    allow_remote: bool = False,
+    beacon: bool = False,
+    policy: Late = Late.CATCH_UP,
+    stop: threading.Event,
+    ready: Callable[[str, str], None],
+) -> None:
+    """Open both doors, call ``ready(can, modbus)`` with their addresses, and tick until ``stop`` is set.
+
+    ``can`` is ``auto`` (``vcan0`` or ``can0`` if the kernel has one, else TCP), ``tcp`` or a SocketCAN interface.
+    Raises OSError in words if a door cannot be opened; everything is closed on return.
+    """
+    interface = find_interface() if can == "auto" else None if can == "tcp" else can
+    modbus_server = ModbusTcpServer(rig.answer, rig.peer_lost)
+    wire = SocketCan(interface, rig.receive) if interface else None
+    hub = None if wire else CanHub(rig.receive, rig.peer_lost)
+    try:
+        with serve_in_thread(
+            hub,
+            modbus_server,
+            host=host,
+            can_port=can_port,
+            modbus_port=modbus_port,
+            allow_remote=allow_remote,
+            beacon=beacon,
+        ) as servers:
+            door = interface or f"socketcand://{host}:{servers.can_port}"
+            rig.run(1)  # loads the compiled tick before the first deadline
+            publish = wire.publish if wire else hub.publish if hub else _nowhere
+            with _real_time():
+                ready(door, f"{host}:{servers.modbus_port}")
+                keep_time(rig, publish, stop, RealClock(), policy)
+    finally:
+        if wire:
+            wire.close()
+
+
+def find_interface() -> str | None:
+    """Return the first CAN interface that the kernel has, ``vcan0`` before ``can0``."""
+    return next((name for name in ("vcan0", "can0") if Path(f"/sys/class/net/{name}").exists()), None)
+
+
+def _nowhere(block: Block) -> None:
+    del block
+
+
+class _real_time:  # noqa: N801 - reads as a statement
+    """Inside, this thread is scheduled as sharply as the machine allows, and the garbage collector rests."""
+
+    def __enter__(self) -> None:
+        self._interval = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        sharpen_timers()
+        with contextlib.suppress(
+            OSError, AttributeError
+        ):  # needs a privilege that a bench does not have to have
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+
+    def __exit__(self, *_: object) -> None:
+        with contextlib.suppress(OSError, AttributeError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        gc.enable()
+        gc.unfreeze()
+        sys.setswitchinterval(self._interval)

@@ -1,0 +1,245 @@
+"""The rig's Modbus registers: coherent readings, staged settings, coils that act, contacts, and who may write."""
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.modbus import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, NO_AUTHORITY, ModbusError
+from bench_protocol.signals import INT16_MAX, Kind, Register, Table
+from bench_protocol.table import PROBE_FLOAT, PROBE_WORD
+
+#: What a scaled register says instead of a value that is not available.
+UNAVAILABLE: Final = 0x8000
+WATCHDOG_MS_MAX: Final = 10_000
+
+_SINGLE: Final = struct.Struct(">f")
+_TWO_WORDS: Final = struct.Struct(">HH")
+
+
+class Plant(Protocol):
+    """What the registers need of the rig."""
+
+    values: npt.NDArray[np.float64]  #: all signals by table row, SI; NaN where not available
+
+    @property
+    def sequence(self) -> int:
+        """A number that changes with every sampling instant."""
+
+    def act(self, name: str) -> bool:
+        """Carry out a coil's action; return whether the bench accepted it in its present state."""
+
+    def apply(self, settings: Mapping[str, float]) -> bool:
+        """Take over all settings at once; return whether the bench accepted them."""
+
+    def contact(self, name: str) -> bool:
+        """Return the state of an interlock."""
+
+    def watch(self, milliseconds: int) -> None:
+        """Expect the next write of the commander within this time; 0 stops watching."""
+
+
+class Space:
+    """One address space of 16-bit words (or bits): which signal stands where, and where no request may cut."""
+
+    def __init__(self, registers: Sequence[Register]) -> None:
+        self.size = max((r.address + r.words for r in registers), default=0)
+        self.owner: list[Register | None] = [None] * self.size
+        for register in registers:
+            for k in range(register.words):
+                self.owner[register.address + k] = register
+
+    def slots(self, address: int, count: int) -> list[Register]:
+        """Return the registers in the range; ModbusError if it leaves the map or cuts a 32-bit value in half."""
+        end = address + count
+        if end > self.size:
+            raise ModbusError(ILLEGAL_ADDRESS)
+        found: list[Register] = []
+        for register in self.owner[address:end]:
+            if register is None:
+                raise ModbusError(ILLEGAL_ADDRESS)
+            if not found or found[-1] is not register:
+                found.append(register)
+        last = found[-1]
+        if found[0].address < address or last.address + last.words > end:
+            raise ModbusError(ILLEGAL_VALUE)
+        return found
+
+
+def float_words(value: float) -> list[int]:
+    """Return the two registers of an IEEE 754 single, high word first."""
+    return list(_TWO_WORDS.unpack(_SINGLE.pack(value)))
+
+
+def words_float(words: Sequence[int]) -> float:
+    """Return the number in two registers, high word first."""
+    return float(_SINGLE.unpack(_TWO_WORDS.pack(*words))[0])
+
+
+def _single(value: float) -> float:
+    return words_float(float_words(value))
+
+
+class RegisterBank:
+    """The registers of one rig, shared by all its clients; :meth:`seen_by` is what one client may do with them."""
+
+    def __init__(self, table: Table, plant: Plant) -> None:
+        self.table = table
+        self.plant = plant
+        self._spaces = {
+            space: Space([r for r in table.registers if r.space == space])
+            for space in ("input", "holding", "coil", "discrete")
+        }
+        self.staged: dict[str, float] = {s.name: s.default for s in table.of_kind(Kind.SETTING)}
+        self.unapplied = False
+        self.lease = 0
+        self.owner: str | None = None
+        self.watchdog_ms = 0
+
+    def seen_by(self, peer: str) -> "PeerBank":
+        """Return the bank as ``peer`` sees it."""
+        return PeerBank(self, peer)
+
+    def release(self, peer: str) -> bool:
+        """Take the lease from ``peer``, whose connection is gone; return whether it was the commander."""
+        if self.owner != peer:
+            return False
+        self.owner, self.lease, self.watchdog_ms = None, 0, 0
+        self.plant.watch(0)
+        return True
+
+    def read_input(self, address: int, count: int) -> list[int]:
+        words: list[int] = []
+        for register in self._spaces["input"].slots(address, count):
+            words += self._input(register)
+        return words
+
+    def _input(self, register: Register) -> list[int]:
+        match register.signal:
+            case "modbus.sequence":
+                return [self.plant.sequence]
+            case "modbus.map_hash":
+                return [self.table.map_hash >> 16, self.table.map_hash & 0xFFFF]
+            case "modbus.probe_float":
+                return float_words(PROBE_FLOAT)
+            case "modbus.probe_word":
+                return [PROBE_WORD >> 16, PROBE_WORD & 0xFFFF]
+        row = self.table.index[register.signal]
+        value = float(self.plant.values[row])
+        if register.encoding == "float32":
+            return float_words(value)
+        if math.isnan(value):
+            return [UNAVAILABLE]
+        scaled = round(value / self.table.signals[row].step)
+        return [max(-INT16_MAX, min(INT16_MAX, scaled)) & 0xFFFF]
+
+    def read_holding(self, address: int, count: int) -> list[int]:
+        words: list[int] = []
+        for register in self._spaces["holding"].slots(address, count):
+            if register.signal == "modbus.lease":
+                words.append(self.lease)
+            elif register.signal == "modbus.watchdog":
+                words.append(self.watchdog_ms)
+            else:
+                words += float_words(self.staged[register.signal])
+        return words
+
+    def write_holding(self, address: int, values: Sequence[int], peer: str) -> None:
+        """Stage settings, all or nothing; the lease and the watchdog act at once."""
+        staged: dict[str, float] = {}
+        lease, watchdog = None, None
+        for register in self._spaces["holding"].slots(address, len(values)):
+            words = values[register.address - address :][: register.words]
+            if register.signal == "modbus.lease":
+                lease = words[0]
+            elif register.signal == "modbus.watchdog":
+                watchdog = words[0]
+                if watchdog > WATCHDOG_MS_MAX:
+                    raise ModbusError(ILLEGAL_VALUE)
+            else:
+                signal = self.table[register.signal]
+                value = words_float(words)
+                # A single carries 0.15 as 0.150000006: a limit must not refuse its own value for that.
+                if not _single(signal.low) <= value <= _single(signal.high):
+                    raise ModbusError(ILLEGAL_VALUE)
+                if signal.choices and value != int(value):
+                    raise ModbusError(ILLEGAL_VALUE)
+                staged[signal.name] = min(max(value, signal.low), signal.high)
+        if lease is not None:
+            self.lease, self.owner = lease, peer if lease else None
+        if watchdog is not None:
+            self.watchdog_ms = watchdog
+        if staged:
+            self.staged.update(staged)
+            self.unapplied = True
+
+    def read_coils(self, address: int, count: int) -> list[bool]:
+        """Coils act on their edge and fall back at once: they always read 0."""
+        self._spaces["coil"].slots(address, count)
+        return [False] * count
+
+    def write_coils(self, address: int, values: Sequence[bool]) -> None:
+        slots = self._spaces["coil"].slots(address, len(values))
+        for register, value in zip(slots, values, strict=True):
+            if not value:
+                continue
+            if register.signal == "action.apply":
+                if not self.plant.apply(dict(self.staged)):
+                    raise ModbusError(DEVICE_FAILURE)
+                self.unapplied = False
+            elif not self.plant.act(register.signal.removeprefix("action.")):
+                raise ModbusError(DEVICE_FAILURE)
+
+    def read_discrete(self, address: int, count: int) -> list[bool]:
+        bits = []
+        for register in self._spaces["discrete"].slots(address, count):
+            if register.signal.startswith("interlock."):
+                bits.append(self.plant.contact(register.signal.removeprefix("interlock.")))
+            else:  # quality: the reading is available
+                bits.append(not math.isnan(self.plant.values[self.table.index[register.signal]]))
+        return bits
+
+    def identification(self) -> Mapping[int, bytes]:
+        return {
+            0: b"ASTB",
+            1: b"virtual air spring test bench",
+            2: b"1",
+            4: b"ASTB",
+            0x80: f"{self.table.map_hash:08x}".encode(),
+        }
+
+
+class PeerBank:
+    """The registers as one client sees them: everybody may read, only the commander may write.
+
+    While nobody holds the lease, everybody may write: a hand with a command-line client needs no ceremony.
+    """
+
+    def __init__(self, bank: RegisterBank, peer: str) -> None:
+        self._bank = bank
+        self._peer = peer
+        self.read_coils = bank.read_coils
+        self.read_discrete = bank.read_discrete
+        self.read_input = bank.read_input
+        self.read_holding = bank.read_holding
+        self.identification = bank.identification
+
+    def write_coils(self, address: int, values: Sequence[bool]) -> None:
+        """Carry out the action of the one coil that is set; two at once could be half refused."""
+        self._authorise()
+        if sum(values) > 1:
+            raise ModbusError(ILLEGAL_VALUE)
+        self._bank.write_coils(address, values)
+
+    def write_holding(self, address: int, values: Sequence[int]) -> None:
+        """Stage settings, or take or return the lease."""
+        self._authorise()
+        self._bank.write_holding(address, values, self._peer)
+
+    def _authorise(self) -> None:
+        if self._bank.owner not in (None, self._peer):
+            raise ModbusError(NO_AUTHORITY)
+        self._bank.plant.watch(self._bank.watchdog_ms if self._bank.owner == self._peer else 0)

@@ -1,0 +1,172 @@
+"""The states of the bench as a table: every transition that exists is a row here, and every other is refused."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import Final
+
+from bench_protocol.table import REASONS, STATES
+
+
+class State(IntEnum):
+    """States of the bench, numbered as on the wires."""
+
+    OFF = STATES.index("OFF")
+    BOOT = STATES.index("BOOT")
+    INIT = STATES.index("INIT")
+    DISABLED = STATES.index("DISABLED")
+    AIR_LOW = STATES.index("AIR_LOW")
+    AIR_HIGH = STATES.index("AIR_HIGH")
+    HOLD = STATES.index("HOLD")
+    ACTIVE = STATES.index("ACTIVE")
+    FAULT_REACTION = STATES.index("FAULT_REACTION")
+    FAULT_HOLD = STATES.index("FAULT_HOLD")
+    FAULT_DISABLED = STATES.index("FAULT_DISABLED")
+    ESTOP = STATES.index("ESTOP")
+
+
+class Reason(IntEnum):
+    """Why the bench left ACTIVE, numbered as on the wires."""
+
+    NONE = REASONS.index("none")
+    COMMAND_LATE = REASONS.index("command late")
+    COMMAND_LOST = REASONS.index("command lost")
+    DISCONNECTED = REASONS.index("commander disconnected")
+    ESTOP = REASONS.index("emergency stop")
+    LIMIT = REASONS.index("limit tripped")
+    TICK_LOST = REASONS.index("tick lost")
+    BY_COMMANDER = REASONS.index("disabled by the commander")
+
+
+class Event(StrEnum):
+    """What can happen to the bench."""
+
+    POWER_ON = "power on"
+    POWER_OFF = "power off"
+    BOOTED = "boot finished"
+    CHECKED = "self-test passed"
+    RESET = "reset, rising edge"
+    AIR_LOW = "air low"
+    AIR_HIGH = "air high"
+    HOLD = "H, rising edge"
+    RELEASE = "H cleared"
+    ACTIVATE = "M, rising edge"
+    PAUSE = "M cleared"
+    DISABLE = "disable, or D cleared"
+    COMMAND_LATE = "no valid command for 100 ms"
+    COMMAND_LOST = "no valid command for 500 ms"
+    DISCONNECTED = "the commander's connection closed"
+    TRIP_HOLD = "a limit with the action hold tripped"
+    TRIP_OFF = "a limit with the action power off tripped"
+    TICK_LOST = "a tick was lost under the policy fault"
+    REACTED_HOLD = "reaction finished, holding"
+    REACTED_DISABLE = "reaction finished, unloading"
+    ESTOP = "emergency stop pressed"
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One row: in ``source``, ``event`` leads to ``target``; ``needs`` names a condition in words."""
+
+    source: State
+    event: Event
+    target: State
+    needs: str = ""
+
+
+_S, _E = State, Event
+COMMAND_VALID: Final = "valid commands arrive"
+ESTOP_RELEASED: Final = "emergency stop released"
+
+#: States in which the air is under the bench's control and a commander must be alive.
+LIVE: Final = (_S.AIR_LOW, _S.AIR_HIGH, _S.HOLD, _S.ACTIVE)
+#: States in which the actuators hold or move.
+ENGAGED: Final = (_S.HOLD, _S.ACTIVE, _S.FAULT_HOLD)
+FAULTS: Final = (_S.FAULT_REACTION, _S.FAULT_HOLD, _S.FAULT_DISABLED, _S.ESTOP)
+
+TRANSITIONS: Final[tuple[Transition, ...]] = (
+    Transition(_S.OFF, _E.POWER_ON, _S.BOOT),
+    Transition(_S.BOOT, _E.BOOTED, _S.INIT),
+    Transition(_S.INIT, _E.CHECKED, _S.DISABLED),
+    Transition(_S.DISABLED, _E.RESET, _S.AIR_LOW, COMMAND_VALID),
+    Transition(_S.AIR_LOW, _E.AIR_HIGH, _S.AIR_HIGH, COMMAND_VALID),
+    Transition(_S.AIR_HIGH, _E.AIR_LOW, _S.AIR_LOW),
+    Transition(_S.AIR_HIGH, _E.HOLD, _S.HOLD, COMMAND_VALID),
+    Transition(_S.HOLD, _E.RELEASE, _S.AIR_HIGH),
+    Transition(_S.HOLD, _E.ACTIVATE, _S.ACTIVE, COMMAND_VALID),
+    Transition(_S.ACTIVE, _E.PAUSE, _S.HOLD),
+    Transition(_S.ACTIVE, _E.RELEASE, _S.AIR_HIGH),
+    *(Transition(state, _E.DISABLE, _S.DISABLED) for state in LIVE),
+    *(Transition(state, _E.POWER_OFF, _S.OFF) for state in (_S.BOOT, _S.INIT, _S.DISABLED, *LIVE)),
+    *(Transition(state, _E.COMMAND_LATE, _S.FAULT_REACTION) for state in (_S.HOLD, _S.ACTIVE)),
+    *(Transition(state, _E.DISCONNECTED, _S.FAULT_REACTION) for state in LIVE),
+    *(Transition(state, _E.COMMAND_LOST, _S.FAULT_REACTION) for state in LIVE),
+    *(Transition(state, _E.TRIP_HOLD, _S.FAULT_REACTION) for state in LIVE),
+    *(Transition(state, _E.TRIP_OFF, _S.FAULT_REACTION) for state in LIVE),
+    *(Transition(state, _E.TICK_LOST, _S.FAULT_REACTION) for state in LIVE),
+    Transition(_S.FAULT_REACTION, _E.REACTED_HOLD, _S.FAULT_HOLD),
+    Transition(_S.FAULT_REACTION, _E.REACTED_DISABLE, _S.FAULT_DISABLED),
+    Transition(_S.FAULT_HOLD, _E.COMMAND_LOST, _S.FAULT_DISABLED),
+    Transition(_S.FAULT_HOLD, _E.TRIP_OFF, _S.FAULT_DISABLED),
+    Transition(_S.FAULT_HOLD, _E.DISABLE, _S.FAULT_DISABLED),
+    Transition(_S.FAULT_HOLD, _E.RESET, _S.HOLD, COMMAND_VALID),
+    Transition(_S.FAULT_DISABLED, _E.RESET, _S.DISABLED),
+    *(Transition(state, _E.ESTOP, _S.ESTOP) for state in State if state not in (_S.OFF, _S.ESTOP)),
+    Transition(_S.ESTOP, _E.RESET, _S.DISABLED, ESTOP_RELEASED),
+)
+
+#: The first cause that leads into a fault, by the event.
+REASON_OF: Final[dict[Event, Reason]] = {
+    _E.COMMAND_LATE: Reason.COMMAND_LATE,
+    _E.COMMAND_LOST: Reason.COMMAND_LOST,
+    _E.DISCONNECTED: Reason.DISCONNECTED,
+    _E.TRIP_HOLD: Reason.LIMIT,
+    _E.TRIP_OFF: Reason.LIMIT,
+    _E.TICK_LOST: Reason.TICK_LOST,
+    _E.ESTOP: Reason.ESTOP,
+}
+
+#: SECoP-style status codes, by state: 0 disabled, 1xx idle, 2xx warning, 3xx busy, 4xx error.
+STATUS_CODES: Final[dict[State, int]] = {
+    _S.OFF: 0,
+    _S.BOOT: 300,
+    _S.INIT: 300,
+    _S.DISABLED: 0,
+    _S.AIR_LOW: 100,
+    _S.AIR_HIGH: 100,
+    _S.HOLD: 100,
+    _S.ACTIVE: 100,
+    _S.FAULT_REACTION: 400,
+    _S.FAULT_HOLD: 400,
+    _S.FAULT_DISABLED: 400,
+    _S.ESTOP: 430,
+}
+
+
+class StateMachine:
+    """The present state, and the only way to leave it."""
+
+    def __init__(self, conditions: dict[str, Callable[[], bool]]) -> None:
+        self._conditions = conditions
+        self._rows = {(row.source, row.event): row for row in TRANSITIONS}
+        self.state = State.OFF
+        self.reason = Reason.NONE
+
+    def allows(self, event: Event) -> bool:
+        """Return whether ``event`` leads anywhere from here, its condition included."""
+        row = self._rows.get((self.state, event))
+        return row is not None and (not row.needs or self._conditions[row.needs]())
+
+    def handle(self, event: Event) -> bool:
+        """Take the transition for ``event`` if there is one; the first reason for a fault stays until it is reset."""
+        if not self.allows(event):
+            return False
+        target = self._rows[self.state, event].target
+        if event in REASON_OF and self.reason in (Reason.NONE, Reason.BY_COMMANDER):
+            self.reason = REASON_OF[event]
+        elif event is Event.DISABLE and target is State.DISABLED:
+            self.reason = Reason.BY_COMMANDER
+        elif event is Event.RESET:
+            self.reason = Reason.NONE
+        self.state = target
+        return True

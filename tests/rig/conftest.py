@@ -1,0 +1,118 @@
+"""A rig on the test's own bench: commands go in as frames and requests, everything is read back from frames."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bench_protocol.can_codec import Decoder, Encoder
+from bench_protocol.table import CONTROL_MODES, SIDES, STATES, TABLE
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+
+BEAT = 20  # ticks between commands
+
+
+class Commander:
+    """Speaks to a rig by bytes alone; one method call is one 20 ms beat or many."""
+
+    def __init__(self, rig: Rig, peer: str = "commander") -> None:
+        self.rig, self.peer = rig, peer
+        self.decoder = Decoder(TABLE, from_rig=True)
+        self.values = np.zeros(len(TABLE.signals))
+        self._encoder = Encoder(TABLE)
+        self._rows = self._encoder.rows(
+            ["Control", "ForceSetpoints", "DisplacementSetpoints", "PlatformSetpoints"]
+        )
+        self._transaction = 0
+
+    def read(self, name: str) -> float:
+        """Return the last value of ``name`` that came by CAN."""
+        return float(self.decoder.latest[TABLE.index[name]])
+
+    @property
+    def state(self) -> str:
+        """The state that the rig publishes."""
+        return STATES[int(self.read("rig.state"))]
+
+    def wait(self, ticks: int) -> None:
+        """Let time pass without commanding."""
+        self.decoder.decode(self.rig.run(ticks))
+
+    def beat(self, count: int = 1, **settings: float) -> None:
+        """Send commands for ``count`` beats; ``control_hold=1`` sets ``control.hold`` and so on."""
+        for name, value in settings.items():
+            self.values[TABLE.index[_signal(name)]] = value
+        for _ in range(count):
+            self.rig.receive(self._encoder.encode(self.values, self._rows, 0), self.peer)
+            self.wait(BEAT)
+
+    def ask(self, pdu: bytes, peer: str | None = None) -> bytes:
+        """Return the PDU that answers a Modbus request PDU."""
+        self._transaction += 1
+        head = self._transaction.to_bytes(2, "big") + b"\0\0" + (len(pdu) + 1).to_bytes(2, "big") + b"\1"
+        answer = self.rig.answer(head + pdu, self.peer if peer is None else peer)
+        assert answer[:4] == head[:4]
+        return answer[7:]
+
+    def coil(self, name: str, peer: str | None = None) -> bytes:
+        """Set the coil of an action; return the answer's PDU."""
+        address = next(r.address for r in TABLE.registers if r.signal == f"action.{name}")
+        return self.ask(b"\x05" + address.to_bytes(2, "big") + b"\xff\x00", peer)
+
+    def stage(self, peer: str | None = None, **settings: float) -> list[bytes]:
+        """Write settings to their holding registers; return the answers."""
+        answers = []
+        for name, value in settings.items():
+            signal = _signal(name)
+            address = next(r.address for r in TABLE.registers if r.signal == signal)
+            data = np.array([value], ">f4").tobytes()
+            answers.append(self.ask(b"\x10" + address.to_bytes(2, "big") + b"\0\2\4" + data, peer))
+        return answers
+
+    def apply(self, **settings: float) -> None:
+        """Stage and apply settings, all of which must be accepted."""
+        for answer in self.stage(**settings):
+            assert answer[0] == 0x10, answer
+        assert self.coil("apply")[0] == 5
+
+    def arm(self) -> None:
+        """Bring the rig from power-on to ACTIVE."""
+        self.wait(500)
+        self.beat(2, control_enable=1)
+        self.beat(2, control_reset=1)
+        assert self.coil("air_high")[0] == 5
+        self.beat(2, control_reset=0, control_hold=1)
+        self.beat(2, control_active=1)
+        assert self.state == "ACTIVE"
+
+    def hold_height(self) -> None:
+        """Let the vertical actuators hold the bolster where it is: else the air would lift it."""
+        here = {f"vertical_{side}_displacement_setpoint": self.read(f"vertical_{side}.displacement") for side in SIDES}
+        self.beat(2, **here)
+        self.apply(vertical_control=CONTROL_MODES.index("displacement"))
+
+
+def _signal(name: str) -> str:
+    return next(s.name for s in TABLE.signals if s.name.replace(".", "_") == name)
+
+
+@pytest.fixture(scope="session")
+def parameters():
+    return load("astb")
+
+
+@pytest.fixture
+def make_rig(parameters) -> Callable[..., Rig]:
+    return lambda seed=1, **changes: Rig(parameters.with_values(**changes), seed=seed)
+
+
+@pytest.fixture
+def commander(make_rig) -> Commander:
+    return Commander(make_rig())
+
+
+@pytest.fixture
+def armed(commander: Commander) -> Commander:
+    commander.arm()
+    return commander

@@ -1,0 +1,235 @@
+"""The rig by its bytes: arming, air, actuators, generator, limits, stop button, determinism."""
+
+import numpy as np
+import pytest
+
+from bench_protocol.table import AIR_MODES, AXES, TABLE, WAVES
+from bench_protocol.units import Hz, bar, kN, mm
+from bench_sim.rig.states import State
+
+VENT, FILL, LEVEL = AIR_MODES.index("vent"), AIR_MODES.index("fill"), AIR_MODES.index("level")
+
+
+def test_no_step_of_arming_can_be_skipped(commander) -> None:
+    commander.wait(500)
+    assert commander.state == "DISABLED"
+    assert commander.coil("air_high") == b"\x85\x04"
+    assert commander.coil("reset") == b"\x85\x04", "nobody commands: the air stays shut"
+    commander.beat(2, control_enable=1, control_hold=1, control_active=1)
+    assert commander.state == "DISABLED", "H and M without reset and air"
+    commander.beat(2, control_reset=1)
+    assert commander.state == "AIR_LOW"
+    commander.beat(5)
+    assert commander.state == "AIR_LOW", "levels are no edges"
+
+
+def test_clearing_the_bits_steps_down(armed) -> None:
+    armed.beat(2, control_active=0)
+    assert armed.state == "HOLD"
+    armed.beat(2, control_hold=0)
+    assert armed.state == "AIR_HIGH"
+    armed.beat(2, control_enable=0)
+    assert armed.state == "DISABLED"
+
+
+def test_filling_stops_at_the_target_and_venting_empties(armed) -> None:
+    armed.hold_height()
+    armed.apply(air_left_mode=FILL, air_left_target=2 * bar, air_right_mode=FILL, air_right_target=2 * bar)
+    armed.beat(600)
+    assert armed.read("left.auxiliary_pressure") == pytest.approx(2 * bar, abs=0.05 * bar)
+    armed.apply(air_left_mode=VENT, air_right_mode=VENT, air_left_target=0, air_right_target=0)
+    armed.beat(3000)
+    assert armed.read("left.auxiliary_pressure") < 0.15 * bar
+
+
+def test_leveling_lifts_the_empty_bolster_to_its_dead_band(armed) -> None:
+    armed.apply(air_left_mode=LEVEL, air_right_mode=LEVEL)
+    armed.beat(1250)
+    for side in ("left", "right"):
+        assert abs(armed.read(f"{side}.height")) < 14 * mm
+
+
+def test_air_low_restricts_and_disabled_shuts(commander) -> None:
+    commander.wait(500)
+    commander.beat(2, control_enable=1)
+    commander.beat(2, control_reset=1)
+    commander.apply(
+        air_left_mode=FILL, air_left_target=5 * bar, air_right_mode=FILL, air_right_target=5 * bar
+    )
+    commander.beat(50)
+    slow = commander.read("left.auxiliary_pressure")
+    commander.coil("air_high")
+    before = commander.read("left.auxiliary_pressure")
+    commander.beat(50)
+    fast = commander.read("left.auxiliary_pressure") - before
+    assert fast > 3 * slow > 0
+    commander.coil("disable")
+    commander.beat(50)
+    shut = commander.read("left.auxiliary_pressure")
+    commander.beat(50)
+    assert commander.read("left.auxiliary_pressure") == pytest.approx(shut, abs=0.05 * bar)
+
+
+def test_force_set_points_are_followed(armed) -> None:
+    armed.beat(1, lateral_force_setpoint=2 * kN)
+    armed.beat(50)
+    assert armed.read("lateral.force") == pytest.approx(2 * kN, abs=0.1 * kN)
+
+
+def test_a_change_of_control_mode_makes_no_bump(armed) -> None:
+    armed.beat(100, lateral_force_setpoint=1 * kN)
+    before = armed.read("lateral.displacement")
+    armed.apply(lateral_control=2)
+    armed.wait(20)
+    # The commander still streams 0 mm and 1 kN; without a new set-point nothing may have moved.
+    assert armed.read("lateral.displacement") == pytest.approx(before, abs=0.5 * mm)
+    assert armed.read("lateral.force") == pytest.approx(1 * kN, abs=0.3 * kN)
+
+
+def run_program(commander, **settings: float) -> np.ndarray:
+    commander.apply(**settings)
+    assert commander.coil("program_run")[0] == 5
+    trace = []
+    for _ in range(5000):
+        commander.beat(1)
+        trace.append(commander.read("platform.vertical"))
+        if commander.read("rig.program") == 0 and len(trace) > 3:
+            break
+    return np.array(trace)
+
+
+def test_unilateral_cosine_rises_to_its_amplitude_and_comes_back(armed) -> None:
+    trace = run_program(
+        armed,
+        generator_axis=AXES.index("platform_vertical"),
+        generator_wave=WAVES.index("unilateral_cosine"),
+        generator_amplitude=5 * mm,
+        generator_frequency=1.2 * Hz,
+        generator_cycles=3,
+    )
+    assert trace.max() == pytest.approx(5 * mm, abs=0.2 * mm)
+    assert trace.min() > -0.3 * mm
+    armed.beat(20)
+    assert armed.read("platform.vertical") == pytest.approx(0, abs=0.2 * mm)
+    assert armed.read("rig.generator_cycle") == 3
+
+
+def test_a_program_needs_active_and_a_control_mode(commander, armed) -> None:
+    armed.apply(lateral_control=0, generator_axis=AXES.index("lateral"))
+    assert armed.coil("program_run") == b"\x85\x04", "the actuator is off"
+    armed.apply(generator_axis=AXES.index("platform_vertical"))
+    armed.beat(2, control_active=0)
+    assert armed.coil("program_run") == b"\x85\x04", "not ACTIVE"
+
+
+def test_pausing_freezes_the_program_and_running_goes_on(armed) -> None:
+    armed.apply(
+        generator_axis=AXES.index("platform_vertical"),
+        generator_amplitude=0.01,
+        generator_frequency=0.5,
+        generator_cycles=5,
+    )
+    armed.coil("program_run")
+    armed.beat(80)
+    armed.beat(10, control_active=0)
+    assert armed.read("rig.program") == 2
+    frozen = armed.read("platform.vertical")
+    armed.beat(20)
+    assert armed.read("platform.vertical") == pytest.approx(frozen, abs=0.3 * mm)
+    armed.beat(2, control_active=1)
+    armed.coil("program_run")
+    armed.beat(60)
+    assert armed.read("rig.program") == 1
+
+
+def test_the_stop_button_vents_and_no_software_resets_it_alone(armed) -> None:
+    armed.hold_height()
+    armed.apply(air_left_mode=FILL, air_left_target=3 * bar, air_right_mode=FILL, air_right_target=3 * bar)
+    armed.beat(300)
+    before = armed.read("left.auxiliary_pressure")
+    armed.rig.press_estop()
+    armed.beat(100)
+    assert armed.state == "ESTOP"
+    assert armed.read("left.auxiliary_pressure") < 0.7 * before
+    assert armed.read("emergency.code") == 0xFF02
+    armed.beat(2, control_reset=1)
+    assert armed.coil("reset") == b"\x85\x04"
+    assert armed.state == "ESTOP"
+    armed.rig.release_estop()
+    armed.beat(2)
+    assert armed.state == "ESTOP", "releasing the button starts nothing"
+    armed.beat(2, control_reset=0)
+    armed.beat(2, control_reset=1)
+    assert armed.state == "DISABLED"
+
+
+def test_a_limit_holds_and_the_first_one_is_named(armed) -> None:
+    armed.beat(50, lateral_force_setpoint=50 * kN)
+    assert armed.state == "FAULT_HOLD"
+    assert TABLE.signals[int(armed.read("rig.tripped")) - 1].name == "lateral.force"
+    assert TABLE["rig.reason"].choices[int(armed.read("rig.reason"))] == "limit tripped"
+
+
+def test_power_can_be_switched_off_and_on(commander) -> None:
+    commander.wait(500)
+    assert commander.coil("power_off")[0] == 5
+    commander.wait(100)
+    assert commander.state == "OFF"
+    assert commander.coil("power_on")[0] == 5
+    commander.wait(500)
+    assert commander.state == "DISABLED"
+
+
+def test_the_shims_move_the_zero_and_not_the_bellows(commander) -> None:
+    commander.wait(500)
+    height, pressure = commander.read("left.height"), commander.read("left.bellows_pressure")
+    commander.apply(rig_nominal_preload=145 * kN)
+    commander.wait(1000)
+    # Emergency spring of 6 MN/m: 91.5 kN of difference are 15.25 mm.
+    assert commander.read("left.height") - height == pytest.approx(15.25 * mm, abs=0.3 * mm)
+    assert commander.read("left.bellows_pressure") == pytest.approx(pressure, abs=0.01 * bar)
+
+
+def test_the_shims_stay_while_the_actuators_hold(armed) -> None:
+    armed.stage(rig_nominal_preload=145 * kN)
+    assert armed.coil("apply") == b"\x85\x04"
+
+
+def test_same_seed_same_bytes_other_seed_other_bytes(make_rig) -> None:
+    def bytes_of(seed: int, batch: int) -> bytes:
+        rig = make_rig(seed)
+        return b"".join(rig.run(batch).tobytes() for _ in range(2000 // batch))
+
+    assert bytes_of(3, 2000) == bytes_of(3, 1) == bytes_of(3, 40)
+    assert bytes_of(3, 2000) != bytes_of(4, 2000)
+
+
+def test_rates_and_time_stamps_are_those_of_the_table(make_rig) -> None:
+    block = make_rig().run(1000)
+    for message in TABLE.messages:
+        mine = block[block["id"] == message.identifier]
+        if message.from_rig and message.rate:
+            assert mine.size == message.rate
+            assert set(np.diff(mine["time"])) == {round(1e9 / message.rate)}
+        else:
+            assert mine.size == 0
+    assert (np.diff(block["time"]) >= 0).all()
+
+
+def test_lateness_is_counted_where_it_belongs(make_rig) -> None:
+    rig = make_rig()
+    for lateness in (10e-6, 60e-6, 99e-6, 0.2e-3, 0.4e-3, 0.9e-3, 1.5e-3, 20e-3):
+        rig.report_lateness(lateness)
+    counts = [
+        rig.values[TABLE.index[f"rig.lateness_{n}"]]
+        for n in ("50us", "100us", "250us", "500us", "1ms", "more")
+    ]
+    assert counts == [1, 2, 1, 1, 1, 2]
+    assert rig.values[TABLE.index["rig.late_ticks"]] == 2
+    assert rig.values[TABLE.index["rig.lateness_max"]] == pytest.approx(20e-3)
+
+
+def test_a_lost_tick_under_the_policy_fault_is_a_fault(armed) -> None:
+    armed.rig.report_lateness(0.2, lost=True)
+    armed.rig.run(2)
+    assert armed.rig.state is State.FAULT_HOLD

@@ -1,0 +1,71 @@
+"""The state machine: every transition that the table has works, and no other does."""
+
+import itertools
+
+import pytest
+
+from bench_sim.rig.states import (
+    COMMAND_VALID,
+    ESTOP_RELEASED,
+    TRANSITIONS,
+    Event,
+    Reason,
+    State,
+    StateMachine,
+)
+
+YES = {COMMAND_VALID: lambda: True, ESTOP_RELEASED: lambda: True}
+NO = {COMMAND_VALID: lambda: False, ESTOP_RELEASED: lambda: False}
+ROWS = {(row.source, row.event): row for row in TRANSITIONS}
+
+
+def machine(state: State, conditions: dict = YES) -> StateMachine:
+    made = StateMachine(conditions)
+    made.state = state
+    return made
+
+
+def test_no_event_has_two_targets() -> None:
+    assert len(ROWS) == len(TRANSITIONS)
+
+
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, Event)))
+def test_only_the_rows_of_the_table_lead_anywhere(state: State, event: Event) -> None:
+    row = ROWS.get((state, event))
+    made = machine(state)
+    assert made.handle(event) == (row is not None)
+    assert made.state is (row.target if row else state)
+    refused = machine(state, NO)
+    assert refused.handle(event) == (row is not None and not row.needs)
+
+
+def test_every_state_can_be_reached_and_left() -> None:
+    reached = {State.OFF}
+    while grown := {row.target for row in TRANSITIONS if row.source in reached} - reached:
+        reached |= grown
+    assert reached == set(State)
+    assert {row.source for row in TRANSITIONS} == set(State)
+
+
+def test_from_every_state_the_stop_button_stops() -> None:
+    for state in set(State) - {State.OFF, State.ESTOP}:
+        made = machine(state)
+        assert made.handle(Event.ESTOP)
+        assert made.state is State.ESTOP
+
+
+def test_nothing_but_a_reset_leaves_a_latched_fault_upward() -> None:
+    up = {State.AIR_LOW, State.AIR_HIGH, State.HOLD, State.ACTIVE, State.DISABLED}
+    for row in TRANSITIONS:
+        if row.source in (State.FAULT_HOLD, State.FAULT_DISABLED, State.ESTOP) and row.target in up:
+            assert row.event is Event.RESET
+
+
+def test_the_first_reason_stays() -> None:
+    made = machine(State.ACTIVE)
+    made.handle(Event.COMMAND_LATE)
+    made.handle(Event.REACTED_HOLD)
+    made.handle(Event.COMMAND_LOST)
+    assert made.reason is Reason.COMMAND_LATE
+    made.handle(Event.RESET)
+    assert made.reason is Reason.NONE
