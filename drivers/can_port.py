@@ -1,0 +1,309 @@
+"""A CAN port: where the drivers put frame blocks on a bus and from where they hear every frame on it.
+
+``PythonCanPort`` makes one of any python-can bus, with a thread that does nothing but fetch frames, because a
+kernel's CAN socket holds only some 280 of them while the program computes. ``open_can`` chooses the bus.
+"""
+
+import contextlib
+import select
+import socket
+import struct
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, Protocol
+
+import can
+import numpy as np
+
+from bench_protocol.clock import wall_time_ns
+from bench_protocol.frames import EXTENDED_ID_MAX, FRAME, LENGTH_MAX, STANDARD_ID_MAX, Block, empty_block
+from bench_protocol.socketcand import iterate
+from drivers.errors import LinkLost
+from drivers.hub_bus import HubBus
+
+OnFrames = Callable[[Block], None]
+OnLost = Callable[[str], None]
+
+#: The interface `auto` looks for; a real bus must be asked for by its name.
+VIRTUAL_INTERFACE: Final = "vcan0"
+HUB_HOST: Final = "127.0.0.1"
+HUB_PORT: Final = 29536
+
+_ARPHRD_CAN: Final = "280"
+_POLL: Final = 0.2  # s, how long a receiver may sleep before it looks whether it is to end
+_RECEIVE_BUFFER: Final = 16 << 20  # bytes; the kernel charges about 800 for a frame, so these are 20 000
+_BATCH_MAX: Final = 4096
+
+# linux/socket.h, linux/can.h: numbers Python's socket module does not name.
+_SO_RCVBUFFORCE: Final = 33
+_SO_TIMESTAMPNS: Final = 35
+_SO_RXQ_OVFL: Final = 40
+_CAN_EFF_FLAG: Final = 0x8000_0000
+_CAN_RTR_FLAG: Final = 0x4000_0000
+_CAN_ERR_FLAG: Final = 0x2000_0000
+_CAN_FRAME: Final = struct.Struct("=IB3x8s")
+_TIMESPEC: Final = struct.Struct("@ll")
+_RECORD: Final = struct.Struct("<qIBB8s")
+
+
+class CanPort(Protocol):
+    """What the drivers need of a CAN bus."""
+
+    def send(self, block: Block) -> None:
+        """Put the frames on the bus in order; raises LinkLost if there is no bus any more."""
+
+    def subscribe(self, callback: OnFrames) -> None:
+        """Call ``callback(block)`` with everything received from now on, in order, in the receiver's thread."""
+
+    def on_lost(self, callback: OnLost) -> None:
+        """Call ``callback(reason)`` once when the bus is lost; at once if it is already."""
+
+    def close(self) -> None:
+        """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
+
+
+class _Receiver(Protocol):
+    """Fetches frames from one kind of bus."""
+
+    #: Frames the operating system had to throw away because nobody fetched them.
+    overflows: int
+
+    def receive(self, timeout: float) -> Block:
+        """Return what has come, waiting at most ``timeout`` s for the first frame; raises when the bus is lost."""
+
+    def send(self, block: Block) -> None: ...
+
+
+class _HubReceiver:
+    """A ``HubBus`` moves whole blocks by itself."""
+
+    overflows = 0
+
+    def __init__(self, bus: HubBus) -> None:
+        self.receive: Callable[[float], Block] = bus.recv_block
+        self.send: Callable[[Block], None] = bus.send_block
+
+
+class _MessageReceiver:
+    """Any other python-can bus, message by message."""
+
+    overflows = 0
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+
+    def receive(self, timeout: float) -> Block:
+        messages: list[can.Message] = []
+        message = self._bus.recv(timeout)
+        while message is not None:
+            if message.is_rx and not (message.is_error_frame or message.is_remote_frame or message.is_fd):
+                messages.append(message)
+            if len(messages) >= _BATCH_MAX:
+                break
+            message = self._bus.recv(0)
+        block = np.zeros(len(messages), FRAME)
+        for record, each in zip(block, messages, strict=True):
+            record["time"] = round(each.timestamp * 1e9)
+            record["id"], record["extended"] = each.arbitration_id, each.is_extended_id
+            record["length"] = len(each.data)
+            record["data"][: len(each.data)] = np.frombuffer(bytes(each.data), np.uint8)
+        return block
+
+    def send(self, block: Block) -> None:
+        for _, identifier, extended, data in iterate(block):
+            self._bus.send(can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _POLL)
+
+
+class _SocketCanReceiver:
+    """A SocketCAN bus, read past python-can: one system call per frame, kernel time stamps, losses counted."""
+
+    def __init__(self, bus: can.BusABC, sock: socket.socket) -> None:
+        self.overflows = 0
+        self._bus = bus
+        self._socket = sock
+        _enlarge(sock)
+        # From now on every frame brings the kernel's count of those it had no room for.
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        self._poll = select.poll()
+        self._poll.register(sock, select.POLLIN)
+
+    def receive(self, timeout: float) -> Block:
+        if not self._poll.poll(1000 * timeout):
+            return empty_block()
+        records: list[bytes] = []
+        while len(records) < _BATCH_MAX:
+            try:
+                raw, notes, flags, _ = self._socket.recvmsg(_CAN_FRAME.size, 128, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                break
+            time = 0
+            for _, kind, note in notes:
+                if kind == _SO_TIMESTAMPNS:
+                    seconds, nanoseconds = _TIMESPEC.unpack_from(note)
+                    time = seconds * 1_000_000_000 + nanoseconds
+                elif kind == _SO_RXQ_OVFL:
+                    self.overflows = int.from_bytes(note[:4], "little" if _LITTLE else "big")
+            # MSG_CONFIRM marks this socket's own frames, which a bus with an echo sends back.
+            if len(raw) != _CAN_FRAME.size or flags & socket.MSG_CONFIRM:
+                continue
+            word, length, data = _CAN_FRAME.unpack(raw)
+            if word & (_CAN_RTR_FLAG | _CAN_ERR_FLAG):
+                continue
+            extended = bool(word & _CAN_EFF_FLAG)
+            identifier = word & (EXTENDED_ID_MAX if extended else STANDARD_ID_MAX)
+            length = min(length, LENGTH_MAX)
+            records.append(_RECORD.pack(time or wall_time_ns(), identifier, extended, length, data[:length]))
+        return np.frombuffer(bytearray(b"".join(records)), FRAME)
+
+    def send(self, block: Block) -> None:
+        for _, identifier, extended, data in iterate(block):
+            self._bus.send(can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _POLL)
+
+
+_LITTLE: Final = struct.pack("=H", 1) == b"\1\0"
+
+
+class PythonCanPort:
+    """A ``CanPort`` on any python-can bus, which it owns and shuts down when it is closed.
+
+    A subscriber that raises is a fault nobody would hear of in a background thread: the port counts as lost, with
+    the exception as the reason.
+    """
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._receiver = _receiver(bus)
+        self._subscribers: tuple[OnFrames, ...] = ()
+        self._lost_callbacks: list[OnLost] = []
+        self._lost = ""
+        self._closing = False
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._run, name=f"receiver of {bus.channel_info}", daemon=True)
+        self._thread.start()
+
+    @property
+    def description(self) -> str:
+        """Which bus this is, for people."""
+        return str(self._bus.channel_info)
+
+    @property
+    def overflows(self) -> int:
+        """Frames the kernel has thrown away since the port was opened; 0 on buses that cannot tell."""
+        return self._receiver.overflows
+
+    def send(self, block: Block) -> None:
+        """Put the frames on the bus in order; raises LinkLost if there is no bus any more."""
+        if self._lost:
+            raise LinkLost(self._lost)
+        try:
+            self._receiver.send(block)
+        except (can.CanError, OSError) as error:
+            raise LinkLost(f"frames could not be sent: {error}") from error
+
+    def subscribe(self, callback: OnFrames) -> None:
+        """Call ``callback(block)`` with everything received from now on, in order, in the receiver's thread."""
+        with self._lock:
+            self._subscribers += (callback,)
+
+    def on_lost(self, callback: OnLost) -> None:
+        """Call ``callback(reason)`` once when the bus is lost; at once if it is already."""
+        with self._lock:
+            if not self._lost:
+                self._lost_callbacks.append(callback)
+                return
+        callback(self._lost)
+
+    def close(self) -> None:
+        """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
+        self._closing = True
+        if isinstance(self._bus, HubBus):
+            self._bus.shutdown()  # which wakes the receiver; other buses are shut down only when nobody reads
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+        self._bus.shutdown()
+        self._lost = self._lost or f"{self.description} was closed"
+
+    def _run(self) -> None:
+        try:
+            while not self._closing:
+                block = self._receiver.receive(_POLL)
+                if len(block) and not self._closing:
+                    for callback in self._subscribers:
+                        callback(block)
+        except (can.CanError, OSError) as error:
+            self._report(str(error))
+        except Exception as error:
+            self._report(f"a subscriber of {self.description} failed: {type(error).__name__}: {error}")
+
+    def _report(self, reason: str) -> None:
+        if self._closing:
+            return
+        with self._lock:
+            self._lost = reason
+            callbacks, self._lost_callbacks = self._lost_callbacks, []
+        for callback in callbacks:
+            callback(reason)
+
+
+def open_can(spec: str = "auto", *, host: str = HUB_HOST, port: int = HUB_PORT) -> PythonCanPort:
+    """Open the bus ``spec``: ``auto``, ``tcp``, or a SocketCAN interface such as ``vcan0`` or ``can0``.
+
+    ``auto`` is SocketCAN's vcan0 if the kernel has it, else the hub; ``tcp`` is the hub at ``host``:``port``.
+    Raises LinkLost, in words, if the bus cannot be opened.
+    """
+    kind = resolve_can(spec)
+    try:
+        if kind == "tcp":
+            return PythonCanPort(HubBus(VIRTUAL_INTERFACE, host, port))
+        if not has_interface(kind):
+            raise LinkLost(
+                f"can = {spec!r}: this machine has no CAN interface of that name"
+                f" (it has {', '.join(can_interfaces()) or 'none at all'}; 'tcp' is the rig's own hub)"
+            )
+        # Error frames are of no use here, and not asking for them costs nothing.
+        bus = can.Bus(channel=kind, interface="socketcan", ignore_rx_error_frames=True, ignore_config=True)
+        return PythonCanPort(bus)
+    except (can.CanError, OSError) as error:
+        raise LinkLost(f"the CAN bus '{spec}' cannot be opened: {error}") from error
+
+
+def resolve_can(spec: str) -> str:
+    """Return what ``spec`` means on this machine: ``tcp`` or the name of a SocketCAN interface."""
+    if spec == "auto":
+        return VIRTUAL_INTERFACE if has_interface(VIRTUAL_INTERFACE) else "tcp"
+    return spec
+
+
+def has_interface(name: str) -> bool:
+    """Return whether the kernel has a CAN interface ``name`` that is up."""
+    return name in can_interfaces()
+
+
+def can_interfaces() -> list[str]:
+    """Return the names of the CAN interfaces that are up, sorted."""
+    found = []
+    for kind in Path("/sys/class/net").glob("*/type"):
+        with contextlib.suppress(OSError, ValueError):
+            up = int((kind.parent / "flags").read_text(), 16) & 1
+            if up and kind.read_text().strip() == _ARPHRD_CAN:
+                found.append(kind.parent.name)
+    return sorted(found)
+
+
+def _receiver(bus: can.BusABC) -> _Receiver:
+    if isinstance(bus, HubBus):
+        return _HubReceiver(bus)
+    sock = getattr(bus, "socket", None)
+    if isinstance(sock, socket.socket) and sock.family == getattr(socket, "AF_CAN", None):
+        return _SocketCanReceiver(bus, sock)
+    return _MessageReceiver(bus)
+
+
+def _enlarge(sock: socket.socket) -> None:
+    """Give the socket room for some 20 000 frames, or as much as an ordinary user is allowed."""
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
+    except OSError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)

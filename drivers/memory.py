@@ -1,0 +1,147 @@
+"""CAN without a wire: a port in memory for virtual time, and a faulty link to put around any port."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench_protocol.frames import Block, join
+from drivers.errors import LinkLost
+
+if TYPE_CHECKING:
+    from drivers.can_port import CanPort, OnFrames, OnLost
+
+
+class InMemoryCan:
+    """A ``CanPort`` whose far end is two functions: ``send`` calls the one given, ``deliver`` plays the bus."""
+
+    def __init__(self, send: OnFrames) -> None:
+        self._send = send
+        self._subscribers: tuple[OnFrames, ...] = ()
+        self._lost_callbacks: list[OnLost] = []
+        self._lost = ""
+
+    def send(self, block: Block) -> None:
+        """Hand the frames to the far end; raises LinkLost if there is no bus any more."""
+        if self._lost:
+            raise LinkLost(self._lost)
+        self._send(block)
+
+    def deliver(self, block: Block) -> None:
+        """Hand frames of the far end to the subscribers."""
+        if block.size and not self._lost:
+            for callback in self._subscribers:
+                callback(block)
+
+    def lose(self, reason: str) -> None:
+        """Cut the bus, as a dead server would."""
+        if self._lost:
+            return
+        self._lost = reason
+        callbacks, self._lost_callbacks = self._lost_callbacks, []
+        for callback in callbacks:
+            callback(reason)
+
+    def subscribe(self, callback: OnFrames) -> None:
+        """Call ``callback(block)`` with everything delivered from now on."""
+        self._subscribers += (callback,)
+
+    def on_lost(self, callback: OnLost) -> None:
+        """Call ``callback(reason)`` once when the bus is cut; at once if it is already."""
+        if self._lost:
+            callback(self._lost)
+        else:
+            self._lost_callbacks.append(callback)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._lost = self._lost or "the bus in memory was closed"
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """How bad a link is: the probability per frame of every mishap, 0 to 1."""
+
+    lose: float = 0.0
+    double: float = 0.0
+    delay: float = 0.0  #: the frame comes up to ``delay_frames`` frames later than its turn
+    echo: float = 0.0  #: a frame that we send comes back to us, as on a real bus
+    delay_frames: int = 20
+
+    def __post_init__(self) -> None:
+        for name in ("lose", "double", "delay", "echo"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} = {getattr(self, name):g} is not a probability (0 to 1)")
+        if not 1 <= self.delay_frames <= 10_000:
+            raise ValueError(f"delay_frames = {self.delay_frames} is not a delay to simulate (1 to 10000)")
+
+
+class _Mishaps:
+    """What happens to the frames of one direction; the same seed does the same to the same frames."""
+
+    def __init__(self, faults: Faults, chance: random.Random) -> None:
+        self._faults, self._chance = faults, chance
+        self._held: list[tuple[int, Block]] = []
+        self._passed = 0
+
+    def through(self, block: Block) -> Block:
+        """Return what comes out when ``block`` goes in."""
+        faults, chance, out = self._faults, self._chance, []
+        for k in range(block.size):
+            frame = block[k : k + 1]
+            self._passed += 1
+            # Four draws for every frame, needed or not: a mishap must not shift the fate of later frames.
+            lost, doubled, delayed, wait = (chance.random() for _ in range(4))
+            if delayed < faults.delay:
+                self._held.append((self._passed + 1 + int(wait * faults.delay_frames), frame.copy()))
+            elif lost >= faults.lose:
+                out += [frame, frame] if doubled < faults.double else [frame]
+            due = [held for held in self._held if held[0] <= self._passed]
+            self._held = [held for held in self._held if held[0] > self._passed]
+            out += [held[1] for held in due]
+        return join(out)
+
+
+class FaultyCan:
+    """Wraps a ``CanPort``: frames in both directions are lost, doubled, delayed; our own come back as echoes."""
+
+    def __init__(self, port: CanPort, faults: Faults, seed: int) -> None:
+        self._port, self._faults = port, faults
+        self._outward = _Mishaps(faults, random.Random(f"out {seed}"))
+        self._inward = _Mishaps(faults, random.Random(f"in {seed}"))
+        self._echoes = random.Random(f"echo {seed}")
+        self._subscribers: tuple[OnFrames, ...] = ()
+        port.subscribe(self._receive)
+
+    def send(self, block: Block) -> None:
+        """Send what the mishaps leave of ``block``."""
+        survivors = self._outward.through(block)
+        if survivors.size:
+            self._port.send(survivors)
+        echoed = np.array([self._echoes.random() < self._faults.echo for _ in range(block.size)], bool)
+        if echoed.any():
+            self._hand_on(block[echoed])
+
+    def subscribe(self, callback: OnFrames) -> None:
+        """Call ``callback(block)`` with what the mishaps leave of everything received."""
+        self._subscribers += (callback,)
+
+    def on_lost(self, callback: OnLost) -> None:
+        """Call ``callback(reason)`` when the port underneath is lost."""
+        self._port.on_lost(callback)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._port.close()
+
+    def _receive(self, block: Block) -> None:
+        survivors = self._inward.through(block)
+        if survivors.size:
+            self._hand_on(survivors)
+
+    def _hand_on(self, block: Block) -> None:
+        for callback in self._subscribers:
+            callback(block)

@@ -1,0 +1,215 @@
+"""The Modbus side of the bench: staged settings, actions, contacts, the slow readings, the probes and the lease."""
+
+from __future__ import annotations
+
+import math
+import struct
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.modbus import NO_AUTHORITY
+from bench_protocol.signals import Kind, Register, Table
+from bench_protocol.table import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD
+from drivers.errors import LinkLost, MapMismatch, Misuse, NotCommander, Refused
+
+if TYPE_CHECKING:
+    from drivers.modbus_port import ModbusPort
+
+_SINGLE: Final = struct.Struct(">f")
+_PROBE_REGISTERS: Final = 7
+#: A block that changes under three reads in a row is no block of this rig.
+_READ_TRIES: Final = 3
+
+
+def single(value: float) -> float:
+    """Return ``value`` as an IEEE-754 single carries it."""
+    return float(_SINGLE.unpack(_SINGLE.pack(value))[0])
+
+
+def to_words(value: float) -> tuple[int, int]:
+    """Return ``value`` as two registers, IEEE-754 single, high word first."""
+    word = int.from_bytes(_SINGLE.pack(value), "big")
+    return word >> 16, word & 0xFFFF
+
+
+def from_words(high: int, low: int) -> float:
+    """Return the IEEE-754 single in two registers, high word first."""
+    return float(_SINGLE.unpack(((high << 16) | low).to_bytes(4, "big"))[0])
+
+
+class Settings:
+    """Writes settings all or none, triggers actions, and reads what does not travel on CAN."""
+
+    def __init__(self, table: Table, port: ModbusPort) -> None:
+        self._table, self._port = table, port
+        self._holding = self._registers("holding", Kind.SETTING)
+        self._coils = self._registers("coil", Kind.ACTION)
+        self._contacts = self._registers("discrete", Kind.INTERLOCK)
+        readings = [r for r in table.registers if r.space == "input" and r.encoding == "float32"]
+        self._readings = [r for r in readings if r.signal in table.index]
+        self._known: dict[str, float] = {}
+        self._lock = threading.RLock()
+
+    def _registers(self, space: str, kind: Kind) -> dict[str, Register]:
+        return {
+            register.signal: register
+            for register in self._table.registers
+            if register.space == space
+            and register.signal in self._table.index
+            and self._table[register.signal].kind is kind
+        }
+
+    # -- settings ------------------------------------------------------------------------------------------------
+
+    def number(self, name: str, value: float | str) -> float:
+        """Return ``value``, a number (SI) or the name of a choice, as a number; ValueError if it does not fit."""
+        signal = self._table[name]
+        if signal.kind is not Kind.SETTING:
+            raise Misuse(f"{name} is a {signal.kind}, not a setting that could be written")
+        if isinstance(value, str):
+            if value not in signal.choices:
+                raise ValueError(f"{name} = {value!r} is not one of {signal.range_text() or 'its choices'}")
+            return float(signal.choices.index(value))
+        number = signal.check(float(value))
+        if signal.choices and number != round(number):
+            raise ValueError(
+                f"{name} = {number:g} is not the number of a choice; it is one of {signal.range_text()}"
+            )
+        return number
+
+    def write(self, values: Mapping[str, float | str]) -> None:
+        """Check all ``values``, stage them in one request and take them over with APPLY.
+
+        ValueError before anything is sent if one does not fit; ``Refused`` if the rig does not take them over, which
+        then leaves everything, staged values included, as it was.
+        """
+        checked = {name: self.number(name, value) for name, value in values.items()}
+        if not checked:
+            return
+        with self._lock:
+            before = dict(self._settings())
+            self._stage(before, checked)
+            try:
+                self.act("action.apply")
+            except Refused:
+                self._stage(before, {name: before[name] for name in checked})
+                raise
+            self._known.update({name: single(value) for name, value in checked.items()})
+
+    def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
+        """Write the registers from the first to the last of ``values``: one request is staged or refused as one."""
+        addresses = [self._holding[name].address for name in values]
+        span = [r for r in self._holding.values() if min(addresses) <= r.address <= max(addresses)]
+        words = [word for r in span for word in to_words(values.get(r.signal, known[r.signal]))]
+        self._commanding(lambda: self._port.write_registers(span[0].address, words))
+
+    def read(self, name: str) -> float:
+        """Return a setting (SI) as the rig has it."""
+        register = self._holding[self._setting(name)]
+        return from_words(*self._port.read_holding(register.address, 2))
+
+    def _setting(self, name: str) -> str:
+        if self._table[name].kind is not Kind.SETTING:
+            raise Misuse(f"{name} is a {self._table[name].kind}, not a setting")
+        return name
+
+    def _settings(self) -> dict[str, float]:
+        if not self._known:
+            registers = list(self._holding.values())
+            words = self._port.read_holding(registers[0].address, 2 * len(registers))
+            self._known = {r.signal: from_words(*words[2 * k : 2 * k + 2]) for k, r in enumerate(registers)}
+        return self._known
+
+    # -- actions, contacts, slow readings ------------------------------------------------------------------------
+
+    def act(self, name: str) -> None:
+        """Trigger an action by its name in the table (``action.apply``)."""
+        if name not in self._coils:
+            raise Misuse(f"there is no action {name!r}; there are {', '.join(self._coils)}")
+        address = self._coils[name].address
+        try:
+            self._commanding(lambda: self._port.write_coil(address, True))
+        except Refused as refused:
+            raise Refused(f"{name} was refused in the rig's present state: {refused}", refused.code) from None
+
+    def contact(self, name: str) -> bool:
+        """Return whether a contact of the interlocks is on."""
+        return self._port.read_discrete(self._contacts[name].address, 1)[0]
+
+    def contacts(self) -> dict[str, bool]:
+        """Return all contacts of the interlocks, read in one request."""
+        first = min(register.address for register in self._contacts.values())
+        bits = self._port.read_discrete(first, len(self._contacts))
+        return {name: bits[register.address - first] for name, register in self._contacts.items()}
+
+    def snapshot(self) -> dict[str, float]:
+        """Return all readings (SI) of one step of the rig: the sequence numbers at both ends of the block agree."""
+        first, last = self._readings[0].address - 1, self._readings[-1].address + 2
+        for _ in range(_READ_TRIES):
+            words = self._port.read_input(first, last - first + 1)
+            if words[0] == words[-1]:
+                return {
+                    r.signal: from_words(*words[r.address - first : r.address - first + 2])
+                    for r in self._readings
+                }
+        raise LinkLost(
+            f"the block of readings at input register {first} changed under {_READ_TRIES} reads in a row"
+        )
+
+    def reading(self, name: str) -> float:
+        """Return one reading (SI) through Modbus, NaN where the rig has none."""
+        register = next((r for r in self._readings if r.signal == name), None)
+        if register is None:
+            raise Misuse(f"{name} is not a reading of the Modbus map")
+        return from_words(*self._port.read_input(register.address, 2))
+
+    # -- who we are ----------------------------------------------------------------------------------------------
+
+    def probe(self) -> None:
+        """Compare the rig's probe registers and map hash with ours; ``MapMismatch`` says what differs."""
+        words = self._port.read_input(0, _PROBE_REGISTERS)
+        number, word = from_words(*words[3:5]), (words[5] << 16) | words[6]
+        if not math.isclose(number, PROBE_FLOAT, rel_tol=1e-6) or word != PROBE_WORD:
+            raise MapMismatch(
+                f"the probe registers read {number:g} and {word:#010x}, not {PROBE_FLOAT:g} and {PROBE_WORD:#010x}: "
+                "words or bytes arrive in another order, or this is another device"
+            )
+        self.compare((words[1] << 16) | words[2])
+
+    def compare(self, map_hash: int) -> None:
+        """``MapMismatch`` if ``map_hash`` is not that of our table of signals."""
+        ours = self._table.map_hash
+        if map_hash != ours:
+            raise MapMismatch(
+                f"the rig's map hash is {map_hash:#010x}, that of these drivers is {ours:#010x}: "
+                "bring both to the same version of the table of signals"
+            )
+
+    def take_lease(self, token: int) -> None:
+        """Become the commander (``token`` 1 to 65535); ``NotCommander`` if somebody else is."""
+        if not 1 <= token <= 0xFFFF:
+            raise ValueError(f"token = {token} does not fit in the lease register (1 to 65535)")
+        self._lease([token])
+
+    def return_lease(self) -> None:
+        """Let somebody else become the commander."""
+        self._lease([0])
+
+    def holder(self) -> int:
+        """Return the token of whoever holds the bench, 0 if nobody does."""
+        return self._port.read_holding(LEASE_ADDRESS, 1)[0]
+
+    def _lease(self, words: Sequence[int]) -> None:
+        self._commanding(lambda: self._port.write_registers(LEASE_ADDRESS, words))
+
+    def _commanding(self, request: Callable[[], None]) -> None:
+        try:
+            request()
+        except Refused as refused:
+            if refused.code != NO_AUTHORITY:
+                raise
+            holder = self.holder()
+            raise NotCommander(
+                f"the bench is held by another commander (token {holder}); it must let go before this one can act"
+            ) from refused

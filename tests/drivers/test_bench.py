@@ -1,0 +1,485 @@
+"""The bench as plans see it: bounded waits, faults in words, changes without a bump, a generator that is waited for."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bench_protocol.units import NS, Hz, bar, kN, mm, mrad, ms, s
+from drivers.commander import BEAT
+from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, NotCommander, RigFault, Stale
+
+# -- arming ------------------------------------------------------------------------------------------------------
+
+
+def test_arming_walks_through_every_state_and_disarming_back(world, bench):
+    bench.arm()
+    assert bench.rig.state == "ACTIVE"
+    bench.disarm()
+    assert bench.rig.state == "DISABLED"
+    walked = [state for _, state, _ in world.peer.tracks]
+    unique = [a for a, b in zip(walked, [None, *walked], strict=False) if a != b]
+    assert unique[-8:] == [
+        "DISABLED",
+        "AIR_LOW",
+        "AIR_HIGH",
+        "HOLD",
+        "ACTIVE",
+        "HOLD",
+        "AIR_HIGH",
+        "DISABLED",
+    ]
+
+
+def test_arming_takes_over_what_is_measured(world, bench):
+    world.peer.values |= {
+        "lateral.force": 1 * kN,
+        "lateral.displacement": -7 * mm,
+        "vertical_left.force": 3 * kN,
+    }
+    bench.arm()
+    assert bench.lateral.force_setpoint == pytest.approx(1 * kN)
+    assert bench.lateral.displacement_setpoint == pytest.approx(-7 * mm)
+    assert world.peer.values["vertical_left.force"] == pytest.approx(3 * kN)  # ACTIVE moved nothing
+
+
+def test_arming_is_bounded(world, bench):
+    world.peer.reset = lambda: None  # a rig that does not leave DISABLED
+    before = bench.now
+    with pytest.raises(BenchTimeout, match=r"AIR_LOW or .*: not reached within .*rig\.state = DISABLED"):
+        bench.arm(within=2 * s)
+    assert bench.now - before <= 2 * s + 2 * BEAT / NS
+
+
+@pytest.mark.parametrize("state", ["FAULT_HOLD", "FAULT_DISABLED"])
+def test_arming_resets_a_latched_fault_first(world, bench, state):
+    bench.arm()
+    world.peer.fault(state, "command late")
+    with pytest.raises(RigFault):
+        bench.wait(1 * s)
+    bench.arm()
+    assert bench.rig.state == "ACTIVE"
+    assert bench.rig.reason == "none"
+
+
+def test_an_emergency_stop_is_not_reset_while_it_is_pressed(world, armed):
+    world.peer.estop = True
+    world.peer.fault("ESTOP", "emergency stop")
+    with pytest.raises(RigFault, match="emergency stop"):
+        armed.wait(1 * s)
+    with pytest.raises(RigFault, match="release the button"):
+        armed.arm()
+    assert armed.rig.state == "ESTOP"
+    world.peer.estop = False
+    armed.arm()
+    assert armed.rig.state == "ACTIVE"
+
+
+def test_disarming_works_in_a_fault_and_leaves_it_latched(world, armed):
+    world.peer.fault("FAULT_HOLD", "limit tripped")
+    armed.disarm()
+    assert armed.rig.state == "FAULT_DISABLED"
+    assert armed.rig.reason == "limit tripped"
+
+
+def test_a_plan_that_fails_leaves_a_bench_at_rest(world):
+    with pytest.raises(ZeroDivisionError), world.bench as bench:
+        bench.arm()
+        1 / 0  # noqa: B018
+    assert world.peer.state == "DISABLED"
+    assert world.peer.lease == 0
+    world.bench.close()
+
+
+def test_connecting_twice_is_misuse(bench):
+    with pytest.raises(Misuse, match="connected already"):
+        bench.connect()
+    assert bench.rig.state != "unknown"
+
+
+# -- waiting -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("duration", [0, 1 * ms, 20 * ms, 0.333, 2.0])
+def test_waiting_takes_as_long_as_it_says(bench, duration):
+    before = bench.clock.now()
+    bench.wait(duration)
+    assert bench.clock.now() - before == round(duration * NS)
+
+
+@pytest.mark.parametrize("duration", [-1, math.nan, math.inf, 1e9])
+def test_waits_are_bounded(bench, duration):
+    with pytest.raises(ValueError, match="is not a time to wait"):
+        bench.wait(duration)
+    with pytest.raises(ValueError, match="is not a time to wait"):
+        bench.wait_for(lambda: True, within=duration)
+
+
+def test_a_wait_that_fails_says_what_how_long_and_what_is(world, bench):
+    world.peer.values["left.height"] = -12 * mm
+    world.peer.values["supply.pressure"] = math.nan
+    before = bench.now
+    with pytest.raises(BenchTimeout) as failure:
+        bench.wait_for(
+            lambda: bench.left.height > 0 or bench.supply.pressure > 9 * bar,
+            within=3 * s,
+            what="left spring at height",
+        )
+    assert bench.now - before == pytest.approx(3 * s)
+    assert str(failure.value) == (
+        "left spring at height: not reached within 3 s; "
+        "now left.height = -12 mm, supply.pressure is unavailable"
+    )
+    assert failure.value.fault == "rig"
+
+
+def test_a_wait_ends_within_a_beat_of_its_condition(world, bench):
+    start = bench.now
+    bench.wait_for(lambda: bench.now >= start + 0.5, within=1 * s)
+    assert bench.now - start == pytest.approx(0.5, abs=0.021)
+
+
+def test_steady_means_without_interruption(world, bench):
+    start = bench.now
+    flicker = lambda: (bench.now - start) % 0.5 > 0.1  # noqa: E731
+    with pytest.raises(BenchTimeout):
+        bench.wait_for(flicker, within=2 * s, what="peace", steady=0.45 * s)
+    before = bench.now
+    bench.wait_for(lambda: True, within=2 * s, steady=0.4 * s)
+    assert bench.now - before == pytest.approx(0.4, abs=0.021)
+
+
+def test_nothing_known_satisfies_no_limit(world, bench):
+    world.peer.silent_can = True
+    world.pass_time(0.5)
+    for condition in (lambda: bench.left.height > -1, lambda: bench.left.height < 1):
+        with pytest.raises(BenchTimeout, match=r"left\.height is stale for 0\.\d+ s"):
+            bench.wait_for(condition, within=0.2 * s)
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda b: b.wait(10 * s),
+        lambda b: b.wait_for(lambda: False, within=10 * s),
+        lambda b: b.air.fill(to=9 * bar, within=100 * s),
+        lambda b: b.generator.run("vertical", force_amplitude=1 * kN, frequency=1 * Hz, cycles=10),
+        lambda b: b.average("left.height", over=10 * s),
+        lambda b: b.lateral.push(50 * kN, 1 * kN),
+    ],
+)
+def test_every_wait_notices_a_fault_and_tells_the_rigs_reason(world, armed, act):
+    when = armed.clock.now() + round(0.5 * NS)
+    hit = armed.clock.every(round(0.5 * NS), lambda: world.peer.fault("FAULT_HOLD", "command late"))
+    with pytest.raises(RigFault, match="the rig left ACTIVE: state FAULT_HOLD, reason: command late"):
+        act(armed)
+    hit.cancel()
+    assert armed.clock.now() - when <= 3 * BEAT
+
+
+def test_the_limit_that_tripped_first_is_named(world, armed):
+    world.peer.values["left.height"] = 140 * mm
+    world.peer.values["rig.tripped"] = 1.0
+    world.peer.fault("FAULT_HOLD", "limit tripped")
+    with pytest.raises(RigFault, match=r"reason: limit tripped, first limit: left\.height = 140 mm"):
+        armed.wait(1 * s)
+
+
+def test_tear_down_may_go_on_despite_a_fault(world, armed):
+    world.peer.fault("FAULT_HOLD", "limit tripped")
+    with armed.despite_faults():
+        armed.wait(0.1 * s)
+    with pytest.raises(RigFault):
+        armed.wait(0.1 * s)
+
+
+def test_a_silent_rig_is_noticed(world, armed):
+    world.peer.silent_can = True
+    before = armed.now
+    with pytest.raises(LinkLost, match="the rig is silent: no State message for"):
+        armed.wait(10 * s)
+    assert armed.now - before < 1 * s
+
+
+def test_the_lease_is_looked_at_while_waiting(world, armed):
+    asked = len(world.peer.requests)
+    armed.wait(60 * s)
+    assert 10 <= len(world.peer.requests) - asked <= 13  # no Modbus server sees us silent for longer than 6 s
+    world.peer.lease = 99
+    before = armed.now
+    with pytest.raises(NotCommander, match="held by the commander with token 99, no longer by this one"):
+        armed.wait(60 * s)
+    assert armed.now - before < 6
+
+
+def test_a_cut_bus_is_noticed_at_once(world, armed):
+    world.can.lose("the server has gone")
+    before = armed.now
+    with pytest.raises(LinkLost, match="the server has gone"):
+        armed.wait(10 * s)
+    assert armed.now - before <= 0.04
+
+
+def test_a_rig_that_never_speaks_on_can_is_not_connected_to(world):
+    world.peer.silent_can = True
+    with pytest.raises(
+        LinkLost, match=r"first frames of the rig on CAN: not reached within 2 s.*rig\.state is missing"
+    ):
+        world.bench.connect()
+    assert world.peer.lease == 0
+
+
+def test_a_sink_that_fails_fails_the_plan(bench):
+    def full(*arrays):
+        raise OSError("no space left on device")
+
+    bench.receiver.sink = full
+    with pytest.raises(Misuse, match="no space left"):
+        bench.wait(0.2 * s)
+
+
+# -- moving ------------------------------------------------------------------------------------------------------
+
+
+def test_preload_ramps_in_force_control(world, armed):
+    armed.vertical.preload(53.5 * kN, 40 * kN, rate=20 * kN / s, tolerance=20.0)
+    assert armed.vertical_left.force == pytest.approx(53.5 * kN, abs=20)
+    assert armed.vertical_right.force == pytest.approx(40 * kN, abs=20)
+    track = np.array([c.get("vertical_left.force_setpoint", 0.0) for _, _, c in world.peer.tracks])
+    steps = np.diff(track[~np.isnan(track)])
+    assert steps.max() <= 20 * kN * 0.020 + 10
+
+
+@pytest.mark.parametrize("mode", ["displacement", "force"])
+def test_changing_the_control_mode_makes_no_bump(world, armed, mode):
+    other = "force" if mode == "displacement" else "displacement"
+    armed.vertical.control = other
+    measured = {"vertical_left": 31 * mm, "vertical_right": -22 * mm}
+    if mode == "force":
+        measured = {"vertical_left": 31 * kN, "vertical_right": 22 * kN}
+    for actuator, value in measured.items():
+        world.peer.values[f"{actuator}.{mode}"] = value
+    applied = []
+    apply = world.peer._act
+
+    def watch(name):
+        applied.append((len(world.peer.blocks), {k: v for k, v in world.peer.commands.items() if mode in k}))
+        apply(name)
+
+    world.peer._act = watch
+    before = len(world.peer.blocks)
+    armed.vertical.control = mode
+    (blocks, commands), *_ = applied
+    assert (
+        blocks - before > 2 + 10
+    )  # averaged over 10 beats, then streamed for more than two before the change
+    for actuator, value in measured.items():
+        assert commands[f"{actuator}.{mode}_setpoint"] == pytest.approx(value)
+        assert world.peer.values[f"{actuator}.{mode}"] == pytest.approx(value)
+
+
+def test_holding_the_position(world, armed):
+    world.peer.values["vertical_left.displacement"] = 12 * mm
+    armed.vertical.hold_position()
+    assert armed.vertical.control == "displacement"
+    armed.wait(1 * s)
+    assert armed.vertical_left.displacement == pytest.approx(12 * mm)
+
+
+def test_moving_and_pushing_sideways(armed):
+    armed.lateral.move_to(20 * mm, 40 * mm / s)
+    assert armed.lateral.control == "displacement"
+    assert armed.lateral.displacement == pytest.approx(20 * mm, abs=1 * mm)
+    assert armed.lateral.displacement_setpoint == 20 * mm  # the ramp is over, not only near its end
+    assert not armed.commander.moving()
+    armed.lateral.push(-4 * kN, 8 * kN / s)
+    assert armed.lateral.control == "force"
+    assert armed.lateral.force == pytest.approx(-4 * kN, abs=0.5 * kN)
+    armed.lateral.hold_position()
+    assert armed.lateral.control == "displacement"
+
+
+def test_moving_the_platform_leaves_other_axes_where_they_are(armed):
+    armed.platform.move_to(vertical=10 * mm, roll=20 * mrad, rate=20 * mm / s, roll_rate=40 * mrad / s)
+    armed.platform.move_to(lateral=-5 * mm)
+    armed.wait(0.1)
+    assert armed.platform.vertical == pytest.approx(10 * mm, abs=0.02 * mm)
+    assert armed.platform.lateral == pytest.approx(-5 * mm, abs=0.02 * mm)
+    assert armed.platform.roll == pytest.approx(20 * mrad, abs=0.02 * mrad)
+
+
+def test_an_actuator_that_does_not_follow_is_a_time_out_with_values(world, armed):
+    world.peer.sluggish = True
+    with pytest.raises(
+        BenchTimeout, match=r"lateral\.force at 4 kN: not reached within .* lateral\.force = 0 kN"
+    ):
+        armed.lateral.push(4 * kN, 8 * kN / s)
+
+
+def test_a_force_beyond_the_wire_is_refused_before_anything_moves(world, armed):
+    with pytest.raises(
+        ValueError, match=r"lateral\.force_setpoint = 70 kN does not fit on the wire.*-60 to 60 kN"
+    ):
+        armed.lateral.push(70 * kN)
+    assert armed.lateral.force_setpoint == pytest.approx(0)
+    with pytest.raises(ValueError, match=r"lateral\.control = 'speed' is not one of off"):
+        armed.lateral.control = "speed"
+
+
+# -- air ---------------------------------------------------------------------------------------------------------
+
+
+def test_filling_holding_and_venting(world, armed):
+    armed.air.fill(to=2 * bar, within=5 * s)
+    assert armed.left.bellows_pressure == pytest.approx(2 * bar, abs=0.06 * bar)
+    assert armed.right.bellows_pressure == pytest.approx(2 * bar, abs=0.06 * bar)
+    armed.air.hold()
+    assert (armed.air.left_mode, armed.air.right_mode) == ("hold", "hold")
+    armed.air.vent(within=5 * s)
+    assert armed.left.bellows_pressure < 0.1 * bar
+    armed.air.level()
+    assert (armed.air.left_mode, armed.air.right_mode) == ("level", "level")
+
+
+def test_one_side_alone(world, armed):
+    armed.air.fill(left=1 * bar, within=5 * s)
+    assert armed.air.left_mode == "fill"
+    assert armed.air.right_mode == "hold"
+    assert armed.right.bellows_pressure == 0
+    armed.air.vent(left=0.5 * bar, within=5 * s)
+    assert armed.left.bellows_pressure == pytest.approx(0.5 * bar, abs=0.06 * bar)
+
+
+def test_the_valves_between(world, armed):
+    armed.air.isolate_dpv()
+    armed.air.isolate_reservoirs()
+    assert (armed.air.dpv, armed.air.left_reservoir, armed.air.right_reservoir) == ("off", "off", "off")
+    armed.air.connect_dpv()
+    armed.air.connect_reservoirs()
+    assert (armed.air.dpv, armed.air.left_reservoir, armed.air.right_reservoir) == ("on", "on", "on")
+
+
+def test_filling_needs_one_clear_target(armed):
+    with pytest.raises(Misuse, match="not both"):
+        armed.air.fill(to=2 * bar, left=1 * bar)
+    with pytest.raises(Misuse, match="no pressure was given"):
+        armed.air.fill()
+    with pytest.raises(ValueError, match="20 bar does not fit"):
+        armed.air.fill(to=20 * bar)
+    assert armed.air.left_mode == "hold"
+
+
+def test_filling_too_slowly_is_a_time_out(armed):
+    with pytest.raises(
+        BenchTimeout, match=r"filled to 5 bar.*not reached within 1 s; now left\.bellows_pressure = 1"
+    ):
+        armed.air.fill(to=5 * bar, within=1 * s)
+
+
+# -- generator ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("frequency", "cycles"), [(1 * Hz, 5), (30 * Hz, 1), (0.5 * Hz, 1)])
+def test_a_run_of_the_generator_waits_for_its_end(world, armed, frequency, cycles):
+    armed.vertical.control = "displacement"
+    before = armed.now
+    armed.generator.run("vertical", amplitude=5 * mm, frequency=frequency, cycles=cycles)
+    assert armed.now - before == pytest.approx(max(cycles / frequency, 0.08), abs=0.05)
+    assert world.peer.settings["generator.amplitude"] == pytest.approx(5 * mm)
+    armed.generator.run("vertical", amplitude=6 * mm, frequency=frequency, cycles=cycles)  # and again
+    assert armed.rig.generator_cycle == cycles
+
+
+def test_a_program_that_ends_early_is_a_fault_of_the_rig(world, armed):
+    armed.vertical.control = "displacement"
+    armed.generator.start("vertical", amplitude=5 * mm, frequency=1 * Hz, cycles=5)
+    armed.wait(1.5 * s)
+    armed.generator.stop()
+    with pytest.raises(RigFault, match="ended after 1 of 5 cycles"):
+        armed.generator.wait_done(within=1 * s)
+
+
+def test_a_program_that_never_ends_is_a_time_out(world, armed):
+    armed.vertical.control = "displacement"
+    armed.generator.start("vertical", amplitude=5 * mm, frequency=1 * Hz, cycles=100)
+    with pytest.raises(BenchTimeout, match=r"end of the generator's program.*rig\.program = RUN"):
+        armed.generator.wait_done(within=2 * s)
+
+
+@pytest.mark.parametrize(
+    ("axis", "control", "amplitudes", "words"),
+    [
+        ("vertical", "force", {"amplitude": 5 * mm}, "needs force_amplitude.*given: amplitude"),
+        ("vertical", "displacement", {}, "needs amplitude.*given: none"),
+        (
+            "vertical",
+            "displacement",
+            {"amplitude": 1 * mm, "force_amplitude": 1 * kN},
+            "given: amplitude, force",
+        ),
+        ("roll", "force", {"roll_amplitude": 1 * mrad}, "must be in displacement"),
+        ("platform_roll", "force", {"amplitude": 1 * mm}, "needs roll_amplitude"),
+        ("vertical", "off", {"amplitude": 1 * mm}, "control mode 'off'"),
+    ],
+)
+def test_the_generator_wants_the_amplitude_that_fits_the_axis(world, armed, axis, control, amplitudes, words):
+    armed.vertical.control = control
+    count = len(world.peer.actions)
+    with pytest.raises(Misuse, match=words):
+        armed.generator.run(axis, frequency=1 * Hz, cycles=3, **amplitudes)
+    assert len(world.peer.actions) == count
+
+
+# -- measuring ---------------------------------------------------------------------------------------------------
+
+
+def test_a_capture_of_several_signals(world, bench):
+    with bench.capture("left.height", "load_cell.1", "rig.state") as capture:
+        bench.wait(1 * s)
+    times, columns = capture.aligned(rate=200)
+    assert set(columns) == {"left.height", "load_cell.1", "rig.state"}
+    assert len(times) == len(columns["left.height"]) >= 190
+    assert capture.times("left.height").size == 200
+    assert capture.times("rig.state").size == 50
+
+
+def test_an_average_is_the_mean_of_what_came(world, bench):
+    bench.clock.every(
+        5_000_000, lambda: world.peer.values.update({"left.height": (bench.clock.now() % 2 * 10) * mm})
+    )
+    world.peer.values["right.height"] = 4 * mm
+    assert bench.average("right.height", over=0.5 * s) == pytest.approx(4 * mm)
+    means = bench.averages("left.height", "right.height", over=0.5 * s)
+    assert means["right.height"] == pytest.approx(4 * mm)
+
+
+def test_no_average_of_nothing(world, bench):
+    world.peer.values["left.height"] = math.nan
+    bench.wait(0.1)
+    with pytest.raises(
+        Stale, match=r"no sample of left\.height came within 0\.5 s: left\.height is unavailable"
+    ):
+        bench.average("left.height", over=0.5 * s)
+
+
+def test_settling(world, bench):
+    world.peer.values["left.height"] = 100 * mm
+    decay = bench.clock.every(
+        5_000_000, lambda: world.peer.values.update({"left.height": 0.1 * 0.9**bench.now})
+    )
+    means = bench.settle("left.height", "right.height", band=2 * mm, over=1 * s, within=60 * s)
+    assert 0.018 * 0.85 < means["left.height"] < 0.022  # 10 % a second falls below 2 mm a second there
+    decay.cancel()
+    bench.clock.every(5_000_000, lambda: world.peer.values.update({"left.height": 0.01 * bench.now}))
+    with pytest.raises(BenchTimeout, match=r"not settled within 5 s.*left\.height moved from"):
+        bench.settle("left.height", band=1 * mm, over=1 * s, within=5 * s)
+
+
+def test_every_error_says_whose_fault_it_is():
+    kinds, found = [BenchError], []
+    while kinds:
+        kind = kinds.pop()
+        found.append(kind)
+        kinds += kind.__subclasses__()
+    assert len(found) >= 8
+    assert all(kind.fault in ("rig", "plan", "link") for kind in found)

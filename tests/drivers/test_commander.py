@@ -1,0 +1,197 @@
+"""The stream of commands: 50 a second, protected, with ramps that are exact to the last beat."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+e2e = pytest.importorskip("e2e.p01")
+
+from bench_protocol.can_codec import Decoder  # noqa: E402
+from bench_protocol.clock import RealClock, VirtualClock  # noqa: E402
+from bench_protocol.frames import join, payload  # noqa: E402
+from bench_protocol.table import TABLE  # noqa: E402
+from bench_protocol.units import NS, kN, mm, s  # noqa: E402
+from drivers.commander import BEAT, Commander  # noqa: E402
+from drivers.errors import LinkLost, Misuse  # noqa: E402
+from drivers.memory import InMemoryCan  # noqa: E402
+
+
+class Line:
+    """A commander in virtual time and the blocks that it sent."""
+
+    def __init__(self):
+        self.clock, self.blocks = VirtualClock(), []
+        self.port = InMemoryCan(self.blocks.append)
+        self.commander = Commander(TABLE, self.clock, self.port)
+
+    def beats(self, count):
+        self.clock.sleep_until(self.clock.now() + count * BEAT)
+
+    def track(self, name):
+        decoder = Decoder(TABLE)
+        return [v for b in self.blocks for v in _values(decoder.decode(b), name)]
+
+
+def _values(samples, name):
+    return samples.values[samples.signals == TABLE.index[name]].tolist()
+
+
+def test_fifty_blocks_a_second_of_all_four_messages():
+    line = Line()
+    line.commander.start()
+    line.beats(50)
+    assert len(line.blocks) == 50
+    for k, block in enumerate(line.blocks, 1):
+        assert block["id"].tolist() == [0x201, 0x202, 0x203, 0x204]
+        assert (block["time"] == k * BEAT).all()
+    line.commander.stop()
+    line.beats(50)
+    assert len(line.blocks) == 50
+
+
+def test_every_frame_is_accepted_by_the_autosar_oracle():
+    line = Line()
+    line.commander.set("lateral.force_setpoint", 1234.0)
+    line.commander.start()
+    line.beats(40)
+    messages = {m.identifier: m for m in TABLE.messages}
+    counters = {}
+    for record in join(line.blocks):
+        data = bytearray(payload(record))
+        assert e2e.e2e_p01_check(data, messages[int(record["id"])].data_id)
+        counters.setdefault(int(record["id"]), []).append(data[1] & 0x0F)
+        data[5] ^= 0x10
+        assert not e2e.e2e_p01_check(data, messages[int(record["id"])].data_id)
+    assert set(counters) == {0x201, 0x202, 0x203, 0x204}
+    for sequence in counters.values():
+        assert sequence == [k % 15 for k in range(40)]
+
+
+def test_set_points_nobody_gave_travel_as_not_available_and_bits_as_zero():
+    line = Line()
+    line.commander.start()
+    line.beats(1)
+    assert math.isnan(line.track("lateral.force_setpoint")[0])
+    assert line.track("control.enable") == [0.0]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    start=st.floats(-60 * kN, 60 * kN),
+    to=st.floats(-60 * kN, 60 * kN),
+    rate=st.floats(500, 1e6),
+)
+def test_a_ramp_is_a_straight_line_and_ends_exactly(start, to, rate):
+    line = Line()
+    line.commander.set("lateral.force_setpoint", start)
+    line.commander.start()
+    duration = line.commander.ramp("lateral.force_setpoint", to, rate)
+    assert duration == pytest.approx(max(0.0, abs(to - start) / rate), abs=1.001 * BEAT / NS)
+    beats = round(duration * NS / BEAT)
+    for k in range(1, beats + 1):
+        line.beats(1)
+        ideal = start + math.copysign(min(k * rate * BEAT / NS, abs(to - start)), to - start)
+        assert line.commander.value("lateral.force_setpoint") == pytest.approx(ideal, rel=1e-12, abs=1e-6)
+    if beats == 0:
+        line.beats(1)
+    line.beats(1)
+    assert line.commander.value("lateral.force_setpoint") == to
+    assert not line.commander.moving()
+    track = np.array(line.track("lateral.force_setpoint"))
+    assert np.all(np.diff(track) * math.copysign(1, to - start) >= 0)  # never back, never beyond
+    assert track[-1] == pytest.approx(to, abs=1.001)  # half a wire step
+
+
+def test_ramps_of_one_call_start_on_the_same_beat_and_another_call_takes_over():
+    line = Line()
+    names = ("vertical_left.force_setpoint", "vertical_right.force_setpoint")
+    line.commander.set_all(dict.fromkeys(names, 0.0))
+    line.commander.start()
+    assert line.commander.ramp_all(dict(zip(names, (10 * kN, 20 * kN), strict=True)), 10 * kN / s) == 2.0
+    line.beats(50)
+    assert [line.commander.value(name) for name in names] == [10 * kN, 10 * kN]
+    assert not line.commander.moving(names[0])
+    assert line.commander.moving(names[1])
+    line.commander.ramp(names[1], 0.0, 10 * kN / s)  # turns round where it is
+    line.beats(1)
+    assert line.commander.value(names[1]) == pytest.approx(9.8 * kN)
+    line.commander.freeze()
+    line.beats(10)
+    assert line.commander.value(names[1]) == pytest.approx(9.8 * kN)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda c: c.set("lateral.force_setpoint", 61 * kN), ValueError, "61 kN does not fit.*-60 to 60 kN"),
+        (lambda c: c.set("lateral.force_setpoint", math.nan), ValueError, "does not fit"),
+        (lambda c: c.set("left.height", 1 * mm), Misuse, "is a measurement, not a set-point"),
+        (lambda c: c.set("left.hieght", 1 * mm), KeyError, "no signal"),
+        (lambda c: c.ramp("lateral.force_setpoint", 0.0, 0.0), ValueError, "rate = 0"),
+        (lambda c: c.ramp("lateral.force_setpoint", 0.0, -1.0), ValueError, "must be positive"),
+        (lambda c: c.ramp("lateral.force_setpoint", 0.0, math.inf), ValueError, "rate = inf"),
+        (lambda c: c.ramp("lateral.displacement_setpoint", 0.0, 1.0), Misuse, "no value yet"),
+        (
+            lambda c: c.ramp_all({"lateral.force_setpoint": 1.0, "platform.roll_setpoint": 9.0}, 1.0),
+            ValueError,
+            "fit",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_and_changes_nothing(call, error, words):
+    line = Line()
+    line.commander.set("lateral.force_setpoint", 5 * kN)
+    with pytest.raises(error, match=words):
+        call(line.commander)
+    line.commander.start()
+    line.beats(3)
+    assert line.track("lateral.force_setpoint") == [5 * kN] * 3
+
+
+def test_values_set_together_travel_together():
+    line = Line()
+    with pytest.raises(ValueError, match="platform"):
+        line.commander.set_all({"lateral.force_setpoint": 1 * kN, "platform.vertical_setpoint": 1.0})
+    assert math.isnan(line.commander.value("lateral.force_setpoint"))
+
+
+def test_a_lost_bus_ends_the_stream_and_is_remembered():
+    line = Line()
+    line.commander.start()
+    line.beats(2)
+    line.port.lose("the server has gone")
+    line.beats(5)
+    assert len(line.blocks) == 2
+    assert isinstance(line.commander.failure, LinkLost)
+
+
+def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
+    clock, stamps = RealClock(), []
+    port = InMemoryCan(lambda block: stamps.append((int(block["time"][0]), clock.now())))
+    commander = Commander(TABLE, clock, port)
+    commander.start()
+
+    def pester(name):
+        for k in range(300):
+            commander.set(name, k * 10.0)
+
+    threads = [
+        threading.Thread(target=pester, args=(name,))
+        for name in (
+            "lateral.force_setpoint",
+            "vertical_left.force_setpoint",
+            "vertical_right.force_setpoint",
+        )
+    ]
+    for thread in threads:
+        thread.start()
+    clock.sleep_until(commander.origin + 25 * BEAT + BEAT // 2)
+    commander.stop()
+    for thread in threads:
+        thread.join()
+    assert len(stamps) in (24, 25)
+    assert commander.value("lateral.force_setpoint") == 2990

@@ -1,0 +1,168 @@
+"""Frames become samples: in order, none lost while a plan computes, and echoed commands are never readings."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench_protocol.can_codec import Encoder
+from bench_protocol.clock import RealClock, VirtualClock
+from bench_protocol.frames import join
+from bench_protocol.table import TABLE
+from bench_protocol.units import bar, mm
+from drivers.errors import Misuse
+from drivers.receiver import Capture, Receiver
+
+HEIGHT, PRESSURE = TABLE.index["left.height"], TABLE.index["left.bellows_pressure"]
+MS = 1_000_000
+
+
+def spring(encoder, time, height=0.0, pressure=0.0):
+    values = np.full(len(TABLE.signals), np.nan)
+    values[HEIGHT], values[PRESSURE] = height, pressure
+    return encoder.encode(values, encoder.rows(["SpringLeft"]), time)
+
+
+def test_every_sample_reaches_the_sink_in_order_while_the_plan_computes():
+    receiver, encoder = Receiver(TABLE, RealClock()), Encoder(TABLE)
+    heard = []
+    receiver.sink = lambda times, rows, values: heard.append((times.copy(), rows.copy()))
+    frames = [join(spring(encoder, (20 * k + j) * MS) for j in range(20)) for k in range(500)]
+    bus = threading.Thread(target=lambda: [receiver.accept(block) for block in frames])
+    bus.start()
+    rounds = 0
+    while bus.is_alive():
+        sum(range(20_000))  # a plan that computes and holds the interpreter
+        rounds += 1
+    bus.join()
+    times = np.concatenate([t[r == HEIGHT] for t, r in heard])
+    assert np.array_equal(times, np.arange(10_000) * MS)
+    assert receiver.tally()["accepted"] == 10_000
+    assert receiver.tally()["lost"] == receiver.tally()["repeated"] == 0
+
+
+def test_echoed_commands_are_not_readings():
+    receiver, encoder = Receiver(TABLE, VirtualClock()), Encoder(TABLE)
+    values = np.full(len(TABLE.signals), 1.0)
+    commands = [message.name for message in TABLE.messages if not message.from_rig and message.rate]
+    heard = []
+    receiver.sink = lambda *arrays: heard.append(arrays)
+    receiver.accept(encoder.encode(values, encoder.rows(commands), 0))
+    assert heard == []
+    assert receiver.look(TABLE.index["control.enable"])[1] == -1
+    assert receiver.tally()["unknown"] == len(commands)
+
+
+def test_epoch_moves_stamps_to_the_clock_and_leaves_the_block_alone():
+    clock, encoder = VirtualClock(), Encoder(TABLE)
+    epoch = 1_700_000_000_000_000_000
+    receiver = Receiver(TABLE, clock, epoch)
+    clock.sleep_until(50 * MS)
+    block = spring(encoder, epoch + 40 * MS, 3 * mm)
+    with Capture(receiver, ["left.height"]) as capture:
+        receiver.accept(block)
+        capture.start = 0
+    assert block["time"][0] == epoch + 40 * MS
+    assert capture.times("left.height") == pytest.approx([0.040])
+    assert receiver.look(HEIGHT) == (pytest.approx(3 * mm), 50 * MS)  # the age counts from the arrival
+
+
+def test_a_foreign_clock_neither_ages_nor_refreshes_a_reading():
+    clock, encoder = VirtualClock(), Encoder(TABLE)
+    for offset in (-(3600 * 1000) * MS, 3600 * 1000 * MS):  # the other machine's clock is an hour off
+        receiver = Receiver(TABLE, clock, epoch=10**18)
+        receiver.accept(spring(encoder, 10**18 + offset))
+        assert receiver.look(HEIGHT)[1] == clock.now()
+
+
+def test_a_sink_that_fails_does_not_stop_the_receiver():
+    receiver, encoder = Receiver(TABLE, VirtualClock()), Encoder(TABLE)
+
+    def full(*arrays):
+        raise OSError("no space left on device")
+
+    receiver.sink = full
+    receiver.accept(spring(encoder, 0, 1 * mm))
+    receiver.accept(spring(encoder, 5 * MS, 2 * mm))
+    assert receiver.look(HEIGHT)[0] == pytest.approx(2 * mm)
+    assert "no space left" in str(receiver.failure)
+
+
+def fill(capture, receiver, times, values):
+    encoder = Encoder(TABLE)
+    with capture:
+        for time, value in zip(times, values, strict=True):
+            receiver.accept(spring(encoder, time, value, value * 1e6))
+
+
+def test_a_capture_holds_exactly_what_came_meanwhile():
+    clock = VirtualClock()
+    receiver, encoder = Receiver(TABLE, clock), Encoder(TABLE)
+    receiver.accept(spring(encoder, 0, 1 * mm))
+    clock.sleep_until(10 * MS)
+    with Capture(receiver, ["left.height", "left.bellows_pressure"]) as capture:
+        receiver.accept(spring(encoder, 5 * MS, 1.5 * mm))  # was on its way when the capture began
+        receiver.accept(spring(encoder, 10 * MS, 2 * mm, 1 * bar))
+        receiver.accept(spring(encoder, 15 * MS, 3 * mm, 2 * bar))
+    receiver.accept(spring(encoder, 20 * MS, 4 * mm))
+    assert capture.times("left.height") == pytest.approx([0, 0.005])
+    assert capture.values("left.height") == pytest.approx([2 * mm, 3 * mm])
+    assert capture.values("left.bellows_pressure") == pytest.approx([1 * bar, 2 * bar])
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("rig.lease", "does not travel on CAN"), ("left.hieght", "no signal")]
+)
+def test_a_capture_refuses_what_it_could_never_fill(name, words):
+    with pytest.raises((Misuse, KeyError), match=words):
+        Capture(Receiver(TABLE, VirtualClock()), [name])
+
+
+def test_a_capture_answers_only_for_its_own_signals():
+    capture = Capture(Receiver(TABLE, VirtualClock()), ["left.height"])
+    with pytest.raises(Misuse, match=r"right\.height is not in this capture, which has left\.height"):
+        capture.values("right.height")
+    with pytest.raises(Misuse, match="no samples"):
+        capture.aligned()
+
+
+def test_aligned_on_the_samples_own_grid_returns_the_samples():
+    receiver = Receiver(TABLE, VirtualClock())
+    capture = Capture(receiver, ["left.height", "left.bellows_pressure"])
+    values = np.round(10 * np.sin(np.arange(100)), 2) * mm
+    fill(capture, receiver, [5 * MS * k for k in range(100)], values)
+    times, columns = capture.aligned(rate=200)
+    assert times == pytest.approx(np.arange(100) * 0.005)
+    assert columns["left.height"] == pytest.approx(values, abs=1e-12)
+    assert np.array_equal(columns["left.bellows_pressure"], capture.values("left.bellows_pressure"))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    jitter=st.lists(st.integers(0, 4 * MS), min_size=10, max_size=60),
+    rate=st.floats(20, 900),
+    slope=st.floats(-50, 50),
+)
+def test_aligned_interpolates_a_straight_line_exactly_whatever_the_jitter(jitter, rate, slope):
+    receiver = Receiver(TABLE, VirtualClock())
+    capture = Capture(receiver, ["left.height"])
+    at = [5 * MS * k + wobble for k, wobble in enumerate(jitter)]
+    fill(capture, receiver, at, [slope * mm * t / 1e9 for t in at])
+    times, columns = capture.aligned(rate)
+    assert columns["left.height"] == pytest.approx(slope * mm * times, abs=0.006 * mm)  # half a wire step
+    assert times[-1] <= at[-1] / 1e9 + 1e-9
+
+
+def test_aligned_says_nan_in_a_gap_instead_of_drawing_a_line():
+    receiver = Receiver(TABLE, VirtualClock())
+    capture = Capture(receiver, ["left.height"])
+    at = [5 * MS * k for k in range(100) if not 40 <= k < 70]  # 150 ms without frames
+    fill(capture, receiver, at, [0.0] * len(at))
+    times, columns = capture.aligned()
+    gap = np.isnan(columns["left.height"])
+    assert gap.any()
+    assert (times[gap] > 0.195).all()
+    assert (times[gap] < 0.350).all()
+    assert gap.sum() == 30

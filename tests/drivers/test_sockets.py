@@ -1,0 +1,88 @@
+"""The same bench over real sockets, in real time: nothing lost while a plan computes, a dead server noticed at once."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, kN, mm, s
+from bench_sim.rig.servers import CanHub, ModbusTcpServer, serve_in_thread
+from drivers.bench import Bench
+from drivers.can_port import open_can
+from drivers.errors import LinkLost
+from drivers.modbus_port import open_modbus
+
+HEIGHT = TABLE.index["left.height"]
+
+
+@pytest.fixture
+def live(make_world):
+    """A scripted peer on its own sockets in real time, and a connected bench."""
+    peer, lock, clock = make_world().peer, threading.RLock(), RealClock()
+    start = wall_time_ns() - clock.now()
+
+    def receive(block, name):
+        with lock:
+            peer.receive(block)
+
+    def answer(request, name):
+        with lock:
+            return peer.answer(request)
+
+    hub = CanHub(receive)
+    with serve_in_thread(hub, ModbusTcpServer(answer)) as servers:
+
+        def tick():
+            with lock:
+                peer.values["left.height"] = (clock.now() // 5_000_000 % 100) * mm
+                block = peer.advance(clock.now())
+            block["time"] += start
+            hub.publish(block)
+
+        ticking = clock.every(5_000_000, tick)
+        can = open_can("tcp", host="127.0.0.1", port=servers.can_port)
+        bench = Bench(can, open_modbus("127.0.0.1", servers.modbus_port), clock, epoch=start)
+        bench.connect()
+        yield peer, servers, bench
+        bench.close()
+        ticking.cancel()
+
+
+def test_nothing_is_lost_while_the_plan_computes(live):
+    peer, _, bench = live
+    heard = []
+    bench.receiver.sink = lambda times, rows, values: heard.append((times, rows))
+    bench.arm()
+    with bench.capture("left.height") as capture:
+        end = bench.now + 0.8
+        while bench.now < end:
+            sum(range(50_000))  # holds the interpreter
+        assert bench.left.height >= 0  # and what is read afterwards is fresh
+    assert capture.times("left.height").size >= 0.7 * 200
+    times = np.concatenate([t[r == HEIGHT] for t, r in heard])
+    assert set(np.diff(times).tolist()) == {5_000_000}
+    assert bench.receiver.tally()["lost"] == 0
+    bench.vertical.preload(1 * kN, 2 * kN, rate=20 * kN)
+    assert bench.vertical_right.force == pytest.approx(2 * kN, abs=0.5 * kN)
+    assert peer.state == "ACTIVE"
+
+
+def test_a_dead_server_is_noticed(live):
+    _, servers, bench = live
+    bench.arm()
+    servers.stop()
+    stopped = bench.clock.now()
+    with pytest.raises(LinkLost):
+        bench.wait(5 * s)
+    assert (bench.clock.now() - stopped) / NS < 0.1
+
+
+def test_closing_leaves_no_thread_behind(live):
+    _, _, bench = live
+    before = bench.now
+    bench.close()
+    assert bench.now - before < 1
+    names = [thread.name for thread in threading.enumerate()]
+    assert not [name for name in names if name.startswith(("receiver", "every 20"))]

@@ -1,0 +1,81 @@
+"""The drivers and the simulated rig meet on the wire, in virtual time."""
+
+import pytest
+
+from bench_protocol.clock import VirtualClock
+from bench_protocol.units import Hz, bar, kN, minutes, mm, s
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from bench_sim.rig.tick import TICK_NS
+from drivers.bench import Bench
+from drivers.errors import RigFault
+from drivers.memory import InMemoryCan
+from drivers.modbus_port import InMemoryModbus
+
+
+@pytest.fixture
+def pair():
+    """A simulated rig and a connected bench, in memory."""
+    rig, clock = Rig(load()), VirtualClock()
+    can = InMemoryCan(lambda block: rig.receive(block, "memory"))
+    done = 0
+
+    def advance(until):
+        nonlocal done
+        ticks, done = until // TICK_NS - done, until // TICK_NS
+        can.deliver(rig.run(ticks))
+
+    clock.attach(advance)
+    with Bench(can, InMemoryModbus(lambda request: rig.answer(request, "memory")), clock) as bench:
+        yield rig, bench
+
+
+def test_a_spring_is_lifted_filled_loaded_shaken_and_emptied(pair):
+    _, bench = pair
+    bench.arm()
+    bench.vertical.control = "displacement"
+    bench.vertical.move_to(0.0, 0.0, rate=40 * mm / s)
+    assert bench.left.height == pytest.approx(0, abs=3 * mm)
+    bench.air.fill(to=1.5 * bar, within=2 * minutes)
+    bench.air.hold()
+    before = bench.averages("vertical_left.displacement", "vertical_left.force", over=0.5 * s)
+    bench.vertical.control = "force"
+    bench.wait(0.5 * s)
+    after = bench.averages("vertical_left.displacement", "vertical_left.force", over=0.5 * s)
+    assert after["vertical_left.displacement"] == pytest.approx(
+        before["vertical_left.displacement"], abs=1 * mm
+    )
+    assert after["vertical_left.force"] == pytest.approx(before["vertical_left.force"], abs=1 * kN)
+    bench.vertical.hold_position()
+    with bench.capture("vertical_left.displacement", "rig.generator_cycle") as capture:
+        bench.generator.run("vertical", amplitude=5 * mm, frequency=2 * Hz, cycles=5)
+    swing = capture.values("vertical_left.displacement")
+    assert swing.max() - swing.min() == pytest.approx(10 * mm, rel=0.15)
+    assert capture.values("rig.generator_cycle").max() == 5
+    bench.air.vent(within=3 * minutes)
+    bench.disarm()
+    assert bench.rig.state == "DISABLED"
+    assert bench.receiver.tally()["lost"] == bench.receiver.tally()["repeated"] == 0
+    assert bench.rig.rejected_commands == 0
+
+
+def test_the_emergency_stop_of_the_rig_reaches_the_plan_in_words(pair):
+    rig, bench = pair
+    bench.arm()
+    rig.press_estop()
+    with pytest.raises(RigFault, match="state ESTOP, reason: emergency stop"):
+        bench.wait(1 * s)
+    assert bench.interlock.estop
+    with pytest.raises(RigFault, match="release the button"):
+        bench.arm()
+    rig.release_estop()
+    bench.arm()
+    assert bench.rig.state == "ACTIVE"
+
+
+def test_a_bench_that_is_closed_can_be_taken_by_the_next(pair):
+    rig, bench = pair
+    bench.arm()
+    bench.close()
+    assert rig.state.name == "DISABLED"
+    assert rig.registers.owner is None
