@@ -1,0 +1,66 @@
+"""The result as JUnit XML, which every CI server can show: one test case for each check, one for the run itself."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from bench_records.layout import JUNIT
+from bench_records.result import Outcome, Result, Verdict
+
+# What XML 1.0 cannot hold, even escaped.
+_FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def junit(result: Result) -> bytes:
+    """The document; failures are checks out of their limits, errors are what could not be judged."""
+    failures = result.count(Verdict.FAIL)
+    errors = result.count(Verdict.ERROR) + (result.verdict is Outcome.BLOCKED)
+    totals = {
+        "tests": str(len(result.checks) + 1),
+        "failures": str(failures),
+        "errors": str(errors),
+        "time": f"{result.duration:.3f}",
+    }
+    root = ET.Element("testsuites", {"name": "astb", **totals})
+    suite = ET.SubElement(root, "testsuite", {"name": _text(result.plan), **totals, "skipped": "0"})
+    properties = ET.SubElement(suite, "properties")
+    for name, value in (
+        ("title", result.title),
+        ("rig", result.rig),
+        ("seed", result.seed),
+        ("verdict", result.verdict),
+    ):
+        if value not in (None, ""):
+            ET.SubElement(properties, "property", {"name": name, "value": _text(str(value))})
+    run = ET.SubElement(
+        suite, "testcase", {"classname": _text(result.plan), "name": "run", "time": f"{result.duration:.3f}"}
+    )
+    if result.verdict is Outcome.BLOCKED:
+        ET.SubElement(run, "error", {"type": "blocked", "message": _text(result.reason)})
+    for one in result.checks:
+        case = ET.SubElement(
+            suite, "testcase", {"classname": _text(result.plan), "name": _text(one.name), "time": "0.000"}
+        )
+        story = _text(str(one))
+        if one.verdict is Verdict.FAIL:
+            ET.SubElement(case, "failure", {"type": "limit", "message": story}).text = _text(one.note)
+        elif one.verdict is Verdict.ERROR:
+            ET.SubElement(case, "error", {"type": "no value", "message": story}).text = _text(one.note)
+        else:
+            ET.SubElement(case, "system-out").text = "\n".join(filter(None, [story, _text(one.note)]))
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def write_junit(result: Result, directory: Path | str) -> Path:
+    """Write ``junit.xml`` into the directory."""
+    path = Path(directory) / JUNIT
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(junit(result))
+    return path
+
+
+def _text(text: str) -> str:
+    return _FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", text)

@@ -1,0 +1,121 @@
+"""The shape of a record on disk: its files, its columns, and the small things that travel as metadata.
+
+A record is one directory.  While the run lasts it holds ``record.arrows`` (an Arrow IPC stream: whatever has
+been written can be read, wherever the file breaks off); afterwards ``record.parquet`` with the columns
+
+* ``time_ns``: int64, nanoseconds on the clock of the run;
+* ``signal``: dictionary of string, the signal's name in the table of signals;
+* ``value``: float64 in SI units; NaN where the rig had none to give;
+
+and key-value metadata: one JSON value under ``astb.<key>`` for each entry of the meta data, with ``astb.format``,
+``astb.start_ns``, ``astb.signals`` and ``astb.events`` always present.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+FORMAT = "astb record 1"
+STREAM = "record.arrows"
+PARQUET = "record.parquet"
+META = "meta.json"
+RESULT = "result.json"
+REPORT = "report.html"
+JUNIT = "junit.xml"
+PREFIX = "astb."
+RESERVED = frozenset({"format", "start_ns", "signals", "events"})
+
+SECOND = 1_000_000_000
+
+
+class RecordError(Exception):
+    """A record that cannot be written or read; the text says which, why, and what would help."""
+
+
+class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What a reader of the record must know of one signal.
+
+    ``scale`` is the SI value of one display unit (``1e-3`` for ``mm``), so ``value / scale`` is what people read.
+    Signals of one ``quantity`` share a panel of the report; without a quantity a signal is recorded, not drawn.
+    ``names`` gives a discrete signal's values their words and makes it a strip instead of a line.
+    """
+
+    name: str
+    unit: str = ""
+    scale: float = 1.0
+    label: str = ""
+    quantity: str = ""
+    names: dict[int, str] = {}
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise RecordError("a signal has an empty name; the record finds signals by name")
+        if not (0.0 < self.scale < float("inf")):
+            raise RecordError(
+                f"{self.name}: scale = {self.scale} is no size of a unit; it must be positive and finite"
+            )
+
+    @property
+    def title(self) -> str:
+        """The label where there is one, else the name."""
+        return self.label or self.name
+
+
+class Event(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Something that happened at one instant: ``kind`` is one word (state, trip, check, phase, ...)."""
+
+    time_ns: int
+    kind: str
+    text: str
+    data: dict[str, Any] = {}
+
+
+class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A named stretch of the run, in seconds since the record began; level 0 holds set-up, main and tear-down."""
+
+    name: str
+    start: float
+    end: float
+    level: int = 0
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.end - self.start
+
+
+def phases_of(events: list[Event], start_ns: int, end_ns: int) -> list[Phase]:
+    """The phases told by begin and end events, in the order in which they began.
+
+    A phase that nobody ended, because the run was cut off, ends with the record.
+    """
+    finished: list[Phase] = []
+    order: list[int] = []
+    still_open: list[tuple[int, Event]] = []
+
+    def finish(end: int) -> None:
+        index, begin = still_open.pop()
+        order.append(index)
+        begun = (begin.time_ns - start_ns) / SECOND
+        finished.append(Phase(begin.text, begun, max(begun, (end - start_ns) / SECOND), len(still_open)))
+
+    for index, event in enumerate(events):
+        if event.kind != "phase":
+            continue
+        if event.data.get("edge") == "begin":
+            still_open.append((index, event))
+        elif any(begin.text == event.text for _, begin in still_open):
+            # What an exception left open inside a phase ends together with it.
+            while still_open[-1][1].text != event.text:
+                finish(event.time_ns)
+            finish(event.time_ns)
+    while still_open:
+        finish(end_ns)
+    return [phase for _, phase in sorted(zip(order, finished, strict=True), key=lambda pair: pair[0])]
+
+
+def encode(value: Any) -> bytes:
+    """One value as JSON whose bytes depend on the value alone (keys sorted, NaN as null)."""
+    return msgspec.json.encode(msgspec.to_builtins(value, str_keys=True), order="sorted")

@@ -1,0 +1,198 @@
+"""The reader of a record: series by name, a table at one rate, the events, the phases, and where it all came from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from bench_records.layout import (
+    FORMAT,
+    PARQUET,
+    PREFIX,
+    RESERVED,
+    SECOND,
+    STREAM,
+    Event,
+    Phase,
+    RecordError,
+    SignalInfo,
+    encode,
+    phases_of,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+    import pandas as pd
+    import pyarrow as pa
+
+# A frame of more rows than this is a mistyped rate.
+ROW_LIMIT = 20_000_000
+
+
+class Record:
+    """One run, as it was received.  All times are in seconds since the record's start."""
+
+    def __init__(
+        self,
+        path: Path,
+        table: pa.Table,
+        meta: dict[str, Any],
+        signals: Sequence[SignalInfo],
+        events: list[Event],
+    ) -> None:
+        self.path = path
+        self.start_ns: int = meta.pop("start_ns")
+        self.meta = meta
+        self.signals = {signal.name: signal for signal in signals}
+        self.events = events
+        self._table = table
+
+    def __len__(self) -> int:
+        return int(self._table.num_rows)
+
+    @cached_property
+    def duration(self) -> float:
+        """Seconds from the start to the last sample or event."""
+        import pyarrow.compute as pc
+
+        instants = [self.start_ns, *(event.time_ns for event in self.events)]
+        if len(self):
+            instants.append(pc.max(self._table.column("time_ns")).as_py())
+        return (max(instants) - self.start_ns) / SECOND
+
+    @cached_property
+    def phases(self) -> list[Phase]:
+        """Named stretches of the run, in the order in which they began."""
+        return phases_of(self.events, self.start_ns, self.start_ns + round(self.duration * SECOND))
+
+    def time_of(self, event: Event) -> float:
+        """When an event happened, in seconds since the start."""
+        return (event.time_ns - self.start_ns) / SECOND
+
+    def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """All samples of one signal: times (n,) in seconds, values (n,) in SI, in order of time.
+
+        A signal that never arrived gives two empty arrays.  Raises ``RecordError`` for an unknown name.
+        """
+        import numpy as np
+
+        if name not in self.signals:
+            raise RecordError(f"{self.path} has no signal {name!r}{_nearest(name, self.signals)}")
+        rows = self._rows.get(name, np.empty(0, np.intp))
+        return (self._times[rows] - self.start_ns) / SECOND, self._values[rows]
+
+    def frame(self, names: Sequence[str], rate: float, gap: float = 1.0) -> pd.DataFrame:
+        """Signals side by side at one ``rate`` in Hz: index ``time_s``, one column in SI for each name.
+
+        Between samples the line is straight; signals with named values keep the last one.  A stretch without a
+        sample for more than ``gap`` seconds is NaN, as is everything before the first sample and after the last.
+        """
+        import numpy as np
+        import pandas as pd
+
+        if not (0.0 < rate < float("inf")):
+            raise RecordError(f"rate = {rate} Hz is no rate; it must be positive and finite")
+        if self.duration * rate > ROW_LIMIT:
+            raise RecordError(
+                f"rate = {rate} Hz over {self.duration:.0f} s makes more than {ROW_LIMIT} rows; choose a lower one"
+            )
+        # The last instant is on the grid even where duration * rate falls a rounding short of whole.
+        grid = np.arange(int(self.duration * rate + 1e-6) + 1) / rate
+        columns = {
+            name: _resample(*self.series(name), grid, gap, bool(self.signals[name].names)) for name in names
+        }
+        return pd.DataFrame(columns, index=pd.Index(grid, name="time_s"))
+
+    @cached_property
+    def _times(self) -> npt.NDArray[np.int64]:
+        times: npt.NDArray[np.int64] = self._table.column("time_ns").to_numpy()
+        return times
+
+    @cached_property
+    def _values(self) -> npt.NDArray[np.float64]:
+        values: npt.NDArray[np.float64] = self._table.column("value").to_numpy()
+        return values
+
+    @cached_property
+    def _rows(self) -> dict[str, npt.NDArray[np.intp]]:
+        """For each signal its rows in order of time: one stable sort instead of one search per signal."""
+        import numpy as np
+
+        if not len(self):
+            return {}
+        column = self._table.column("signal").combine_chunks()
+        column = column.chunk(0) if hasattr(column, "chunk") else column
+        index = column.indices.to_numpy()
+        by_signal = np.argsort(index, kind="stable")
+        counts = np.bincount(index, minlength=len(column.dictionary))
+        rows = np.split(by_signal, np.cumsum(counts)[:-1])
+        return {
+            name: part[np.argsort(self._times[part], kind="stable")]
+            if np.any(np.diff(self._times[part]) < 0)
+            else part
+            for name, part in zip(column.dictionary.to_pylist(), rows, strict=True)
+        }
+
+
+def read(directory: Path | str) -> Record:
+    """Open the record in a directory.
+
+    Raises ``RecordError`` if there is none, if the run was cut off and not recovered, or if it is not one of ours.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = Path(directory) / PARQUET
+    if path.with_name(STREAM).exists():
+        raise RecordError(
+            f"{directory} holds {STREAM}: the run is still writing, or was killed and wants `recover` first"
+        )
+    if not path.is_file():
+        raise RecordError(f"{directory} holds no {PARQUET}: name the directory of one plan's run")
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            raw = file.metadata.metadata or {}
+            ours = {key.decode(): value for key, value in raw.items() if key.startswith(PREFIX.encode())}
+            if ours.get(PREFIX + "format") != encode(FORMAT):
+                raise RecordError(f"{path} is a Parquet file, but not a record of this bench ({FORMAT})")
+            table = file.read(columns=["time_ns", "signal", "value"])
+    except (pa.ArrowException, OSError) as error:
+        raise RecordError(f"{path} is damaged or no Parquet file: {error}") from error
+    facts = {key.removeprefix(PREFIX): value for key, value in ours.items()}
+    meta = {key: msgspec.json.decode(value) for key, value in sorted(facts.items()) if key not in RESERVED}
+    meta["start_ns"] = msgspec.json.decode(facts["start_ns"], type=int)
+    signals = msgspec.json.decode(facts["signals"], type=list[SignalInfo])
+    events = msgspec.json.decode(facts["events"], type=list[Event])
+    return Record(path, table, meta, signals, events)
+
+
+def _resample(
+    times: npt.NDArray[np.float64],
+    values: npt.NDArray[np.float64],
+    grid: npt.NDArray[np.float64],
+    gap: float,
+    hold: bool,
+) -> npt.NDArray[np.float64]:
+    import numpy as np
+
+    if not times.size:
+        return np.full(grid.shape, np.nan)
+    before = np.searchsorted(times, grid, side="right") - 1
+    after = np.clip(np.searchsorted(times, grid, side="left"), 0, times.size - 1)
+    known = (before >= 0) & (grid <= times[-1])
+    before = np.clip(before, 0, None)
+    bridged = times[after] - times[before] <= gap
+    result = values[before] if hold else np.interp(grid, times, values)
+    return np.where(known & bridged, result, np.nan)
+
+
+def _nearest(name: str, names: Sequence[str] | dict[str, SignalInfo]) -> str:
+    from difflib import get_close_matches
+
+    close = get_close_matches(name, list(names), 1)
+    return f"; did you mean {close[0]!r}?" if close else f"; it has {len(names)} others"

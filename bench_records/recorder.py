@@ -1,0 +1,444 @@
+"""The writer of a record: takes samples from the receiver's thread, and keeps them even if the process is killed.
+
+Two moments matter.  During the run, nothing may wait for the disk: ``append`` only copies into memory, a thread
+of the recorder writes a batch every half second, of the run's clock or of the wall's, whichever comes first.
+At the end the stream becomes a Parquet file whose bytes do not depend on how the batches happened to fall.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
+
+import msgspec
+
+from bench_records.layout import (
+    FORMAT,
+    META,
+    PARQUET,
+    PREFIX,
+    RESERVED,
+    SECOND,
+    STREAM,
+    Event,
+    RecordError,
+    SignalInfo,
+    encode,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    import pyarrow as pa
+
+# Half a second leaves the other half of the promised second to a slow disk.
+BATCH_INTERVAL_S = 0.5
+# Two hours at the bench's full rate, 0.9 GB of memory at the very worst: a limit, not a target.
+SAMPLE_LIMIT = 50_000_000
+EVENT_LIMIT = 100_000
+ROW_GROUP = 1 << 20
+END_OF_STREAM = b"\xff\xff\xff\xff\x00\x00\x00\x00"
+
+
+class Recorder:
+    """Writes one record into a directory, which is made if need be.
+
+    ``append`` may be called from one thread and ``event`` from another.  ``limit`` bounds the samples of the record;
+    what comes after is counted, not kept, and the record says so.  ``start_ns`` is the instant that readers
+    will call 0 s; without it, the first sample or event.
+
+    Raises ``RecordError`` if the directory already holds an unfinished stream, if a name is taken twice, or
+    if the meta data use one of the format's own keys.
+    """
+
+    def __init__(
+        self,
+        directory: Path | str,
+        signals: Sequence[SignalInfo],
+        meta: dict[str, Any] | None = None,
+        *,
+        start_ns: int | None = None,
+        limit: int = SAMPLE_LIMIT,
+    ) -> None:
+        import pyarrow as pa
+
+        self.directory = Path(directory)
+        self.signals = tuple(signals)
+        self.samples = 0
+        self.dropped = 0
+        _refuse_doubles(self.signals)
+        _refuse_reserved(meta or {})
+        if limit < 1:
+            raise RecordError(f"limit = {limit} samples leaves no room for any; give at least 1")
+        self._limit = limit
+        self._events_kept = 0
+        self._pending: list[tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]] = []
+        self._events: list[Event] = []
+        self._batch_start_ns: int | None = None
+        self._start_ns = start_ns
+        self._closed = False
+        self._failure: Exception | None = None
+        self._lock = threading.Lock()  # what append and event touch; never held while writing
+        self._disk = threading.Lock()  # the stream; taken before the other lock
+        self._wake = threading.Event()
+
+        self._file = _create(self.directory / STREAM)
+        schema = _stream_schema().with_metadata(
+            {
+                PREFIX + "format": encode(FORMAT),
+                PREFIX + "start_ns": encode(start_ns),
+                PREFIX + "signals": encode(self.signals),
+                **{PREFIX + key: encode(value) for key, value in (meta or {}).items()},
+            }
+        )
+        self._writer = pa.ipc.new_stream(self._file, schema)
+        self._file.flush()
+        self._thread = threading.Thread(target=self._write_batches, name="recorder", daemon=True)
+        self._thread.start()
+
+    def append(
+        self,
+        times_ns: npt.ArrayLike,
+        signal: npt.ArrayLike,
+        values: npt.ArrayLike,
+    ) -> None:
+        """Keep samples: three arrays of shape (n,): nanoseconds, index into the signals, value in SI.
+
+        The arrays are copied.  Raises ``RecordError`` for arrays that do not match or after ``close``, and for a
+        disk that failed meanwhile.
+        """
+        import numpy as np
+
+        times = np.array(times_ns, dtype=np.int64, ndmin=1)
+        index = np.array(signal, dtype=np.int16, ndmin=1)
+        numbers = np.array(values, dtype=np.float64, ndmin=1)
+        if not times.shape == index.shape == numbers.shape or times.ndim != 1:
+            raise RecordError(
+                f"samples come as three arrays of one length, not {times.shape}, {index.shape} and {numbers.shape}"
+            )
+        if not times.size:
+            return
+        if index.min() < 0 or index.max() >= len(self.signals):
+            wrong = index[(index < 0) | (index >= len(self.signals))][0]
+            raise RecordError(
+                f"signal index {wrong} is none of this record's, which are 0 to {len(self.signals) - 1}"
+            )
+        with self._lock:
+            self._refuse_if_unwritable()
+            room = self._limit - self.samples
+            if times.size > room:
+                self.dropped += times.size - room
+                times, index, numbers = times[:room], index[:room], numbers[:room]
+                if not room:
+                    return
+            self.samples += times.size
+            self._pending.append((times, index, numbers))
+            newest = int(times[-1])
+            if self._batch_start_ns is None:
+                self._batch_start_ns = newest
+            due = newest - self._batch_start_ns >= BATCH_INTERVAL_S * SECOND
+        if due:
+            self._wake.set()
+
+    def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
+        """Keep what happened at ``time_ns``: a change of state, a trip, a check.  ``data`` must fit into JSON."""
+        event = Event(int(time_ns), kind, text, data)
+        try:
+            encode(event)
+        except (TypeError, ValueError) as error:
+            raise RecordError(f"event {kind} ({text}): its data do not fit into JSON: {error}") from error
+        with self._lock:
+            self._refuse_if_unwritable()
+            if self._events_kept < EVENT_LIMIT:
+                self._events_kept += 1
+                self._events.append(event)
+            else:
+                self.dropped += 1
+
+    def phase_begins(self, time_ns: int, name: str) -> None:
+        """Open a named stretch of the run; one opened inside another lies a level deeper."""
+        self.event(time_ns, "phase", name, edge="begin")
+
+    def phase_ends(self, time_ns: int, name: str) -> None:
+        """End the named stretch, and whatever was left open inside it."""
+        self.event(time_ns, "phase", name, edge="end")
+
+    def flush(self) -> None:
+        """Hand everything kept so far to the operating system before returning."""
+        with self._lock:
+            self._refuse_if_unwritable()
+        self._drain()
+
+    def close(self, **meta: Any) -> Path:
+        """Turn the stream into ``record.parquet`` and ``meta.json``; ``meta`` adds what only the end knows.
+
+        Returns the path of the Parquet file.  A second call does nothing.  Raises ``RecordError`` if the disk failed;
+        the stream then stays for ``recover``.
+        """
+        _refuse_reserved(meta)
+        target = self.directory / PARQUET
+        with self._lock:
+            if self._closed:
+                return target
+            self._closed = True
+        self._wake.set()
+        self._thread.join()
+        self._finish_stream()
+        if self.dropped:
+            meta["dropped"] = self.dropped
+        _convert(self.directory / STREAM, meta)
+        return target
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _refuse_if_failed(self) -> None:
+        if self._failure is not None:
+            raise RecordError(
+                f"{self.directory / STREAM} cannot be written: {self._failure}; `recover` saves what it holds"
+            ) from self._failure
+
+    def _refuse_if_unwritable(self) -> None:
+        self._refuse_if_failed()
+        if self._closed:
+            raise RecordError(f"the record in {self.directory} is closed; it takes no more samples or events")
+
+    def _write_batches(self) -> None:
+        while not self._closed:
+            self._wake.wait(BATCH_INTERVAL_S)
+            self._wake.clear()
+            try:
+                self._drain()
+            except RecordError:
+                return  # the thread has nobody to tell: append, event, flush and close will
+
+    def _finish_stream(self) -> None:
+        import pyarrow as pa
+
+        try:
+            self._drain()
+            self._refuse_if_failed()
+            self._writer.close()
+            self._file.close()
+        except (OSError, pa.ArrowException) as error:
+            self._failure = error
+        finally:
+            # A full disk refuses the last bytes again when the file is closed; that is known by now.
+            with suppress(OSError):
+                self._file.close()
+        self._refuse_if_failed()
+
+    def _drain(self) -> None:
+        import numpy as np
+        import pyarrow as pa
+
+        with self._disk:
+            with self._lock:
+                pending, self._pending = self._pending, []
+                events, self._events = self._events, []
+                if pending:
+                    self._batch_start_ns = int(pending[-1][0][-1])
+            if not pending and not events:
+                return
+            if pending:
+                columns = [np.concatenate(column) for column in zip(*pending, strict=True)]
+            else:
+                columns = [np.empty(0, np.int64), np.empty(0, np.int16), np.empty(0)]
+            schema = _stream_schema()
+            # pa.array would import pandas: a second in which nothing else of the process runs, in the middle of a run.
+            arrays = [
+                pa.Array.from_buffers(field.type, len(column), [None, pa.py_buffer(column)])
+                for field, column in zip(schema, columns, strict=True)
+            ]
+            batch = pa.record_batch(arrays, schema=schema)
+            try:
+                self._writer.write_batch(
+                    batch, custom_metadata={"events": encode(events)} if events else None
+                )
+                self._file.flush()
+            except (OSError, pa.ArrowException) as error:
+                self._failure = error
+        self._refuse_if_failed()
+
+
+class Recovery(msgspec.Struct, frozen=True):
+    """What a cut-off stream still held."""
+
+    samples: int
+    events: int
+    seconds: float
+    unreadable_bytes: int
+    complete: bool
+
+    def __str__(self) -> str:
+        kept = f"{self.samples} samples and {self.events} events over {self.seconds:.3f} s were recovered"
+        if self.complete:
+            return f"{kept}; nothing was lost"
+        return f"{kept}; {self.unreadable_bytes} bytes were cut off; at most the last second before the end is lost"
+
+
+def recover(directory: Path | str) -> Recovery:
+    """Make the Parquet record of a stream that a killed process left behind, and say how much of it there was.
+
+    Raises ``RecordError`` where there is no stream, or none of ours.
+    """
+    stream = Path(directory) / STREAM
+    if not stream.is_file():
+        raise RecordError(f"{directory} holds no {STREAM}: there is nothing to recover")
+    return _convert(stream, {}, recovering=True)
+
+
+def _convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> Recovery:
+    import pyarrow as pa
+
+    with pa.memory_map(str(stream)) as source:
+        try:
+            reader = pa.ipc.open_stream(source)
+        except (pa.ArrowException, OSError) as error:
+            raise RecordError(
+                f"{stream} is cut off before its first sample, or no Arrow stream: {error}"
+            ) from error
+        facts = _facts(reader.schema, stream)
+        batches: list[pa.RecordBatch] = []
+        events: list[Event] = []
+        good = source.tell()
+        while True:
+            try:
+                batch, custom = reader.read_next_batch_with_custom_metadata()
+                batch.validate()
+                if custom is not None:
+                    events += msgspec.json.decode(custom[b"events"], type=list[Event])
+            except (StopIteration, pa.ArrowException, OSError, msgspec.MsgspecError):
+                break
+            batches.append(batch)
+            good = source.tell()
+        table = pa.Table.from_batches(batches, reader.schema)
+        size = source.size()
+        source.seek(max(0, size - len(END_OF_STREAM)))
+        complete = bytes(source.read()) == END_OF_STREAM and good + len(END_OF_STREAM) >= size
+        start_ns, end_ns = _span(facts.pop("start_ns"), table, events)
+        recovery = Recovery(
+            samples=table.num_rows,
+            events=len(events),
+            seconds=(end_ns - start_ns) / SECOND,
+            unreadable_bytes=0 if complete else size - good,
+            complete=complete,
+        )
+        signals = facts.pop("signals")
+        facts.update(meta)
+        if recovering:
+            facts["recovered"] = str(recovery)
+        _write_parquet(stream.with_name(PARQUET), table, signals, events, {**facts, "start_ns": start_ns})
+    summary = {**facts, "samples": recovery.samples, "duration_s": recovery.seconds, "events": events}
+    stream.with_name(META).write_bytes(msgspec.json.format(encode(summary), indent=2) + b"\n")
+    stream.unlink()
+    return recovery
+
+
+def _write_parquet(
+    target: Path, table: pa.Table, signals: list[SignalInfo], events: list[Event], facts: dict[str, Any]
+) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = pa.array([signal.name for signal in signals], pa.string())
+    schema = pa.schema(
+        [
+            pa.field("time_ns", pa.int64(), nullable=False),
+            pa.field("signal", pa.dictionary(pa.int16(), pa.string()), nullable=False),
+            pa.field("value", pa.float64(), nullable=False),
+        ]
+    )
+    facts = {**facts, "format": FORMAT, "signals": signals, "events": events}
+    # Under another name until it is whole: who finds a record.parquet finds a good one.
+    unfinished = target.with_name(target.name + ".part")
+    with pq.ParquetWriter(
+        unfinished,
+        schema,
+        compression="zstd",
+        use_dictionary=["signal", "value"],
+        column_encoding={"time_ns": "DELTA_BINARY_PACKED"},
+        write_statistics=["time_ns"],
+        write_page_checksum=True,
+    ) as writer:
+        for first in range(0, table.num_rows, ROW_GROUP):
+            # One chunk per row group, so that the pages do not follow the accidents of batching.
+            part = table.slice(first, ROW_GROUP).combine_chunks()
+            index = part.column("signal").combine_chunks()
+            column = pa.DictionaryArray.from_arrays(_flat(index), names)
+            writer.write_table(
+                pa.Table.from_arrays(
+                    [_flat(part.column("time_ns")), column, _flat(part.column("value"))], schema=schema
+                )
+            )
+        writer.add_key_value_metadata({PREFIX + key: encode(facts[key]).decode() for key in sorted(facts)})
+    unfinished.replace(target)
+
+
+def _flat(column: Any) -> Any:
+    """The one chunk of a column (Arrow wraps even a single one)."""
+    return column.chunk(0) if hasattr(column, "chunk") else column
+
+
+def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
+    raw = {key.decode(): value for key, value in (schema.metadata or {}).items()}
+    if raw.get(PREFIX + "format") != encode(FORMAT):
+        raise RecordError(f"{stream} is an Arrow stream, but not one of this recorder's ({FORMAT})")
+    facts = {key.removeprefix(PREFIX): msgspec.json.decode(value) for key, value in raw.items()}
+    del facts["format"]
+    facts["signals"] = msgspec.convert(facts["signals"], list[SignalInfo], strict=False)
+    return facts
+
+
+def _span(start_ns: int | None, table: pa.Table, events: list[Event]) -> tuple[int, int]:
+    import pyarrow.compute as pc
+
+    instants = [event.time_ns for event in events]
+    if table.num_rows:
+        extremes = pc.min_max(table.column("time_ns")).as_py()
+        instants += [extremes["min"], extremes["max"]]
+    start = start_ns if start_ns is not None else min(instants, default=0)
+    return start, max([start, *instants])
+
+
+def _stream_schema() -> pa.Schema:
+    import pyarrow as pa
+
+    return pa.schema([("time_ns", pa.int64()), ("signal", pa.int16()), ("value", pa.float64())])
+
+
+def _create(stream: Path) -> BinaryIO:
+    try:
+        stream.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(f"{stream.parent} cannot be made a directory: {error}") from error
+    try:
+        return stream.open("xb")
+    except FileExistsError as error:
+        raise RecordError(
+            f"{stream} exists: another run is writing there, or one was killed and `recover` can save what it left"
+        ) from error
+    except OSError as error:
+        raise RecordError(f"{stream} cannot be written: {error}") from error
+
+
+def _refuse_doubles(signals: Sequence[SignalInfo]) -> None:
+    seen: set[str] = set()
+    for signal in signals:
+        if signal.name in seen:
+            raise RecordError(f"signal {signal.name} is listed twice; a name stands for one series")
+        seen.add(signal.name)
+
+
+def _refuse_reserved(meta: dict[str, Any]) -> None:
+    for key in meta:
+        if key in RESERVED:
+            raise RecordError(f"meta key {key!r} belongs to the format itself; choose another name")

@@ -1,0 +1,324 @@
+"""The outcome of a test plan: what was checked against which limits, and what follows from it.
+
+A value within its limits, but nearer to one than ``margin`` times the width of the band, is *marginal*: it passes,
+and a reader should look at it.  A value that is no number is an *error* and never passes: not having measured is no
+proof.  All values are in SI; ``scale`` is the SI value of one display unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from bench_records.layout import RESULT, Phase, RecordError
+
+MARGIN = 0.05
+
+
+class Verdict(StrEnum):
+    """What one check says."""
+
+    PASS = "pass"
+    MARGINAL = "marginal"
+    FAIL = "fail"
+    ERROR = "error"
+
+
+class Outcome(StrEnum):
+    """What the run as a whole says; blocked means that the product was not judged."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    BLOCKED = "blocked"
+
+
+def judge(value: float, low: float | None, high: float | None, margin: float = MARGIN) -> Verdict:
+    """The verdict on a value between limits, of which one may be absent.
+
+    The band is ``high - low`` wide; with one limit only, the limit's own size stands for the width.
+    """
+    if not math.isfinite(value):
+        return Verdict.ERROR
+    if (low is not None and value < low) or (high is not None and value > high):
+        return Verdict.FAIL
+    zone = margin * band_width(low, high)
+    near_low = low is not None and value - low < zone
+    near_high = high is not None and high - value < zone
+    return Verdict.MARGINAL if near_low or near_high else Verdict.PASS
+
+
+def band_width(low: float | None, high: float | None) -> float:
+    """The width that ``margin`` is a fraction of."""
+    if low is not None and high is not None:
+        return high - low
+    return abs(low if low is not None else high if high is not None else 0.0)
+
+
+class Check(msgspec.Struct, frozen=True, kw_only=True):
+    """One value against its limits; made by ``check``, which judges it."""
+
+    name: str
+    value: float | None
+    unit: str
+    scale: float
+    low: float | None
+    high: float | None
+    margin: float
+    verdict: Verdict
+    phase: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if self.value is None:
+            # JSON has no NaN: it travels as null.
+            msgspec.structs.force_setattr(self, "value", math.nan)
+        _refuse_bad_limits(self)
+        judged = judge(self.number, self.low, self.high, self.margin)
+        if self.verdict is not judged:
+            raise ValueError(
+                f"check {self.name!r} says {self.verdict}, but its value and limits say {judged}"
+            )
+
+    @property
+    def number(self) -> float:
+        """The value in SI; NaN where nothing was measured."""
+        return math.nan if self.value is None else self.value
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value lies within its limits, near to one or not."""
+        return self.verdict in {Verdict.PASS, Verdict.MARGINAL}
+
+    def __str__(self) -> str:
+        low, high = (_shown(limit, self.scale, self.unit) for limit in (self.low, self.high))
+        if self.low is None or self.high is None:
+            limits = f"at least {low}" if self.high is None else f"at most {high}"
+        else:
+            limits = f"{_shown(self.low, self.scale)} to {high}"
+        return f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
+
+
+def check(
+    name: str,
+    value: float,
+    unit: str = "",
+    scale: float = 1.0,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    margin: float = MARGIN,
+    phase: str = "",
+    note: str = "",
+) -> Check:
+    """Judge a value (SI) against limits (SI).
+
+    Raises ``ValueError`` for a check that could not fail or could not pass: no limit at all, limits that are not
+    finite or stand the wrong way round, a margin outside 0 to 0.5.
+    """
+    value = float(value) if math.isfinite(value) else math.nan
+    low, high = (None if limit is None else float(limit) for limit in (low, high))
+    return Check(
+        name=name,
+        value=value,
+        unit=unit,
+        scale=float(scale),
+        low=low,
+        high=high,
+        margin=margin,
+        verdict=judge(value, low, high, margin) if low is not None or high is not None else Verdict.ERROR,
+        phase=phase,
+        note=note,
+    )
+
+
+def _refuse_bad_limits(one: Check) -> None:
+    if not (0.0 < one.scale < math.inf):
+        raise ValueError(f"check {one.name!r}: scale = {one.scale} is no size of a unit; it must be positive")
+    if one.low is None and one.high is None:
+        raise ValueError(f"check {one.name!r} has no limit and could never fail; give low, high or both")
+    for limit in (one.low, one.high):
+        if limit is not None and not math.isfinite(limit):
+            raise ValueError(f"check {one.name!r}: a limit of {limit} is none; leave it out instead")
+    if one.low is not None and one.high is not None and one.low > one.high:
+        raise ValueError(
+            f"check {one.name!r}: low = {_shown(one.low, one.scale, one.unit)} lies above "
+            f"high = {_shown(one.high, one.scale, one.unit)}; nothing could pass"
+        )
+    if not (0.0 <= one.margin <= 0.5):
+        raise ValueError(
+            f"check {one.name!r}: margin = {one.margin} is no fraction of the band; it must be 0 to 0.5"
+        )
+
+
+def _shown(value: float | None, scale: float, unit: str = "") -> str:
+    return "no value" if value is None or math.isnan(value) else f"{value / scale:.6g} {unit}".rstrip()
+
+
+class Axis(msgspec.Struct, frozen=True):
+    """What stands along one side of a plot."""
+
+    label: str
+    unit: str = ""
+    scale: float = 1.0
+
+
+class Curve(msgspec.Struct, frozen=True, kw_only=True):
+    """A named series y over x, in SI: a ``loop`` runs through its points, a ``sweep`` is a table with few of them.
+
+    Curves of one ``group`` share a plot, and a group of sweeps also a table.
+    """
+
+    name: str
+    x: Axis
+    y: Axis
+    xs: list[float | None]
+    ys: list[float | None]
+    kind: Literal["loop", "sweep"] = "loop"
+    group: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.xs) != len(self.ys):
+            raise ValueError(
+                f"curve {self.name!r} has {len(self.xs)} x and {len(self.ys)} y; it needs as many of each"
+            )
+
+
+def curve(
+    name: str,
+    x: Axis,
+    y: Axis,
+    xs: Iterable[float],
+    ys: Iterable[float],
+    *,
+    kind: Literal["loop", "sweep"] = "loop",
+    group: str = "",
+) -> Curve:
+    """A curve from any two series of numbers (arrays included); what is no number becomes a gap."""
+    clean_x, clean_y = ([float(n) if math.isfinite(n) else None for n in series] for series in (xs, ys))
+    return Curve(name=name, x=x, y=y, xs=clean_x, ys=clean_y, kind=kind, group=group)
+
+
+class Timing(msgspec.Struct, frozen=True, kw_only=True):
+    """How punctual the rig's ticks were; times in seconds.
+
+    ``counts[i]`` ticks were at most ``edges[i]`` late, and more than the edge before; the last count has no upper edge.
+    In virtual time nothing is late: the lists are empty and the figures absent.
+    """
+
+    ticks: int
+    late: int
+    period: float | None = None
+    p50: float | None = None
+    p99: float | None = None
+    max: float | None = None
+    edges: list[float] = []
+    counts: list[int] = []
+
+    def __post_init__(self) -> None:
+        if self.counts and len(self.counts) != len(self.edges) + 1:
+            raise ValueError(
+                f"a histogram with {len(self.edges)} edges has {len(self.edges) + 1} counts, not {len(self.counts)}"
+            )
+        if list(self.edges) != sorted(set(self.edges)):
+            raise ValueError("the edges of a histogram must rise")
+
+
+class Result(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything a run of a plan concluded; made by ``conclude``, which finds the verdict."""
+
+    plan: str
+    title: str
+    instruction: str
+    verdict: Outcome
+    checks: list[Check] = []
+    curves: list[Curve] = []
+    phases: list[Phase] = []
+    reason: str = ""
+    rig: str = ""
+    seed: int | None = None
+    timing: Timing | None = None
+
+    def __post_init__(self) -> None:
+        judged, _ = _outcome(self.checks, self.reason)
+        if self.verdict is not judged:
+            raise ValueError(f"the result of {self.plan} says {self.verdict}, but its checks say {judged}")
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the start of the record to the end of the last phase."""
+        return max((phase.end for phase in self.phases), default=0.0)
+
+    def count(self, verdict: Verdict) -> int:
+        """How many checks got this verdict."""
+        return sum(1 for one in self.checks if one.verdict is verdict)
+
+    def to_json(self) -> bytes:
+        """The result as JSON, indented, the same bytes for the same result."""
+        return msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n"
+
+    @staticmethod
+    def from_json(data: bytes) -> Result:
+        """The result that ``to_json`` wrote.  Raises ``RecordError`` for anything else."""
+        try:
+            return msgspec.json.decode(data, type=Result)
+        except msgspec.MsgspecError as error:
+            raise RecordError(f"this is no result of a test plan: {error}") from error
+
+    def write(self, directory: Path | str) -> Path:
+        """Write ``result.json`` into the directory."""
+        path = Path(directory) / RESULT
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self.to_json())
+        return path
+
+
+def conclude(
+    plan: str, title: str, instruction: str, checks: Sequence[Check], *, reason: str = "", **rest: Any
+) -> Result:
+    """The result of a run.
+
+    ``reason`` says whose fault it is that the product could not be judged, and blocks the run: a rig that broke may
+    well have broken the checks before it.  Otherwise one failed check fails the run; and a run with a check in error,
+    or without any check, is blocked, since nothing was proved.
+    """
+    verdict, why = _outcome(checks, reason)
+    return Result(
+        plan=plan,
+        title=title,
+        instruction=instruction,
+        verdict=verdict,
+        checks=list(checks),
+        reason=why,
+        **rest,
+    )
+
+
+def _outcome(checks: Sequence[Check], reason: str) -> tuple[Outcome, str]:
+    if reason:
+        return Outcome.BLOCKED, reason
+    if any(one.verdict is Verdict.FAIL for one in checks):
+        return Outcome.FAIL, ""
+    errors = [one.name for one in checks if one.verdict is Verdict.ERROR]
+    if errors:
+        return Outcome.BLOCKED, f"the bench gave no value for: {', '.join(errors)}"
+    if not checks:
+        return Outcome.BLOCKED, "the plan ended without a single check"
+    return Outcome.PASS, ""
+
+
+def read_result(directory: Path | str) -> Result:
+    """The ``result.json`` of a directory.  Raises ``RecordError`` if there is none or it is not one of ours."""
+    path = Path(directory) / RESULT
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RecordError(f"{directory} holds no readable {RESULT}: {error.strerror}") from error
+    try:
+        return Result.from_json(data)
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from error
