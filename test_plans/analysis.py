@@ -1,0 +1,141 @@
+"""Stiffness and damping out of sampled motion and force: first harmonics, secants and loops.
+
+A harmonic motion is ``x(t) = Re(X e^{iωt})`` with the complex amplitude X. The complex stiffness is ``K = F/X``; its
+real part K' stores energy, its imaginary part K'' loses it: ``c = K''/ω``, and ``π K'' |X|²`` per cycle.
+"""
+
+from dataclasses import dataclass
+from math import pi, tau
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+Samples = npt.NDArray[np.float64]
+
+#: Fewer samples per cycle would fit anything.
+SAMPLES_PER_CYCLE_MIN: Final = 8
+#: Turning points of a slow loop are where the motion is within this fraction of its range from its ends.
+TURNING: Final = 0.02
+
+
+class NotMeasured(ValueError):
+    """The samples cannot give what was asked of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stiffness:
+    """A complex stiffness (N/m) at a frequency (Hz) and the amplitude (m) at which it was measured."""
+
+    value: complex
+    frequency: float
+    amplitude: float
+
+    @property
+    def storage(self) -> float:
+        """K' in N/m."""
+        return self.value.real
+
+    @property
+    def loss(self) -> float:
+        """K'' in N/m."""
+        return self.value.imag
+
+    @property
+    def damping(self) -> float:
+        """c = K''/ω in N·s/m."""
+        return self.value.imag / (tau * self.frequency)
+
+    @property
+    def energy(self) -> float:
+        """Energy lost per cycle in J."""
+        return pi * self.value.imag * self.amplitude**2
+
+
+def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex:
+    """Return the complex amplitude of ``values`` at ``frequency`` (Hz): least squares on 1, t, cos ωt and sin ωt.
+
+    The column t takes a slow drift (cooling gas) out, which a plain Fourier coefficient would read as a harmonic.
+    ``times`` (s) and ``values`` have the shape (n,). NotMeasured with gaps (NaN), or less than one whole cycle.
+    """
+    if times.shape != values.shape or times.ndim != 1:
+        raise NotMeasured(f"{times.shape} times and {values.shape} values do not belong together")
+    if times.size < SAMPLES_PER_CYCLE_MIN:
+        raise NotMeasured(f"{times.size} samples are too few for a first harmonic")
+    period = (times[-1] - times[0]) / (times.size - 1)
+    cycles = (times[-1] - times[0] + period) * frequency
+    if cycles < 1 - 1e-6 or times.size < SAMPLES_PER_CYCLE_MIN * cycles:
+        raise NotMeasured(f"{times.size} samples over {cycles:.3g} cycles do not make a first harmonic")
+    if not np.isfinite(values).all():
+        raise NotMeasured(f"{np.count_nonzero(~np.isfinite(values))} of {values.size} samples are missing")
+    middle = times - times.mean()
+    columns = np.column_stack(
+        [np.ones_like(times), middle, np.cos(tau * frequency * times), np.sin(tau * frequency * times)]
+    )
+    fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    return complex(fit[2], -fit[3])
+
+
+def dynamic_stiffness(
+    times: Samples, motion: Samples, force: Samples, frequency: float, *, motion_lag: float = 0.0
+) -> Stiffness:
+    """Return K = F/X of the first harmonics; ``force`` (N) grows with ``motion`` (m) in a spring.
+
+    ``motion_lag`` (s) is how much later the motion is sensed than the force: ``X (1 + iωτ)`` undoes it.
+    """
+    X = first_harmonic(times, motion, frequency) * (1 + 1j * tau * frequency * motion_lag)
+    if abs(X) == 0.0:
+        raise NotMeasured("nothing moved: a stiffness needs a motion")
+    return Stiffness(first_harmonic(times, force, frequency) / X, frequency, abs(X))
+
+
+def without_drift(motion: Samples, force: Samples) -> Samples:
+    """Return ``force`` over a loop that ends where it began, less the straight line that joins both ends.
+
+    Back at the same place, a spring with settled friction has the same force; what differs has drifted.
+    """
+    edge = TURNING * (motion.max() - motion.min())
+    if abs(motion[-1] - motion[0]) > edge:
+        raise NotMeasured(f"the loop begins at {motion[0]:.3g} m and ends at {motion[-1]:.3g} m")
+    ends = max(1, force.size // 200)
+    drift = force[-ends:].mean() - force[:ends].mean()
+    return np.asarray(force - drift * np.linspace(-0.5, 0.5, force.size))
+
+
+def secant_stiffness(motion: Samples, force: Samples) -> float:
+    """Return ΔF/Δx (N/m) between the two turning points of a slow loop."""
+    if not (np.isfinite(motion).all() and np.isfinite(force).all()):
+        raise NotMeasured("samples of the slow loop are missing")
+    low, high = float(motion.min()), float(motion.max())
+    if not high > low:
+        raise NotMeasured("nothing moved: a stiffness needs a motion")
+    edge = TURNING * (high - low)
+    top, bottom = motion >= high - edge, motion <= low + edge
+    travel = motion[top].mean() - motion[bottom].mean()
+    return float((force[top].mean() - force[bottom].mean()) / travel)
+
+
+def loop_energy(motion: Samples, force: Samples) -> float:
+    """Return ∮F dx (J) over one closed loop, positive where energy is lost; the last point joins the first."""
+    return float(0.5 * np.sum((force + np.roll(force, -1)) * (np.roll(motion, -1) - motion)))
+
+
+def whole_cycles(times: Samples, cycle: Samples, first: int, count: int, frequency: float) -> npt.NDArray[np.bool_]:
+    """Return which samples belong to ``count`` whole cycles from the beginning of cycle ``first`` on.
+
+    ``cycle`` is the generator's own count of completed cycles, as sampled. NotMeasured if it never got there.
+    """
+    begun = np.flatnonzero(cycle >= first)
+    if begun.size == 0:
+        raise NotMeasured(f"the generator completed {np.nanmax(cycle):g} cycles; cycle {first} was to be measured")
+    start = times[begun[0]]
+    inside = (times >= start - 1e-9) & (times < start + count / frequency - 1e-9)
+    return np.asarray(inside, np.bool_)
+
+
+def without_inertia(force: complex, motion: complex, mass: float, frequency: float) -> complex:
+    """Return the amplitude of the spring's force from that of the actuator's: F_spring = F_act − m ẍ.
+
+    ``force`` (N) and ``motion`` (m) count in the same direction; ẍ = −ω² x.
+    """
+    return force + mass * (tau * frequency) ** 2 * motion

@@ -1,0 +1,181 @@
+"""What a test plan is, and the run in which it measures, checks and tells how far it is."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol, overload
+
+from bench_protocol.units import FACTORS
+from test_plans.steps import make_safe, power_up
+
+if TYPE_CHECKING:
+    from bench_records.recorder import Recorder
+    from bench_records.result import Axis, Check, Curve
+    from drivers.bench import Bench
+
+#: A part of a plan: a function that is given the run.
+Part = Callable[["Run"], None]
+
+
+class PlanError(Exception):
+    """A plan that is written wrongly: the text names it and says what is missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A test instruction: set-up, main part and tear-down, which always runs.
+
+    The instruction is the docstring of the main part, the title its first sentence.
+    """
+
+    name: str
+    title: str
+    instruction: str
+    main: Part
+    setup: Part
+    teardown: Part
+
+
+@overload
+def plan(main: Part, /) -> Plan: ...
+@overload
+def plan(*, setup: Part = power_up, teardown: Part = make_safe) -> Callable[[Part], Plan]: ...
+def plan(
+    main: Part | None = None, /, *, setup: Part = power_up, teardown: Part = make_safe
+) -> Plan | Callable[[Part], Plan]:
+    """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=...)`` with parts of its own.
+
+    The name is the function's, the instruction its docstring (or that of its module). Without parts of its own a plan
+    begins by arming the bench and ends by letting the air off and disarming. PlanError without a docstring.
+    """
+    if main is not None:
+        return _plan(main, setup, teardown)
+    return lambda function: _plan(function, setup, teardown)
+
+
+def _plan(main: Part, setup: Part, teardown: Part) -> Plan:
+    instruction = inspect.cleandoc(main.__doc__ or sys.modules[main.__module__].__doc__ or "")
+    if not instruction:
+        raise PlanError(f"plan {main.__name__} has no docstring; it must say what is tested and what is good")
+    return Plan(main.__name__, instruction.splitlines()[0], instruction, main, setup, teardown)
+
+
+class Watcher(Protocol):
+    """Who follows a run while it lasts: a progress bar, a log, nobody."""
+
+    def say(self, text: str) -> None:
+        """Hear what the plan is doing now."""
+
+    def progress(self, fraction: float) -> None:
+        """Hear how much of the plan is done (0 to 1)."""
+
+    def checked(self, check: Check) -> None:
+        """Hear of a check and its verdict."""
+
+
+class Nobody:
+    """A watcher that is not there."""
+
+    def say(self, text: str) -> None:
+        pass
+
+    def progress(self, fraction: float) -> None:
+        pass
+
+    def checked(self, check: Check) -> None:
+        pass
+
+
+@dataclass(slots=True)
+class Run:
+    """One execution of a plan: the bench, and everything that the plan concludes."""
+
+    bench: Bench
+    recorder: Recorder
+    watcher: Watcher = field(default_factory=Nobody)
+    checks: list[Check] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
+    _phases: list[str] = field(default_factory=list)
+
+    def check(
+        self,
+        name: str,
+        value: float,
+        unit: str,
+        *,
+        low: float | None = None,
+        high: float | None = None,
+        margin: float | None = None,
+        note: str = "",
+    ) -> bool:
+        """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
+
+        ``unit`` is what people read; ``margin`` the fraction of the band next to a limit in which a value passes as
+        *marginal*. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met.
+        """
+        from bench_records.result import MARGIN
+        from bench_records.result import check as judged
+
+        if unit not in FACTORS:
+            raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
+        one = judged(
+            name,
+            value,
+            "" if unit == "1" else unit,
+            FACTORS[unit],
+            low=low,
+            high=high,
+            margin=MARGIN if margin is None else margin,
+            phase=self._phases[-1] if self._phases else "",
+            note=note,
+        )
+        self.checks.append(one)
+        self.recorder.event(self.now, "check", str(one), verdict=one.verdict.value)
+        self.watcher.checked(one)
+        return one.passed
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Name a stretch of the run; phases may lie inside one another."""
+        self._phases.append(name)
+        self.recorder.phase_begins(self.now, name)
+        self.watcher.say(name)
+        try:
+            yield
+        finally:
+            self.recorder.phase_ends(self.now, name)
+            self._phases.pop()
+
+    def loop(
+        self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
+    ) -> None:
+        """Keep a closed curve of ``ys`` over ``xs`` (SI) for the report."""
+        from bench_records.result import curve
+
+        self.curves.append(curve(name, x, y, xs, ys, kind="loop", group=group))
+
+    def curve(
+        self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
+    ) -> None:
+        """Keep a table of few ``ys`` over ``xs`` (SI) for the report."""
+        from bench_records.result import curve
+
+        self.curves.append(curve(name, x, y, xs, ys, kind="sweep", group=group))
+
+    def say(self, text: str) -> None:
+        """Tell whoever watches, and the record, what is going on."""
+        self.recorder.event(self.now, "note", text)
+        self.watcher.say(text)
+
+    def progress(self, fraction: float) -> None:
+        """Tell whoever watches how much of the plan is done (0 to 1)."""
+        self.watcher.progress(min(max(fraction, 0.0), 1.0))
+
+    @property
+    def now(self) -> int:
+        """The time of the bench's clock (ns)."""
+        return self.bench.clock.now()

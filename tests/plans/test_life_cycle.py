@@ -1,0 +1,276 @@
+"""Set-up, main part and tear-down: what runs when, whose fault it is, and what is written."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bench_protocol.clock import VirtualClock
+from bench_protocol.table import STATES, TABLE
+from bench_protocol.units import kPa
+from bench_records.record import read
+from bench_records.result import Outcome, Verdict, read_result
+from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, RigFault
+from test_plans import PLANS
+from test_plans.plan import Plan, PlanError, Run, plan
+from test_plans.run import execute
+
+
+class FakeBench:
+    """As much of a bench as the life cycle touches: a clock, a sink, counters."""
+
+    def __init__(self):
+        self.clock, self.table = VirtualClock(), TABLE
+        self.receiver = SimpleNamespace(sink=None)
+        self.settings = SimpleNamespace(snapshot=self.snapshot)
+        self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
+        self.dead = False
+
+    def snapshot(self):
+        if self.dead:
+            raise LinkLost("nobody answers")
+        return dict(self.counters)
+
+    def wait(self, seconds):
+        self.clock.sleep_until(self.clock.now() + round(seconds * 1e9))
+
+    def send(self, **values):
+        rows = np.array([TABLE.index[name.replace("__", ".")] for name in values])
+        self.receiver.sink(
+            np.full(rows.size, self.clock.now()), rows, np.array(list(values.values()), float)
+        )
+
+
+@pytest.fixture
+def bench():
+    return FakeBench()
+
+
+@pytest.fixture
+def made(bench, tmp_path):
+    """Run a plan with the given main part on the fake bench; return its result and what ran."""
+
+    def run(main, *, setup=None, teardown=None, **rest):
+        ran = []
+
+        def part(name, function):
+            def wrapped(run: Run) -> None:
+                ran.append(name)
+                run.bench.wait(1.0)
+                if function is not None:
+                    function(run)
+
+            return wrapped
+
+        made = Plan("fake", "Fake.", "Fake.", part("main", main), part("set-up", setup), part("tear-down", teardown))
+        return execute(made, bench, tmp_path / "out", **rest), ran
+
+    return run
+
+
+def good(run):
+    run.check("pressure", 5 * kPa, "kPa", low=0.0, high=10 * kPa)
+
+
+def bad(run):
+    run.check("pressure", 50 * kPa, "kPa", low=0.0, high=10 * kPa)
+
+
+def raising(error):
+    def part(run):
+        raise error
+
+    return part
+
+
+ALL = ["set-up", "main", "tear-down"]
+
+
+def test_a_run_within_limits_passes_and_leaves_its_files(made, tmp_path):
+    result, ran = made(good, rig="fake rig", seed=3)
+    assert ran == ALL
+    assert result.verdict is Outcome.PASS
+    assert read_result(tmp_path / "out") == result
+    assert [p.name for p in result.phases] == ALL
+    assert [p.duration for p in result.phases] == pytest.approx([1.0, 1.0, 1.0])
+    assert (tmp_path / "out" / "junit.xml").exists()
+    assert result.checks[0].phase == "main"
+
+
+def test_a_broken_limit_fails_and_the_plan_goes_on(made):
+    result, ran = made(lambda run: (bad(run), good(run)))
+    assert (result.verdict, ran) == (Outcome.FAIL, ALL)
+    assert [one.verdict for one in result.checks] == [Verdict.FAIL, Verdict.PASS]
+
+
+def test_near_a_limit_is_marginal_and_nothing_measured_is_no_pass(made):
+    def main(run):
+        run.check("a", 9.9, "1", low=0, high=10)
+        run.check("b", math.nan, "1", low=0, high=10)
+
+    result, _ = made(main)
+    assert [one.verdict for one in result.checks] == [Verdict.MARGINAL, Verdict.ERROR]
+    assert result.verdict is Outcome.BLOCKED
+
+
+@pytest.mark.parametrize(
+    ("error", "whose"),
+    [
+        (RigFault("the rig left ACTIVE: limit tripped"), "the rig: the rig left ACTIVE"),
+        (BenchTimeout("level: not reached within 20 s"), "the rig: level"),
+        (LinkLost("the CAN bus is lost"), "the link to the rig: the CAN bus"),
+        (Misuse("no such thing"), "the plan: no such thing"),
+        (TypeError("unsupported operand"), "the plan: TypeError at test_life_cycle.py:"),
+        (ZeroDivisionError("by zero"), "the plan: ZeroDivisionError at test_life_cycle.py:"),
+    ],
+)
+@pytest.mark.parametrize("where", ["setup", "main"])
+def test_what_breaks_beside_the_product_blocks_and_tear_down_runs(made, error, whose, where):
+    parts = {"main": good, where: raising(error)}
+    main = parts.pop("main")
+    result, ran = made(main, **parts)
+    assert result.verdict is Outcome.BLOCKED
+    assert result.reason.startswith(whose)
+    assert ran == (ALL if where == "main" else ["set-up", "tear-down"])
+
+
+def test_a_fault_after_a_broken_limit_blocks_for_the_rig_may_have_broken_the_check(made):
+    result, _ = made(lambda run: (bad(run), raising(RigFault("gone"))(run)))
+    assert result.verdict is Outcome.BLOCKED
+
+
+def test_trouble_in_tear_down_stands_beside_the_first_and_never_hides_it(made, tmp_path):
+    result, _ = made(raising(RigFault("first")), teardown=raising(LinkLost("second")))
+    assert result.reason == "the rig: first; then in tear-down: the link to the rig: second"
+
+
+def test_trouble_in_tear_down_alone_blocks(made):
+    result, _ = made(good, teardown=raising(RigFault("vent stuck")))
+    assert result.verdict is Outcome.BLOCKED
+    assert result.reason == "in tear-down: the rig: vent stuck"
+
+
+def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
+    result, _ = made(bad, teardown=raising(RigFault("vent stuck")))
+    assert result.verdict is Outcome.FAIL
+    assert "tear-down: the rig: vent stuck" in [e.text for e in read(tmp_path / "out").events if e.kind == "error"]
+
+
+def test_ctrl_c_tears_down_writes_and_comes_out_again(made, tmp_path):
+    ran = []
+    with pytest.raises(KeyboardInterrupt):
+        made(raising(KeyboardInterrupt()), teardown=lambda run: ran.append("tear-down"))
+    assert ran == ["tear-down"]
+    result = read_result(tmp_path / "out")
+    assert (result.verdict, result.reason) == (Outcome.BLOCKED, "stopped by the operator")
+
+
+def test_a_plan_without_a_check_proves_nothing(made):
+    assert made(lambda run: None)[0].verdict is Outcome.BLOCKED
+
+
+def test_samples_and_changes_of_state_reach_the_record(bench, made, tmp_path):
+    def main(run):
+        good(run)
+        bench.send(left__height=0.01, rig__state=STATES.index("ACTIVE"), rig__reason=0.0, rig__tripped=0.0)
+        bench.wait(0.5)
+        row = TABLE.index["lateral.force"] + 1.0
+        bench.send(rig__state=STATES.index("FAULT_HOLD"), rig__reason=5.0, rig__tripped=row)
+        with run.phase("inner"):
+            run.say("something")
+            bench.wait(0.25)
+        run.check("late", 1.0, "s", high=2.0)
+
+    result, _ = made(main)
+    record = read(tmp_path / "out")
+    times, values = record.series("left.height")
+    assert (list(times), list(values)) == ([2.0 - 0.0], [0.01]) or list(values) == [0.01]
+    told = [(event.kind, event.text) for event in record.events]
+    assert ("state", "rig.state: ACTIVE") in told
+    assert ("trip", "limit of lateral.force tripped") in told
+    assert ("reason", "rig.reason: limit tripped") in told
+    assert told.index(("trip", "limit of lateral.force tripped")) < told.index(("state", "rig.state: FAULT_HOLD"))
+    assert [(p.name, p.level) for p in result.phases] == [("set-up", 0), ("main", 0), ("inner", 1), ("tear-down", 0)]
+    assert bench.receiver.sink is None
+
+
+def test_punctuality_is_what_the_counters_gained_during_the_run(bench, made):
+    bench.counters |= {"rig.tick": 1000.0, "rig.lateness_50us": 500.0, "rig.late_ticks": 7.0}
+
+    def main(run):
+        good(run)
+        bench.counters |= {
+            "rig.tick": 3000.0,
+            "rig.lateness_50us": 2480.0,
+            "rig.lateness_1ms": 20.0,
+            "rig.late_ticks": 8.0,
+            "rig.lateness_max": 0.7e-3,
+        }
+
+    timing = made(main)[0].timing
+    assert (timing.ticks, timing.late) == (2000, 1)
+    assert timing.counts == [1980, 0, 0, 0, 20, 0]
+    assert (timing.p50, timing.p99, timing.max) == pytest.approx((50e-6, 50e-6, 0.7e-3))
+
+
+def test_a_rig_that_died_leaves_no_figures_but_a_result(bench, made):
+    def main(run):
+        bench.dead = True
+        raise LinkLost("gone")
+
+    result, _ = made(main)
+    assert (result.verdict, result.timing) == (Outcome.BLOCKED, None)
+
+
+def test_the_same_run_gives_the_same_bytes(tmp_path):
+    def main(run):
+        run.bench.wait(0.3)
+        run.bench.send(left__height=0.01)
+        run.check("x", 0.3, "bar", low=0.0, high=1.0)
+
+    one = Plan("fake", "Fake.", "Fake.", main, lambda run: None, lambda run: None)
+    for name in "ab":
+        execute(one, FakeBench(), tmp_path / name, meta={"versions": {"x": "1"}}, seed=1)
+    for file in ("record.parquet", "meta.json", "result.json", "junit.xml"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
+
+
+def test_the_decorator_reads_name_title_and_instruction():
+    @plan
+    def leak_down(run: Run) -> None:
+        """Leak-down: watch the pressure.
+
+        For five minutes.
+        """
+
+    assert (leak_down.name, leak_down.title) == ("leak_down", "Leak-down: watch the pressure.")
+    assert leak_down.instruction.endswith("For five minutes.")
+    assert leak_down.setup.__name__ == "power_up"
+    assert leak_down.teardown.__name__ == "make_safe"
+
+
+def test_a_plan_without_instruction_is_refused(monkeypatch):
+    def nothing(run: Run) -> None: ...
+
+    nothing.__module__ = "test_plans.nowhere"
+    monkeypatch.setitem(__import__("sys").modules, "test_plans.nowhere", SimpleNamespace(__doc__=None))
+    with pytest.raises(PlanError, match="nothing has no docstring"):
+        plan(nothing)
+
+
+def test_an_unknown_unit_is_the_plans_fault(made):
+    result, _ = made(lambda run: run.check("x", 1.0, "furlong", low=0.0))
+    assert result.verdict is Outcome.BLOCKED
+    assert "unit 'furlong' is not one of" in result.reason
+
+
+def test_every_plan_is_listed_under_its_name():
+    assert list(PLANS)[:2] == ["aw0", "aw3"]
+    for name, one in PLANS.items():
+        assert one.name == name
+        assert one.title.endswith(".")
+
+
+def test_bench_errors_know_whose_fault_they_are():
+    assert {error("x").fault for error in (BenchError, RigFault, LinkLost, Misuse)} == {"rig", "link", "plan"}
