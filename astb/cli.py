@@ -1,0 +1,218 @@
+"""The command `astb`: start a rig, run plans on one, show what crosses its wires, make reports.
+
+Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke, not the product).
+Everything heavy is imported inside the commands: `astb --help` answers at once.
+"""
+
+import sys
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NoReturn
+
+import click
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+
+PASS, FAIL, MISUSE, BLOCKED = 0, 1, 2, 3
+_EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
+
+RIG_OPTION: Final = click.option(
+    "--rig",
+    "rig_path",
+    type=click.Path(path_type=Path),
+    help="Rig file (TOML).  [default: rigs/local.toml]",
+)
+
+
+def main() -> NoReturn:
+    """Run the command line; errors that people can mend are one sentence, not a traceback."""
+    try:
+        sys.exit(_commands(standalone_mode=False) or PASS)
+    except click.exceptions.Exit as end:
+        sys.exit(end.exit_code)
+    except click.Abort:
+        click.echo("interrupted", err=True)
+        sys.exit(BLOCKED)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(MISUSE)
+
+
+def misuse(error: Exception | str) -> NoReturn:
+    """End the command: the user asked for something that cannot be."""
+    click.echo(f"astb: {error}", err=True)
+    raise click.exceptions.Exit(MISUSE)
+
+
+def blocked(error: Exception | str) -> NoReturn:
+    """End the command: the rig or a precondition broke."""
+    click.echo(f"astb: {error}", err=True)
+    raise click.exceptions.Exit(BLOCKED)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="astb")
+def _commands() -> None:
+    """A virtual test bench for railway air springs that behaves like the real rig down to its wires."""
+
+
+@_commands.command("rig")
+@RIG_OPTION
+@click.option("--can", help="auto, tcp, or a SocketCAN interface such as vcan0; over the rig file.")
+@click.option("--can-port", type=click.IntRange(0, 65535), help="TCP port of the CAN hub, 0 for a free one.")
+@click.option("--modbus-port", type=click.IntRange(0, 65535), help="TCP port of Modbus, 0 for a free one.")
+@click.option("--seed", type=click.IntRange(min=0), help="Draws this rig's sensors and their noise.")
+@click.option("--beacon", is_flag=True, help="Announce the CAN hub on the loopback, for SavvyCAN.")
+@click.option(
+    "--allow-remote", is_flag=True, help="Open the ports to other machines; neither has a password."
+)
+def rig_command(
+    rig_path: Path | None,
+    can: str | None,
+    can_port: int | None,
+    modbus_port: int | None,
+    seed: int | None,
+    beacon: bool,
+    allow_remote: bool,
+) -> None:
+    """Run the simulated rig in real time until interrupted.
+
+    Prints `ready can=… modbus=…` when both doors are open. SIGUSR1 presses the emergency stop, SIGUSR2 releases it.
+    """
+    import signal
+    import threading
+
+    from astb.session import build_rig
+    from bench_sim.rig.process import Late, run_rig
+
+    rig, path = _rig(rig_path)
+    if rig.simulation is None:
+        misuse(f"rig file {path} describes a real rig (no [simulation] table): there is nothing to simulate")
+    try:
+        simulated = build_rig(rig.simulation, seed)
+    except ValueError as error:
+        misuse(error)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    signal.signal(signal.SIGUSR1, lambda *_: simulated.press_estop())
+    signal.signal(signal.SIGUSR2, lambda *_: simulated.release_estop())
+    try:
+        run_rig(
+            simulated,
+            can=can or rig.can.bus,
+            host=rig.can.host,
+            can_port=rig.can.port if can_port is None else can_port,
+            modbus_port=rig.modbus.port if modbus_port is None else modbus_port,
+            allow_remote=allow_remote,
+            beacon=beacon,
+            policy=Late(rig.simulation.late_ticks),
+            stop=stop,
+            ready=lambda door, modbus: click.echo(f"ready can={door} modbus={modbus}"),
+        )
+    except (OSError, ValueError) as error:
+        blocked(error)
+
+
+@_commands.command("run")
+@click.argument("plans", nargs=-1, required=True, metavar="PLAN...")
+@RIG_OPTION
+@click.option(
+    "--virtual", is_flag=True, help="In virtual time, without sockets: the same plans, bytes and verdicts."
+)
+@click.option("--seed", type=click.IntRange(min=0), help="Draws the simulated rig's sensors and their noise.")
+@click.option(
+    "--out",
+    "out",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="Where records go.",
+)
+def run_command(
+    plans: tuple[str, ...], rig_path: Path | None, virtual: bool, seed: int | None, out: Path
+) -> None:
+    """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
+
+    Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked.
+    """
+    from astb.rig_file import RigFileError
+    from astb.run import run_plans
+    from bench_records.layout import RecordError
+    from drivers.errors import BenchError
+    from test_plans import PLANS
+
+    unknown = [name for name in plans if name not in PLANS]
+    if unknown:
+        misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(PLANS)}")
+    rig, path = _rig(rig_path)
+    try:
+        verdicts = run_plans([PLANS[name] for name in plans], rig, path, virtual=virtual, seed=seed, out=out)
+    except (RigFileError, ValueError, RecordError) as error:
+        misuse(error)
+    except BenchError as error:
+        blocked(error)
+    raise click.exceptions.Exit(max(_EXIT[verdict] for verdict in verdicts))
+
+
+@_commands.command("plans")
+def plans_command() -> None:
+    """List the test plans."""
+    from test_plans import PLANS
+
+    width = max(map(len, PLANS))
+    for name, plan in PLANS.items():
+        click.echo(f"{name:<{width}}  {plan.title}")
+
+
+@_commands.command("signals")
+@click.option(
+    "--dbc", type=click.Path(path_type=Path, dir_okay=False), help="Write the CAN messages as a DBC file."
+)
+@click.option(
+    "--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the Modbus map as a CSV file."
+)
+def signals_command(dbc: Path | None, csv: Path | None) -> None:
+    """List everything that crosses the wires, or write it for other tools."""
+    generated = files("bench_protocol") / "generated"
+    for target, source in ((dbc, "astb.dbc"), (csv, "modbus_map.csv")):
+        if target is not None:
+            try:
+                target.write_bytes((generated / source).read_bytes())
+            except OSError as error:
+                misuse(f"{target} cannot be written: {error.strerror}")
+            click.echo(target)
+    if dbc is None and csv is None:
+        from bench_protocol.table import TABLE
+
+        click.echo(f"map {TABLE.map_hash:08x}")
+        for row in TABLE.signals:
+            click.echo(f"{row.name:<38} {row.kind:<12} {row.range_text():<28.60} {row.description}")
+
+
+@_commands.command("report")
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+def report_command(directory: Path) -> None:
+    """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
+    from bench_records.layout import STREAM, RecordError
+    from bench_records.recorder import recover
+    from bench_records.report import write_report
+
+    try:
+        if (directory / STREAM).exists():
+            click.echo(recover(directory))
+        click.echo(write_report(directory))
+    except RecordError as error:
+        misuse(error)
+
+
+def _rig(path: Path | None) -> "tuple[RigFile, Path]":
+    """Return the rig file's content and its path; without a path that of `rigs/local.toml`."""
+    from astb.rig_file import RigFileError, read
+
+    path = path or Path("rigs/local.toml")
+    try:
+        return read(path), path
+    except RigFileError as error:
+        misuse(error)

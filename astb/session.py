@@ -1,0 +1,200 @@
+"""Brings a rig and a bench together: in memory and virtual time, or over the wires and in real time."""
+
+import contextlib
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from astb.rig_file import RigFile, RigFileError, Simulation
+from bench_protocol.clock import Clock, RealClock, VirtualClock, wall_time_ns
+from bench_protocol.table import TABLE
+from bench_protocol.units import ms, s
+
+if TYPE_CHECKING:
+    from bench_sim.parameters import Parameters
+    from bench_sim.rig.rig import Rig
+    from drivers.bench import Bench
+
+#: A first start compiles the model; afterwards the rig is up within two seconds.
+START_LIMIT: Final = 180 * s
+STOP_LIMIT: Final = 5 * s
+
+
+@dataclass(frozen=True)
+class Session:
+    """A bench to run plans on, and what its records should say of it."""
+
+    bench: "Bench"
+    clock: Clock
+    virtual: bool
+    parameters: "Parameters | None"  #: of the simulation, None for a real rig
+    seed: int | None
+
+
+def simulated_parameters(simulation: Simulation) -> "Parameters":
+    """Return the parameter set that the rig file asks for.
+
+    Raises RigFileError or ParameterError with name, value, unit and what would be right.
+    """
+    from bench_sim.parameters import load
+
+    parameters = load(simulation.parameters)
+    changes = {}
+    for name, text in simulation.change.items():
+        entry = parameters.entries.get(name)
+        number, _, unit = text.partition(" ")
+        if entry is not None:
+            try:
+                changes[name] = float(number) * entry.scale
+            except ValueError:
+                raise RigFileError(
+                    f"change: {name} = {text!r} is not a number with its unit ({entry.unit})"
+                ) from None
+            if unit.strip() != entry.unit:
+                raise RigFileError(
+                    f"change: {name} = {text!r} is not in {entry.unit}, the unit of that parameter"
+                )
+        else:
+            changes[name] = 0.0  # refused below, with the names that there are
+    return parameters.with_values(**changes) if changes else parameters
+
+
+def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
+    """Return the simulated rig, not yet running."""
+    from bench_sim.rig.rig import Rig
+
+    return Rig(simulated_parameters(simulation), seed=simulation.seed if seed is None else seed)
+
+
+@contextlib.contextmanager
+def open_session(
+    rig: RigFile,
+    path: Path,
+    *,
+    virtual: bool = False,
+    seed: int | None = None,
+    say: Callable[[str], None] = print,
+) -> Iterator[Session]:
+    """Yield a session with ``rig``; the bench is not yet connected.
+
+    A simulated rig in real time that does not answer is started in a process of its own and stopped at the end.
+    """
+    if virtual or rig.time == "virtual":
+        if rig.simulation is None:
+            raise RigFileError(
+                f"rig file {path}: without a [simulation] table there is nothing to run in virtual time"
+            )
+        with virtual_session(build_rig(rig.simulation, seed), rig.simulation, seed) as session:
+            yield session
+        return
+    with contextlib.ExitStack() as stack:
+        if rig.simulation and not answers(rig):
+            say(f"no rig answers at {rig.modbus.host}:{rig.modbus.port}: starting one")
+            stack.enter_context(started(path, seed, say))
+        elif rig.simulation and seed is not None:
+            say("the rig is running already: it keeps its own seed")
+        yield stack.enter_context(real_session(rig, seed))
+
+
+@contextlib.contextmanager
+def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None) -> Iterator[Session]:
+    """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can."""
+    from bench_sim.rig.tick import TICK_NS
+    from drivers.bench import Bench
+    from drivers.memory import InMemoryCan
+    from drivers.modbus_port import InMemoryModbus
+
+    clock = VirtualClock()
+    can = InMemoryCan(lambda block: rig.receive(block, "memory"))
+    modbus = InMemoryModbus(lambda request: rig.answer(request, "memory"))
+    done = 0
+
+    def advance(until: int) -> None:
+        nonlocal done
+        ticks = until // TICK_NS - done
+        if ticks > 0:
+            done += ticks
+            can.deliver(rig.run(ticks))
+
+    clock.attach(advance)
+    bench = Bench(can, modbus, clock)
+    try:
+        yield Session(bench, clock, True, rig.parameters, simulation.seed if seed is None else seed)
+    finally:
+        bench.close()
+
+
+@contextlib.contextmanager
+def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
+    """Yield a session with a rig that is running somewhere, simulated or not."""
+    from drivers.bench import Bench
+    from drivers.can_port import open_can
+    from drivers.modbus_port import open_modbus
+
+    clock = RealClock()
+    epoch = wall_time_ns() - clock.now()
+    with contextlib.ExitStack() as stack:
+        modbus = open_modbus(rig.modbus.host, rig.modbus.port, unit=rig.modbus.unit)
+        stack.callback(modbus.close)
+        can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
+        stack.callback(can.close)
+        bench = Bench(can, modbus, clock, epoch=epoch)
+        stack.callback(bench.close)
+        simulation = rig.simulation
+        parameters = simulated_parameters(simulation) if simulation else None
+        known = simulation.seed if simulation and seed is None else seed
+        yield Session(bench, clock, False, parameters, known)
+
+
+def answers(rig: RigFile) -> bool:
+    """Return whether a Modbus device answers at the rig's address."""
+    from drivers.errors import LinkLost
+    from drivers.modbus_port import open_modbus
+
+    try:
+        port = open_modbus(rig.modbus.host, rig.modbus.port, unit=rig.modbus.unit, timeout=300 * ms)
+    except LinkLost:
+        return False
+    port.close()
+    return True
+
+
+@contextlib.contextmanager
+def started(path: Path, seed: int | None, say: Callable[[str], None]) -> Iterator[None]:
+    """Run ``astb rig`` for ``path`` in a process of its own while the block lasts."""
+    command = [sys.executable, "-m", "astb", "rig", "--rig", str(path)]
+    if seed is not None:
+        command += ["--seed", str(seed)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            say(_ready_line(process))
+            yield
+        finally:
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(STOP_LIMIT)
+            process.kill()
+
+
+def _ready_line(process: "subprocess.Popen[str]") -> str:
+    """Return the line in which the rig says that both doors are open; RigFileError with its own words otherwise."""
+    import threading
+
+    assert process.stdout and process.stderr
+    watchdog = threading.Timer(START_LIMIT, process.kill)
+    watchdog.start()
+    try:
+        for line in process.stdout:
+            if line.startswith("ready "):
+                return line.strip()
+    finally:
+        watchdog.cancel()
+    reason = process.stderr.read().strip() or f"it did not come up within {START_LIMIT:g} s"
+    raise RigFileError(f"the rig could not be started: {reason}")
+
+
+#: What a record should say of the wires it came over.
+MAP_HASH: Final = f"{TABLE.map_hash:08x}"
