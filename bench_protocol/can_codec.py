@@ -64,7 +64,7 @@ class Tally(IntEnum):
     LOST = 3  #: gaps in the sample counters
     CORRUPT = 4  #: wrong CRC
     REPEATED = 5  #: the same counter again (doubled or echoed frames)
-    OUT_OF_SEQUENCE = 6  #: a counter that jumped too far
+    OUT_OF_SEQUENCE = 6  #: a counter that jumped too far, or back
 
 
 @dataclass(frozen=True)
@@ -163,6 +163,10 @@ def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tall
             advance = (np.int64(byte) - counters[row]) % 256
             if advance == 0:
                 tally[5] += 1
+                return False
+            # More than half round in less time than half a round takes: an old frame that came late, not 128 lost.
+            if advance >= 128 and record.time - times[row] < 128 * message.period:
+                tally[6] += 1
                 return False
             tally[3] += advance - 1
         counters[row] = byte

@@ -31,7 +31,8 @@ HUB_HOST: Final = "127.0.0.1"
 HUB_PORT: Final = 29536
 
 _ARPHRD_CAN: Final = "280"
-_POLL: Final = 0.2  # s, how long a receiver may sleep before it looks whether it is to end
+_POLL: Final = 0.05  # s, how long a receiver may sleep before it looks whether it is to end
+_SEND_TIMEOUT: Final = 0.2  # s, for a full transmit queue
 _RECEIVE_BUFFER: Final = 16 << 20  # bytes; the kernel charges about 800 for a frame, so these are 20 000
 _BATCH_MAX: Final = 4096
 
@@ -112,7 +113,9 @@ class _MessageReceiver:
 
     def send(self, block: Block) -> None:
         for _, identifier, extended, data in iterate(block):
-            self._bus.send(can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _POLL)
+            self._bus.send(
+                can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _SEND_TIMEOUT
+            )
 
 
 class _SocketCanReceiver:
@@ -159,7 +162,9 @@ class _SocketCanReceiver:
 
     def send(self, block: Block) -> None:
         for _, identifier, extended, data in iterate(block):
-            self._bus.send(can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _POLL)
+            self._bus.send(
+                can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _SEND_TIMEOUT
+            )
 
 
 _LITTLE: Final = struct.pack("=H", 1) == b"\1\0"

@@ -30,7 +30,7 @@ Wave = Literal["sine", "unilateral_cosine", "triangle"]
 FORCE_TOLERANCE: Final = 0.5 * kN
 DISPLACEMENT_TOLERANCE: Final = 1 * mm
 ANGLE_TOLERANCE: Final = 1 * mrad
-#: The rig's controller and the reading are two transducers: their zeros may differ by 25 mbar each.
+#: The rig's controller and the reading are two transducers: their zeros may differ by tens of mbar.
 PRESSURE_TOLERANCE: Final = 60 * mbar
 #: How long set-points are averaged and streamed before a control mode changes: several beats, no visible pause.
 AVERAGE_OVER: Final = 200 * ms

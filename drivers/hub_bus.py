@@ -23,7 +23,7 @@ from bench_protocol.frames import Block, frame, join
 
 _LOG: Final = logging.getLogger(__name__)
 _READ_SIZE: Final = 1 << 18
-_WAIT_MAX: Final = 1.0  # s
+_MOMENT: Final = 1.0  # s
 
 
 class HubBus(can.BusABC):
@@ -105,7 +105,7 @@ class HubBus(can.BusABC):
     def recv_block(self, timeout: float | None = None) -> Block:
         """Return all frames that have come, in order, as one block; wait at most ``timeout`` s for the first.
 
-        The block is empty if nothing came in that time (no later than after 1 s); None waits as long as it takes.
+        The block is empty if nothing came in that time; None waits as long as it takes.
 
         Times are the server's, ns since the epoch. Filters set on the bus do not apply here.
         Raises can.CanOperationError once the server is gone, after the last of its frames has been returned.
@@ -196,13 +196,13 @@ class HubBus(can.BusABC):
             raise can.CanOperationError(self._lose(reason)) from None
 
     def _readable(self, timeout: float | None) -> bool:
-        """Wait until something comes, at most ``timeout`` s and never longer than ``_WAIT_MAX``.
+        """Wait until something comes, at most ``timeout`` s (None: a moment).
 
         poll() and not epoll: a waiting epoll sleeps on, sometimes, when another thread closes the socket.
         """
         poll = select.poll()
         poll.register(self._socket, select.POLLIN)
-        return bool(poll.poll(1000 * (_WAIT_MAX if timeout is None else min(timeout, _WAIT_MAX))))
+        return bool(poll.poll(1000 * (_MOMENT if timeout is None else timeout)))
 
     def _sort(self, events: "list[socketcand.Event] | deque[socketcand.Event]") -> None:
         for event in events:

@@ -92,9 +92,12 @@ class Settings:
             self._stage(before, checked)
             try:
                 self.act("action.apply")
-            except Refused:
+            except Refused as refused:
                 self._stage(before, {name: before[name] for name in checked})
-                raise
+                wanted = ", ".join(
+                    f"{name} = {self._table[name].show(value)}" for name, value in checked.items()
+                )
+                raise Refused(f"the rig did not take over {wanted}: {refused}", refused.code) from None
             self._known.update({name: single(value) for name, value in checked.items()})
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:

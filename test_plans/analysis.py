@@ -120,14 +120,18 @@ def loop_energy(motion: Samples, force: Samples) -> float:
     return float(0.5 * np.sum((force + np.roll(force, -1)) * (np.roll(motion, -1) - motion)))
 
 
-def whole_cycles(times: Samples, cycle: Samples, first: int, count: int, frequency: float) -> npt.NDArray[np.bool_]:
+def whole_cycles(
+    times: Samples, cycle: Samples, first: int, count: int, frequency: float
+) -> npt.NDArray[np.bool_]:
     """Return which samples belong to ``count`` whole cycles from the beginning of cycle ``first`` on.
 
     ``cycle`` is the generator's own count of completed cycles, as sampled. NotMeasured if it never got there.
     """
     begun = np.flatnonzero(cycle >= first)
     if begun.size == 0:
-        raise NotMeasured(f"the generator completed {np.nanmax(cycle):g} cycles; cycle {first} was to be measured")
+        raise NotMeasured(
+            f"the generator completed {np.nanmax(cycle):g} cycles; cycle {first} was to be measured"
+        )
     start = times[begun[0]]
     inside = (times >= start - 1e-9) & (times < start + count / frequency - 1e-9)
     return np.asarray(inside, np.bool_)

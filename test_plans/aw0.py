@@ -1,11 +1,12 @@
 """AW0, the empty car: the test instruction as a plan."""
 
+from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW0
 from test_plans.plan import Run, plan
 
 
-@plan(setup=steps.carry(AW0))
+@plan(setup=steps.carry(AW0), lasts=95 * s)
 def aw0(run: Run) -> None:
     """AW0: the empty car, 53.5 kN on each spring.
 

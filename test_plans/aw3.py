@@ -1,11 +1,12 @@
 """AW3, the full car: the test instruction as a plan."""
 
+from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW3
 from test_plans.plan import Run, plan
 
 
-@plan(setup=steps.carry(AW3))
+@plan(setup=steps.carry(AW3), lasts=115 * s)
 def aw3(run: Run) -> None:
     """AW3: the full car, 145 kN on each spring.
 

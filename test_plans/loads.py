@@ -57,6 +57,7 @@ class Load:
     lateral: dict[float, tuple[Band, Band]]
     roll_load: float  #: N more on one side and less on the other
     roll_stiffness: Band  #: N·m/rad
+    roll_pressure: Band  #: Pa between the sides
 
     @property
     def actuator_force(self) -> float:
@@ -88,6 +89,8 @@ DAMPING_TOLERANCE: Final = 0.15
 #: Friction, from which lateral damping comes alone, scatters by 15 to 20 % from day to day.
 LATERAL_DAMPING_TOLERANCE: Final = 0.25
 ROLL_TOLERANCE: Final = 0.10
+#: A differential pressure valve that leaks or sticks takes the difference away; below 1.2 bar it is to stay shut.
+ROLL_PRESSURE_TOLERANCE: Final = 0.20
 
 AW0: Final = Load(
     name="AW0",
@@ -118,6 +121,7 @@ AW0: Final = Load(
     ),
     roll_load=4 * kN,
     roll_stiffness=within(755 * kNm_per_rad, ROLL_TOLERANCE),
+    roll_pressure=within(0.22 * bar, ROLL_PRESSURE_TOLERANCE),
 )
 
 AW3: Final = Load(
@@ -149,4 +153,5 @@ AW3: Final = Load(
     ),
     roll_load=8 * kN,
     roll_stiffness=within(1420 * kNm_per_rad, ROLL_TOLERANCE),
+    roll_pressure=within(0.50 * bar, ROLL_PRESSURE_TOLERANCE),
 )

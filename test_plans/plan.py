@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, overload
 
-from bench_protocol.units import FACTORS
+from bench_protocol.units import FACTORS, NS
 from test_plans.steps import make_safe, power_up
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ class PlanError(Exception):
 class Plan:
     """A test instruction: set-up, main part and tear-down, which always runs.
 
-    The instruction is the docstring of the main part, the title its first sentence.
+    The instruction is the docstring of the main part, the title its first line. ``lasts`` is how long it takes (s of
+    the bench's time, 0 if nobody knows): it moves the progress bar and limits nothing.
     """
 
     name: str
@@ -38,30 +39,38 @@ class Plan:
     main: Part
     setup: Part
     teardown: Part
+    lasts: float = 0.0
 
 
 @overload
 def plan(main: Part, /) -> Plan: ...
 @overload
-def plan(*, setup: Part = power_up, teardown: Part = make_safe) -> Callable[[Part], Plan]: ...
 def plan(
-    main: Part | None = None, /, *, setup: Part = power_up, teardown: Part = make_safe
+    *, setup: Part = power_up, teardown: Part = make_safe, lasts: float = 0.0
+) -> Callable[[Part], Plan]: ...
+def plan(
+    main: Part | None = None,
+    /,
+    *,
+    setup: Part = power_up,
+    teardown: Part = make_safe,
+    lasts: float = 0.0,
 ) -> Plan | Callable[[Part], Plan]:
-    """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=...)`` with parts of its own.
+    """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., lasts=...)``.
 
     The name is the function's, the instruction its docstring (or that of its module). Without parts of its own a plan
     begins by arming the bench and ends by letting the air off and disarming. PlanError without a docstring.
     """
     if main is not None:
-        return _plan(main, setup, teardown)
-    return lambda function: _plan(function, setup, teardown)
+        return _plan(main, setup, teardown, lasts)
+    return lambda function: _plan(function, setup, teardown, lasts)
 
 
-def _plan(main: Part, setup: Part, teardown: Part) -> Plan:
+def _plan(main: Part, setup: Part, teardown: Part, lasts: float) -> Plan:
     instruction = inspect.cleandoc(main.__doc__ or sys.modules[main.__module__].__doc__ or "")
     if not instruction:
         raise PlanError(f"plan {main.__name__} has no docstring; it must say what is tested and what is good")
-    return Plan(main.__name__, instruction.splitlines()[0], instruction, main, setup, teardown)
+    return Plan(main.__name__, instruction.splitlines()[0], instruction, main, setup, teardown, lasts)
 
 
 class Watcher(Protocol):
@@ -97,9 +106,14 @@ class Run:
     bench: Bench
     recorder: Recorder
     watcher: Watcher = field(default_factory=Nobody)
+    lasts: float = 0.0
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     _phases: list[str] = field(default_factory=list)
+    _start: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._start = self.now
 
     def check(
         self,
@@ -144,6 +158,8 @@ class Run:
         self._phases.append(name)
         self.recorder.phase_begins(self.now, name)
         self.watcher.say(name)
+        if self.lasts:
+            self.progress((self.now - self._start) / NS / self.lasts)
         try:
             yield
         finally:

@@ -69,8 +69,10 @@ def execute(
 
     signals = recorded_signals(bench.table)
     start = bench.clock.now()
-    recorder = Recorder(directory, list(signals.values()), {"plan": plan.name, **(meta or {})}, start_ns=start)
-    run = Run(bench, recorder, watcher or Nobody())
+    recorder = Recorder(
+        directory, list(signals.values()), {"plan": plan.name, **(meta or {})}, start_ns=start
+    )
+    run = Run(bench, recorder, watcher or Nobody(), plan.lasts)
     bench.receiver.sink = _Sink(bench.table, list(signals), recorder)
     before = _lateness(bench)
     # Set-up belongs to what must succeed before the main part; tear-down belongs to nothing.
@@ -95,7 +97,9 @@ def execute(
 
     reason = "; then ".join(troubles)
     if troubles == [f"in tear-down: {trouble}"] and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
-        reason = ""  # the product was judged and failed; that the bench then misbehaved stands among the events
+        reason = (
+            ""  # the product was judged and failed; that the bench then misbehaved stands among the events
+        )
     result = conclude(
         plan.name,
         plan.title,

@@ -36,7 +36,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     With ``NUMBA_DISABLE_JIT=1`` the function stays plain Python: the same equations, the model's oracle.
     """
     # Without numba's runtime no array is counted: counting costs five times the arithmetic of a small term.
-    return _compile(function, _nrt=False)
+    return _compile(function, _nrt=False, forceinline=True)
 
 
 def compiled_entry(function: Callable[..., Any]) -> Any:

@@ -49,7 +49,7 @@ def course(shape: int, amplitude: float, frequency: float, t: float) -> tuple[fl
 
 @compiled
 def place_bolster(t: float, motion: Any, x: Any) -> None:
-    """Write the imposed motion into the bolster's states; rows of ``motion``: shape, offset, amplitude, frequency, start."""
+    """Write the motion into the bolster's states; rows of ``motion``: shape, offset, amplitude, frequency, start."""
     for k in range(3):
         displacement, speed = course(
             int(motion[k, 0]), motion[k, 2], motion[k, 3], max(t - motion[k, 4], 0.0)
@@ -73,7 +73,7 @@ def impose_motion(
 ) -> None:
     """``steps`` Runge-Kutta steps with the bolster moved by ``motion``.
 
-    Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, as long as there are rows.
+    Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, while rows last.
     """
     mem = memory[0]
     par = parameters[0]

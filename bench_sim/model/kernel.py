@@ -1,7 +1,7 @@
 """The plant's right-hand side as a sum of terms, its fixed step, and one sampling of its sensors.
 
-``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`), ``par``
-the parameter record (`quantities.PARAMETERS`). What changes abruptly (latches, friction reversals, delayed set-points)
+``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`),
+``par`` the parameter record (`quantities.PARAMETERS`). What changes abruptly (latches, friction reversals, delayed set-points)
 stands in ``mem`` and is constant within a step; an effect adds its own term to `evaluate`.
 """
 
@@ -32,19 +32,19 @@ from bench_sim.model.valves import (
 
 @compiled
 def evaluate(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """dx/dt into ``dx`` (STATES) and everything algebraic into ``out`` (`Algebraic`); reads ``mem``, never writes it."""
+    """dx/dt into ``dx`` (STATES), everything algebraic into ``out`` (`Algebraic`); reads ``mem``, never writes it."""
     dx[:] = 0.0
     spring_algebra(t, x, mem, par, out)
-    # Mass and enthalpy first: the bellows' work needs to know what flows in.
+    # Flows and relaxation first: the bellows' speed, and with it their work, follows from them.
     supply_term(t, x, u, par, dx)
     orifice_term(u, par, out, dx)
     leveling_term(x, mem, u, par, out, dx)
     dpv_term(mem, u, par, out, dx)
     leak_term(par, out, dx)
     heat_term(x, mem, par, out, dx)
+    maxwell_term(x, par, out, dx)
     work_term(par, out, dx)
     lever_term(x, par, out, dx)
-    maxwell_term(x, par, out, dx)
     # Forces gather in the derivatives of the speeds; the bolster divides them by its mass.
     spring_term(par, out, dx)
     actuator_term(x, mem, par, out, dx)

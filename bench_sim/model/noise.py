@@ -12,7 +12,7 @@ _WORD = 0xFFFFFFFF
 
 @compiled
 def scramble(word: int) -> int:
-    """A bijection of 32-bit integers in which every input bit turns about half of the output bits (Wellons' lowbias32)."""
+    """A bijection of 32-bit integers; each input bit turns about half of the output bits (Wellons' lowbias32)."""
     word &= _WORD
     word = ((word ^ (word >> 16)) * 0x7FEB352D) & _WORD
     word = ((word ^ (word >> 15)) * 0x846CA68B) & _WORD

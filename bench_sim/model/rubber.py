@@ -37,35 +37,35 @@ def friction_limit(constant: float, slope: float, gauge: float) -> float:
 
 
 @compiled
-def maxwell_pull(
-    x: Any, par: Any, first: int, stiffness: float, displacement: float
-) -> tuple[float, float, float]:
-    """Force of all branches in N, their common stiffness in N/m, and the rate of the force by relaxation in N/s.
-
-    ``first`` is the place of the first dash-pot.
-    """
+def maxwell_pull(x: Any, par: Any, first: int, stiffness: float, displacement: float) -> tuple[float, float]:
+    """Force of all branches in N and their common stiffness in N/m; ``first`` is the place of the first dash-pot."""
     force = 0.0
     total = 0.0
-    relaxation = 0.0
     for j in range(BRANCHES):
         k = stiffness * par.maxwell_ratio[j]
-        q = displacement - x[first + j]
-        force += k * q
+        force += k * (displacement - x[first + j])
         total += k
-        relaxation += k * q / par.maxwell_time[j]
-    return force, total, relaxation
+    return force, total
 
 
 @compiled
 def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """dw_j/dt = (x_b − w_j)/τ_j for every branch of both springs and both directions."""
+    """dw_j/dt = (x_b − w_j)/τ_j for every branch, spring and direction, and what it does to the forces."""
     for i in range(2):
+        vertical_rate = 0.0
+        lateral_rate = 0.0
         for j in range(BRANCHES):
-            k = i * BRANCHES + j
-            vertical = State.VERTICAL_DASHPOT + k
-            lateral = State.LATERAL_DASHPOT + k
-            dx[vertical] += (out[Algebraic.BELLOWS_VERTICAL + i] - x[vertical]) / par.maxwell_time[j]
-            dx[lateral] += (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) / par.maxwell_time[j]
+            vertical = State.VERTICAL_DASHPOT + i * BRANCHES + j
+            lateral = State.LATERAL_DASHPOT + i * BRANCHES + j
+            speed = 1.0 / par.maxwell_time[j]
+            z_speed = (out[Algebraic.BELLOWS_VERTICAL + i] - x[vertical]) * speed
+            y_speed = (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) * speed
+            vertical_rate += par.maxwell_ratio[j] * z_speed
+            lateral_rate += par.maxwell_ratio[j] * y_speed
+            dx[vertical] += z_speed
+            dx[lateral] += y_speed
+        out[Algebraic.DASHPOT_VERTICAL + i] = par.shell_stiffness_vertical[i] * vertical_rate
+        out[Algebraic.DASHPOT_LATERAL + i] = par.shell_stiffness_lateral[i] * lateral_rate
 
 
 @compiled

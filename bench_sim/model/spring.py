@@ -60,8 +60,8 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
 
     k_z = par.shell_stiffness_vertical[side]
     k_y = par.shell_stiffness_lateral[side]
-    branch_z, stiff_z, relax_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
-    branch_y, stiff_y, relax_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
+    branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
+    branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
 
     f_z, slope_z = friction_curve(
         zeta, mem.friction_origin[0, side], mem.friction_level[0, side], par.friction_vertical_travel[side]
@@ -91,8 +91,6 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
     out[Algebraic.STIFFNESS_YY + side] = -0.5 * gauge * length * Y2 - k_y - stiff_y - limit_y * slope_y
     out[Algebraic.VERTICAL_PER_PRESSURE + side] = A - grip * par.friction_vertical_slope[side] * f_z
     out[Algebraic.LATERAL_PER_PRESSURE + side] = B - grip * par.friction_lateral_slope[side] * f_y
-    out[Algebraic.DASHPOT_VERTICAL + side] = relax_z
-    out[Algebraic.DASHPOT_LATERAL + side] = relax_y
 
 
 @compiled

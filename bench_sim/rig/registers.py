@@ -107,9 +107,14 @@ class RegisterBank:
         """Take the lease from ``peer``, whose connection is gone; return whether it was the commander."""
         if self.owner != peer:
             return False
-        self.owner, self.lease, self.watchdog_ms = None, 0, 0
+        self._lend(0, None)
+        self.watchdog_ms = 0
         self.plant.watch(0)
         return True
+
+    def _lend(self, lease: int, owner: str | None) -> None:
+        self.lease, self.owner = lease, owner
+        self.plant.values[self.table.index["rig.lease"]] = lease
 
     def read_input(self, address: int, count: int) -> list[int]:
         words: list[int] = []
@@ -169,7 +174,7 @@ class RegisterBank:
                     raise ModbusError(ILLEGAL_VALUE)
                 staged[signal.name] = min(max(value, signal.low), signal.high)
         if lease is not None:
-            self.lease, self.owner = lease, peer if lease else None
+            self._lend(lease, peer if lease else None)
         if watchdog is not None:
             self.watchdog_ms = watchdog
         if staged:

@@ -43,7 +43,6 @@ from bench_sim.rig.states import (
 from bench_sim.rig.tick import (
     CONTROLS,
     FRAMES_PER_TICK_MAX,
-    SLEW_TICKS,
     TARGETS,
     TICK_NS,
     Air,
@@ -51,6 +50,7 @@ from bench_sim.rig.tick import (
     Program,
     Target,
     run_ticks,
+    take_commands,
 )
 
 _BOOT_TICKS: Final = 200
@@ -66,17 +66,18 @@ _SENSOR_ROWS: Final = np.array(
     ],
     np.int64,
 )
-_TARGET_OF: Final[dict[int, tuple[Target, str]]] = {
-    **{
-        TABLE.index[f"{name}.{mode}_setpoint"]: (Target(k), mode)
-        for k, name in enumerate(ACTUATORS)
-        for mode in ("force", "displacement")
-    },
-    **{
-        TABLE.index[f"platform.{axis}_setpoint"]: (Target[f"PLATFORM_{axis.upper()}"], "")
-        for axis in ("vertical", "lateral", "roll")
-    },
-}
+#: By table row: which target a set-point aims for, and in which control mode; -1 for none and any.
+_TARGETS: Final = np.full(len(TABLE.signals), -1, np.int64)
+_MODES: Final = np.full(len(TABLE.signals), -1, np.int64)
+for _target, _name in enumerate(ACTUATORS):
+    for _mode in ("force", "displacement"):
+        _TARGETS[TABLE.index[f"{_name}.{_mode}_setpoint"]] = _target
+        _MODES[TABLE.index[f"{_name}.{_mode}_setpoint"]] = CONTROL_MODES.index(_mode)
+for _axis in ("vertical", "lateral", "roll"):
+    _TARGETS[TABLE.index[f"platform.{_axis}_setpoint"]] = Target[f"PLATFORM_{_axis.upper()}"]
+#: More command frames than this in one block are a flood; what comes after is not heard.
+_CHANGES_MAX: Final = 4096
+_ENABLE, _HOLD, _ACTIVE, _RESET = 1, 2, 4, 8
 _CONTROL: Final = TABLE.index["control.enable"]
 _LATENESS_BINS: Final = (("50us", 50), ("100us", 100), ("250us", 250), ("500us", 500), ("1ms", 1000))
 #: CANopen emergency codes (CiA 301): 0x8130 is its heartbeat error, 0xFF00 and up are the device's own.
@@ -102,18 +103,19 @@ class Rig:
     def __init__(self, parameters: Parameters, seed: int = 0, limits: tuple[Limit, ...] = LIMITS) -> None:
         #: The set as this rig was built: the same seed draws the same sensors.
         self.parameters = parameters.as_built(seed)
-        record = np.array([self.parameters.record]).view(np.recarray)[0]  # its own: shims are changed in it
-        self.plant = Plant.depressurised(record, seed=seed, dt=TICK)
+        self.plant = Plant.depressurised(self.parameters.record, seed=seed, dt=TICK)
         self.values = np.full(len(TABLE.signals), np.nan)
         self.lock = threading.RLock()
         self.estop = False
         self._limits = limits
         self._detectors = detectors(TABLE, limits, FAST_RATE)
-        self._controls: Any = np.zeros(1, CONTROLS)[0]
+        controls = np.zeros(1, CONTROLS)
+        self._controls: Any = controls[0]
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
         self._commander: str | None = None
-        self._bits = (0, 0, 0, 0)
+        self._bits = 0  # D, H, M, R of the last valid command
+        self._changes = np.zeros(_CHANGES_MAX, np.int64)
         self._modbus_deadline = -1
         self._pending: list[Block] = []
         self._readings = np.zeros(len(Sensor))
@@ -126,11 +128,11 @@ class Rig:
         }
         self._emergency_row = self._encoder.rows(["Emergency"])
         self._tick_state = (
-            self._controls,
+            controls,
             self.plant.state,
-            self.plant.memory,
+            self.plant.memory_array,
             self.plant.inputs,
-            self.plant.parameters,
+            self.plant.parameter_array,
             self._readings,
             self.values,
             _SENSOR_ROWS,
@@ -144,6 +146,10 @@ class Rig:
             self._rows[SLOW_RATE],
         )
         self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, np.zeros(FRAMES_PER_TICK_MAX, FRAME))
+        none = np.zeros(0, np.int64), np.zeros(0)
+        self._take_commands: Any = bind(
+            take_commands, controls, *none, _TARGETS, _MODES, _CONTROL, self._changes
+        )
         self.machine = StateMachine(
             {COMMAND_VALID: self._command_valid, ESTOP_RELEASED: lambda: not self.estop},
         )
@@ -159,18 +165,24 @@ class Rig:
         with self.lock:
             if self._commander not in (None, peer) and self._silence() < DISABLE_AFTER / TICK:
                 return
-            stamped = block.copy()
+            stamped = block[:_CHANGES_MAX].copy()
             stamped["time"] = int(self._controls["tick"]) * TICK_NS
             samples = self._decoder.decode(stamped)
             rejected = self._decoder.tally[Tally.CORRUPT : Tally.OUT_OF_SEQUENCE + 1].sum()
             self._set("rig.rejected_commands", float(rejected))
-            values = samples.values
-            for k, row in enumerate(samples.signals):
-                if row == _CONTROL:
-                    self._commander = peer
-                    self._command(tuple(int(bit) for bit in values[k : k + 4]))
-                elif (target := _TARGET_OF.get(int(row))) is not None:
-                    self._aim(*target, values[k])
+            if samples.signals.size:
+                self._commander = peer
+                count = self._take_commands(
+                    self._tick_state[0],
+                    samples.signals,
+                    samples.values,
+                    _TARGETS,
+                    _MODES,
+                    _CONTROL,
+                    self._changes,
+                )
+                for bits in self._changes[:count].tolist():
+                    self._command(bits)
 
     def answer(self, request: bytes, peer: str = "") -> bytes:
         """Return the response to one Modbus/TCP request (ADU) from ``peer``."""
@@ -329,37 +341,27 @@ class Rig:
         return int(self._controls["tick"] - self._controls["command_tick"])
 
     def _command_valid(self) -> bool:
-        return self._commander is not None and self._silence() * TICK < DISABLE_AFTER and self._bits[0] == 1
+        return self._commander is not None and self._silence() * TICK < DISABLE_AFTER and bool(self._bits & _ENABLE)
 
-    def _command(self, bits: tuple[int, ...]) -> None:
-        """Act on the D, H, M and R bits of one valid Control message."""
-        enable, hold, active, reset = bits
-        _, held, activated, was_reset = self._bits
-        self._bits = (enable, hold, active, reset)
-        c = self._controls
-        c["command_tick"], c["late"], c["lost"] = c["tick"], 0, 0
-        if not enable:
+    def _command(self, bits: int) -> None:
+        """Act on the D, H, M and R bits of a valid Control message in which one of them has changed."""
+        rising, self._bits = bits & ~self._bits, bits
+        if not bits & _ENABLE:
             self._handle(Event.DISABLE)
-        if reset and not was_reset:
+        if rising & _RESET:
             self._reset()
-        if not hold:
-            self._handle(Event.RELEASE)
-        elif not held:
+        if rising & _HOLD:
             self._handle(Event.HOLD)
-        if not active:
-            self._handle(Event.PAUSE)
-        elif not activated:
+        if rising & _ACTIVE:
             self._handle(Event.ACTIVATE)
+        self._step_down()
 
-    def _aim(self, target: Target, mode: str, value: float) -> None:
-        """Let a set-point aim for ``value`` if the bench is ACTIVE and the axis is in that control mode."""
-        c = self._controls
-        if not c["active"] or np.isnan(value) or c["goal"][target] == value:
-            return
-        if mode and c["control"][target] != CONTROL_MODES.index(mode):
-            return
-        c["goal"][target] = value
-        c["slew"][target] = SLEW_TICKS
+    def _step_down(self) -> None:
+        """Leave the states that the present bits do not ask for: going up takes an edge, going down a level."""
+        if not self._bits & _HOLD:
+            self._handle(Event.RELEASE)
+        if not self._bits & _ACTIVE:
+            self._handle(Event.PAUSE)
 
     def _shim(self, preload: float) -> bool:
         """Set the height to zero for ``preload`` (N per spring), as shims under the emergency springs do.
@@ -494,6 +496,7 @@ class Rig:
         self._detectors["outside"] = 0
         self._set("rig.tripped", 0.0)
         self._controls["late"] = self._controls["lost"] = 0
+        self._step_down()
         return True
 
     def _program_run(self) -> bool:

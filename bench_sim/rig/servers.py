@@ -233,6 +233,7 @@ class CanHub:
         self._clients: dict[_CanClient, None] = {}
         self._published: deque[Block] = deque()
         self._woken = False
+        self._closed = False
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @property
@@ -261,10 +262,10 @@ class CanHub:
                 loop.call_soon_threadsafe(self._flush)
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
+        self._loop, self._closed = loop, False
 
     def close(self) -> None:
-        self._loop = None
+        self._loop, self._closed = None, True
         self._published.clear()
         for client in list(self._clients):
             client.drop()
@@ -274,7 +275,7 @@ class CanHub:
         return _CanClient(self)
 
     def admit(self, client: _CanClient) -> bool:
-        if len(self._clients) >= self._clients_max:
+        if self._closed or len(self._clients) >= self._clients_max:
             return False
         self._clients[client] = None
         return True
@@ -406,13 +407,18 @@ class ModbusTcpServer:
         self._on_peer_lost = on_peer_lost
         self._clients_max = clients_max
         self._clients: dict[_ModbusClient, None] = {}
+        self._closed = False
 
     @property
     def clients(self) -> tuple[str, ...]:
         """Return the names of the connected clients."""
         return tuple(client.name for client in list(self._clients))
 
+    def open(self) -> None:
+        self._closed = False
+
     def close(self) -> None:
+        self._closed = True
         for client in list(self._clients):
             client.drop()
 
@@ -421,7 +427,7 @@ class ModbusTcpServer:
         return _ModbusClient(self)
 
     def admit(self, client: _ModbusClient) -> bool:
-        if len(self._clients) >= self._clients_max:
+        if self._closed or len(self._clients) >= self._clients_max:
             return False
         self._clients[client] = None
         return True
@@ -496,18 +502,19 @@ def serve_in_thread(
         servers = Servers(thread, loop, asyncio.Event())
         async with contextlib.AsyncExitStack() as stack:
             if hub is not None:
-                servers.can_port = await _listen(stack, hub.client, host, can_port, "CAN")
                 hub.open(loop)
                 stack.callback(hub.close)
+                servers.can_port = await _listen(stack, hub.client, host, can_port, "CAN")
                 if beacon:
                     await _announce(stack, hub.bus, host, servers.can_port)
             if modbus_server is not None:
-                servers.modbus_port = await _listen(stack, modbus_server.client, host, modbus_port, "Modbus")
+                modbus_server.open()
                 stack.callback(modbus_server.close)
+                servers.modbus_port = await _listen(stack, modbus_server.client, host, modbus_port, "Modbus")
             opened.append(servers)
             ready.set()
             await servers._stop.wait()
-        await asyncio.sleep(0)  # lets the aborted connections say that they are lost
+        await _turns()  # the connections just dropped say that they are lost
 
     def run() -> None:
         try:
@@ -545,9 +552,25 @@ async def _listen(
     except OSError as error:
         reason = error.strerror or str(error)
         raise OSError(error.errno, f"{what} port {port} on {host} cannot be opened: {reason}") from None
-    stack.callback(server.close)
+    stack.push_async_callback(_close, server)
     found: int = server.sockets[0].getsockname()[1]
     return found
+
+
+async def _close(server: asyncio.Server) -> None:
+    """Close the listening socket, but not under a connection that is just being accepted: asyncio would leak it."""
+    loop = asyncio.get_running_loop()
+    for sock in server.sockets:
+        with contextlib.suppress(NotImplementedError):
+            loop.remove_reader(sock.fileno())
+    await _turns()
+    server.close()
+
+
+async def _turns() -> None:
+    """Let the loop finish what it has begun: accepting and losing a connection take it up to three turns."""
+    for _ in range(5):
+        await asyncio.sleep(0)
 
 
 def _family(host: str) -> int:

@@ -75,7 +75,9 @@ def test_bad_values_are_refused_in_words(world, values, error, words):
 def test_what_the_rig_refuses_to_apply_does_not_stay_staged(world):
     world.peer.refuse_apply = True
     before = dict(world.peer.staged)
-    with pytest.raises(Refused, match=r"action\.apply was refused"):
+    with pytest.raises(
+        Refused, match=r"not take over air\.left_target = 3 bar, air\.dpv = off: action\.apply was refused"
+    ):
         world.bench.settings.write({"air.left_target": 3 * bar, "air.dpv": "off"})
     assert world.peer.staged == before
     world.peer.refuse_apply = False

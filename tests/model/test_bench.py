@@ -56,7 +56,9 @@ def test_load_cells_weigh_what_the_actuators_press(resting):
     assert sum(cells[:4]) == pytest.approx(pressed + WEIGHT, rel=1e-4)
     assert cells[4] + cells[5] == pytest.approx(-truth["lateral_force"], rel=1e-3)
     # Moment about the middle of the platform: M_x = Σ y_k F_k − z_c ΣF_y is what the springs' feet bring.
-    M_x = par.load_cell_y * (cells[0] - cells[1] + cells[2] - cells[3]) - par.load_cell_height * (cells[4] + cells[5])
+    M_x = par.load_cell_y * (cells[0] - cells[1] + cells[2] - cells[3]) - par.load_cell_height * (
+        cells[4] + cells[5]
+    )
     brought = sum(
         truth[f"roll_moment[{i}]"]
         + s * par.spring_half_spacing * truth[f"vertical_force[{i}]"]
@@ -107,7 +109,9 @@ def test_force_control_is_a_delayed_second_order_lag(resting):
     omega, zeta, delay = 2 * np.pi * 25, 0.7, 4e-3
     t = np.maximum(np.arange(1, 61) * 1e-3 - delay, 0.0)
     damped = omega * np.sqrt(1 - zeta**2)
-    expected = 1 - np.exp(-zeta * omega * t) * (np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t))
+    expected = 1 - np.exp(-zeta * omega * t) * (
+        np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t)
+    )
     assert response == pytest.approx(expected, abs=2e-5)
 
 
@@ -226,7 +230,11 @@ def test_each_fault_of_a_sensor_does_what_it_says(parameters):
     healthy = Plant.at_rest(parameters("AW0", ("noise",)).record)
     healthy.step(4000)
     p = healthy.measure()[k]
-    for name, expected in (("sensor_gain", 1.02 * p), ("sensor_bias", p + 3000.0), ("sensor_drift", p + 4.0 * 50.0)):
+    for name, expected in (
+        ("sensor_gain", 1.02 * p),
+        ("sensor_bias", p + 3000.0),
+        ("sensor_drift", p + 4.0 * 50.0),
+    ):
         plant = Plant.at_rest(parameters("AW0", ("noise",)).with_values(**{name: {k: faults[name]}}).record)
         plant.step(4000)
         assert plant.measure()[k] == pytest.approx(expected, rel=1e-9)

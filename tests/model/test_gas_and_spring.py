@@ -40,7 +40,9 @@ def shut_orifices(plant):
 def test_the_static_pressure_is_load_over_area(resting, load_case):
     plant = resting(load_case)
     plant.step(5000)
-    assert plant.truth()["left_bellows_pressure"] == pytest.approx({"AW0": 2.058, "AW3": 5.577}[load_case] * bar, rel=5e-3)
+    assert plant.truth()["left_bellows_pressure"] == pytest.approx(
+        {"AW0": 2.058, "AW3": 5.577}[load_case] * bar, rel=5e-3
+    )
 
 
 @BOTH
@@ -58,7 +60,9 @@ def test_fast_stiffness_is_that_of_the_closed_bellows(resting, load_case):
 @BOTH
 @pytest.mark.parametrize(("amplitude", "excess"), [(1 * mm, 0.9e-4), (5 * mm, 2.2e-3)])
 @pytest.mark.parametrize("frequency", [0.1, 10.0])
-def test_a_closed_orifice_without_heat_leaves_an_adiabatic_spring(resting, load_case, amplitude, excess, frequency):
+def test_a_closed_orifice_without_heat_leaves_an_adiabatic_spring(
+    resting, load_case, amplitude, excess, frequency
+):
     plant = resting(load_case, (*BARE, "heat"))
     shut_orifices(plant)
     K, _ = dynamic_stiffness(plant, amplitude, frequency, 3)
@@ -112,11 +116,15 @@ TABLE = {
 
 
 @pytest.mark.parametrize(
-    ("load_case", "frequency"), [(case, f) for case, rows in TABLE.items() for f in rows], ids=lambda v: str(v)
+    ("load_case", "frequency"),
+    [(case, f) for case, rows in TABLE.items() for f in rows],
+    ids=lambda v: str(v),
 )
 def test_complex_vertical_stiffness_of_a_cold_start(resting, load_case, frequency):
     cycles, expected = TABLE[load_case][frequency]
-    K, _ = dynamic_stiffness(resting(load_case, BARE), 5 * mm, frequency, cycles, longest_step=1e-3 if frequency > 0.05 else 2.5e-3)
+    K, _ = dynamic_stiffness(
+        resting(load_case, BARE), 5 * mm, frequency, cycles, longest_step=1e-3 if frequency > 0.05 else 2.5e-3
+    )
     # An independent implementation gave these, rounded to 1 kN/m.
     assert K.real / 1e3 == pytest.approx(expected.real, rel=1e-3, abs=0.51)
     assert K.imag / 1e3 == pytest.approx(expected.imag, rel=1e-3, abs=0.51)
@@ -177,11 +185,15 @@ def test_forces_come_from_one_volume(resting, gauge):
                 forces[dz, dy] = out[Algebraic.STACK_VERTICAL], out[Algebraic.STACK_LATERAL], gauge * V
         z_by_y = (forces[0.0, h][0] - forces[0.0, -h][0]) / (2 * h)
         y_by_z = (forces[h, 0.0][1] - forces[-h, 0.0][1]) / (2 * h)
-        energy_cross = (forces[h, h][2] - forces[h, -h][2] - forces[-h, h][2] + forces[-h, -h][2]) / (4 * h * h)
+        energy_cross = (forces[h, h][2] - forces[h, -h][2] - forces[-h, h][2] + forces[-h, -h][2]) / (
+            4 * h * h
+        )
         scale = gauge * 4.0 * 0.06
         assert z_by_y == pytest.approx(y_by_z, rel=1e-3, abs=1e-6 * scale)
         assert z_by_y == pytest.approx(energy_cross, rel=1e-3, abs=1e-6 * scale)
-        assert forces[0.0, 0.0][0] == pytest.approx((forces[h, 0.0][2] - forces[-h, 0.0][2]) / (2 * h), rel=1e-6)
+        assert forces[0.0, 0.0][0] == pytest.approx(
+            (forces[h, 0.0][2] - forces[-h, 0.0][2]) / (2 * h), rel=1e-6
+        )
 
 
 def test_published_ratios_of_area_volume_and_membrane_stiffness(resting):
@@ -234,7 +246,10 @@ def test_the_coupling_turns_with_the_roll_and_has_a_reciprocal_moment(resting, l
             plant = resting(load_case, ("friction",), maxwell_ratio=0, centre_height=0)
             isolate(plant)
             last = impose(plant, [Motion(LATERAL, 0, 1, offset=y), Motion(ROLL, 0, 1, offset=roll)], 0.002)
-            both = [sum(last.of(q, i)[0] for i in (0, 1)) for q in (Algebraic.LATERAL_FORCE, Algebraic.ROLL_MOMENT)]
+            both = [
+                sum(last.of(q, i)[0] for i in (0, 1))
+                for q in (Algebraic.LATERAL_FORCE, Algebraic.ROLL_MOMENT)
+            ]
             forces[roll, y] = both
     up, down, zero = (forces[roll, 0.0][0] for roll in (0.02, -0.02, 0.0))
     assert up == pytest.approx(-down, rel=1e-2)

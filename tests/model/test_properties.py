@@ -42,7 +42,11 @@ INPUTS = st.fixed_dictionaries(
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.sampled_from(["AW0", "AW3"]), st.booleans(), st.lists(st.tuples(INPUTS, st.integers(1, 1500)), min_size=1, max_size=6))
+@given(
+    st.sampled_from(["AW0", "AW3"]),
+    st.booleans(),
+    st.lists(st.tuples(INPUTS, st.integers(1, 1500)), min_size=1, max_size=6),
+)
 def test_no_input_makes_the_bench_lose_its_numbers(load_case, empty, acts):
     start = Plant.depressurised if empty else Plant.at_rest
     plant = start(BASE.under(load_case).record, seed=1)

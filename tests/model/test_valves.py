@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_protocol.units import bar, kN, litre, mm
@@ -19,6 +19,7 @@ BOTH_LEVELING = [Input.LEFT_LEVELING, Input.RIGHT_LEVELING]
 STILL = Motion(VERTICAL, 0.0, 1.0)
 
 
+@settings(deadline=None)
 @given(st.floats(1e-6, 1.0), st.floats(1.05, 1.67))
 def test_nozzle_function_is_the_isentropic_one(r, kappa):
     critical = (2.0 / (kappa + 1.0)) ** (kappa / (kappa - 1.0))
@@ -30,9 +31,12 @@ def test_nozzle_function_is_the_isentropic_one(r, kappa):
 
 def test_choked_nozzle_constant():
     assert orifice.nozzle_function(0.1, KAPPA) == pytest.approx(0.6847, abs=5e-5)
-    assert orifice.nozzle_function(0.5283, KAPPA) == pytest.approx(orifice.nozzle_function(0.2, KAPPA), rel=1e-8)
+    assert orifice.nozzle_function(0.5283, KAPPA) == pytest.approx(
+        orifice.nozzle_function(0.2, KAPPA), rel=1e-8
+    )
 
 
+@settings(deadline=None)
 @given(st.floats(0.9e5, 11e5), st.floats(0.9e5, 11e5), st.floats(230, 350), st.floats(230, 350))
 def test_flow_turns_with_the_pressure_and_falls_with_the_ratio(p_1, p_2, T_1, T_2):
     there = orifice.orifice_between(p_1, T_1, p_2, T_2, 1e-4, 287.05, KAPPA, 0.9995)
@@ -61,7 +65,9 @@ def test_an_iso_valve_and_a_nozzle_agree_when_choked():
 
 
 @pytest.mark.parametrize(
-    ("heat", "seconds"), [({}, 17.0), ({"h": 1000.0}, 21.2), ({"h": 0.0}, 15.2)], ids=["table", "isothermal", "adiabatic"]
+    ("heat", "seconds"),
+    [({}, 17.0), ({"h": 1000.0}, 21.2), ({"h": 0.0}, 15.2)],
+    ids=["table", "isothermal", "adiabatic"],
 )
 def test_time_to_fill_from_empty_to_crush_load_at_locked_height(resting, heat, seconds):
     both = {"bellows_heat_transfer": heat["h"], "auxiliary_heat_transfer": heat["h"]} if heat else {}
@@ -101,7 +107,9 @@ def test_a_choked_leak_is_a_straight_line_in_the_logarithm(resting):
     warm = leaking | {"bellows_heat_transfer": 1000.0, "auxiliary_heat_transfer": 1000.0}
     tau = 100 * litre / (1e-9 * orifice.ISO_DENSITY * 287.05 * 293.15)
     assert tau == pytest.approx(1003.0, abs=0.5)
-    assert leak_time_constant(resting("AW3", ("emergency_spring",), **warm), 1180.0) == pytest.approx(tau, rel=2e-3)
+    assert leak_time_constant(resting("AW3", ("emergency_spring",), **warm), 1180.0) == pytest.approx(
+        tau, rel=2e-3
+    )
     # With the heat exchange of the table the gas first cools, and the pressure falls a little faster.
     early = leak_time_constant(resting("AW3", ("emergency_spring",), **leaking), 200.0)
     assert 0.98 * tau < early < tau
@@ -166,13 +174,12 @@ def unequal_preload(plant, difference):
 
 
 def test_dpv_opens_at_its_pressure_times_area_with_leveling_active(parameters):
-    # Slow valves: the air in the auxiliary chamber must not run ahead of that in the bellows.
-    plant = Plant.at_rest(parameters("AW0", fill_conductance=2e-9, exhaust_conductance=2e-9).record)
+    plant = Plant.at_rest(parameters("AW0").record)
     plant.inputs[BOTH_LEVELING] = 1.0
     force = 0.0
-    for force in np.arange(20.0, 36.0, 0.2) * kN:
+    for force in np.arange(24.0, 36.0, 0.2) * kN:
         unequal_preload(plant, force)
-        plant.step(6000)
+        plant.step(10_000)
         if plant.memory.dpv_latch:
             break
     assert force == pytest.approx(31.2 * kN, rel=0.02)
@@ -180,7 +187,10 @@ def test_dpv_opens_at_its_pressure_times_area_with_leveling_active(parameters):
 
 @pytest.mark.parametrize(("load_case", "roll", "difference"), [("AW0", 0.081, 45.6), ("AW3", 0.038, 42.7)])
 def test_sealed_slow_roll_by_unequal_preload_reaches_the_dpv(resting, load_case, roll, difference):
-    plant = resting(load_case, bellows_heat_transfer=1000, auxiliary_heat_transfer=1000)
+    # The contact on the emergency spring, which AW0 just meets there, is taken out of the way.
+    plant = resting(
+        load_case, contact_height=-85 * mm, bellows_heat_transfer=1000, auxiliary_heat_transfer=1000
+    )
     isolate(plant)
     middle = plant.inputs[Input.VERTICAL_LEFT_COMMAND]
     force, apart, truth = 0.0, 0.0, {}
@@ -192,7 +202,6 @@ def test_sealed_slow_roll_by_unequal_preload_reaches_the_dpv(resting, load_case,
         apart = truth["auxiliary_pressure[1]"] - truth["auxiliary_pressure[0]"]
         if apart > 1.2 * bar:
             break
-    print(force, truth["roll[0]"], truth["bellows_vertical[1]"])
     assert truth["roll[0]"] == pytest.approx(roll, rel=0.03)
     assert force == pytest.approx(difference * kN, rel=0.03)
 

@@ -62,7 +62,10 @@ def test_noise_averages_out_as_the_root_of_the_number_of_samples():
 
 
 @given(
-    k=st.floats(1e5, 2e6), c=st.floats(0, 1e5), frequency=st.sampled_from([0.5, 1.0, 2.0, 3.0]), phase=st.floats(0, 6)
+    k=st.floats(1e5, 2e6),
+    c=st.floats(0, 1e5),
+    frequency=st.sampled_from([0.5, 1.0, 2.0, 3.0]),
+    phase=st.floats(0, 6),
 )
 def test_a_spring_with_a_dashpot_has_its_own_stiffness_damping_and_loss(k, c, frequency, phase):
     t, a = grid(3 / frequency), 5e-3

@@ -37,9 +37,7 @@ class FakeBench:
 
     def send(self, **values):
         rows = np.array([TABLE.index[name.replace("__", ".")] for name in values])
-        self.receiver.sink(
-            np.full(rows.size, self.clock.now()), rows, np.array(list(values.values()), float)
-        )
+        self.receiver.sink(np.full(rows.size, self.clock.now()), rows, np.array(list(values.values()), float))
 
 
 @pytest.fixture
@@ -63,7 +61,9 @@ def made(bench, tmp_path):
 
             return wrapped
 
-        made = Plan("fake", "Fake.", "Fake.", part("main", main), part("set-up", setup), part("tear-down", teardown))
+        made = Plan(
+            "fake", "Fake.", "Fake.", part("main", main), part("set-up", setup), part("tear-down", teardown)
+        )
         return execute(made, bench, tmp_path / "out", **rest), ran
 
     return run
@@ -154,7 +154,9 @@ def test_trouble_in_tear_down_alone_blocks(made):
 def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
     result, _ = made(bad, teardown=raising(RigFault("vent stuck")))
     assert result.verdict is Outcome.FAIL
-    assert "tear-down: the rig: vent stuck" in [e.text for e in read(tmp_path / "out").events if e.kind == "error"]
+    assert "tear-down: the rig: vent stuck" in [
+        e.text for e in read(tmp_path / "out").events if e.kind == "error"
+    ]
 
 
 def test_ctrl_c_tears_down_writes_and_comes_out_again(made, tmp_path):
@@ -190,8 +192,15 @@ def test_samples_and_changes_of_state_reach_the_record(bench, made, tmp_path):
     assert ("state", "rig.state: ACTIVE") in told
     assert ("trip", "limit of lateral.force tripped") in told
     assert ("reason", "rig.reason: limit tripped") in told
-    assert told.index(("trip", "limit of lateral.force tripped")) < told.index(("state", "rig.state: FAULT_HOLD"))
-    assert [(p.name, p.level) for p in result.phases] == [("set-up", 0), ("main", 0), ("inner", 1), ("tear-down", 0)]
+    assert told.index(("trip", "limit of lateral.force tripped")) < told.index(
+        ("state", "rig.state: FAULT_HOLD")
+    )
+    assert [(p.name, p.level) for p in result.phases] == [
+        ("set-up", 0),
+        ("main", 0),
+        ("inner", 1),
+        ("tear-down", 0),
+    ]
     assert bench.receiver.sink is None
 
 

@@ -114,6 +114,16 @@ def test_gaps_in_the_sample_counter_are_counted() -> None:
     assert decoder.tally[Tally.ACCEPTED] == 296
 
 
+def test_a_late_reading_is_not_taken_for_the_newest() -> None:
+    block = stream(300, "SpringLeft", 5_000_000)
+    late = np.concatenate([block[:50], block[51:60], block[50:51], block[60:]])
+    decoder = Decoder(TABLE)
+    decoder.decode(late)
+    assert decoder.tally[Tally.OUT_OF_SEQUENCE] == 1
+    assert decoder.tally[Tally.LOST] == 1
+    assert decoder.tally[Tally.ACCEPTED] == 299
+
+
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 63), st.integers(1, 40))
 def test_a_corrupt_command_is_refused_and_moves_nothing(bit: int, at: int) -> None:

@@ -129,6 +129,7 @@ def test_the_lease_makes_one_commander(commander) -> None:
     assert commander.stage("second", generator_amplitude=0.001) == [b"\x90\x06"]
     assert commander.coil("disable", "second") == b"\x85\x06"
     assert commander.ask(b"\x03\0\0\0\x01", "second") == b"\x03\x02" + (4711).to_bytes(2, "big")
+    assert commander.rig.values[TABLE.index["rig.lease"]] == 4711
     commander.rig.peer_lost("first")
     assert commander.stage("second", generator_amplitude=0.001)[0][0] == 0x10
 

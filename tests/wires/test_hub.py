@@ -1,6 +1,7 @@
 """The CAN hub on real sockets: order, bursts, foreign clients, slow clients, and how it opens and closes."""
 
 import contextlib
+import gc
 import select
 import socket
 import threading
@@ -69,7 +70,12 @@ def collected(bus: HubBus, count: int) -> Block:
 
 def stock_client(port: int) -> can.BusABC:
     return can.Bus(
-        interface="socketcand", channel="vcan0", host="127.0.0.1", port=port, tcp_tune=True, ignore_config=True
+        interface="socketcand",
+        channel="vcan0",
+        host="127.0.0.1",
+        port=port,
+        tcp_tune=True,
+        ignore_config=True,
     )
 
 
@@ -237,7 +243,7 @@ def test_publishing_to_nobody_is_harmless(rig_and_port, numbered) -> None:
 
 
 def test_foreign_clients_hear_each_other(rig_and_port) -> None:
-    rig, port = rig_and_port
+    _, port = rig_and_port
     with stock_client(port) as a, stock_client(port) as b, HubBus(port=port) as ours:
         a.send(can.Message(arbitration_id=0x123, data=b"\x01\xff", is_extended_id=False))
         b.send(can.Message(arbitration_id=0x1234567, data=b"", is_extended_id=True))
@@ -302,7 +308,9 @@ def test_a_slow_client_loses_its_oldest_frames_then_its_connection(numbered, num
             sent = 0
             while not rig.hub.dropped:
                 rig.hub.publish(numbered(1000, sent))
-                assert numbers(collected(fast, 1000)) == list(range(sent, sent + 1000)), "the fast one loses nothing"
+                assert numbers(collected(fast, 1000)) == list(range(sent, sent + 1000)), (
+                    "the fast one loses nothing"
+                )
                 sent += 1000
                 assert sent <= 200_000, "more than any socket buffer holds"
             name = f"can:127.0.0.1:{slow.getsockname()[1]}"
@@ -311,7 +319,9 @@ def test_a_slow_client_loses_its_oldest_frames_then_its_connection(numbered, num
         assert numbers(collected(fast, 10)) == list(range(sent, sent + 10))
 
 
-def test_a_client_that_catches_up_has_lost_the_oldest_and_whole_frames_only(numbered, numbers, eventually) -> None:
+def test_a_client_that_catches_up_has_lost_the_oldest_and_whole_frames_only(
+    numbered, numbers, eventually
+) -> None:
     with serving(queue_max=3000, slow_limit=30.0) as (rig, port), socket.socket() as slow:
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         slow.settimeout(2)
@@ -377,6 +387,20 @@ def test_stopping_leaves_nothing_behind(numbered) -> None:
     # The port is free again at once.
     with serve_in_thread(Rig().hub, can_port=port) as again:
         assert again.can_port == port
+
+
+def test_stopping_while_clients_connect_leaves_nothing_behind() -> None:
+    """A socket that is forgotten half accepted would be reported by the garbage collector, which is an error here."""
+    for _ in range(30):
+        servers = serve_in_thread(Rig().hub)
+        with contextlib.ExitStack() as stack:
+            clients = [stack.enter_context(raw_client(servers.can_port)) for _ in range(5)]
+            servers.stop()
+            for sock in clients:
+                with contextlib.suppress(ConnectionError):
+                    assert sock.recv(100) in (b"< hi >", b"")
+        assert not servers._thread.is_alive()
+    gc.collect()
 
 
 def test_a_taken_port_is_said_so(rig_and_port) -> None:

@@ -76,7 +76,10 @@ def test_frames_behind_the_last_ok_are_not_lost(cut: int) -> None:
     ("script", "why"),
     [
         ([(b"", b"SSH-2.0-OpenSSH_9.2\r\n<no>")], "should have answered '< hi >', it sent '< no >'"),
-        ([HANDSHAKE[0], (b"< open vcan0 >", b"< error this hub serves can7 >")], "< error this hub serves can7 >"),
+        (
+            [HANDSHAKE[0], (b"< open vcan0 >", b"< error this hub serves can7 >")],
+            "< error this hub serves can7 >",
+        ),
         ([HANDSHAKE[0]], "timed out"),
     ],
 )
@@ -86,7 +89,10 @@ def test_a_server_that_is_none_of_ours_is_named(script: list[tuple[bytes, bytes]
 
 
 def test_a_server_that_hangs_up_while_opening() -> None:
-    with scripted(HANDSHAKE[0], linger=False) as port, pytest.raises(can.CanInitializationError, match="cannot open"):
+    with (
+        scripted(HANDSHAKE[0], linger=False) as port,
+        pytest.raises(can.CanInitializationError, match="cannot open"),
+    ):
         HubBus(port=port)
 
 
@@ -142,7 +148,10 @@ def test_messages_and_blocks_come_from_one_queue(hub_port: int) -> None:
 
 
 def test_filters_and_the_notifier_of_python_can_work(hub_port: int) -> None:
-    with HubBus(port=hub_port) as a, HubBus(port=hub_port, can_filters=[{"can_id": 5, "can_mask": 0x7FF}]) as b:
+    with (
+        HubBus(port=hub_port) as a,
+        HubBus(port=hub_port, can_filters=[{"can_id": 5, "can_mask": 0x7FF}]) as b,
+    ):
         reader = can.BufferedReader()
         notifier = can.Notifier(b, [reader], timeout=0.05)
         a.send_block(join([frame(number, b"") for number in range(10)]))

@@ -1,6 +1,7 @@
 """The Modbus codec: the specification's own examples, its limits, and any bytes at all."""
 
 import struct
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -41,7 +42,9 @@ def ask(bank, pdu: str | bytes) -> bytes:
 def test_reading_bits_as_printed(bank, function: int, address: int, count: int, table: str) -> None:
     bits = unpack_bits(bytes.fromhex(table), count)
     (bank.coils if function == 1 else bank.discrete)[address : address + count] = bits
-    assert ask(bank, struct.pack(">BHH", function, address, count)).hex() == f"{function:02x}03" + table.lower()
+    assert (
+        ask(bank, struct.pack(">BHH", function, address, count)).hex() == f"{function:02x}03" + table.lower()
+    )
 
 
 def test_reading_registers_as_printed(bank) -> None:
@@ -269,7 +272,7 @@ def test_requests_survive_any_splitting(adus: list[bytes], cuts: list[int]) -> N
     data = b"".join(adus)
     places = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
     stream = AduStream()
-    assert [each for a, b in zip(places, places[1:], strict=False) for each in stream.feed(data[a:b])] == adus
+    assert [each for a, b in pairwise(places) for each in stream.feed(data[a:b])] == adus
     assert not stream.partial
 
 

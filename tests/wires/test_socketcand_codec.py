@@ -1,6 +1,7 @@
 """The socketcand codec: what goes in comes out, however it is cut and whoever has written it."""
 
 import struct
+from itertools import pairwise
 
 import can
 import numpy as np
@@ -45,7 +46,7 @@ blocks = st.lists(frames(), max_size=20).map(join)
 
 def pieces(data: bytes, cuts: list[int]) -> list[bytes]:
     places = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
-    return [data[a:b] for a, b in zip(places, places[1:], strict=False)]
+    return [data[a:b] for a, b in pairwise(places)]
 
 
 def flattened(events: list[Event]) -> list[object]:
@@ -225,7 +226,11 @@ def test_a_bad_line_costs_only_itself() -> None:
 def test_python_can_understands_our_frames(block: Block) -> None:
     message = convert_ascii_message_to_can_message(frame_bytes(block).decode())
     ((time, identifier, extended, data),) = iterate(block)
-    assert (message.arbitration_id, message.is_extended_id, bytes(message.data)) == (identifier, extended, data)
+    assert (message.arbitration_id, message.is_extended_id, bytes(message.data)) == (
+        identifier,
+        extended,
+        data,
+    )
     assert message.timestamp == pytest.approx(time * 1e-9, abs=1e-6)
 
 
