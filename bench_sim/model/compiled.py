@@ -31,12 +31,17 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` on first use and keep the machine code on disk; it must not make arrays.
+    """Compile a term or a helper, and copy it into its callers; it must not make arrays.
 
     With ``NUMBA_DISABLE_JIT=1`` the function stays plain Python: the same equations, the model's oracle.
     """
     # Without numba's runtime no array is counted: counting costs five times the arithmetic of a small term.
     return _compile(function, _nrt=False, forceinline=True)
+
+
+def compiled_once(function: Callable[..., Any]) -> Any:
+    """As `compiled`, for what is large and called from several places: compiled once, never copied."""
+    return _compile(function, _nrt=False)
 
 
 def compiled_entry(function: Callable[..., Any]) -> Any:

@@ -1,8 +1,8 @@
 """The plant's right-hand side as a sum of terms, its fixed step, and one sampling of its sensors.
 
 ``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`),
-``par`` the parameter record (`quantities.PARAMETERS`). What changes abruptly (latches, friction reversals, delayed set-points)
-stands in ``mem`` and is constant within a step; an effect adds its own term to `evaluate`.
+``par`` the parameter record (`quantities.PARAMETERS`). What changes abruptly (latches, friction reversals, delayed
+set-points) stands in ``mem`` and is constant within a step; an effect adds its own term to `evaluate`.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from bench_sim.model.actuator import actuator_term, command_actuators
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.bolster import bolster_term, platform_term
-from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
 from bench_sim.model.gas import heat_term, note_densities
 from bench_sim.model.layout import SENSORS, STATES, State
 from bench_sim.model.rubber import maxwell_term, turn_friction
@@ -30,7 +30,7 @@ from bench_sim.model.valves import (
 )
 
 
-@compiled
+@compiled_once
 def evaluate(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     """dx/dt into ``dx`` (STATES), everything algebraic into ``out`` (`Algebraic`); reads ``mem``, never writes it."""
     dx[:] = 0.0
@@ -99,7 +99,7 @@ def note_solution(mem: Any, par: Any, out: Any, t: float) -> bool:
     return turned
 
 
-@compiled
+@compiled_once
 def begin_step(x: Any, mem: Any, u: Any, par: Any, dt: float, slope: Any, out: Any, values: Any) -> None:
     """Everything that happens once per step, and the slope at its start."""
     command_actuators(x, mem, u, par, dt)
@@ -149,7 +149,7 @@ def advance(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
     advance_many(x, mem, u, par, dt, 1)
 
 
-@compiled
+@compiled_once
 def observe(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
     """Slope, algebraic quantities and ideal readings of the present state; changes nothing else."""
     evaluate(mem.time, x, mem, u, par, dx, out)

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench_sim.model.actuator import piston_displacement
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.compiled import compiled
+from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.layout import ACTUATORS, SENSORS, Sensor, State
 from bench_sim.model.noise import normal
 
@@ -40,7 +40,7 @@ def load_cell_term(par: Any, out: Any, values: Any) -> None:
     values[Sensor.LOAD_CELL_6] = 0.5 * F_y
 
 
-@compiled
+@compiled_once
 def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
     """What ideal sensors would read (SI, pressures gauge), in the order of `Sensor`."""
     atmosphere = par.atmospheric_pressure
@@ -95,7 +95,7 @@ def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
         mem.sensor_input[k] = values[k]
 
 
-@compiled
+@compiled_once
 def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
     """Readings of one sampling instant from the true values of that instant; ``counter`` picks the noise."""
     for k in range(SENSORS):

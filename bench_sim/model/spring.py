@@ -273,14 +273,16 @@ def coupling_stiffness(par: Any, side: int) -> float:
 def spring_term(par: Any, out: Any, dx: Any) -> None:
     """Forces of both springs on the bolster (left in its speed derivatives as force, to be divided by mass later).
 
-    F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M = −(K_φ0 + K_φp p_g) θ − σ K_yφ y sech²(θ/φ_s): both from one potential
-    σ K_yφ y φ_s tanh(θ/φ_s). The contact loses energy as F (1 − d ζ̇): a dash-pot that grows with the force.
+    F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M = −(K_φ0 + K_φp P/A_e) θ − σ K_yφ y sech²(θ/φ_s): both from one potential
+    σ K_yφ y φ_s tanh(θ/φ_s) beside the series connection, in the total displacement y. They depend on the constant
+    nominal load P instead of the pressure, which would make them do work on the gas that no volume accounts for.
+    The contact loses energy as F (1 − d ζ̇): a dash-pot that grows with the force.
     """
     theta = out[Algebraic.ROLL]
     saturated = tanh(theta / par.coupling_angle)
     for i in range(2):
         K = par.coupling_sign * coupling_stiffness(par, i)
-        gauge = out[Algebraic.PRESSURE + i] - par.atmospheric_pressure
+        gauge = par.nominal_preload[i] / par.effective_area[i]
         loss = max(-par.contact_loss * out[Algebraic.HEIGHT_SPEED + i], -1.0)
         F_z = out[Algebraic.STACK_VERTICAL + i] + par.contact_stiffness * out[Algebraic.CONTACT + i] * loss
         F_y = out[Algebraic.STACK_LATERAL + i] - K * par.coupling_angle * saturated

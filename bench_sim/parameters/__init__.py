@@ -67,11 +67,15 @@ SENSOR_KINDS: Final[Mapping[str, tuple[str, tuple[Sensor, ...]]]] = MappingProxy
 _RATES: Final = {"m": "m/s", "Pa": "Pa/s", "K": "K/s", "N": "N/s", "m/s2": "m/s3", "rad": "rad/s"}
 
 
+#: Stands for the unit of an entry whose elements have different ones, each the SI unit of its sensor.
+_PER_SENSOR: Final = "per sensor"
+
+
 class ParameterError(ValueError):
     """A parameter set, or a change to one, that does not fit; the message says what would."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Entry:
     """One parameter in SI; ``low`` and ``high`` bound every element, ``unit`` and ``scale`` are as in the file."""
 
@@ -84,7 +88,7 @@ class Entry:
     source: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parameters:
     """A complete parameter set under one load case; immutable, changed copies come from `with_values`."""
 
@@ -209,18 +213,25 @@ def _sensor_entries(tables: dict[str, Any]) -> dict[str, Entry]:
         for kind, (signal, members) in SENSOR_KINDS.items():
             if key not in tables[kind]:
                 raise ParameterError(f"sensor {kind} lacks {key}")
-            unit = {"signal": signal, "signal/s": _RATES[signal]}.get(quantity.unit, quantity.unit)
+            unit = _sensor_unit(quantity.name, signal)
             one = _entry(f"sensor.{kind}.{key}", tables[kind][key], Quantity(key, unit))
             places = list(members)
             value[places], low[places], high[places] = one.value, one.low, one.high
-        # The elements have different units; the bounds are in SI.
-        entries[quantity.name] = Entry(value, low, high, "SI", 1.0, "assumed", "one entry per kind of sensor")
+        entries[quantity.name] = Entry(
+            value, low, high, _PER_SENSOR, 1.0, "assumed", "one entry per kind of sensor"
+        )
     properties = {quantity.name.removeprefix("sensor_") for quantity in SENSOR_QUANTITIES}
     for kind, table in tables.items():
         for key in table:
             if key not in properties:
                 raise ParameterError(_unknown(f"sensor.{kind}.{key}", tuple(sorted(properties))))
     return entries
+
+
+def _sensor_unit(name: str, signal: str) -> str:
+    """SI unit of a sensor's property, for a sensor whose signal has the SI unit ``signal``."""
+    unit = next(quantity.unit for quantity in SENSOR_QUANTITIES if quantity.name == name)
+    return {"signal": signal, "signal/s": _RATES[signal]}.get(unit, unit)
 
 
 def _entry(name: str, raw: Any, quantity: Quantity) -> Entry:
@@ -266,11 +277,15 @@ def _check_range(name: str, value: NDArray[np.float64], entry: Entry) -> None:
     if fits.all():
         return
     place = tuple(int(i) for i in np.argwhere(~fits)[0])
-    where = f"[{', '.join(map(str, place))}]" if place else ""
+    where, unit = f"[{', '.join(map(str, place))}]" if place else "", entry.unit
+    if unit == _PER_SENSOR:
+        sensor = Sensor(place[0])
+        where = f"[{sensor.name.lower()}]"
+        unit = _sensor_unit(
+            name, next(signal for signal, members in SENSOR_KINDS.values() if sensor in members)
+        )
     number, low, high = (float(a[place]) / entry.scale for a in (value, entry.low, entry.high))
-    raise ParameterError(
-        f"{name}{where} = {number:g} {entry.unit} is outside {low:g} to {high:g} {entry.unit}"
-    )
+    raise ParameterError(f"{name}{where} = {number:g} {unit} is outside {low:g} to {high:g} {unit}")
 
 
 def _check_order(entries: Mapping[str, Entry]) -> None:

@@ -1,4 +1,4 @@
-"""Plants for the model's tests: parameter sets without this or that, so that a closed form has nothing to hide behind."""
+"""Plants for the model's tests: parameter sets without this or that, so that closed forms hold."""
 
 from collections.abc import Callable
 

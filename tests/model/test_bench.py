@@ -1,4 +1,4 @@
-"""The whole bench: rest, equilibrium of forces, actuators, load cells, platform, bump stop, noise and lags of its sensors."""
+"""The whole bench: rest, equilibrium, actuators, load cells, platform, bump stop, and what its sensors add."""
 
 import numpy as np
 import pytest
@@ -261,3 +261,51 @@ def test_measuring_does_not_disturb(resting):
                 plant.truth()
     assert watched.state.tobytes() == alone.state.tobytes()
     assert watched.memory_array.tobytes() == alone.memory_array.tobytes()
+
+
+def total_energy(plant):
+    """Everything that a bench without heat, friction and relaxation can store, in J, up to a constant."""
+    par, x, a = plant.parameters, plant.state, plant.truth()
+    z, roll, v_y, v_z, v_roll = x[State.BOLSTER_VERTICAL : State.BOLSTER_ROLL_SPEED + 1]
+    energy = 0.5 * par.bolster_mass * (v_y**2 + v_z**2) + 0.5 * par.bolster_inertia * v_roll**2
+    energy += par.bolster_mass * par.gravity * z
+    for i, s in ((0, 1.0), (1, -1.0)):
+        energy += x[State.BELLOWS_ENERGY + i] + x[State.AUXILIARY_ENERGY + i]
+        energy += par.atmospheric_pressure * a[f"volume[{i}]"]
+        energy += 0.5 * par.shell_stiffness_vertical[i] * a[f"bellows_vertical[{i}]"] ** 2
+        energy += 0.5 * par.shell_stiffness_lateral[i] * a[f"bellows_lateral[{i}]"] ** 2
+        energy += 0.5 * a[f"stack_vertical[{i}]"] ** 2 / par.emergency_stiffness_vertical[i]
+        energy += 0.5 * a[f"stack_lateral[{i}]"] ** 2 / par.emergency_stiffness_lateral[i]
+        energy += 0.5 * (8e3 + 8e-3 * 53.5e3 / 0.26) * roll**2
+        K = 0.5 * (1.0 / (1.0 / (0.35 * 53.5e3 / 0.26 + 45e3) + 1.0 / 2e6) * par.column_height + 53.5e3)
+        energy += K * a[f"lateral[{i}]"] * par.coupling_angle * np.tanh(roll / par.coupling_angle)
+        energy += a[f"actuator_force[{i}]"] * (z + s * par.actuator_half_spacing * roll)
+    return energy
+
+
+def test_a_free_bolster_keeps_its_energy_whatever_it_is_exchanged_for(resting):
+    """Vertical, lateral, roll, coupling, emergency springs and gas share one potential; orifice loss stays as heat."""
+    plant = resting("AW0", ("friction", "heat"), maxwell_ratio=0)
+    plant.inputs[Input.DPV_CONNECTED] = 0.0
+    plant.state[State.BOLSTER_LATERAL_SPEED] = 0.05
+    plant.state[State.BOLSTER_VERTICAL_SPEED] = 0.1
+    plant.state[State.BOLSTER_ROLL_SPEED] = 0.15
+    start = total_energy(plant)
+    kinetic = 0.5 * 1200 * (0.05**2 + 0.1**2) + 0.5 * 900 * 0.15**2
+    gas = plant.state[State.BELLOWS_ENERGY : State.BELLOWS_WALL].copy()
+    drifts = []
+    for _ in range(100):
+        plant.step(20)
+        drifts.append(abs(total_energy(plant) - start) / kinetic)
+    assert max(drifts) < 2e-5
+    assert np.abs(plant.state[State.BELLOWS_ENERGY : State.BELLOWS_WALL] - gas).max() > kinetic
+
+
+def test_power_of_the_coupling_is_what_breaks_with_a_wrong_sign(resting):
+    """The same balance sees a coupling force without its moment: it is a test that can fail."""
+    plant = resting("AW0", ("friction", "heat"), maxwell_ratio=0, coupling_sign=-1)
+    plant.state[State.BOLSTER_LATERAL_SPEED] = 0.2
+    plant.state[State.BOLSTER_ROLL_SPEED] = 0.3
+    start = total_energy(plant)
+    plant.step(300)
+    assert abs(total_energy(plant) - start) > 1.0

@@ -118,7 +118,7 @@ TABLE = {
 @pytest.mark.parametrize(
     ("load_case", "frequency"),
     [(case, f) for case, rows in TABLE.items() for f in rows],
-    ids=lambda v: str(v),
+    ids=str,
 )
 def test_complex_vertical_stiffness_of_a_cold_start(resting, load_case, frequency):
     cycles, expected = TABLE[load_case][frequency]

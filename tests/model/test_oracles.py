@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bench_protocol.units import kN, mm
-from bench_sim.model.kernel import derivative
+from bench_sim.model.compiled import _source_digest
+from bench_sim.model.kernel import advance_plant, derivative
 from bench_sim.model.layout import STATES, Input, Mode, State
 from bench_sim.model.plant import Plant
 
@@ -59,6 +60,15 @@ def test_the_plain_python_twin_agrees(tmp_path: Path):
     # The last bit may differ (a sum in another order inside a power), a quantised reading by one step of it.
     assert np.max(np.abs(compiled[:, :STATES] - twin[:, :STATES]) / scale[:STATES]) < 1e-11
     assert np.mean(compiled[:, STATES:] == twin[:, STATES:]) > 0.999
+
+
+def test_machine_code_is_stamped_with_all_sources_of_the_model():
+    """Else a changed orifice would leave yesterday's kernel in the cache: numba looks at the kernel's file only."""
+    if not hasattr(advance_plant, "signatures"):
+        pytest.skip("plain Python: nothing is cached")
+    stamp = advance_plant._cache._cache_file._source_stamp
+    assert isinstance(stamp, tuple)
+    assert stamp[-1] == _source_digest()
 
 
 #: A laminar zone that no flow leaves: every term is smooth.

@@ -102,7 +102,7 @@ def test_what_does_not_fit_is_refused(written, old, new, message):
 
 
 def test_unknown_set_and_load_case():
-    with pytest.raises(ParameterError, match="no parameter set 'nowhere'.* there is astb"):
+    with pytest.raises(ParameterError, match=r"no parameter set 'nowhere'.* there is astb"):
         load("nowhere")
     with pytest.raises(ParameterError, match="AW7 is no load case"):
         load("astb", "AW7")
@@ -121,6 +121,8 @@ def test_changed_copies():
         == BASE.digest()
     )
     assert BASE.under("AW3").digest() != BASE.digest()
+    with pytest.raises(ParameterError, match=r"sensor_bias\[left_height\] = 1 m is outside -0.1 to 0.1 m"):
+        BASE.with_values(sensor_bias={Sensor.LEFT_HEIGHT: 1.0})
     with pytest.raises(
         ParameterError, match="orifice_diamter is no parameter; orifice_diameter would be one"
     ):
