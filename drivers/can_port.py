@@ -234,7 +234,7 @@ class PythonCanPort:
         try:
             while not self._closing:
                 block = self._receiver.receive(_POLL)
-                if len(block) and not self._closing:
+                if len(block):
                     for callback in self._subscribers:
                         callback(block)
         except (can.CanError, OSError) as error:

@@ -10,10 +10,11 @@ from numba import njit, typeof
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    for source in sorted(files("bench_sim.model").iterdir(), key=lambda entry: entry.name):
-        if source.name.endswith(".py"):
-            digest.update(source.name.encode())
-            digest.update(source.read_bytes())
+    for package in ("bench_protocol", "bench_sim.model"):  # the rig's tick contains the codec and the model
+        for source in sorted(files(package).iterdir(), key=lambda entry: entry.name):
+            if source.name.endswith(".py"):
+                digest.update(source.name.encode())
+                digest.update(source.read_bytes())
     return digest.hexdigest()
 
 
@@ -23,7 +24,7 @@ _DIGEST = _source_digest()
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
     dispatcher = njit(cache=True, fastmath=False, error_model="numpy", **options)(function)
     # numba's cache looks at the file of the outermost function only and would run yesterday's
-    # orifice in today's kernel: stamp every entry with the sources of the whole model.
+    # orifice in today's kernel: stamp every entry with all sources that it may contain.
     cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
     if cache_file is not None:
         cache_file._source_stamp = (cache_file._source_stamp, _DIGEST)

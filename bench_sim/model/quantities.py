@@ -58,7 +58,7 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     # valves
     *_each("m", "leveling_deadband", "leveling_hysteresis", "leveling_range", "lever_offset", shape=_SIDE),
     *_each("s", "leveling_lag", shape=_SIDE),
-    *_each("m3/(s*Pa)", "fill_conductance", "exhaust_conductance", shape=_SIDE),
+    *_each("m3/(s*Pa)", "fill_conductance", "exhaust_conductance", "service_conductance", shape=_SIDE),
     *_each("1", "valve_critical_ratio"),
     *_each("Pa", "dpv_opening", "dpv_reclosing"),
     *_each("m3/(s*Pa)", "dpv_conductance"),

@@ -74,7 +74,7 @@ def lever_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Filling and exhausting of each auxiliary chamber by its leveling valve and the rig's service valve.
 
-    Both have the same conductances and stand in parallel. Check valves keep air from flowing back into the supply;
+    They stand in parallel. Check valves keep air from flowing back into the supply;
     an open exhaust lets air in where the chamber is below atmosphere.
     """
     kappa = par.heat_capacity_ratio
@@ -90,27 +90,20 @@ def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None
             par.leveling_range[i],
         )
         service = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
-        fill = max(-leveling, 0.0) + max(service, 0.0)
-        exhaust = max(leveling, 0.0) + max(-service, 0.0)
+        large = par.service_conductance[i]
+        fill = max(-leveling, 0.0) * par.fill_conductance[i] + max(service, 0.0) * large
+        exhaust = max(leveling, 0.0) * par.exhaust_conductance[i] + max(-service, 0.0) * large
         p = out[Algebraic.AUXILIARY_PRESSURE + i]
         T = out[Algebraic.AUXILIARY_TEMPERATURE + i]
         flow = 0.0
         power = 0.0
         if fill > 0.0 and supply > p:
-            G = fill * iso_flow(
-                supply, par.supply_temperature, p, par.fill_conductance[i], b, par.laminar_limit
-            )
+            G = iso_flow(supply, par.supply_temperature, p, fill, b, par.laminar_limit)
             flow += G
             power += G * c_p * par.supply_temperature
         if exhaust > 0.0:
-            G = exhaust * valve_between(
-                p,
-                T,
-                par.atmospheric_pressure,
-                par.ambient_temperature,
-                par.exhaust_conductance[i],
-                b,
-                par.laminar_limit,
+            G = valve_between(
+                p, T, par.atmospheric_pressure, par.ambient_temperature, exhaust, b, par.laminar_limit
             )
             flow -= G
             power -= G * c_p * (T if G > 0.0 else par.ambient_temperature)

@@ -79,7 +79,7 @@ def run_rig(
 ) -> None:
     """Open both doors, call ``ready(can, modbus)`` with their addresses, and tick until ``stop`` is set.
 
-    ``can`` is ``auto`` (``vcan0`` or ``can0`` if the kernel has one, else TCP), ``tcp`` or a SocketCAN interface.
+    ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface.
     Raises OSError in words if a door cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
@@ -108,8 +108,12 @@ def run_rig(
 
 
 def find_interface() -> str | None:
-    """Return the first CAN interface that the kernel has, ``vcan0`` before ``can0``."""
-    return next((name for name in ("vcan0", "can0") if Path(f"/sys/class/net/{name}").exists()), None)
+    """Return ``vcan0`` if the kernel has it and it is up, as the drivers do; a real bus must be asked for by name."""
+    try:
+        flags = int(Path("/sys/class/net/vcan0/flags").read_text(encoding="ascii"), 16)
+    except OSError:
+        return None
+    return "vcan0" if flags & 1 else None
 
 
 def _nowhere(block: Block) -> None:

@@ -341,7 +341,11 @@ class Rig:
         return int(self._controls["tick"] - self._controls["command_tick"])
 
     def _command_valid(self) -> bool:
-        return self._commander is not None and self._silence() * TICK < DISABLE_AFTER and bool(self._bits & _ENABLE)
+        return (
+            self._commander is not None
+            and self._silence() * TICK < DISABLE_AFTER
+            and bool(self._bits & _ENABLE)
+        )
 
     def _command(self, bits: int) -> None:
         """Act on the D, H, M and R bits of a valid Control message in which one of them has changed."""

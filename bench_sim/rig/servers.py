@@ -46,6 +46,7 @@ class _Peer(asyncio.Protocol):
         self.transport: asyncio.Transport | None = None
         self.loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
+        self._deadline = 0.0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -62,10 +63,20 @@ class _Peer(asyncio.Protocol):
                 if hasattr(socket, option):
                     sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
-    def restart_timer(self, delay: float, action: Callable[[], None]) -> None:
-        """Call ``action`` after ``delay`` s unless the timer is restarted or stopped before."""
-        self.stop_timer()
-        self._timer = self.loop.call_later(delay, action)
+    def drop_after(self, delay: float) -> None:
+        """End the connection after ``delay`` s unless a new delay is set or the timer is stopped before."""
+        # A timer that runs is left to run and looks at the deadline only then: setting a new one costs nothing.
+        self._deadline = self.loop.time() + delay
+        if self._timer is None or self._timer.when() > self._deadline:
+            self.stop_timer()
+            self._timer = self.loop.call_at(self._deadline, self._due)
+
+    def _due(self) -> None:
+        self._timer = None
+        if self.loop.time() < self._deadline:
+            self._timer = self.loop.call_at(self._deadline, self._due)
+        else:
+            self.drop()
 
     def stop_timer(self) -> None:
         if self._timer is not None:
@@ -99,7 +110,6 @@ class _CanClient(_Peer):
         self._queue: deque[tuple[int, bytes]] = deque()
         self._queued = 0
         self._bad_lines = 0
-        self.dropped = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
@@ -171,13 +181,12 @@ class _CanClient(_Peer):
         while self._queued > self._hub.queue_max:
             lost, _ = self._queue.popleft()
             self._queued -= lost
-            self.dropped += lost
             self._hub.dropped += lost
 
     def pause_writing(self) -> None:
         self._blocked = True
         if not self.waiting:
-            self.restart_timer(self._hub.slow_limit, self.drop)
+            self.drop_after(self._hub.slow_limit)
 
     def resume_writing(self) -> None:
         self._blocked = False
@@ -234,6 +243,7 @@ class CanHub:
         self._published: deque[Block] = deque()
         self._woken = False
         self._closed = False
+        self._thread = 0
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @property
@@ -242,8 +252,9 @@ class CanHub:
         return tuple(client.name for client in list(self._clients))
 
     def publish(self, block: Block) -> None:
-        """Send ``block`` to every client, in the order of the calls; thread-safe, returns at once.
+        """Send ``block`` to every client, in the order of the calls; thread-safe, formats and sends elsewhere.
 
+        It wakes the loop's thread, which then wants the interpreter: let it be the last thing a tick does.
         The hub keeps a reference until it is sent: do not write into the array afterwards.
         Before the hub is open and after it has been closed, frames go nowhere, as on a bus without nodes.
         """
@@ -258,11 +269,14 @@ class CanHub:
         # One wake-up serves all blocks that have been appended by the time it is served.
         if not self._woken:
             self._woken = True
+            if threading.get_ident() == self._thread:
+                loop.call_soon(self._flush)
+                return
             with contextlib.suppress(RuntimeError):  # the loop has been closed in the meantime
                 loop.call_soon_threadsafe(self._flush)
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop, self._closed = loop, False
+        self._loop, self._closed, self._thread = loop, False, threading.get_ident()
 
     def close(self) -> None:
         self._loop, self._closed = None, True
@@ -362,7 +376,7 @@ class _ModbusClient(_Peer):
             self.loop.call_soon(self._respond)
         elif self._closing:
             self.transport.close()
-            self.restart_timer(self._server.split_limit, self.drop)
+            self.drop_after(self._server.split_limit)
         else:
             self.transport.resume_reading()
             self._expect()
@@ -370,14 +384,14 @@ class _ModbusClient(_Peer):
     def _expect(self) -> None:
         """Wait for the next request: long if nothing has come of it yet, briefly if it has begun."""
         server = self._server
-        self.restart_timer(server.split_limit if self._stream.partial else server.idle_limit, self.drop)
+        self.drop_after(server.split_limit if self._stream.partial else server.idle_limit)
 
     def pause_writing(self) -> None:
         """Stop reading from a client that does not fetch its answers; it has ``split_limit`` s to begin."""
         self._blocked = True
         assert self.transport is not None
         self.transport.pause_reading()
-        self.restart_timer(self._server.split_limit, self.drop)
+        self.drop_after(self._server.split_limit)
 
     def resume_writing(self) -> None:
         self._blocked = False

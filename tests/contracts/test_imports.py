@@ -21,7 +21,7 @@ PLANS = "Test plans reach the rig only through drivers"
 PURE = "The model is pure: no time, no chance, no I/O"
 CLOCK = "One clock: only bench_protocol.clock imports time"
 PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
-RIG = "The rig is sans-IO: only bench_sim.rig.servers opens sockets"
+RIG = "The rig is sans-IO: only its servers and its SocketCAN door open sockets"
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_port"
 

@@ -88,7 +88,10 @@ class Commander:
 
     def hold_height(self) -> None:
         """Let the vertical actuators hold the bolster where it is: else the air would lift it."""
-        here = {f"vertical_{side}_displacement_setpoint": self.read(f"vertical_{side}.displacement") for side in SIDES}
+        here = {
+            f"vertical_{side}_displacement_setpoint": self.read(f"vertical_{side}.displacement")
+            for side in SIDES
+        }
         self.beat(2, **here)
         self.apply(vertical_control=CONTROL_MODES.index("displacement"))
 

@@ -56,15 +56,16 @@ def test_air_low_restricts_and_disabled_shuts(commander) -> None:
     commander.apply(
         air_left_mode=FILL, air_left_target=5 * bar, air_right_mode=FILL, air_right_target=5 * bar
     )
-    commander.beat(50)
-    slow = commander.read("left.auxiliary_pressure")
+    start = commander.read("left.auxiliary_pressure")
+    commander.beat(5)
+    slow = commander.read("left.auxiliary_pressure") - start
     commander.coil("air_high")
     before = commander.read("left.auxiliary_pressure")
-    commander.beat(50)
+    commander.beat(5)
     fast = commander.read("left.auxiliary_pressure") - before
     assert fast > 3 * slow > 0
     commander.coil("disable")
-    commander.beat(50)
+    commander.beat(500)  # the bolster comes to rest on what air there is
     shut = commander.read("left.auxiliary_pressure")
     commander.beat(50)
     assert commander.read("left.auxiliary_pressure") == pytest.approx(shut, abs=0.05 * bar)

@@ -1,5 +1,6 @@
 """What the tests of the wires share: a bank of registers, open servers, and blocks of frames that can be told apart."""
 
+import socket
 import struct
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -69,6 +70,14 @@ def modbus_port(bank: Registers) -> Iterator[int]:
     with serve_in_thread(modbus_server=server) as servers:
         assert servers.modbus_port is not None
         yield servers.modbus_port
+
+
+@pytest.fixture
+def dead_port() -> Iterator[int]:
+    """A port that is ours and where nobody listens."""
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        yield unused.getsockname()[1]
 
 
 @pytest.fixture(scope="session")

@@ -203,9 +203,9 @@ def test_a_hub_that_stops_is_lost(eventually) -> None:
     port.close()
 
 
-def test_a_bus_that_cannot_be_opened_is_said_in_words() -> None:
+def test_a_bus_that_cannot_be_opened_is_said_in_words(dead_port: int) -> None:
     with pytest.raises(LinkLost, match=r"'tcp' cannot be opened: .*nobody listens there; is the rig running"):
-        open_can("tcp", port=1)
+        open_can("tcp", port=dead_port)
     with pytest.raises(LinkLost, match=r"no CAN interface of that name.*'tcp' is the rig's own hub"):
         open_can("can99")
 

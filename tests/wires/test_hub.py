@@ -179,6 +179,23 @@ def test_frames_go_to_everybody_but_their_sender(rig_and_port, eventually) -> No
         assert len({peer for _, peer in rig.heard}) == 2
 
 
+def test_an_answer_comes_before_what_was_sent_after_the_question(eventually) -> None:
+    """Question and next frame in one packet: the rig's answer to the first stands between them on the bus."""
+    heard: list[int] = []
+
+    def reply(block: Block, peer: str) -> None:
+        heard.extend(block["id"].tolist())
+        hub.publish(frame(int(block["id"][0]) + 1, b"answer"))
+
+    hub = CanHub(reply)
+    with serve_in_thread(hub) as servers, HubBus(port=servers.can_port) as bus:
+        with raw_client(servers.can_port) as sock:
+            joined(sock)
+            sock.sendall(b"< send 10 0 >< echo >< send 20 0 >")
+            assert collected(bus, 4)["id"].tolist() == [0x10, 0x11, 0x20, 0x21]
+        assert heard == [0x10, 0x20]
+
+
 def test_all_clients_see_one_order(rig_and_port, numbered) -> None:
     """Two senders and the rig at once: three listeners agree frame by frame."""
     rig, port = rig_and_port

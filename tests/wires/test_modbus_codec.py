@@ -4,7 +4,7 @@ import struct
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_protocol.modbus import (
@@ -201,6 +201,7 @@ def test_long_identification_takes_several_answers(bank) -> None:
 # --- any bytes at all ------------------------------------------------------------------------------------------
 
 
+@settings(deadline=None)
 @given(
     pdu=st.one_of(
         st.binary(min_size=1, max_size=PDU_MAX),
@@ -251,6 +252,7 @@ def fresh_bank(request):
     )
 
 
+@settings(deadline=None)
 @given(st.lists(st.booleans(), min_size=1, max_size=100))
 def test_bits_survive_packing(bits: list[bool]) -> None:
     packed = pack_bits(bits)
@@ -267,6 +269,7 @@ ADUS = st.lists(
 )
 
 
+@settings(deadline=None)
 @given(ADUS, st.lists(st.integers(0), max_size=6))
 def test_requests_survive_any_splitting(adus: list[bytes], cuts: list[int]) -> None:
     data = b"".join(adus)

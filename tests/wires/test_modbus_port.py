@@ -146,9 +146,11 @@ def test_both_send_the_same_bytes(bank) -> None:
 # --- devices that do not answer as they should -------------------------------------------------------------------
 
 
-def test_nobody_there() -> None:
-    with pytest.raises(LinkLost, match=r"no Modbus device answers at 127\.0\.0\.1:1; is the rig running"):
-        open_modbus("127.0.0.1", 1)
+def test_nobody_there(dead_port: int) -> None:
+    with pytest.raises(
+        LinkLost, match=rf"no Modbus device answers at 127\.0\.0\.1:{dead_port}; is the rig running"
+    ):
+        open_modbus("127.0.0.1", dead_port)
 
 
 def test_a_silent_device_costs_one_timeout_and_its_late_answer_is_not_taken_for_the_next(bank) -> None:
@@ -168,6 +170,35 @@ def test_a_silent_device_costs_one_timeout_and_its_late_answer_is_not_taken_for_
         late.set()
         assert device.read_input(1, 1) == [8], "the next call connects anew"
         device.close()
+
+
+def test_the_rest_of_a_late_answer_is_not_taken_for_the_next(bank) -> None:
+    """Half an answer comes in time, the rest when the next request is out."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(2)
+
+    def serve() -> None:
+        first, _ = listener.accept()
+        with first:
+            first.settimeout(2)
+            reply = answer(first.recv(300), bank)
+            first.sendall(reply[:5])
+            if request := first.recv(300):
+                first.sendall(reply[5:] + answer(request, bank))
+        second, _ = listener.accept()
+        with second:
+            second.settimeout(2)
+            second.sendall(answer(second.recv(300), bank))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    device = open_modbus("127.0.0.1", listener.getsockname()[1], timeout=0.2)
+    with pytest.raises(LinkLost):
+        device.read_input(0, 1)
+    assert device.read_input(1, 1) == [8]
+    device.close()
+    thread.join()
+    listener.close()
 
 
 def test_a_device_that_goes_away(bank) -> None:

@@ -10,7 +10,7 @@ from can.interfaces.socketcand.socketcand import (
     convert_ascii_message_to_can_message,
     convert_can_message_to_ascii_message,
 )
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_protocol.frames import FRAME, Block, empty_block, frame, join
@@ -65,6 +65,7 @@ def only_block(events: list[Event], kind: type) -> Block:
     return join(event.block for event in events)
 
 
+@settings(deadline=None)
 @given(blocks, st.lists(st.integers(0), max_size=6))
 def test_a_servers_frames_survive_any_splitting(block: Block, cuts: list[int]) -> None:
     parser = Parser()
@@ -72,6 +73,7 @@ def test_a_servers_frames_survive_any_splitting(block: Block, cuts: list[int]) -
     assert only_block(events, Received).tobytes() == block.tobytes()
 
 
+@settings(deadline=None)
 @given(blocks, st.lists(st.integers(0), max_size=6))
 def test_a_clients_frames_survive_any_splitting(block: Block, cuts: list[int]) -> None:
     parser = Parser()
@@ -109,6 +111,7 @@ LINES = st.one_of(
 )
 
 
+@settings(deadline=None)
 @given(st.lists(LINES, max_size=8).map(b"".join), st.lists(st.integers(0), max_size=8))
 def test_any_bytes_mean_the_same_however_they_are_cut(data: bytes, cuts: list[int]) -> None:
     whole = Parser().feed(data)
@@ -222,6 +225,7 @@ def test_a_bad_line_costs_only_itself() -> None:
 # --- against the client that comes with python-can ---------------------------------------------------------------
 
 
+@settings(deadline=None)
 @given(frames())
 def test_python_can_understands_our_frames(block: Block) -> None:
     message = convert_ascii_message_to_can_message(frame_bytes(block).decode())
@@ -234,6 +238,7 @@ def test_python_can_understands_our_frames(block: Block) -> None:
     assert message.timestamp == pytest.approx(time * 1e-9, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(frames())
 def test_we_understand_python_cans_frames(block: Block) -> None:
     ((_, identifier, extended, data),) = iterate(block)
@@ -270,6 +275,7 @@ def test_what_is_no_block_of_frames_is_refused() -> None:
         frame_bytes(np.zeros(3, np.int64))
 
 
+@settings(deadline=None)
 @given(st.text(max_size=300))
 def test_a_refusal_stays_one_line(reason: str) -> None:
     (event,) = Parser().feed(error_bytes(reason))
