@@ -5,6 +5,8 @@ Everything heavy is imported inside the commands: `astb --help` answers at once.
 """
 
 import sys
+import traceback
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from astb.rig_file import RigFile
 
 PASS, FAIL, MISUSE, BLOCKED = 0, 1, 2, 3
+SEED: Final = click.IntRange(0, 2**32 - 1)
 _EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
 
 RIG_OPTION: Final = click.option(
@@ -28,7 +31,7 @@ RIG_OPTION: Final = click.option(
 def main() -> NoReturn:
     """Run the command line; errors that people can mend are one sentence, not a traceback."""
     try:
-        sys.exit(_commands(standalone_mode=False) or PASS)
+        sys.exit(commands(standalone_mode=False) or PASS)
     except click.exceptions.Exit as end:
         sys.exit(end.exit_code)
     except click.Abort:
@@ -37,6 +40,10 @@ def main() -> NoReturn:
     except click.ClickException as error:
         error.show()
         sys.exit(MISUSE)
+    except Exception:
+        # Python would end with 1, which says that the product failed.
+        traceback.print_exc()
+        sys.exit(BLOCKED)
 
 
 def misuse(error: Exception | str) -> NoReturn:
@@ -47,26 +54,28 @@ def misuse(error: Exception | str) -> NoReturn:
 
 def blocked(error: Exception | str) -> NoReturn:
     """End the command: the rig or a precondition broke."""
-    click.echo(f"astb: {error}", err=True)
+    words = error.strerror if isinstance(error, OSError) and error.strerror else error
+    click.echo(f"astb: {words}", err=True)
     raise click.exceptions.Exit(BLOCKED)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="astb")
-def _commands() -> None:
+def commands() -> None:
     """A virtual test bench for railway air springs that behaves like the real rig down to its wires."""
 
 
-@_commands.command("rig")
+@commands.command("rig")
 @RIG_OPTION
 @click.option("--can", help="auto, tcp, or a SocketCAN interface such as vcan0; over the rig file.")
 @click.option("--can-port", type=click.IntRange(0, 65535), help="TCP port of the CAN hub, 0 for a free one.")
 @click.option("--modbus-port", type=click.IntRange(0, 65535), help="TCP port of Modbus, 0 for a free one.")
-@click.option("--seed", type=click.IntRange(min=0), help="Draws this rig's sensors and their noise.")
+@click.option("--seed", type=SEED, help="Draws this rig's sensors and their noise.")
 @click.option("--beacon", is_flag=True, help="Announce the CAN hub on the loopback, for SavvyCAN.")
 @click.option(
     "--allow-remote", is_flag=True, help="Open the ports to other machines; neither has a password."
 )
+@click.option("--until-eof", is_flag=True, hidden=True)
 def rig_command(
     rig_path: Path | None,
     can: str | None,
@@ -75,6 +84,7 @@ def rig_command(
     seed: int | None,
     beacon: bool,
     allow_remote: bool,
+    until_eof: bool,
 ) -> None:
     """Run the simulated rig in real time until interrupted.
 
@@ -96,6 +106,8 @@ def rig_command(
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+    if until_eof:  # whoever started this rig holds the other end: the rig outlives nobody, however they end
+        threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()
     signal.signal(signal.SIGUSR1, lambda *_: simulated.press_estop())
     signal.signal(signal.SIGUSR2, lambda *_: simulated.release_estop())
     try:
@@ -111,17 +123,19 @@ def rig_command(
             stop=stop,
             ready=lambda door, modbus: click.echo(f"ready can={door} modbus={modbus}"),
         )
-    except (OSError, ValueError) as error:
+    except ValueError as error:
+        misuse(error)
+    except OSError as error:
         blocked(error)
 
 
-@_commands.command("run")
+@commands.command("run")
 @click.argument("plans", nargs=-1, required=True, metavar="PLAN...")
 @RIG_OPTION
 @click.option(
     "--virtual", is_flag=True, help="In virtual time, without sockets: the same plans, bytes and verdicts."
 )
-@click.option("--seed", type=click.IntRange(min=0), help="Draws the simulated rig's sensors and their noise.")
+@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
 @click.option(
     "--out",
     "out",
@@ -137,6 +151,8 @@ def run_command(
 
     Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked.
     """
+    import signal
+
     from astb.rig_file import RigFileError
     from astb.run import run_plans
     from bench_records.layout import RecordError
@@ -147,6 +163,8 @@ def run_command(
     if unknown:
         misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(PLANS)}")
     rig, path = _rig(rig_path)
+    # Whoever ends the run, tear-down runs.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         verdicts = run_plans([PLANS[name] for name in plans], rig, path, virtual=virtual, seed=seed, out=out)
     except (RigFileError, ValueError, RecordError) as error:
@@ -156,7 +174,7 @@ def run_command(
     raise click.exceptions.Exit(max(_EXIT[verdict] for verdict in verdicts))
 
 
-@_commands.command("plans")
+@commands.command("plans")
 def plans_command() -> None:
     """List the test plans."""
     from test_plans import PLANS
@@ -166,7 +184,7 @@ def plans_command() -> None:
         click.echo(f"{name:<{width}}  {plan.title}")
 
 
-@_commands.command("signals")
+@commands.command("signals")
 @click.option(
     "--dbc", type=click.Path(path_type=Path, dir_okay=False), help="Write the CAN messages as a DBC file."
 )
@@ -191,7 +209,7 @@ def signals_command(dbc: Path | None, csv: Path | None) -> None:
             click.echo(f"{row.name:<38} {row.kind:<12} {row.range_text():<28.60} {row.description}")
 
 
-@_commands.command("report")
+@commands.command("report")
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
 def report_command(directory: Path) -> None:
     """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
@@ -205,6 +223,11 @@ def report_command(directory: Path) -> None:
         click.echo(write_report(directory))
     except RecordError as error:
         misuse(error)
+
+
+def _when_stdin_ends(call: Callable[[], None]) -> None:
+    sys.stdin.read()
+    call()
 
 
 def _rig(path: Path | None) -> "tuple[RigFile, Path]":

@@ -1,13 +1,17 @@
 """A rig file: the TOML that says where a rig is, and, if it is a simulated one, what it simulates."""
 
+import re
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
 
-Port = Annotated[int, Meta(ge=0, le=65535)]
+Port = Annotated[int, Meta(ge=1, le=65535)]
+#: What every generator of random numbers takes.
+SEED_MAX: Final = 2**32 - 1
 
 
 class RigFileError(ValueError):
@@ -34,11 +38,9 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What a simulated rig simulates. A rig file without this table is never simulated and never started."""
 
     parameters: str = "astb"  #: name of a parameter set, or the path of its TOML file
-    seed: Annotated[int, Meta(ge=0)] = 0
+    seed: Annotated[int, Meta(ge=0, le=SEED_MAX)] = 0
     late_ticks: Literal["catch_up", "skip", "fault"] = "catch_up"
-    change: dict[
-        str, str
-    ] = {}  #: parameters over those of the set, each with its unit: orifice_diameter = "18 mm"
+    change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
 
 
 class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -58,17 +60,38 @@ def read(path: Path) -> RigFile:
     Raises RigFileError, naming the file, the key and what would be right.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise RigFileError(f"rig file {path} cannot be read: {error.strerror}") from None
-    try:
-        rig = msgspec.convert(tomllib.loads(text), RigFile)
-    except tomllib.TOMLDecodeError as error:
+        raise RigFileError(f"rig file {path} cannot be read: {error.strerror}; --rig names another") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RigFileError(f"rig file {path} is not TOML: {error}") from None
+    try:
+        rig = msgspec.convert(content, RigFile)
     except msgspec.ValidationError as error:
-        raise RigFileError(f"rig file {path}: {error}") from None
+        raise RigFileError(f"rig file {path}: {_in_words(str(error), content)}") from None
     if rig.time == "virtual" and rig.simulation is None:
         raise RigFileError(
             f"rig file {path}: time = virtual needs a [simulation] table, a real rig has real time"
         )
     return rig
+
+
+def _in_words(error: str, content: dict[str, Any]) -> str:
+    """Return what msgspec says of ``content``, with the key as people write it, its value and what would be right."""
+    said, _, place = error.partition(" - at `$")
+    keys = [key for key in place.rstrip("`").split(".") if key]
+    what: Any = content
+    for key in keys:
+        what = what[key]
+    tables: dict[str, type[msgspec.Struct]] = {"can": Can, "modbus": Modbus, "simulation": Simulation}
+    table = tables.get(keys[0], RigFile) if keys else RigFile
+    fields = {field.name: field.type for field in msgspec.structs.fields(table)}
+    if unknown := re.fullmatch("Object contains unknown field `(.*)`", said):
+        near = get_close_matches(unknown[1], fields, n=1)
+        right = f"{near[0]} would be one" if near else f"there are {', '.join(fields)}"
+        return f"{'.'.join([*keys, unknown[1]])} is no key of a rig file; {right}"
+    if missing := re.fullmatch("Object missing required field `(.*)`", said):
+        return f"the key {'.'.join([*keys, missing[1]])} is missing"
+    if said.startswith("Invalid enum value"):
+        said = f"one of {', '.join(fields[keys[-1]].__args__)} is right"
+    return f"{'.'.join(keys)} = {what!r}: {said[0].lower()}{said[1:]}".replace("`", "")

@@ -46,16 +46,17 @@ class Screen:
         self._task: TaskID | None = None
 
     def __enter__(self) -> Self:
-        self._progress.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        if self._task is not None:
+            self._progress.stop()
 
     def begin(self, plan: str) -> None:
         """Show that ``plan`` begins."""
         if self._task is not None:
             self._progress.remove_task(self._task)
+        self._progress.start()
         self._task = self._progress.add_task("", total=1.0, plan=plan)
 
     def say(self, text: str) -> None:
@@ -72,7 +73,9 @@ class Screen:
 
     def checked(self, check: Check) -> None:
         """Show a check and its verdict."""
-        self._console.print(f"  {check}", style=_COLOURS[check.verdict], highlight=False, markup=False)
+        self._console.print(
+            f"  {check}", style=_COLOURS[check.verdict], highlight=False, markup=False, soft_wrap=True
+        )
 
     def conclude(self, result: Result, directory: Path) -> None:
         """Show the verdict on a plan and where its report lies."""
@@ -171,7 +174,11 @@ def prepare(directory: Path, screen: Screen) -> None:
         while (kept := directory.with_name(f"{directory.name}.cut-off-{number}")).exists():
             number += 1
         directory.rename(kept)
-        screen.say(f"an earlier run was cut off; its record is kept in {kept}: {recover(kept)}")
+        try:
+            saved = str(recover(kept))
+        except RecordError as error:  # cut off before there was anything to save
+            saved = str(error)
+        screen.say(f"an earlier run was cut off; its record is kept in {kept}: {saved}")
     try:
         directory.mkdir(parents=True, exist_ok=True)
         for name in (PARQUET, META, RESULT, REPORT, JUNIT):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from astb.cli import MISUSE
 from astb.rig_file import RigFile, RigFileError, Simulation
 from bench_protocol.clock import Clock, RealClock, VirtualClock, wall_time_ns
 from bench_protocol.table import TABLE
@@ -45,13 +46,13 @@ def simulated_parameters(simulation: Simulation) -> "Parameters":
     changes = {}
     for name, text in simulation.change.items():
         entry = parameters.entries.get(name)
-        number, _, unit = text.partition(" ")
         if entry is not None:
+            number, _, unit = str(text).partition(" ")
             try:
                 changes[name] = float(number) * entry.scale
             except ValueError:
                 raise RigFileError(
-                    f"change: {name} = {text!r} is not a number with its unit ({entry.unit})"
+                    f"change: {name} = {text!r} is not a number with its unit ({entry.unit}) after a space"
                 ) from None
             if unit.strip() != entry.unit:
                 raise RigFileError(
@@ -165,10 +166,14 @@ def answers(rig: RigFile) -> bool:
 @contextlib.contextmanager
 def started(path: Path, seed: int | None, say: Callable[[str], None]) -> Iterator[None]:
     """Run ``astb rig`` for ``path`` in a process of its own while the block lasts."""
-    command = [sys.executable, "-m", "astb", "rig", "--rig", str(path)]
+    command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
     if seed is not None:
         command += ["--seed", str(seed)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    pipe = subprocess.PIPE
+    # A process group of its own: Ctrl-C is for the plan, whose tear-down needs the rig.
+    with subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, process_group=0
+    ) as process:
         try:
             say(_ready_line(process))
             yield
@@ -180,8 +185,13 @@ def started(path: Path, seed: int | None, say: Callable[[str], None]) -> Iterato
 
 
 def _ready_line(process: "subprocess.Popen[str]") -> str:
-    """Return the line in which the rig says that both doors are open; RigFileError with its own words otherwise."""
+    """Return the line in which the rig says that both doors are open.
+
+    RigFileError or LinkLost, with the rig's own words, if it ends instead.
+    """
     import threading
+
+    from drivers.errors import LinkLost
 
     assert process.stdout and process.stderr
     watchdog = threading.Timer(START_LIMIT, process.kill)
@@ -192,8 +202,10 @@ def _ready_line(process: "subprocess.Popen[str]") -> str:
                 return line.strip()
     finally:
         watchdog.cancel()
-    reason = process.stderr.read().strip() or f"it did not come up within {START_LIMIT:g} s"
-    raise RigFileError(f"the rig could not be started: {reason}")
+    reason = process.stderr.read().strip().removeprefix("astb: ")
+    reason = reason or f"it did not come up within {START_LIMIT:g} s"
+    error = RigFileError if process.wait() == MISUSE else LinkLost
+    raise error(f"the rig could not be started: {reason}")
 
 
 #: What a record should say of the wires it came over.

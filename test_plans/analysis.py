@@ -76,6 +76,16 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
     return complex(fit[2], -fit[3])
 
 
+def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
+    """Return level (in the middle of the samples) and slope (per s) of the line through them; NaN is left out."""
+    good = np.isfinite(values)
+    if np.count_nonzero(good) < 2:
+        raise NotMeasured(f"{np.count_nonzero(good)} samples do not make a line")
+    middle = times[good] - times[good].mean()
+    level = values[good].mean()
+    return float(level), float(np.sum(middle * (values[good] - level)) / np.sum(middle**2))
+
+
 def dynamic_stiffness(
     times: Samples, motion: Samples, force: Samples, frequency: float, *, motion_lag: float = 0.0
 ) -> Stiffness:
@@ -97,8 +107,11 @@ def without_drift(motion: Samples, force: Samples) -> Samples:
     edge = TURNING * (motion.max() - motion.min())
     if abs(motion[-1] - motion[0]) > edge:
         raise NotMeasured(f"the loop begins at {motion[0]:.3g} m and ends at {motion[-1]:.3g} m")
-    ends = max(1, force.size // 200)
-    drift = force[-ends:].mean() - force[:ends].mean()
+    ends = max(1, force.size // 50)
+    # The means over both ends stand a little apart in motion too: that part of their difference is the spring's own.
+    apart = motion[-ends:].mean() - motion[:ends].mean()
+    slope = np.cov(motion, force)[0, 1] / motion.var(ddof=1)
+    drift = force[-ends:].mean() - force[:ends].mean() - slope * apart
     return np.asarray(force - drift * np.linspace(-0.5, 0.5, force.size))
 
 
@@ -121,19 +134,29 @@ def loop_energy(motion: Samples, force: Samples) -> float:
 
 
 def whole_cycles(
-    times: Samples, cycle: Samples, first: int, count: int, frequency: float
+    times: Samples,
+    cycle: Samples,
+    running: npt.NDArray[np.bool_],
+    *,
+    first: int,
+    count: int,
+    frequency: float,
 ) -> npt.NDArray[np.bool_]:
     """Return which samples belong to ``count`` whole cycles from the beginning of cycle ``first`` on.
 
-    ``cycle`` is the generator's own count of completed cycles, as sampled. NotMeasured if it never got there.
+    ``cycle`` is the generator's own count of completed cycles, as sampled, and ``running`` says when it runs: before,
+    the count is that of the program before. NotMeasured if it never got there, or the samples end too early.
     """
-    begun = np.flatnonzero(cycle >= first)
+    begun = np.flatnonzero(running & (cycle >= first))
     if begun.size == 0:
-        raise NotMeasured(
-            f"the generator completed {np.nanmax(cycle):g} cycles; cycle {first} was to be measured"
-        )
-    start = times[begun[0]]
-    inside = (times >= start - 1e-9) & (times < start + count / frequency - 1e-9)
+        raise NotMeasured(f"the generator never completed {first} cycles, after which was to be measured")
+    start, end = times[begun[0]], times[begun[0]] + count / frequency
+    inside = (times >= start - 1e-9) & (times < end - 1e-9)
+    if (
+        np.count_nonzero(inside) < SAMPLES_PER_CYCLE_MIN * count
+        or times[-1] < end - 2 / frequency / SAMPLES_PER_CYCLE_MIN
+    ):
+        raise NotMeasured(f"the samples end at {times[-1]:.3f} s, before {count} whole cycles at {end:.3f} s")
     return np.asarray(inside, np.bool_)
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, overload
+from typing import TYPE_CHECKING, Any, Protocol, overload
 
 from bench_protocol.units import FACTORS, NS
 from test_plans.steps import make_safe, power_up
 
 if TYPE_CHECKING:
+    from bench_records.layout import Event
     from bench_records.recorder import Recorder
     from bench_records.result import Axis, Check, Curve
     from drivers.bench import Bench
@@ -109,7 +110,8 @@ class Run:
     lasts: float = 0.0
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
-    _phases: list[str] = field(default_factory=list)
+    phases: list[Event] = field(default_factory=list)  #: where each began and ended
+    _open: list[str] = field(default_factory=list)
     _start: int = field(init=False)
 
     def __post_init__(self) -> None:
@@ -144,27 +146,33 @@ class Run:
             low=low,
             high=high,
             margin=MARGIN if margin is None else margin,
-            phase=self._phases[-1] if self._phases else "",
+            phase=self._open[-1] if self._open else "",
             note=note,
         )
         self.checks.append(one)
-        self.recorder.event(self.now, "check", str(one), verdict=one.verdict.value)
+        self.keep("check", str(one), verdict=one.verdict.value)
         self.watcher.checked(one)
         return one.passed
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Name a stretch of the run; phases may lie inside one another."""
-        self._phases.append(name)
-        self.recorder.phase_begins(self.now, name)
+        self._open.append(name)
+        self._edge(name, "begin")
         self.watcher.say(name)
         if self.lasts:
             self.progress((self.now - self._start) / NS / self.lasts)
         try:
             yield
         finally:
-            self.recorder.phase_ends(self.now, name)
-            self._phases.pop()
+            self._edge(name, "end")
+            self._open.pop()
+
+    def _edge(self, name: str, edge: str) -> None:
+        from bench_records.layout import Event
+
+        self.phases.append(Event(self.now, "phase", name, {"edge": edge}))
+        self.keep("phase", name, edge=edge)
 
     def loop(
         self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
@@ -184,8 +192,18 @@ class Run:
 
     def say(self, text: str) -> None:
         """Tell whoever watches, and the record, what is going on."""
-        self.recorder.event(self.now, "note", text)
+        self.keep("note", text)
         self.watcher.say(text)
+
+    def keep(self, kind: str, text: str, **data: Any) -> None:
+        """Let the record keep an event.
+
+        A disk that fails must not keep the tear-down from its work: the record says so itself when it is closed.
+        """
+        from bench_records.layout import RecordError
+
+        with suppress(RecordError):
+            self.recorder.event(self.now, kind, text, **data)
 
     def progress(self, fraction: float) -> None:
         """Tell whoever watches how much of the plan is done (0 to 1)."""

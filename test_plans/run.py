@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,6 +15,7 @@ from bench_protocol.signals import Kind, Table
 from bench_protocol.table import TICK
 from bench_protocol.units import FACTORS, ms, us
 from drivers.errors import BenchError
+from test_plans.analysis import NotMeasured
 from test_plans.plan import Nobody, Part, Plan, Run, Watcher
 
 if TYPE_CHECKING:
@@ -64,6 +66,7 @@ def execute(
     comes out again, once everything is written; the report is made of the directory by ``bench_records.report``.
     """
     from bench_records.junit import write_junit
+    from bench_records.layout import phases_of
     from bench_records.recorder import Recorder
     from bench_records.result import Outcome, conclude
 
@@ -75,31 +78,21 @@ def execute(
     run = Run(bench, recorder, watcher or Nobody(), plan.lasts)
     bench.receiver.sink = _Sink(bench.table, list(signals), recorder)
     before = _lateness(bench)
-    # Set-up belongs to what must succeed before the main part; tear-down belongs to nothing.
-    parts: list[tuple[str, Part]] = [("set-up", plan.setup), ("main", plan.main)]
-    troubles: list[str] = []
-    interrupted = False
     try:
-        for name, part in parts:
-            trouble, interrupted = _attempt(run, name, part)
-            if trouble:
-                troubles.append(trouble)
-                break
-        trouble, again = _attempt(run, "tear-down", plan.teardown)
-        interrupted = interrupted or again
-        if trouble:
-            troubles.append(f"in tear-down: {trouble}")
+        first, interrupted = _attempt(run, "set-up", plan.setup)
+        if not first:
+            first, interrupted = _attempt(run, "main", plan.main)
+        last, again = _attempt(run, "tear-down", plan.teardown)
         timing = _timing(before, _lateness(bench))
     finally:
         bench.receiver.sink = None
         recorder.close()
     run.progress(1.0)
 
-    reason = "; then ".join(troubles)
-    if troubles == [f"in tear-down: {trouble}"] and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
-        reason = (
-            ""  # the product was judged and failed; that the bench then misbehaved stands among the events
-        )
+    reason = "; then ".join(trouble for trouble in (first, last and f"in tear-down: {last}") if trouble)
+    if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
+        # The product was judged and failed; that the bench then misbehaved stands among the events.
+        reason = ""
     result = conclude(
         plan.name,
         plan.title,
@@ -107,14 +100,14 @@ def execute(
         run.checks,
         reason=reason,
         curves=run.curves,
-        phases=_phases(directory),
+        phases=phases_of(run.phases, start, bench.clock.now()),
         rig=rig,
         seed=seed,
         timing=timing,
     )
     result.write(directory)
     write_junit(result, directory)
-    if interrupted:
+    if interrupted or again:
         raise KeyboardInterrupt
     return result
 
@@ -128,11 +121,13 @@ def _attempt(run: Run, name: str, part: Part) -> tuple[str, bool]:
         return "", False
     except BenchError as error:
         trouble = f"{_WHOSE[error.fault]}: {error}"
+    except NotMeasured as error:
+        trouble = f"the measurement: {error}"
     except KeyboardInterrupt:
         trouble, interrupted = _STOPPED, True
     except Exception as error:
         trouble = f"the plan: {type(error).__name__} at {_place(error)}: {error}"
-    run.recorder.event(run.now, "error", f"{name}: {trouble}")
+    run.keep("error", f"{name}: {trouble}")
     run.watcher.say(f"{name}: {trouble}")
     return trouble, interrupted
 
@@ -180,25 +175,25 @@ class _Sink:
         self._column[rows] = np.arange(len(rows))
         self._recorder = recorder
         self._table = table
-        # The reason and the limit that tripped come in the same frame as the state.
-        self._watched = {table.index[name]: kind for name, kind in _TOLD.items()}
-        self._last = dict.fromkeys(self._watched, 0.0)
-        self._state = table.index["rig.state"]
+        self._kinds = {table.index[name]: kind for name, kind in _TOLD.items()}
+        self._last = dict.fromkeys(self._kinds, 0.0)
+        self._watched = np.zeros(len(table.signals), np.bool_)
+        self._watched[list(self._kinds)] = True
 
     def __call__(
         self, times: npt.NDArray[np.int64], rows: npt.NDArray[np.int64], values: npt.NDArray[np.float64]
     ) -> None:
         self._recorder.append(times, self._column[rows], values)
-        if (rows == self._state).any():
-            for row, kind in self._watched.items():
-                for place in np.flatnonzero(rows == row):
-                    self._changed(int(times[place]), row, kind, float(values[place]))
+        places = np.flatnonzero(self._watched[rows])
+        samples = zip(times[places].tolist(), rows[places].tolist(), values[places].tolist(), strict=True)
+        # The cause comes in the same frame as the state that it led to, and is told first.
+        for time, row, value in sorted(samples, key=lambda sample: (sample[0], -sample[1])):
+            if value != self._last[row] and not isnan(value):
+                self._last[row] = value
+                self._tell(time, row, value)
 
-    def _changed(self, time: int, row: int, kind: str, value: float) -> None:
-        if value == self._last[row] or np.isnan(value):
-            return
-        self._last[row] = value
-        signal = self._table.signals[row]
+    def _tell(self, time: int, row: int, value: float) -> None:
+        signal, kind = self._table.signals[row], self._kinds[row]
         if kind != "trip":
             self._recorder.event(time, kind, f"{signal.name}: {signal.show(value)}")
         elif value >= 1:
@@ -207,12 +202,6 @@ class _Sink:
 
 
 _TOLD: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
-
-
-def _phases(directory: Path | str) -> list[Any]:
-    from bench_records.record import read
-
-    return read(directory).phases
 
 
 # -- how punctual the rig was --------------------------------------------------------------------------------------

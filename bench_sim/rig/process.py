@@ -1,8 +1,6 @@
 """The rig in real time: a tick loop on absolute deadlines with its servers, alone in a process of its own."""
 
-import contextlib
 import gc
-import os
 import sys
 import threading
 from collections.abc import Callable
@@ -10,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from bench_protocol.clock import Clock, RealClock, sharpen_timers, wall_time_ns
+from bench_protocol.clock import Clock, RealClock, hurry, relax, wall_time_ns
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
 from bench_sim.rig.rig import Rig
@@ -21,6 +19,10 @@ from bench_sim.rig.tick import TICK_NS
 MODBUS_PORT: Final = 15020
 #: A thread that computes may keep the tick waiting for this long at most (Python's default is 5 ms).
 _SWITCH_INTERVAL: Final = 0.0005
+_TICK_PRIORITY: Final = 10
+#: After a stall this long the readers get this much time first.
+_STALL: Final = 20 * TICK_NS
+_PAUSE: Final = 3 * TICK_NS
 #: Under the policy ``fault``, the lateness that counts as a lost tick.
 _LOST: Final = 0.1 * NS
 
@@ -48,11 +50,17 @@ def keep_time(
     start = clock.now()
     epoch = wall_time_ns()
     beat = 0
+    behind = False
     while not stop.is_set():
         beat += 1
         deadline = start + beat * TICK_NS
         clock.sleep_until(deadline)
         late = clock.now() - deadline
+        if late > _STALL and not behind:
+            # The machine stood still, and with it the thread that reads: commands that came in time lie in the
+            # sockets. Without this pause the catching up would count them as missing and trip the watchdog.
+            clock.sleep_until(clock.now() + _PAUSE)
+        behind = late > _STALL
         rig.report_lateness(late / NS, lost=policy is Late.FAULT and late > _LOST)
         if policy is Late.SKIP and late >= TICK_NS:
             missed = late // TICK_NS
@@ -129,15 +137,10 @@ class _real_time:  # noqa: N801 - reads as a statement
         gc.collect()
         gc.freeze()
         gc.disable()
-        sharpen_timers()
-        with contextlib.suppress(
-            OSError, AttributeError
-        ):  # needs a privilege that a bench does not have to have
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+        hurry(_TICK_PRIORITY)
 
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(OSError, AttributeError):
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        relax()
         gc.enable()
         gc.unfreeze()
         sys.setswitchinterval(self._interval)

@@ -13,7 +13,9 @@ from test_plans.analysis import (
     first_harmonic,
     loop_energy,
     secant_stiffness,
+    straight_line,
     whole_cycles,
+    without_drift,
     without_inertia,
 )
 
@@ -106,9 +108,35 @@ def test_the_loop_encloses_the_energy_of_an_ellipse():
 
 def test_whole_cycles_begin_where_the_generator_has_counted_the_soft_one():
     t = grid(4.0)
-    inside = whole_cycles(t, np.floor(2.0 * t), 1, 3, 2.0)
+    inside = whole_cycles(t, np.floor(2.0 * t), t >= 0, first=1, count=3, frequency=2.0)
     assert t[inside][0] == pytest.approx(0.5)
     assert np.count_nonzero(inside) == round(3 / 2.0 * RATE)
+
+
+def test_the_count_of_the_program_before_does_not_begin_the_window():
+    t = grid(4.0)
+    running = t >= 0.3
+    cycle = np.where(running, np.floor(2.0 * (t - 0.3)), 5.0)
+    inside = whole_cycles(t, cycle, running, first=1, count=2, frequency=2.0)
+    assert t[inside][0] == pytest.approx(0.8)
+
+
+def test_a_line_goes_through_what_is_there():
+    t = grid(1.0)
+    x = np.where(t == t[7], np.nan, 300.0 - 2.0 * t)
+    level, slope = straight_line(t, x)
+    assert slope == pytest.approx(-2.0)
+    assert level == pytest.approx(300.0 - 2.0 * t[t != t[7]].mean())
+
+
+def test_a_drift_of_a_quarter_of_the_force_leaves_less_than_a_hundredth_in_the_secant():
+    angle = np.linspace(0, tau, 1001)
+    x, force = 5e-3 * np.sin(angle), 400.0 * np.sin(angle) + 90.0 * np.cos(angle)
+    drifted = force + np.linspace(0, 200.0, force.size)
+    assert without_drift(x, drifted) == pytest.approx(force + 100.0, abs=8.0)
+    assert secant_stiffness(x, without_drift(x, drifted)) == pytest.approx(
+        secant_stiffness(x, force), rel=0.01
+    )
 
 
 def test_the_inertia_of_the_bolster_is_taken_off_the_actuator():
@@ -127,7 +155,10 @@ def test_the_inertia_of_the_bolster_is_taken_off_the_actuator():
         (lambda t: dynamic_stiffness(t, 0 * t, t, 1.0), "nothing moved"),
         (lambda t: secant_stiffness(0 * t, t), "nothing moved"),
         (lambda t: secant_stiffness(t * np.nan, t), "missing"),
-        (lambda t: whole_cycles(t, 0 * t, 1, 1, 1.0), "completed 0 cycles"),
+        (lambda t: straight_line(t, t * np.nan), "do not make a line"),
+        (lambda t: without_drift(t, t), "the loop begins at"),
+        (lambda t: whole_cycles(t, 0 * t, t >= 0, first=1, count=1, frequency=1.0), "never completed 1"),
+        (lambda t: whole_cycles(t, 0 * t, t >= 0, first=0, count=9, frequency=1.0), "the samples end at"),
     ],
 )
 def test_what_was_not_measured_is_not_computed(call, says):

@@ -9,10 +9,12 @@ import pytest
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table import STATES, TABLE
 from bench_protocol.units import kPa
+from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import Outcome, Verdict, read_result
 from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, RigFault
 from test_plans import PLANS
+from test_plans.analysis import NotMeasured
 from test_plans.plan import Plan, PlanError, Run, plan
 from test_plans.run import execute
 
@@ -121,6 +123,7 @@ def test_near_a_limit_is_marginal_and_nothing_measured_is_no_pass(made):
         (BenchTimeout("level: not reached within 20 s"), "the rig: level"),
         (LinkLost("the CAN bus is lost"), "the link to the rig: the CAN bus"),
         (Misuse("no such thing"), "the plan: no such thing"),
+        (NotMeasured("3 samples do not make a line"), "the measurement: 3 samples"),
         (TypeError("unsupported operand"), "the plan: TypeError at test_life_cycle.py:"),
         (ZeroDivisionError("by zero"), "the plan: ZeroDivisionError at test_life_cycle.py:"),
     ],
@@ -168,6 +171,22 @@ def test_ctrl_c_tears_down_writes_and_comes_out_again(made, tmp_path):
     assert (result.verdict, result.reason) == (Outcome.BLOCKED, "stopped by the operator")
 
 
+def test_a_disk_that_fails_does_not_keep_the_tear_down_from_its_work(made, monkeypatch):
+    ran = []
+
+    def full(*_, **__):
+        raise RecordError("no space left")
+
+    def main(run):
+        monkeypatch.setattr(type(run.recorder), "event", full)
+        run.check("x", 1.0, "1", high=2.0)
+        raise RigFault("gone")
+
+    result, _ = made(main, teardown=lambda run: ran.append("safe"))
+    assert ran == ["safe"]
+    assert result.reason == "the rig: gone"
+
+
 def test_a_plan_without_a_check_proves_nothing(made):
     assert made(lambda run: None)[0].verdict is Outcome.BLOCKED
 
@@ -202,6 +221,19 @@ def test_samples_and_changes_of_state_reach_the_record(bench, made, tmp_path):
         ("tear-down", 0),
     ]
     assert bench.receiver.sink is None
+
+
+def test_every_change_of_state_is_told_even_when_frames_come_in_a_burst(bench, made, tmp_path):
+    row, active, hold = TABLE.index["rig.state"], STATES.index("ACTIVE"), STATES.index("HOLD")
+
+    def main(run):
+        good(run)
+        states = np.array([active, hold, hold, active, active], float)
+        bench.receiver.sink(np.arange(5) * 20_000_000, np.full(5, row), states)
+
+    made(main)
+    told = [event.text for event in read(tmp_path / "out").events if event.kind == "state"]
+    assert told == ["rig.state: ACTIVE", "rig.state: HOLD", "rig.state: ACTIVE"]
 
 
 def test_punctuality_is_what_the_counters_gained_during_the_run(bench, made):

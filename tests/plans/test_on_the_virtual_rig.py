@@ -1,0 +1,113 @@
+"""The plans on the virtual rig: sound springs pass, unsound ones fail, and broken rigs block."""
+
+from html import unescape
+
+import pytest
+
+from bench_protocol.units import bar, mm
+from bench_records.record import read
+from bench_records.report import write_report
+from bench_records.result import Outcome
+from drivers.memory import Faults
+
+slow = pytest.mark.slow
+SEEDS = [0, *(pytest.param(seed, marks=slow) for seed in (1, 2, 3, 4))]
+#: Bench time of a whole run (s): AW0 and AW3 together stay below four minutes in real time.
+BUDGET = {"aw0": 95.0, "aw3": 115.0, "leak_down": 70.0}
+
+
+def centred(one):
+    """Where a value lies in its band: 0 in the middle, 1 at a limit."""
+    return abs(one.number - (one.low + one.high) / 2) / ((one.high - one.low) / 2)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("name", ["aw0", "aw3"])
+def test_a_sound_spring_passes_on_every_rig(bench_run, name, seed):
+    run = bench_run(name, seed)
+    assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
+    assert (run.state, run.pressure < 0.5 * bar) == ("DISABLED", True)
+    assert run.result.phases[-1].name == "depressurise"
+    assert run.result.duration < BUDGET[name]
+    # What the equations predict lies in the middle of each band: half of the tolerance is left to the product.
+    harmonic = [one for one in run.result.checks if "vertical" in one.name]
+    assert len(harmonic) == 2 * (1 + 2 * 4)
+    assert max(centred(one) for one in harmonic) < 0.6
+    groups = {curve.group for curve in run.result.curves}
+    assert {
+        f"{what}: force over displacement" for what in ("Left spring", "Right spring", "Lateral")
+    } < groups
+    text = unescape(write_report(run.directory).read_text(encoding="utf-8"))
+    assert not [one.name for one in run.result.checks if one.name not in text]
+
+
+def test_a_tight_spring_passes_the_leak_down(bench_run):
+    run = bench_run("leak_down")
+    assert run.result.verdict is Outcome.PASS
+    assert run.result.duration < BUDGET["leak_down"]
+    # The mass balance is good for a tenth of a per cent a minute though the pressure falls by 4 % meanwhile.
+    assert max(abs(one.number) for one in run.result.checks) < 0.001
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "expected"),
+    [
+        pytest.param("aw0", {"orifice_diameter": 16 * mm}, {"left vertical c at 1 Hz"}, marks=slow),
+        pytest.param("aw3", {"orifice_diameter": 11.5 * mm}, {"right vertical K' at 1 Hz"}, marks=slow),
+        ("aw0", {"effective_area": 0.247}, {"pressure in the left bellows", "pressure in the right bellows"}),
+        pytest.param(
+            "aw0", {"leak_conductance": [0.0, 5e-11]}, {"air lost per minute, right spring"}, marks=slow
+        ),
+        ("leak_down", {"leak_conductance": [5e-11, 0.0]}, {"air lost per minute, left spring"}),
+        pytest.param("aw0", {"friction_lateral": 700.0}, {"lateral c at 1 Hz"}, marks=slow),
+        # A differential pressure valve that does not shut: rolled, the springs lose their air to each other.
+        ("aw3", {"dpv_opening": 2000.0, "dpv_reclosing": 1000.0}, {"roll stiffness"}),
+    ],
+)
+def test_an_unsound_product_fails_where_it_should(bench_run, name, changes, expected):
+    run = bench_run(name, 1, **changes)
+    assert run.result.verdict is Outcome.FAIL
+    assert run.failed >= expected
+
+
+def test_one_bad_spring_is_told_from_its_good_neighbour(bench_run):
+    run = bench_run("aw0", 1, orifice_diameter=[13 * mm, 14.5 * mm])
+    assert "right vertical c at 1 Hz" in run.failed
+    assert not any("left" in name for name in run.failed)
+
+
+def test_the_same_seed_gives_the_same_bytes(bench_run):
+    one, same = (bench_run("leak_down", 3, directory=name) for name in ("one", "same"))
+    for file in ("record.parquet", "meta.json", "result.json", "junit.xml"):
+        assert (one.directory / file).read_bytes() == (same.directory / file).read_bytes(), file
+
+
+def test_a_supply_that_is_too_weak_blocks_and_says_so(bench_run):
+    run = bench_run("aw0", supply_pressure=1.5 * bar)
+    assert run.result.verdict is Outcome.BLOCKED
+    assert "left filled to 2.208 bar" in run.result.reason
+    assert "not reached within" in run.result.reason
+    assert run.pressure < 0.5 * bar  # the tear-down has let off what was there
+
+
+def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
+    run = bench_run("aw0", at=(40.0, lambda made: made.rig.press_estop()))
+    assert run.result.verdict is Outcome.BLOCKED
+    assert "emergency stop" in run.result.reason
+    assert run.result.reason.startswith("the rig: ")
+    assert [p.name for p in run.result.phases if p.level == 0] == ["set-up", "main", "tear-down"]
+    assert run.pressure < 0.5 * bar  # the stop itself has let the air off
+    told = [(event.kind, event.text) for event in read(run.directory).events]
+    assert ("state", "rig.state: ESTOP") in told
+
+
+def test_a_cut_bus_blocks_as_the_links_fault_and_the_rig_unloads_by_itself(bench_run):
+    run = bench_run("aw0", at=(30.0, lambda made: made.can.lose("the cable is cut")))
+    assert run.result.verdict is Outcome.BLOCKED
+    assert run.result.reason.startswith("the link to the rig: the CAN bus is lost: the cable is cut")
+
+
+def test_a_bad_and_slow_link_changes_no_verdict(bench_run):
+    faults = Faults(lose=0.01, double=0.01, delay=0.01, echo=0.05)
+    run = bench_run("aw0", 2, faults=faults, latency=0.03)
+    assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
