@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from astb.cli import MISUSE
 from astb.rig_file import RigFile, RigFileError, Simulation
-from bench_protocol.clock import Clock, RealClock, VirtualClock, wall_time_ns
+from bench_protocol.clock import Clock, RealClock, VirtualClock, hurry_process, wall_time_ns
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 
@@ -135,6 +135,7 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
     from drivers.can_port import open_can
     from drivers.modbus_port import open_modbus
 
+    hurry_process()
     clock = RealClock()
     epoch = wall_time_ns() - clock.now()
     with contextlib.ExitStack() as stack:

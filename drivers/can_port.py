@@ -16,7 +16,7 @@ from typing import Final, Protocol
 import can
 import numpy as np
 
-from bench_protocol.clock import wall_time_ns
+from bench_protocol.clock import hurry, wall_time_ns
 from bench_protocol.frames import EXTENDED_ID_MAX, FRAME, LENGTH_MAX, STANDARD_ID_MAX, Block, empty_block
 from bench_protocol.socketcand import iterate
 from drivers.errors import LinkLost
@@ -25,6 +25,7 @@ from drivers.hub_bus import HubBus
 OnFrames = Callable[[Block], None]
 OnLost = Callable[[str], None]
 
+_PRIORITY: Final = 4  # of the receiver: below the command stream, above everything that computes
 #: The interface `auto` looks for; a real bus must be asked for by its name.
 VIRTUAL_INTERFACE: Final = "vcan0"
 HUB_HOST: Final = "127.0.0.1"
@@ -231,6 +232,7 @@ class PythonCanPort:
         self._lost = self._lost or f"{self.description} was closed"
 
     def _run(self) -> None:
+        hurry(_PRIORITY)
         try:
             while not self._closing:
                 block = self._receiver.receive(_POLL)

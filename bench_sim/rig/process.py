@@ -1,14 +1,13 @@
 """The rig in real time: a tick loop on absolute deadlines with its servers, alone in a process of its own."""
 
 import gc
-import sys
 import threading
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from bench_protocol.clock import Clock, RealClock, hurry, relax, wall_time_ns
+from bench_protocol.clock import Clock, RealClock, hurry, hurry_process, relax, wall_time_ns
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
 from bench_sim.rig.rig import Rig
@@ -17,8 +16,6 @@ from bench_sim.rig.socketcan import SocketCan
 from bench_sim.rig.tick import TICK_NS
 
 MODBUS_PORT: Final = 15020
-#: A thread that computes may keep the tick waiting for this long at most (Python's default is 5 ms).
-_SWITCH_INTERVAL: Final = 0.0005
 _TICK_PRIORITY: Final = 10
 #: After a stall this long the readers get this much time first.
 _STALL: Final = 20 * TICK_NS
@@ -132,8 +129,7 @@ class _real_time:  # noqa: N801 - reads as a statement
     """Inside, this thread is scheduled as sharply as the machine allows, and the garbage collector rests."""
 
     def __enter__(self) -> None:
-        self._interval = sys.getswitchinterval()
-        sys.setswitchinterval(_SWITCH_INTERVAL)
+        hurry_process()
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -143,4 +139,3 @@ class _real_time:  # noqa: N801 - reads as a statement
         relax()
         gc.enable()
         gc.unfreeze()
-        sys.setswitchinterval(self._interval)

@@ -275,10 +275,15 @@ def take_commands(
                 changes[count] = bits
                 count += 1
                 c.bits = bits
-        elif target >= 0 and c.active != 0 and not np.isnan(values[k]) and c.goal[target] != values[k]:
-            if modes[row] < 0 or modes[row] == c.control[target]:
-                c.goal[target] = values[k]
-                c.slew[target] = SLEW_TICKS
+        elif (
+            target >= 0
+            and c.active != 0
+            and (modes[row] < 0 or modes[row] == c.control[target])
+            and not np.isnan(values[k])
+            and c.goal[target] != values[k]
+        ):
+            c.goal[target] = values[k]
+            c.slew[target] = SLEW_TICKS
     return count
 
 
@@ -305,9 +310,10 @@ def run_ticks(
 ) -> tuple[int, int, int]:
     """Run up to ``ticks`` ticks; return (ticks run, frames written to ``out``, what happened in the last one).
 
-    ``controls``, ``memory`` and ``parameters`` hold one record each: numba looks at an array in 0.2 µs and at a record
-    in 13. ``values`` are the signals by table row (SI); ``sensor_rows`` says where each of the plant's ``readings`` goes and
-    ``status_rows`` where tick, program and cycle stand. ``out`` must have room for 12 frames a tick.
+    ``controls``, ``memory`` and ``parameters`` hold one record each: numba looks at an array in 0.2 µs and at a
+    record in 13. ``values`` are the signals by table row (SI); ``sensor_rows`` says where each of the plant's
+    ``readings`` goes and ``status_rows`` where tick, program and cycle stand. ``out`` must have room for 12 frames
+    a tick.
     """
     c, mem, par = controls[0], memory[0], parameters[0]
     position = 0
