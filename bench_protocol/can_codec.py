@@ -20,6 +20,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.binding import bind
 from bench_protocol.e2e import COUNTER_PERIOD, counter_step, crc8
 from bench_protocol.frames import FRAME, STANDARD_ID_MAX, Block
 from bench_protocol.signals import Protection, Table
@@ -248,6 +249,25 @@ def decode_into(
     return count
 
 
+_NUMBERS, _INDICES, _FRAMES = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, FRAME)
+_PLAN: Final = np.zeros(0, _MESSAGE), np.zeros(0, _FIELD)
+_encode: Final = bind(encode_into, _NUMBERS, _INDICES, 0, *_PLAN, _INDICES, _FRAMES, 0)
+_decode: Final = bind(
+    decode_into,
+    _FRAMES,
+    _INDICES,
+    *_PLAN,
+    _INDICES,
+    _INDICES,
+    _INDICES,
+    _NUMBERS,
+    _INDICES,
+    _INDICES,
+    _INDICES,
+    _NUMBERS,
+)
+
+
 class Encoder:
     """Turns values into frames; keeps the counters of the messages it sends."""
 
@@ -262,8 +282,8 @@ class Encoder:
 
     def encode(self, values: npt.NDArray[np.float64], rows: npt.NDArray[np.int64], time: int) -> Block:
         """Return a block with one frame per message row, stamped ``time`` (ns)."""
-        block = np.zeros(rows.size, FRAME)
-        encode_into(values, rows, time, self.plan.messages, self.plan.fields, self.counters, block, 0)
+        block = np.empty(rows.size, FRAME)
+        _encode(values, rows, time, self.plan.messages, self.plan.fields, self.counters, block, 0)
         return block
 
 
@@ -308,7 +328,7 @@ class Decoder:
         """Return the samples of all frames of ``block`` that their protection lets through."""
         room = block.size * self._fields_max
         times, signals, values = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
-        count = decode_into(
+        count = _decode(
             block,
             self.plan.rows,
             self.plan.messages,

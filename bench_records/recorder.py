@@ -121,7 +121,7 @@ class Recorder:
             )
         if not times.size:
             return
-        if index.min() < 0 or index.max() >= len(self.signals):
+        if index.view(np.uint16).max() >= len(self.signals):  # a negative index is a large one here
             wrong = index[(index < 0) | (index >= len(self.signals))][0]
             raise RecordError(
                 f"signal index {wrong} is none of this record's, which are 0 to {len(self.signals) - 1}"
@@ -140,6 +140,8 @@ class Recorder:
             if self._batch_start_ns is None:
                 self._batch_start_ns = newest
             due = newest - self._batch_start_ns >= BATCH_INTERVAL_S * SECOND
+            if due:
+                self._batch_start_ns = newest
         if due:
             self._wake.set()
 

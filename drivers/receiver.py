@@ -123,6 +123,8 @@ class Capture:
                     f"{name} does not travel on CAN, so it has no samples to capture; read it instead"
                 )
         self._blocks: list[Samples] = []
+        self._joined_blocks = -1
+        self._joined = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         self._size = 0
         self.start = 0  #: ns of the bench's clock
 
@@ -194,10 +196,16 @@ class Capture:
         blocks = list(self._blocks)
         if not blocks:
             return np.zeros(0), np.zeros(0)
-        rows = np.concatenate([block.signals for block in blocks])
+        if len(blocks) != self._joined_blocks:  # joined once for all names, while nothing new has come
+            self._joined_blocks = len(blocks)
+            self._joined = (
+                np.concatenate([block.signals for block in blocks]),
+                np.concatenate([block.times for block in blocks]),
+                np.concatenate([block.values for block in blocks]),
+            )
+        rows, all_times, all_values = self._joined
         mine = rows == row
-        times = np.concatenate([block.times for block in blocks])[mine]
-        values = np.concatenate([block.values for block in blocks])[mine]
+        times, values = all_times[mine], all_values[mine]
         # Frames in flight when the capture began belong to the time before it.
         inside = times >= self.start
         return (times[inside] - self.start) / NS, values[inside]

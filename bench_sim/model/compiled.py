@@ -5,7 +5,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
-from numba import njit, typeof
+from numba import njit
 
 
 def _source_digest() -> str:
@@ -48,15 +48,3 @@ def compiled_once(function: Callable[..., Any]) -> Any:
 def compiled_entry(function: Callable[..., Any]) -> Any:
     """As `compiled`, for the few functions that make their own working arrays and call the others."""
     return _compile(function)
-
-
-def bind(function: Any, *arguments: Any) -> Callable[..., None]:
-    """Return ``function`` compiled for the types of ``arguments``, to be called with such arguments only.
-
-    Finding out anew what a record is costs numba 25 µs a call, the step itself one.
-    """
-    if not hasattr(function, "get_overload"):  # plain Python
-        return function
-    signature = tuple(typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
-    function.compile(signature)
-    return function.get_overload(signature)

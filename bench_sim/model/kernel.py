@@ -14,7 +14,7 @@ from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.bolster import bolster_term, platform_term
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
 from bench_sim.model.gas import heat_term, note_densities
-from bench_sim.model.layout import SENSORS, STATES, State
+from bench_sim.model.layout import SENSORS, STATES, TINY, State
 from bench_sim.model.rubber import maxwell_term, turn_friction
 from bench_sim.model.sensors import follow, read_sensors, true_values
 from bench_sim.model.spring import spring_algebra, spring_term, work_term
@@ -127,7 +127,8 @@ def runge_kutta(x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: A
         work[4, k] = x[k] + dt * work[2, k]
     evaluate(t + dt, work[4], mem, u, par, work[3], out)
     for k in range(STATES):
-        x[k] += dt / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+        new = x[k] + dt / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+        x[k] = new if abs(new) > TINY else 0.0
     mem.step += 1
     mem.time = t + dt
 

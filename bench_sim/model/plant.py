@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_protocol.binding import bind
 from bench_sim.model.actuator import hold_setpoint
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.compiled import bind
 from bench_sim.model.gas import energy_of, mass_of
 from bench_sim.model.kernel import advance_plant, measure_plant, observe
 from bench_sim.model.layout import (

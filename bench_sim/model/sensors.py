@@ -10,7 +10,7 @@ from typing import Any
 from bench_sim.model.actuator import piston_displacement
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled, compiled_once
-from bench_sim.model.layout import ACTUATORS, SENSORS, Sensor, State
+from bench_sim.model.layout import ACTUATORS, SENSORS, TINY, Sensor, State
 from bench_sim.model.noise import normal
 
 
@@ -91,7 +91,8 @@ def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
     """Move every sensor's lag on to the present true values."""
     prepare_lags(mem, par, dt)
     for k in range(SENSORS):
-        mem.sensor_output[k] = lagged(mem, k, values[k])
+        output = lagged(mem, k, values[k])
+        mem.sensor_output[k] = output if abs(output) > TINY else 0.0
         mem.sensor_input[k] = values[k]
 
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol import modbus
+from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder, Tally
 from bench_protocol.frames import FRAME, Block, join
 from bench_protocol.table import (
@@ -21,7 +22,6 @@ from bench_protocol.table import (
     TICK,
 )
 from bench_protocol.units import us
-from bench_sim.model.compiled import bind
 from bench_sim.model.layout import Sensor
 from bench_sim.model.layout import State as PlantState
 from bench_sim.model.plant import Plant
@@ -53,6 +53,7 @@ from bench_sim.rig.tick import (
     take_commands,
 )
 
+_SCRATCH_TICKS: Final = 100  # as many frames need no new memory
 _BOOT_TICKS: Final = 200
 _RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to come back
 _SENSOR_ROWS: Final = np.array(
@@ -118,6 +119,7 @@ class Rig:
         self._changes = np.zeros(_CHANGES_MAX, np.int64)
         self._modbus_deadline = -1
         self._pending: list[Block] = []
+        self._scratch = np.empty(_SCRATCH_TICKS * FRAMES_PER_TICK_MAX, FRAME)
         self._readings = np.zeros(len(Sensor))
         self._status_rows = np.array(
             [TABLE.index[name] for name in ("rig.tick", "rig.program", "rig.generator_cycle")], np.int64
@@ -206,11 +208,12 @@ class Rig:
         """Run ``ticks`` ticks and return all frames in order, stamped with the rig's time (ns)."""
         with self.lock:
             blocks, self._pending = self._pending, []
-            out = np.zeros(ticks * FRAMES_PER_TICK_MAX, FRAME)
+            room = ticks * FRAMES_PER_TICK_MAX
+            out = self._scratch if room <= self._scratch.size else np.empty(room, FRAME)
             start = 0
             while ticks > 0:
                 done, count, happened = self._run(ticks, out[start:])
-                blocks.append(out[start : start + count])
+                blocks.append(out[start : start + count].copy())
                 start += count
                 ticks -= done
                 if happened or self._modbus_deadline >= 0:

@@ -1,0 +1,41 @@
+"""``python -m benchmarks``: measure speed and lateness, each beside a control of the same minute."""
+
+import importlib
+import sys
+from typing import Final
+
+import click
+from rich.console import Console
+
+from benchmarks.measure import Effort, Section, machine
+from benchmarks.page import show, write_json, write_page
+
+#: In the order of the page; each is a module with ``run(effort)``.
+NAMES: Final = ("step", "gas", "tick", "virtual", "lateness", "can_trip", "modbus_trip", "codec")
+
+
+@click.command()
+@click.argument("names", nargs=-1, type=click.Choice(NAMES))
+@click.option("--quick", is_flag=True, help="A look in a minute: fewer repetitions, 10 s of lateness.")
+def main(names: tuple[str, ...], quick: bool) -> None:
+    """Measure all of them, or those that are named.
+
+    Results go to runs/benchmarks.json. Only a complete run that is not quick writes docs/reference/benchmarks.md.
+    """
+    console = Console() if sys.stdout.isatty() else Console(width=170)
+    sections: dict[str, Section] = {}
+    for name in names or NAMES:
+        with console.status(f"measuring: {name}"):
+            sections[name] = importlib.import_module(f"benchmarks.{name}").run(Effort(quick))
+        show(sections[name], console)
+    facts = machine()
+    console.print(f"results: {write_json(sections, facts, quick=quick)}", highlight=False)
+    if set(sections) == set(NAMES) and not quick:
+        console.print(f"page:    {write_page(list(sections.values()), facts)}", highlight=False)
+    missed = [row.what for section in sections.values() for row in section.rows if row.met is False]
+    if missed:
+        console.print(f"aims missed: {'; '.join(missed)}", style="yellow", highlight=False)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

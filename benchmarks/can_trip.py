@@ -1,0 +1,80 @@
+"""One CAN frame to the hub and back, by our plugin and by python-can's own client, beside a raw socket."""
+
+import contextlib
+import logging
+from collections.abc import Callable
+from typing import Final
+
+import can
+
+from benchmarks.measure import Effort, Section, compare, interleaved, trips
+from benchmarks.peers import CAN_REPLY, CAN_REQUEST, FRAME_BLOCK, connected, peers
+from drivers.hub_bus import HubBus
+
+TRIPS, QUICK_TRIPS = 500, 200
+PATIENCE: Final = 5.0  # s
+
+
+def run(effort: Effort) -> Section:
+    """Measure the three in turn."""
+    count = QUICK_TRIPS if effort.quick else TRIPS
+    logging.getLogger("can").setLevel(logging.ERROR)  # it warns of every read that finds nothing
+    with contextlib.ExitStack() as stack:
+        ports = stack.enter_context(peers())
+        raw = stack.enter_context(connected(ports.raw_can))
+        ours = stack.enter_context(HubBus(port=ports.hub))
+        stock = stack.enter_context(
+            can.Bus(
+                interface="socketcand",
+                channel="vcan0",
+                host="127.0.0.1",
+                port=ports.hub,
+                tcp_tune=True,
+                ignore_config=True,
+            )
+        )
+        message = can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(range(8)))
+
+        def raw_trip() -> None:
+            raw.sendall(CAN_REQUEST)
+            _expect(len(raw.recv(4096)) == len(CAN_REPLY))
+
+        def our_trip() -> None:
+            ours.send_block(FRAME_BLOCK)
+            _expect(len(ours.recv_block(PATIENCE)) == 1)
+
+        def stock_trip() -> None:
+            stock.send(message)
+            _expect(stock.recv(PATIENCE) is not None)
+
+        found = interleaved(
+            effort.repetitions,
+            {
+                "raw": lambda: trips(raw_trip, count),
+                "ours": lambda: _alone(our_trip, count, lambda: stock.recv(0.01) is not None),
+                "stock": lambda: _alone(stock_trip, count, lambda: len(ours.recv_block(0.01)) > 0),
+            },
+        )
+    against = "raw TCP, the same bytes"
+    rows = (
+        compare("round trip, our plugin", found["ours"], against, found["raw"]),
+        compare("round trip, python-can's socketcand", found["stock"], against, found["raw"]),
+    )
+    notes = (
+        "Client and hub in two processes, one frame of eight bytes there and back, medians. The hub passes every frame "
+        "on to the other client as well. The raw peer reads and writes in a thread of its own, without an event loop.",
+    )
+    return Section("CAN over the hub", rows, notes)
+
+
+def _alone(trip: Callable[[], None], count: int, more: Callable[[], bool]) -> float:
+    """Measure, then let the other client read what it has heard of this."""
+    found = trips(trip, count)
+    while more():
+        pass
+    return found
+
+
+def _expect(arrived: bool) -> None:
+    if not arrived:
+        raise RuntimeError("a frame did not come back whole")

@@ -1,0 +1,24 @@
+"""The C controls: compiled by the machine's own gcc, in a temporary directory, each time anew."""
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Final
+
+from benchmarks.measure import Skipped
+
+_HERE: Final = Path(__file__).parent
+
+
+def compiled(source: str, directory: Path, *options: str) -> Path:
+    """Compile ``source``, a file beside this one, with ``-O2`` and return what came out.
+
+    Raises Skipped where there is no gcc.
+    """
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        raise Skipped("there is no gcc on this machine")
+    target = directory / Path(source).stem
+    command = [gcc, "-O2", "-Wall", "-Werror", *options, "-o", str(target), str(_HERE / source), "-lm"]
+    subprocess.run(command, check=True, timeout=60)
+    return target

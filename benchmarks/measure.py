@@ -1,0 +1,134 @@
+"""What all benchmarks share: interleaved repetitions, medians with their spread, and a row for the table."""
+
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+
+class Skipped(Exception):
+    """What a control needs is not on this machine; says what."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to measure: ``quick`` is for a look, the page is written from the long one."""
+
+    quick: bool
+
+    @property
+    def repetitions(self) -> int:
+        return 5 if self.quick else 15
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The median of several repetitions between their quartiles."""
+
+    middle: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, samples: Sequence[float]) -> "Spread":
+        low, middle, high = np.percentile(np.asarray(samples, float), (25, 50, 75))
+        return cls(float(middle), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement beside its control. ``unit`` is "s" for times, else what is shown behind the number."""
+
+    what: str
+    unit: str
+    ours: Spread
+    against: str = ""
+    control: Spread | None = None
+    ratio: Spread | None = None
+    aim: str = ""
+    met: bool | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """One benchmark's rows and what one must know to read them."""
+
+    title: str
+    rows: Sequence[Row]
+    notes: Sequence[str] = field(default=())
+
+
+def compare(
+    what: str,
+    ours: Sequence[float],
+    against: str,
+    control: Sequence[float],
+    *,
+    unit: str = "s",
+    aim: str = "",
+    met: bool | None = None,
+) -> Row:
+    """Return the row of two interleaved series; the ratio is taken repetition by repetition."""
+    ratios = [a / b for a, b in zip(ours, control, strict=True) if b > 0]
+    ratio = Spread.of(ratios) if ratios else None
+    return Row(what, unit, Spread.of(ours), against, Spread.of(control), ratio, aim, met)
+
+
+def interleaved(repetitions: int, subjects: Mapping[str, Callable[[], float]]) -> dict[str, list[float]]:
+    """Measure all subjects in turn, ``repetitions`` times after one that does not count, every other time backwards.
+
+    What slows the machine down for a while then slows all of them down.
+    """
+    found: dict[str, list[float]] = {name: [] for name in subjects}
+    order = list(subjects)
+    for name in order:
+        subjects[name]()
+    for _ in range(repetitions):
+        for name in order:
+            found[name].append(subjects[name]())
+        order.reverse()
+    return found
+
+
+def cpu(action: Callable[[], object], items: float) -> float:
+    """Return the processor time of this thread for one of the ``items`` that ``action`` works through (s)."""
+    start = time.thread_time_ns()
+    action()
+    return (time.thread_time_ns() - start) * 1e-9 / items
+
+
+def wall(action: Callable[[], object], items: float) -> float:
+    """Return the time on the wall for one of the ``items`` that ``action`` works through (s)."""
+    start = time.perf_counter_ns()
+    action()
+    return (time.perf_counter_ns() - start) * 1e-9 / items
+
+
+def trips(trip: Callable[[], object], count: int) -> float:
+    """Return the median time of ``count`` round trips (s)."""
+    times = np.empty(count)
+    for k in range(count):
+        start = time.perf_counter_ns()
+        trip()
+        times[k] = time.perf_counter_ns() - start
+    return float(np.median(times)) * 1e-9
+
+
+def machine() -> dict[str, str]:
+    """Return where and with what was measured."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    versions = (f"{name} {version(name)}" for name in ("numpy", "numba", "scipy", "pymodbus", "python-can"))
+    return {
+        "processor": f"{len(models)} × {models[0]}" if models else platform.machine(),
+        "system": f"{platform.system()} {platform.release()}",
+        "software": f"Python {platform.python_version()}, {', '.join(versions)}",
+        "date": time.strftime("%Y-%m-%d", time.gmtime()),
+    }
