@@ -1,5 +1,6 @@
 """The units that a parameter file may use, each with the SI unit it stands for."""
 
+from math import pi
 from typing import Final
 
 #: unit as written -> (SI unit of the field, factor to SI)
@@ -9,10 +10,12 @@ UNITS: Final[dict[str, tuple[str, float]]] = {
     "m": ("m", 1.0),
     "mm": ("m", 1e-3),
     "m2": ("m2", 1.0),
+    "1/m2": ("1/m2", 1.0),
     "m3": ("m3", 1.0),
     "litre": ("m3", 1e-3),
     "rad": ("rad", 1.0),
     "mrad": ("rad", 1e-3),
+    "deg": ("rad", pi / 180.0),
     "s": ("s", 1.0),
     "ms": ("s", 1e-3),
     "Hz": ("Hz", 1.0),
@@ -26,6 +29,7 @@ UNITS: Final[dict[str, tuple[str, float]]] = {
     "kN/s": ("N/s", 1e3),
     "m/s": ("m/s", 1.0),
     "mm/s": ("m/s", 1e-3),
+    "km/h": ("m/s", 1.0 / 3.6),
     "m/s2": ("m/s2", 1.0),
     "Pa": ("Pa", 1.0),
     "mbar": ("Pa", 1e2),

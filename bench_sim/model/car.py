@@ -1,0 +1,302 @@
+"""Half a car on one bogie: the car body takes the bolster's place on the same two air springs, under crosswind.
+
+The bolster's six states are the car body's and the platform's are the bogie's, which the track moves; gas, orifices,
+valves, rubber and springs are the bench's, term by term. With the centre of gravity e above the top plates, damper and
+bump stop e_d and e_s below it, the wind h_w above it, and displacements against the bogie at those points:
+
+    m ÿ = ½F_w + ΣF_y + F_d + F_bs
+    m z̈ = ΣF_z − m g
+    J φ̈ = Σ(s_i b F_z,i + e F_y,i + M_i) + e_d F_d + e_s F_bs − ½h_w F_w − K_arb φ + m g e φ
+
+The last term is the weight's: a body that rolls by φ on springs e below its centre moves that centre by eφ past them.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from math import cos, pi, sin
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.bolster import bump_stop_force
+from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
+from bench_sim.model.gas import heat_term, note_densities
+from bench_sim.model.kernel import note_solution, switch_valves
+from bench_sim.model.layout import BUMP_POINTS, STATES, State
+from bench_sim.model.quantities import Quantity
+from bench_sim.model.rubber import maxwell_term
+from bench_sim.model.spring import spring_algebra, spring_term, work_term
+from bench_sim.model.valves import (
+    dpv_term,
+    leak_term,
+    leveling_term,
+    lever_term,
+    orifice_term,
+    supply_term,
+)
+
+
+class Wave(IntEnum):
+    """Shape of the track under the bogie."""
+
+    NONE = 0
+    COSINE = 1  #: unilateral cosine, ½a (1 − cos ωt): never below zero, peak to peak a
+    HARMONIC = 2  #: a sin ωt
+
+
+class Channel(IntEnum):
+    """Columns of a recorded ride (SI; left and up positive, roll left side up)."""
+
+    LATERAL = 0  #: centre of gravity of the car body against the undisturbed track
+    VERTICAL = 1
+    ROLL = 2
+    LATERAL_SPEED = 3
+    VERTICAL_SPEED = 4
+    ROLL_SPEED = 5
+    LATERAL_ACCELERATION = 6
+    VERTICAL_ACCELERATION = 7
+    ROLL_ACCELERATION = 8
+    BOGIE_LATERAL = 9
+    BOGIE_VERTICAL = 10
+    WIND = 11  #: force on this half of the car, N
+    DAMPER = 12  #: force of the lateral damper on the car body, N
+    BUMP_STOP = 13  #: force of the lateral bump stop on the car body, N
+
+
+CHANNELS: Final = len(Channel)
+
+#: What a vehicle has beside the parameters of its springs.
+CAR_QUANTITIES: Final = (
+    Quantity("roll_gyration", "m"),
+    Quantity("centre_height", "m"),
+    Quantity("floor_depth", "m"),
+    Quantity("wind_height", "m"),
+    Quantity("damper_rate", "N*s/m"),
+    Quantity("damper_knee", "m/s"),
+    Quantity("damper_rate_beyond", "N*s/m"),
+    Quantity("damper_depth", "m"),
+    Quantity("bump_stop_depth", "m"),
+    Quantity("bump_stop_travel", "m", (BUMP_POINTS,)),
+    Quantity("bump_stop_force", "N", (BUMP_POINTS,)),
+    Quantity("anti_roll_stiffness", "N*m/rad"),
+    Quantity("train_speed", "m/s"),
+    Quantity("track_shape", "1"),
+    Quantity("track_waves", "1"),
+    Quantity("track_wavelength", "m"),
+    Quantity("track_vertical", "m"),
+    Quantity("track_lateral", "m"),
+)
+
+#: The record that compiled code reads as ``car.name``.
+CAR: Final = np.dtype([(q.name, np.float64, q.shape) for q in CAR_QUANTITIES])
+
+
+@compiled
+def track_wave(t: float, car: Any) -> tuple[float, float]:
+    """Displacement and its rate for an amplitude of 1 at ``t`` s, ω = 2πV/λ; 1 and 1/s.
+
+    Level before t = 0 and after ``track_waves`` waves.
+    """
+    omega = 2.0 * pi * car.train_speed / car.track_wavelength
+    phase = omega * t
+    if phase < 0.0 or phase >= 2.0 * pi * car.track_waves:
+        return 0.0, 0.0
+    shape = int(car.track_shape)
+    if shape == Wave.COSINE:
+        return 0.5 * (1.0 - cos(phase)), 0.5 * omega * sin(phase)
+    if shape == Wave.HARMONIC:
+        return sin(phase), omega * cos(phase)
+    return 0.0, 0.0
+
+
+@compiled
+def place_bogie(t: float, car: Any, x: Any) -> None:
+    """Write the track under the bogie into the platform's states."""
+    place, speed = track_wave(t, car)
+    x[State.PLATFORM_LATERAL] = car.track_lateral * place
+    x[State.PLATFORM_LATERAL_SPEED] = car.track_lateral * speed
+    x[State.PLATFORM_VERTICAL] = car.track_vertical * place
+    x[State.PLATFORM_VERTICAL_SPEED] = car.track_vertical * speed
+
+
+@compiled
+def damper_force(x: Any, car: Any) -> float:
+    """Force of the lateral damper on the car body in N: −c v, beyond ±``damper_knee`` at another rate."""
+    speed = (
+        x[State.BOLSTER_LATERAL_SPEED]
+        - x[State.PLATFORM_LATERAL_SPEED]
+        + car.damper_depth * x[State.BOLSTER_ROLL_SPEED]
+    )
+    slow = min(max(speed, -car.damper_knee), car.damper_knee)
+    return -car.damper_rate * slow - car.damper_rate_beyond * (speed - slow)
+
+
+@compiled
+def wind_at(t: float, force: Any, interval: float) -> float:
+    """Linear between samples ``interval`` s apart, the last one held."""
+    s = max(t / interval, 0.0)
+    last = force.shape[0] - 1
+    if s >= last:
+        return force[last]
+    n = int(s)
+    return force[n] + (s - n) * (force[n + 1] - force[n])
+
+
+@compiled
+def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None:
+    """Everything but the springs, whose forces stand in the speeds' derivatives; then division by mass and inertia.
+
+    ``wind`` is the force on this half of the car in N.
+    """
+    roll = x[State.BOLSTER_ROLL]
+    y = x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL]
+    damper = damper_force(x, car)
+    bump = bump_stop_force(y + car.bump_stop_depth * roll, car)
+    moment = (
+        dx[State.BOLSTER_ROLL_SPEED]
+        + car.damper_depth * damper
+        + car.bump_stop_depth * bump
+        - car.wind_height * wind
+        - car.anti_roll_stiffness * (roll - x[State.PLATFORM_ROLL])
+        + par.bolster_mass * par.gravity * par.centre_height * roll
+    )
+    force = dx[State.BOLSTER_LATERAL_SPEED] + wind + damper + bump
+    dx[State.BOLSTER_LATERAL_SPEED] = force / par.bolster_mass
+    dx[State.BOLSTER_VERTICAL_SPEED] = dx[State.BOLSTER_VERTICAL_SPEED] / par.bolster_mass - par.gravity
+    dx[State.BOLSTER_ROLL_SPEED] = moment / par.bolster_inertia
+    for k in range(3):
+        dx[State.BOLSTER_LATERAL + k] += x[State.BOLSTER_LATERAL_SPEED + k]
+    out[Algebraic.BUMP_STOP] = bump
+    out[Algebraic.LATERAL_ACCELERATION] = dx[State.BOLSTER_LATERAL_SPEED]
+
+
+@compiled_once
+def car_slope(t: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: float, dx: Any, out: Any) -> None:
+    """dx/dt into ``dx`` (STATES), everything algebraic into ``out`` (`Algebraic`); reads ``mem``, never writes it.
+
+    The bench's sum of terms with `car_term` in the place of actuators, bolster and platform.
+    """
+    dx[:] = 0.0
+    spring_algebra(t, x, mem, par, out)
+    supply_term(t, x, u, par, dx)
+    orifice_term(u, par, out, dx)
+    leveling_term(x, mem, u, par, out, dx)
+    dpv_term(mem, u, par, out, dx)
+    leak_term(par, out, dx)
+    heat_term(x, mem, par, out, dx)
+    maxwell_term(x, par, out, dx)
+    work_term(par, out, dx)
+    lever_term(x, par, out, dx)
+    spring_term(par, out, dx)
+    car_term(x, par, car, wind, out, dx)
+
+
+@compiled
+def record(x: Any, car: Any, wind: float, slope: Any, out: Any, row: Any) -> None:
+    """Fill one row of a ride (`Channel`)."""
+    for k in range(6):
+        row[Channel.LATERAL + k] = x[State.BOLSTER_LATERAL + k]
+    for k in range(3):
+        row[Channel.LATERAL_ACCELERATION + k] = slope[State.BOLSTER_LATERAL_SPEED + k]
+    row[Channel.BOGIE_LATERAL] = x[State.PLATFORM_LATERAL]
+    row[Channel.BOGIE_VERTICAL] = x[State.PLATFORM_VERTICAL]
+    row[Channel.WIND] = wind
+    row[Channel.DAMPER] = damper_force(x, car)
+    row[Channel.BUMP_STOP] = out[Algebraic.BUMP_STOP]
+
+
+@compiled_entry
+def ride_on(
+    x: Any,
+    memory: Any,
+    u: Any,
+    parameters: Any,
+    cars: Any,
+    dt: float,
+    steps: int,
+    force: Any,
+    interval: float,
+    every: int,
+    rows: Any,
+    algebraics: Any,
+) -> None:
+    """``steps`` Runge-Kutta steps; ``force`` is that of the wind on half the car in N from now on.
+
+    Row k of ``rows`` (CHANNELS) and ``algebraics`` (ALGEBRAICS) is the instant before step k·every, while rows last.
+    """
+    mem = memory[0]
+    par = parameters[0]
+    car = cars[0]
+    work = np.empty((5, STATES))
+    out = np.zeros(ALGEBRAICS)  # the actuators' places stay as they are: there are none
+    for n in range(steps):
+        t = mem.time
+        since = n * dt
+        place_bogie(t, car, x)
+        switch_valves(x, mem, par)
+        wind = wind_at(since, force, interval)
+        car_slope(t, x, mem, u, par, car, wind, work[0], out)
+        if note_solution(mem, par, out, t):
+            car_slope(t, x, mem, u, par, car, wind, work[0], out)
+        note_densities(x, mem, par, out)
+        if n % every == 0:
+            k = n // every
+            if k < rows.shape[0]:
+                record(x, car, wind, work[0], out, rows[k])
+            if k < algebraics.shape[0]:
+                algebraics[k] = out
+        for stage in range(1, 4):
+            ahead = dt if stage == 3 else 0.5 * dt
+            for k in range(STATES):
+                work[4, k] = x[k] + ahead * work[stage - 1, k]
+            place_bogie(t + ahead, car, work[4])
+            wind = wind_at(since + ahead, force, interval)
+            car_slope(t + ahead, work[4], mem, u, par, car, wind, work[stage], out)
+        for k in range(STATES):
+            x[k] += dt / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+        mem.step += 1
+        mem.time = t + dt
+        place_bogie(mem.time, car, x)
+
+
+@compiled_entry
+def car_derivative(
+    t: float, x: Any, memory: Any, u: Any, parameters: Any, cars: Any, wind: float, dx: Any, out: Any
+) -> None:
+    """`car_slope` with the records in arrays of one, for integrators that choose their own steps."""
+    car_slope(t, x, memory[0], u, parameters[0], cars[0], wind, dx, out)
+
+
+@dataclass(frozen=True, slots=True)
+class Ride:
+    """A recorded ride: time in s, `Channel` by column, and algebraic quantities (`Algebraic`) if asked for."""
+
+    time: NDArray[np.float64]
+    rows: NDArray[np.float64]
+    algebraic: NDArray[np.float64]
+
+    def of(self, channel: Channel) -> NDArray[np.float64]:
+        """Return one column over time."""
+        return self.rows[:, channel]
+
+    def spring(self, quantity: Algebraic, side: int = 0) -> NDArray[np.float64]:
+        """Return one algebraic quantity over time."""
+        return self.algebraic[:, quantity + side]
+
+    def lateral_acceleration(self, depth: float = 0.0, gravity: float = 0.0) -> NDArray[np.float64]:
+        """ÿ + d φ̈ + g φ in m/s²: at ``depth`` m below the centre of gravity.
+
+        With ``gravity`` it is what an accelerometer fixed to the leaning floor reads, without it the motion alone.
+        """
+        return (
+            self.of(Channel.LATERAL_ACCELERATION)
+            + depth * self.of(Channel.ROLL_ACCELERATION)
+            + gravity * self.of(Channel.ROLL)
+        )
+
+    def since(self, start: float) -> "Ride":
+        """Return what comes ``start`` s or later."""
+        first = int(np.searchsorted(self.time, start - 1e-9))
+        return Ride(self.time[first:], self.rows[first:], self.algebraic[first:])

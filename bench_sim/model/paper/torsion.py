@@ -1,0 +1,22 @@
+"""Torsional stiffness of the diaphragm, and what a roll angle does to the lateral stiffness: equations (13) to (15)."""
+
+import numpy as np
+
+from bench_sim.model.paper.parameters import PaperParameters, Real
+
+
+def torsional_stiffness(p: Real, par: PaperParameters) -> Real:
+    """K_φφ = K_φ0 + K_φp (p − p_a) in N·m/rad, ``p`` in Pa absolute.
+
+    Assumed, within reach of the Manchester benchmark's 10.5 kN·m/rad; the paper's own equation is lost.
+    """
+    return par.torsional_stiffness + par.torsional_stiffness_slope * (p - par.atmospheric_pressure)
+
+
+def roll_factor(phi: Real, par: PaperParameters) -> Real:
+    """K_lat(φ)/K_lat(0) = 1 + γ (1 − exp(−(φ/φ_0)²)), ``phi`` in rad; even in φ.
+
+    Assumed: it has the shape that the paper states, a steep rise that is over at 0.05. An elastic coupling is odd in
+    φ and cannot do this; in the plant it is the secant F_y/y at an offset that rises, for one sign of roll only.
+    """
+    return 1.0 + par.roll_hardening * (1.0 - np.exp(-np.square(phi / par.roll_scale)))

@@ -1,0 +1,281 @@
+"""The vehicle as one object: at rest or leaning in a steady wind, riding through gusts, and its natural modes."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.car import CAR, CHANNELS, Ride, car_derivative, place_bogie, ride_on
+from bench_sim.model.gas import energy_of, mass_of
+from bench_sim.model.layout import BRANCHES, SIDES, STATES, Input, State
+from bench_sim.model.plant import STEP, Plant
+from bench_sim.model.quantities import PARAMETERS
+from bench_sim.model.spring import load_bellows, volume
+
+#: A steady wind is applied in portions of at most this many N, each found from the one before.
+_PORTION: Final = 2000.0
+_ITERATIONS: Final = 60
+#: Misfit in m at which the car body is balanced: a force of 4e-11 of its weight.
+_BALANCED: Final = 1e-11
+
+#: Slower oscillations (rad/s) are rounding in the eigenvalues of what does not move.
+_SLOWEST: Final = 0.05
+
+#: States that take part in small motions.
+_GAS: Final = tuple(range(State.BELLOWS_MASS, State.BELLOWS_WALL))
+_MOTION: Final = tuple(range(State.VERTICAL_DASHPOT, State.PLATFORM_LATERAL))
+
+
+@dataclass(frozen=True, slots=True)
+class NaturalMode:
+    """One oscillating small motion: undamped frequency in Hz, damping ratio, and its shape.
+
+    ``shape`` holds lateral, vertical and b·roll (complex, the largest 1), b being half the distance of the springs.
+    """
+
+    frequency: float
+    damping: float
+    shape: tuple[complex, complex, complex]
+
+
+class Vehicle:
+    """Half a car on one bogie, with the bench's parameter record for its springs and a record ``CAR`` for the rest.
+
+    The body weighs what the springs carry at their nominal preloads, m = (P_L + P_R)/g. ``state``, ``inputs`` and
+    ``memory`` mean what they mean in `Plant`, with the car body as the bolster and the bogie as the platform. Made at
+    rest without wind; leveling valves isolated unless ``leveling``, the differential pressure valve connected.
+    """
+
+    def __init__(
+        self, parameters: Any, car: Any, *, leveling: bool = False, dpv: bool = True, dt: float = STEP
+    ) -> None:
+        own = np.array([parameters], PARAMETERS).view(np.recarray)
+        self.car_array = np.array([car], CAR).view(np.recarray)
+        self.car: Any = self.car_array[0]
+        own.bolster_mass = np.sum(parameters.nominal_preload) / parameters.gravity
+        own.bolster_inertia = own.bolster_mass * self.car.roll_gyration**2
+        own.centre_height = self.car.centre_height
+        self._plant = Plant.at_rest(own[0], dt=dt)
+        self.parameter_array = self._plant.parameter_array
+        self.parameters: Any = self._plant.parameters
+        self.state = self._plant.state
+        self.inputs = self._plant.inputs
+        self.memory_array = self._plant.memory_array
+        self.memory: Any = self._plant.memory
+        self.dt = dt
+        self.inputs[[Input.LEFT_LEVELING, Input.RIGHT_LEVELING]] = float(leveling)
+        self.inputs[Input.DPV_CONNECTED] = float(dpv)
+        self._slope = np.zeros(STATES)
+        self._algebraic = np.zeros(ALGEBRAICS)
+
+    @property
+    def mass(self) -> float:
+        """Mass of this half of the car body in kg."""
+        return float(self.parameters.bolster_mass)
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s; the track begins at zero."""
+        return float(self.memory.time)
+
+    def slope(self, wind: float = 0.0) -> NDArray[np.float64]:
+        """Return dx/dt of the present state under ``wind`` N on this half of the car; `algebraic` belongs to it."""
+        car_derivative(
+            self.time,
+            self.state,
+            self.memory_array,
+            self.inputs,
+            self.parameter_array,
+            self.car_array,
+            wind,
+            self._slope,
+            self._algebraic,
+        )
+        return self._slope.copy()
+
+    def algebraic(self, quantity: Algebraic, side: int = 0) -> float:
+        """Return one algebraic quantity of the last `slope` or `lean`."""
+        return float(self._algebraic[quantity + side])
+
+    def lean(self, wind: float) -> "Vehicle":
+        """Put the vehicle at its equilibrium under a steady ``wind`` N on this half of the car; returns itself.
+
+        Each spring keeps its air, which has taken on the ambient temperature; the rubber has relaxed, and friction
+        holds nothing. Leveling valves do not act here: with them, let it settle by `ride`. Raises ValueError where
+        there is no equilibrium or the differential pressure valve would open on the way.
+        """
+        air = [
+            float(self.state[State.BELLOWS_MASS + i] + self.state[State.AUXILIARY_MASS + i])
+            for i in range(SIDES)
+        ]
+        bellows = np.zeros(2 * SIDES)
+        for force in np.linspace(0.0, wind, 1 + max(1, int(np.ceil(abs(wind) / _PORTION))))[1:]:
+            bellows = self._balance(bellows, air, float(force))
+        self._misfit(bellows, air, wind)
+        par = self.parameters
+        difference = abs(
+            self._algebraic[Algebraic.AUXILIARY_PRESSURE] - self._algebraic[Algebraic.AUXILIARY_PRESSURE + 1]
+        )
+        if self.inputs[Input.DPV_CONNECTED] > 0.0 and difference > par.dpv_opening:
+            raise ValueError(
+                f"wind = {wind / 1e3:g} kN leaves {difference / 1e5:.3g} bar between left and right: the differential"
+                f" pressure valve opens at {par.dpv_opening / 1e5:g} bar and the car leans further; use ride"
+            )
+        return self
+
+    def _balance(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
+        """Newton's method, halving steps that do not help, for the displacements of both bellows (ζ, ζ, y, y)."""
+        misfit = self._misfit(bellows, air, wind)
+        for _ in range(_ITERATIONS):
+            size = float(np.max(np.abs(misfit)))
+            if size < _BALANCED:
+                return bellows
+            jacobian = np.empty((2 * SIDES, 2 * SIDES))
+            for k in range(2 * SIDES):
+                moved = bellows.copy()
+                moved[k] += 1e-7
+                jacobian[:, k] = (self._misfit(moved, air, wind) - misfit) / 1e-7
+            step = -np.linalg.solve(jacobian, misfit)
+            step *= min(1.0, 0.01 / float(np.max(np.abs(step))))
+            for _ in range(20):
+                tried = self._misfit(bellows + step, air, wind)
+                if np.max(np.abs(tried)) < size:
+                    break
+                step *= 0.5
+            else:
+                if size < 100.0 * _BALANCED:  # as close as rounding allows
+                    return bellows
+                break
+            bellows = bellows + step
+            misfit = tried
+        raise ValueError(
+            f"wind = {wind / 1e3:g} kN: no equilibrium; the car body rolls over or leaves the model"
+        )
+
+    def _misfit(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
+        """Put the vehicle where the bellows are displaced like this, still; what is missing to equilibrium, in m.
+
+        The force of each spring follows from its bellows, and the emergency spring's share from that force.
+        """
+        par, x, mem, out = self.parameters, self.state, self.memory, self._algebraic
+        T, R, kappa = par.ambient_temperature, par.gas_constant, par.heat_capacity_ratio
+        top = np.empty((2, SIDES))
+        for side in range(SIDES):
+            zeta, y = float(bellows[side]), float(bellows[SIDES + side])
+            V, V_a = volume(par, side, zeta, y), par.auxiliary_volume[side]
+            p = air[side] * R * T / (V + V_a)
+            for mass, share in ((State.BELLOWS_MASS, V), (State.AUXILIARY_MASS, V_a)):
+                x[mass + side] = mass_of(p, share, T, R)
+                x[mass + SIDES + side] = energy_of(p, share, kappa)
+            for direction, first, value in (
+                (0, State.VERTICAL_DASHPOT, zeta),
+                (1, State.LATERAL_DASHPOT, y),
+            ):
+                x[first + side * BRANCHES : first + (side + 1) * BRANCHES] = value
+                mem.friction_origin[direction, side] = mem.friction_last[direction, side] = value
+                mem.friction_level[direction, side] = mem.friction_direction[direction, side] = 0.0
+            load_bellows(x, mem, par, side, zeta, y, out)
+            top[0, side], top[1, side] = zeta, y
+            if par.emergency_spring:
+                top[0, side] -= (
+                    out[Algebraic.STACK_VERTICAL + side] - par.nominal_preload[side]
+                ) / par.emergency_stiffness_vertical[side]
+                top[1, side] -= out[Algebraic.STACK_LATERAL + side] / par.emergency_stiffness_lateral[side]
+        mem.bellows_vertical[:], mem.bellows_lateral[:] = bellows[:SIDES], bellows[SIDES:]
+        mem.bellows_vertical_speed[:] = mem.bellows_lateral_speed[:] = 0.0
+        mem.solved_time = mem.time
+        roll = (top[0, 0] - top[0, 1]) / (2.0 * par.spring_half_spacing)
+        x[State.BOLSTER_LATERAL : State.PLATFORM_LATERAL] = 0.0
+        place_bogie(0.0, self.car, x)
+        x[State.PLATFORM_LATERAL_SPEED : State.PLATFORM_ROLL_SPEED + 1] = 0.0
+        x[State.BOLSTER_LATERAL] = top[1].mean() - par.centre_height * roll
+        x[State.BOLSTER_VERTICAL] = top[0].mean()
+        x[State.BOLSTER_ROLL] = roll
+        x[State.LEVER : State.LEVER + SIDES] = top[0] + par.lever_offset
+        acceleration = self.slope(wind)[State.BOLSTER_LATERAL_SPEED : State.PLATFORM_LATERAL]
+        # Accelerations of 1 Hz: what is missing reads as metres in every component.
+        return np.array([*(acceleration / (2.0 * np.pi) ** 2), top[1, 0] - top[1, 1]])
+
+    def ride(
+        self,
+        wind: ArrayLike,
+        duration: float,
+        *,
+        interval: float = 0.0,
+        every: int = 1,
+        springs: bool = False,
+    ) -> Ride:
+        """Ride on for ``duration`` s and record every so many steps.
+
+        ``wind`` is the force on this half of the car in N, positive to the left: one number, or samples ``interval`` s
+        apart from now on (linear between them, the last one held). ``springs`` also records `Algebraic`.
+        """
+        force = np.atleast_1d(np.ascontiguousarray(wind, dtype=np.float64))
+        if force.ndim != 1 or not len(force) or not np.isfinite(force).all():
+            raise ValueError(
+                f"wind has shape {force.shape} or gaps; it is one force or a series of forces in N"
+            )
+        if len(force) > 1 and not interval > 0.0:
+            raise ValueError(
+                f"interval = {interval:g} s; a series of {len(force)} forces needs its sampling time"
+            )
+        steps = round(duration / self.dt)
+        count = -(-steps // every)
+        rows = np.zeros((count, CHANNELS))
+        algebraic = np.zeros((count if springs else 0, ALGEBRAICS))
+        time = self.time + self.dt * every * np.arange(count, dtype=np.float64)
+        ride_on(
+            self.state,
+            self.memory_array,
+            self.inputs,
+            self.parameter_array,
+            self.car_array,
+            self.dt,
+            steps,
+            force,
+            float(interval) if len(force) > 1 else 1.0,
+            every,
+            rows,
+            algebraic,
+        )
+        return Ride(time, rows, algebraic)
+
+    def jacobian(self, wind: float = 0.0) -> NDArray[np.float64]:
+        """Return ∂(dx/dt)/∂x at the present state by central differences, over the states that take part.
+
+        Those are gas, rubber and car body, in the order of `State`; friction sticks, valves stand as they are.
+        """
+        places = [*_GAS, *_MOTION]
+        kept = self.state.copy()
+        result = np.empty((len(places), len(places)))
+        for column, place in enumerate(places):
+            disturbance = 1e-6 * abs(kept[place]) if place in _GAS else 1e-6
+            self.state[place] = kept[place] + disturbance
+            ahead = self.slope(wind)[places]
+            self.state[place] = kept[place] - disturbance
+            behind = self.slope(wind)[places]
+            self.state[:] = kept
+            result[:, column] = (ahead - behind) / (2.0 * disturbance)
+        return result
+
+    def modes(self, wind: float = 0.0) -> list[NaturalMode]:
+        """Return the oscillating natural modes about the present state, slowest first.
+
+        Small motions: friction sticks and adds its initial stiffness F_max/x₂, and an orifice flow stays laminar.
+        """
+        values, vectors = np.linalg.eig(self.jacobian(wind))
+        first = len(_GAS) + _MOTION.index(int(State.BOLSTER_LATERAL))
+        modes = []
+        for value, vector in zip(values, vectors.T, strict=True):
+            size = abs(value)
+            if value.imag <= 1e-3 * size or value.imag < _SLOWEST:
+                continue
+            shape = vector[first : first + 3] * (1.0, 1.0, self.parameters.spring_half_spacing)
+            shape = shape / shape[np.argmax(np.abs(shape))]
+            lateral, vertical, roll = (complex(part) for part in shape)
+            modes.append(
+                NaturalMode(float(size / (2.0 * np.pi)), float(-value.real / size), (lateral, vertical, roll))
+            )
+        return sorted(modes, key=lambda mode: mode.frequency)

@@ -1,0 +1,135 @@
+"""Ride comfort: W_d against the standard and its own digital form, and the index of rides known in closed form."""
+
+from math import inf, pi, sqrt, tau
+
+import numpy as np
+import pytest
+
+from test_plans.comfort import (
+    NotARide,
+    block_percentiles,
+    describe_continuous_comfort,
+    describe_mean_comfort,
+    lateral_percentiles,
+    mean_comfort,
+    sections,
+    weighted,
+    weighting,
+    window_rms,
+)
+
+RATE = 1000.0
+
+
+def test_gains_of_iso_2631():
+    """A26: within 1 % of the table."""
+    f = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
+    np.testing.assert_allclose(np.abs(weighting(f)), [0.853, 1.011, 0.890, 0.512, 0.253, 0.125], rtol=0.01)
+    np.testing.assert_allclose(np.abs(weighting(f)), [0.853, 1.011, 0.890, 0.512, 0.253, 0.125], atol=5e-4)
+
+
+def test_weighting_at_its_ends():
+    """Second order below the band, third above: two of the low pass and one of the transition."""
+    assert weighting(0.0) == 0.0
+    low, high = np.abs(weighting(np.array([0.001, 0.01]))), np.abs(weighting(np.array([1e4, 1e5])))
+    assert low[1] / low[0] == pytest.approx(100.0, rel=0.01)
+    assert high[0] / high[1] == pytest.approx(1000.0, rel=0.01)
+    corner = np.abs(1.0 + 0.2j) / np.abs(1.0 - 0.2**2 + 0.2j / 0.63)
+    assert np.abs(weighting(0.4)) == pytest.approx(sqrt(0.5) * corner, rel=1e-6), (
+        "half the power of the transition"
+    )
+
+
+@pytest.mark.parametrize(
+    ("rate", "up_to", "error"), [(1000.0, 16.0, 1e-3), (1000.0, 100.0, 0.04), (500.0, 10.0, 2e-3)]
+)
+def test_digital_filter_follows_the_exact_response(rate, up_to, error):
+    from scipy.signal import sosfreqz
+
+    f = np.geomspace(0.05, up_to, 200)
+    _, response = sosfreqz(sections(rate), f, fs=rate)
+    assert np.max(np.abs(np.abs(response) / np.abs(weighting(f)) - 1.0)) < error
+
+
+def test_digital_filter_gets_better_with_the_rate():
+    from scipy.signal import sosfreqz
+
+    f = np.geomspace(1.0, 20.0, 50)
+    errors = []
+    for rate in (1000.0, 2000.0, 4000.0):
+        _, response = sosfreqz(sections(rate), f, fs=rate)
+        errors.append(np.max(np.abs(response - weighting(f))))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.15)
+
+
+@pytest.mark.parametrize("f", [0.6, 1.2, 5.0])
+def test_index_of_a_sine(f):
+    """N = 6 |W_d| a/√2: three, six and twenty-five cycles in each window."""
+    t, a = np.arange(300_000) / RATE, 0.2
+    found = lateral_percentiles(a * np.sin(tau * f * t), RATE)
+    assert found.shape == (1,)
+    assert mean_comfort(found)[0] == pytest.approx(6.0 * np.abs(weighting(f)) * a / sqrt(2.0), rel=2e-3)
+
+
+def test_steady_lean_is_no_discomfort():
+    assert np.max(np.abs(weighted(np.full(300_000, 0.7), RATE))) < 1e-9, "from the first sample on"
+
+
+def test_weighting_of_noise_against_its_fourier_transform():
+    n = 60_000
+    rng = np.random.default_rng(3)
+    f = np.fft.rfftfreq(n, 1.0 / RATE)
+    spectrum = np.where((f > 0.3) & (f < 30.0), rng.normal(size=len(f)) + 1j * rng.normal(size=len(f)), 0.0)
+    noise = np.fft.irfft(spectrum, n)
+    exact = np.fft.irfft(spectrum * weighting(f), n)
+    found = weighted(np.tile(noise, 2), RATE)[n:]
+    assert np.std(found - exact) < 5e-3 * np.std(exact)
+
+
+def test_windows_and_percentile():
+    """Sixty windows of rms 1 … 60: linear between ranks gives 1 + 0.95·59."""
+    steps = np.repeat(np.arange(1.0, 61.0), 5000)
+    signs = np.where(np.arange(len(steps)) % 2, 1.0, -1.0)
+    rms = window_rms(steps * signs, RATE)
+    np.testing.assert_allclose(rms, np.arange(1.0, 61.0))
+    assert block_percentiles(rms) == pytest.approx([57.05])
+    assert block_percentiles(np.tile(rms, 3)[:-1]) == pytest.approx([57.05, 57.05]), "whole blocks only"
+    assert len(window_rms(np.ones(9_999), RATE)) == 1
+
+
+def test_a_ride_is_judged_linearly():
+    ride = np.random.default_rng(4).normal(size=300_000)
+    assert lateral_percentiles(3.0 * ride, RATE) == pytest.approx(3.0 * lateral_percentiles(ride, RATE))
+
+
+def test_three_axes():
+    assert mean_comfort(2.0, 1.0, 2.0) == pytest.approx(18.0)
+    np.testing.assert_allclose(mean_comfort(np.array([0.1, 0.2])), [0.6, 1.2])
+
+
+def test_classes():
+    words = [describe_mean_comfort(n) for n in (0.0, 0.999, 1.0, 1.999, 2.0, 4.0, 5.0, inf)]
+    assert words == ["very good", "very good", "good", "good", "moderate", "poor", "very poor", "very poor"]
+    words = [describe_continuous_comfort(c) for c in (0.1, 0.2, 0.3, 0.4)]
+    assert words == ["very comfortable", "comfortable", "medium", "less comfortable"]
+
+
+def test_refusals():
+    with pytest.raises(NotARide, match="sampling rate = 200 Hz; a band up to 100 Hz needs more than 200 Hz"):
+        weighted(np.zeros(10), 200.0)
+    with pytest.raises(NotARide, match="1 gaps in 3 samples"):
+        weighted(np.array([0.0, np.nan, 0.0]), RATE)
+    with pytest.raises(NotARide, match="0 gaps in 0 samples"):
+        weighted(np.zeros(0), RATE)
+    with pytest.raises(NotARide, match="59 windows of 5 s; one block has 60, 300 s"):
+        lateral_percentiles(np.zeros(299_999), RATE)
+
+
+def test_phase_of_the_filter_is_that_of_the_weighting():
+    """A lead below, a lag above: the sign convention is e^{+iωt}."""
+    t = np.arange(40_000) / RATE
+    for f in (0.4, 2.0, 8.0):
+        found = weighted(np.sin(tau * f * t), RATE)[20_000:]
+        amplitude = 2j * np.mean(found * np.exp(-1j * tau * f * t[20_000:]))
+        assert np.angle(amplitude / weighting(f)) == pytest.approx(0.0, abs=pi * f / RATE)
