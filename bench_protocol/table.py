@@ -265,6 +265,19 @@ def _settings() -> list[Signal]:
         number("generator.force_amplitude", "kN", (0.0, 60 * kN), 10 * N, "Amplitude in force control"),
         number("generator.frequency", "Hz", (0.001, 30.0), 0.001, "Frequency of the wave", 1.0),
         number("generator.cycles", "1", (1, 1000), 1, "Whole cycles, the soft ones included", 1),
+        number(
+            "rig.orifice_diameter",
+            "mm",
+            (5 * mm, 40 * mm),
+            0.1 * mm,
+            "Orifice plates fitted on both sides; changed by hand: only disengaged and without pressure",
+            13 * mm,
+        ),
+        choice(
+            "rig.pipe",
+            SWITCH,
+            "on: connecting pipes of 1.5 m in series with the orifices; changed by hand as the plates are",
+        ),
     ]
     return rows
 

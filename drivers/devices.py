@@ -217,6 +217,8 @@ class RigStatus(Device):
 
     __slots__ = ()
     nominal_preload = Setting()  #: N per spring at zero height; to be set without load
+    orifice_diameter = Setting()  #: m, plates of both sides; to be changed disengaged and without pressure
+    pipe = ChoiceSetting()  #: "off" | "on": connecting pipes; to be changed like the plates
     state = ChoiceReading()
     program = ChoiceReading()
     reason = ChoiceReading()

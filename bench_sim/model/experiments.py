@@ -15,6 +15,7 @@ from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.kernel import begin_step, evaluate
 from bench_sim.model.layout import SENSORS, STATES, Input, State
+from bench_sim.model.pipe import pipe_steps
 from bench_sim.model.plant import Plant
 
 
@@ -71,33 +72,38 @@ def impose_motion(
     states: Any,
     rows: Any,
 ) -> None:
-    """``steps`` Runge-Kutta steps with the bolster moved by ``motion``.
+    """``steps`` steps with the bolster moved by ``motion``; a fitted pipe divides them as in the kernel.
 
     Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, while rows last.
     """
     mem = memory[0]
     par = parameters[0]
     work = np.empty((5, STATES))
-    out = np.empty(ALGEBRAICS)
+    out = np.zeros(ALGEBRAICS)
     values = np.empty(SENSORS)
+    pieces = pipe_steps(par, dt)
+    h = dt / pieces
     for n in range(steps):
-        t = mem.time
-        place_bolster(t, motion, x)
+        place_bolster(mem.time, motion, x)
         begin_step(x, mem, u, par, dt, work[0], out, values)
         if n % every == 0 and n // every < rows.shape[0]:
             rows[n // every] = out
             states[n // every] = x
-        for stage in range(1, 4):
-            ahead = dt if stage == 3 else 0.5 * dt
+        for piece in range(pieces):
+            t = mem.time
+            if piece > 0:
+                evaluate(t, x, mem, u, par, work[0], out)
+            for stage in range(1, 4):
+                ahead = h if stage == 3 else 0.5 * h
+                for k in range(STATES):
+                    work[4, k] = x[k] + ahead * work[stage - 1, k]
+                place_bolster(t + ahead, motion, work[4])
+                evaluate(t + ahead, work[4], mem, u, par, work[stage], out)
             for k in range(STATES):
-                work[4, k] = x[k] + ahead * work[stage - 1, k]
-            place_bolster(t + ahead, motion, work[4])
-            evaluate(t + ahead, work[4], mem, u, par, work[stage], out)
-        for k in range(STATES):
-            x[k] += dt / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+                x[k] += h / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+            mem.time = t + h
+            place_bolster(mem.time, motion, x)
         mem.step += 1
-        mem.time = t + dt
-        place_bolster(mem.time, motion, x)
 
 
 @dataclass(frozen=True, slots=True)

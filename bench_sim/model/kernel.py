@@ -15,6 +15,7 @@ from bench_sim.model.bolster import bolster_term, platform_term
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
 from bench_sim.model.gas import heat_term, note_densities
 from bench_sim.model.layout import SENSORS, STATES, TINY, State
+from bench_sim.model.pipe import pipe_steps
 from bench_sim.model.rubber import maxwell_term, turn_friction
 from bench_sim.model.sensors import follow, read_sensors, true_values
 from bench_sim.model.spring import spring_algebra, spring_term, work_term
@@ -129,19 +130,23 @@ def runge_kutta(x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: A
     for k in range(STATES):
         new = x[k] + dt / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
         x[k] = new if abs(new) > TINY else 0.0
-    mem.step += 1
     mem.time = t + dt
 
 
 @compiled_entry
 def advance_many(x: Any, mem: Any, u: Any, par: Any, dt: float, steps: int) -> None:
-    """``steps`` fixed steps in place with the inputs held."""
+    """``steps`` fixed steps in place with the inputs held; a fitted pipe divides what is integrated (`pipe_steps`)."""
     work = np.empty((5, STATES))
     out = np.empty(ALGEBRAICS)
     values = np.empty(SENSORS)
+    pieces = pipe_steps(par, dt)
     for _ in range(steps):
         begin_step(x, mem, u, par, dt, work[0], out, values)
-        runge_kutta(x, mem, u, par, dt, work, out)
+        for piece in range(pieces):
+            if piece > 0:
+                evaluate(mem.time, x, mem, u, par, work[0], out)
+            runge_kutta(x, mem, u, par, dt / pieces, work, out)
+        mem.step += 1
 
 
 @compiled_entry

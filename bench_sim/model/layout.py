@@ -117,6 +117,7 @@ class State(IntEnum):
     ACTUATOR = 38  #: N (force) or m (piston, displacement control), per actuator
     ACTUATOR_RATE = 41  #: its rate, per actuator
     SUPPLY_LINE = 44  #: Pa absolute, behind the main valve
+    PIPE_FLOW = 45  #: kg/s from bellows to auxiliary chamber, per side; 0 where no pipe is fitted
 
 
 #: What is smaller is nothing. A decayed rate would end as a denormal number, and with a few of those in the state the
@@ -126,4 +127,4 @@ TINY: Final = 1e-100
 #: Number of ... each.
 INPUTS: Final = len(Input)
 SENSORS: Final = len(Sensor)
-STATES: Final = 45
+STATES: Final = 47

@@ -55,6 +55,9 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("m3/(s*Pa)", "leak_conductance", shape=_SIDE),
     *_each("1", "leak_critical_ratio"),
     *_each("kg/(s*Pa2)", "leak_laminar", shape=_SIDE),
+    # connecting pipe
+    *_each("m", "pipe_length", "pipe_diameter", shape=_SIDE),
+    *_each("1", "pipe_friction", shape=_SIDE),
     # valves
     *_each("m", "leveling_deadband", "leveling_hysteresis", "leveling_range", "lever_offset", shape=_SIDE),
     *_each("s", "leveling_lag", shape=_SIDE),

@@ -169,7 +169,7 @@ def compliance_matrix(
 
 @compiled
 def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
-    """Displacements of both springs, their bellows' share, and the state of the gas in all four chambers.
+    """Displacements of both springs, their bellows' share, and the state of the gas in chambers and pipes.
 
     ζ_i = z_B + s_i b φ_B − z_P − s_i b φ_P,  y_i = y_B + e φ_B − y_P + h φ_P,  θ = φ_B − φ_P
     """
@@ -219,6 +219,7 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
         out[Algebraic.AUXILIARY_TEMPERATURE + i] = (
             gamma * x[State.AUXILIARY_ENERGY + i] / (x[State.AUXILIARY_MASS + i] * par.gas_constant)
         )
+        out[Algebraic.ORIFICE_FLOW + i] = x[State.PIPE_FLOW + i]
 
 
 @compiled

@@ -1,6 +1,6 @@
 """Every flow of air: orifice path, leveling and service valves, differential pressure valve, leaks, supply line."""
 
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
@@ -13,29 +13,38 @@ from bench_sim.model.orifice import (
     orifice_between,
     valve_between,
 )
+from bench_sim.model.pipe import PIPE_RATE, pipe_acceleration
+
+#: A reservoir valve before a pipe is shut below this opening.
+_SHUT: Final = 1e-3
 
 
 @compiled
 def orifice_term(u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Flow between each bellows and its auxiliary chamber, carrying the enthalpy of its upstream side."""
+    """Flow between each bellows and its auxiliary chamber, carrying the enthalpy of its upstream side.
+
+    Without a pipe it follows from the pressures. With one it is a state, which stands in ``out`` already; here it
+    accelerates, and a valve that shuts stops it within half a millisecond.
+    """
     kappa = par.heat_capacity_ratio
     c_p = kappa / (kappa - 1.0) * par.gas_constant
     for i in range(2):
         opening = min(max(u[Input.LEFT_RESERVOIR_VALVE + i], 0.0), 1.0)
+        piped = par.pipe_length[i] > 0.0
         flow = 0.0
-        if opening > 0.0:
+        if piped and opening < _SHUT:
+            dx[State.PIPE_FLOW + i] -= 0.25 * PIPE_RATE * out[Algebraic.ORIFICE_FLOW + i]
+        elif opening > 0.0:
+            p_b = out[Algebraic.PRESSURE + i]
+            p_a = out[Algebraic.AUXILIARY_PRESSURE + i]
             T_b = out[Algebraic.TEMPERATURE + i]
             T_a = out[Algebraic.AUXILIARY_TEMPERATURE + i]
-            flow = orifice_between(
-                out[Algebraic.PRESSURE + i],
-                T_b,
-                out[Algebraic.AUXILIARY_PRESSURE + i],
-                T_a,
-                opening * effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i]),
-                par.gas_constant,
-                kappa,
-                par.laminar_limit,
-            )
+            area = opening * effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
+            if piped:
+                flow = out[Algebraic.ORIFICE_FLOW + i]
+                dx[State.PIPE_FLOW + i] += pipe_acceleration(flow, p_b, T_b, p_a, T_a, area, i, par)
+            else:
+                flow = orifice_between(p_b, T_b, p_a, T_a, area, par.gas_constant, kappa, par.laminar_limit)
             transfer(
                 dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, c_p * (T_b if flow > 0.0 else T_a)
             )

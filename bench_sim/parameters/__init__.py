@@ -298,6 +298,13 @@ def _check_order(entries: Mapping[str, Entry]) -> None:
     ):
         if np.any(entries[low].value > entries[high].value):
             raise ParameterError(f"{low} = {entries[low].value} exceeds {high} = {entries[high].value} (SI)")
+    for length, diameter in zip(
+        entries["pipe_length"].value, entries["pipe_diameter"].value, strict=True
+    ):  # a shorter one has so little inertia that no step follows its surge
+        if 0.0 < length < diameter:
+            raise ParameterError(
+                f"pipe_length = {length:g} m is less than pipe_diameter = {diameter:g} m; 0 m means no pipe"
+            )
     if np.any(np.diff(entries["bump_stop_travel"].value) <= 0.0):
         raise ParameterError(f"bump_stop_travel = {entries['bump_stop_travel'].value} m does not increase")
 

@@ -21,7 +21,7 @@ from bench_protocol.table import (
     TABLE,
     TICK,
 )
-from bench_protocol.units import us
+from bench_protocol.units import bar, m, us
 from bench_sim.model.layout import Sensor
 from bench_sim.model.layout import State as PlantState
 from bench_sim.model.plant import Plant
@@ -80,6 +80,15 @@ for _axis in ("vertical", "lateral", "roll"):
 _CHANGES_MAX: Final = 4096
 _ENABLE, _HOLD, _ACTIVE, _RESET = 1, 2, 4, 8
 _CONTROL: Final = TABLE.index["control.enable"]
+#: The connecting pipe that lies beside the bench, and up to which gauge pressure somebody may open a flange.
+_PIPE_LENGTH: Final = 1.5 * m
+_FLANGE_PRESSURE: Final = 0.3 * bar
+_CHAMBERS: Final = (
+    Sensor.LEFT_BELLOWS_PRESSURE,
+    Sensor.RIGHT_BELLOWS_PRESSURE,
+    Sensor.LEFT_AUXILIARY_PRESSURE,
+    Sensor.RIGHT_AUXILIARY_PRESSURE,
+)
 _LATENESS_BINS: Final = (("50us", 50), ("100us", 100), ("250us", 250), ("500us", 500), ("1ms", 1000))
 #: CANopen emergency codes (CiA 301): 0x8130 is its heartbeat error, 0xFF00 and up are the device's own.
 _EMERGENCY: Final = {
@@ -156,6 +165,9 @@ class Rig:
             {COMMAND_VALID: self._command_valid, ESTOP_RELEASED: lambda: not self.estop},
         )
         self.registers = RegisterBank(TABLE, self)
+        #: What the bench was last told to have fitted. The parameter set may say otherwise: a plate that was
+        #: bored wrong stays in until somebody changes it.
+        self._fitted = _fittings(self.registers.staged)
         self._start_values()
         self.apply(self.registers.staged)
         self._handle(Event.POWER_ON)
@@ -308,8 +320,12 @@ class Rig:
             ]
             if any(moved):
                 return False  # a mode must not change under a running program
+        fittings = _fittings(settings)
+        if fittings != self._fitted and not self._may_be_opened():
+            return False
         if not self._shim(settings["rig.nominal_preload"]):
             return False
+        self._fit(*fittings)
         for k, side in enumerate(("left", "right")):
             c["air_mode"][k] = settings[f"air.{side}_mode"]
             c["air_target"][k] = settings[f"air.{side}_target"]
@@ -388,6 +404,21 @@ class Rig:
         x[PlantState.LEVER : PlantState.LEVER + 2] += lift
         par.nominal_preload[:] = preload
         return True
+
+    def _may_be_opened(self) -> bool:
+        """Tell whether hands may open the flanges: nothing engaged, and no pressure (the air asks no sensor)."""
+        gauge = self.plant.ideal()[list(_CHAMBERS)]
+        return not self._controls["engaged"] and bool((np.abs(gauge) < _FLANGE_PRESSURE).all())
+
+    def _fit(self, plate: int, pipe: bool) -> None:
+        """Change the orifice plates (bore in steps of the setting) and the pipes of both sides, where they differ."""
+        par, (old_plate, old_pipe) = self.plant.parameters, self._fitted
+        if plate != old_plate:
+            par.orifice_diameter[:] = plate * TABLE["rig.orifice_diameter"].step
+        if pipe != old_pipe:
+            par.pipe_length[:] = _PIPE_LENGTH if pipe else 0.0
+            self.plant.state[PlantState.PIPE_FLOW : PlantState.PIPE_FLOW + 2] = 0.0
+        self._fitted = plate, pipe
 
     def _take_present(self, target: Target) -> None:
         """Let an actuator's set-point be what it measures now, so that taking over changes nothing."""
@@ -553,3 +584,9 @@ class Rig:
         for target in range(TARGETS):
             c["slew"][target] = _RETURN_TICKS
         return True
+
+
+def _fittings(settings: Mapping[str, float]) -> tuple[int, bool]:
+    """Return the bore of the plates, in steps of the setting (no single says exactly 13 mm), and if pipes are in."""
+    signal = TABLE["rig.orifice_diameter"]
+    return round(settings[signal.name] / signal.step), bool(settings["rig.pipe"])

@@ -26,7 +26,10 @@ class Peer:
     def __init__(self) -> None:
         self.values = {signal.name: 0.0 for signal in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS)}
         self.values["rig.map_hash"] = float(TABLE.map_hash)
-        self.settings = {signal.name: signal.default for signal in TABLE.of_kind(Kind.SETTING)}
+        # Registers hold singles.
+        self.settings = {
+            signal.name: float(np.float32(signal.default)) for signal in TABLE.of_kind(Kind.SETTING)
+        }
         self.staged = dict(self.settings)
         self.state, self.reason = "OFF", "none"
         self.bits = (0.0, 0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.tick import TICK_NS
 from drivers.bench import Bench
-from drivers.errors import RigFault
+from drivers.errors import Refused, RigFault
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 
@@ -58,6 +58,25 @@ def test_a_spring_is_lifted_filled_loaded_shaken_and_emptied(pair):
     assert bench.rig.state == "DISABLED"
     assert bench.receiver.tally()["lost"] == bench.receiver.tally()["repeated"] == 0
     assert bench.rig.rejected_commands == 0
+
+
+def test_plates_and_pipes_are_changed_on_an_empty_bench_only(pair):
+    rig, bench = pair
+    assert bench.rig.orifice_diameter == pytest.approx(13 * mm)
+    assert bench.rig.pipe == "off"
+    bench.rig.orifice_diameter = 20 * mm
+    bench.rig.pipe = "on"
+    bench.arm()
+    with pytest.raises(Refused, match=r"rig\.orifice_diameter = 16 mm") as refused:
+        bench.rig.orifice_diameter = 16 * mm
+    assert refused.value.code == 4
+    with pytest.raises(Refused, match=r"rig\.pipe = off"):
+        bench.rig.pipe = "off"
+    assert bench.rig.orifice_diameter == pytest.approx(20 * mm)
+    assert bench.rig.pipe == "on"
+    assert rig.plant.parameters.orifice_diameter == pytest.approx([20 * mm, 20 * mm])
+    assert (rig.plant.parameters.pipe_length == 1.5).all()
+    bench.rig.orifice_diameter = 20 * mm  # nothing to change, nothing to refuse
 
 
 def test_the_emergency_stop_of_the_rig_reaches_the_plan_in_words(pair):

@@ -295,6 +295,27 @@ def test_orifice_scaling_laws(resting):
     assert c_loaded / 34.6e3 == pytest.approx(2.146, rel=0.02)
 
 
+@BOTH
+def test_damping_has_one_maximum_near_the_natural_frequency(resting, load_case):
+    f = np.geomspace(0.3, 10.0, 36)
+    c = np.array([damping(resting(load_case, BARE), 5 * mm, one) for one in f])
+    rises = np.diff(c) > 0
+    peak = np.argmax(c)
+    assert rises[:peak].all()
+    assert not rises[peak:].any()
+    for n in (1.0, KAPPA):
+        natural = np.sqrt(9.80665 * closed_form(load_case, V_B + V_A, n) / LOADS[load_case]) / (2 * np.pi)
+        assert f[peak] == pytest.approx(natural, rel=0.3)
+    assert c[-1] < 0.1 * c[peak]
+
+
+@BOTH
+def test_damping_at_1_2_hz_falls_from_every_plate_to_the_next(resting, load_case):
+    diameters = np.arange(13, 23) * mm
+    c = [damping(resting(load_case, BARE, orifice_diameter=d), 5 * mm, 1.2) for d in diameters]
+    assert (np.diff(c) < 0).all()
+
+
 def test_damping_falls_with_the_orifice(resting):
     expected = {13: 34.6, 14: 29.2, 16: 19.9, 18: 13.4, 22: 6.4}
     for diameter, c in expected.items():

@@ -99,7 +99,8 @@ def test_scipy_integrates_the_same_derivative_to_the_same_end(resting, method, c
         return dx
 
     scale = np.maximum(np.abs(start.state), np.abs(ours.state)) + 0.01 * amplitude
-    result = solve_ivp(slope, (0.0, 0.25), start.state, method=method, rtol=1e-9, atol=1e-10 * scale)
+    # At 1e-9 DOP853 steps over a corner of the flow law without noticing, and is off by 2e-4 itself.
+    result = solve_ivp(slope, (0.0, 0.25), start.state, method=method, rtol=1e-10, atol=1e-11 * scale)
     assert result.success
     assert np.max(np.abs(result.y[:, -1] - ours.state) / scale) < tolerance
 

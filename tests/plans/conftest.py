@@ -44,6 +44,12 @@ def composed(seed=0, faults=None, latency=0.0, **changes):
         bench.close()
 
 
+@pytest.fixture(scope="session")
+def bench_composed():
+    """A virtual rig with a connected bench: ``with bench_composed(seed, **changes) as made``."""
+    return composed
+
+
 class After:
     """Does something once the bench's time has come."""
 

@@ -5,6 +5,7 @@ import pytest
 
 from bench_protocol.table import AIR_MODES, AXES, TABLE, WAVES
 from bench_protocol.units import Hz, bar, kN, mm
+from bench_sim.model.layout import State as PlantState
 from bench_sim.rig.states import State
 
 VENT, FILL, LEVEL = AIR_MODES.index("vent"), AIR_MODES.index("fill"), AIR_MODES.index("level")
@@ -194,6 +195,133 @@ def test_the_shims_move_the_zero_and_not_the_bellows(commander) -> None:
 def test_the_shims_stay_while_the_actuators_hold(armed) -> None:
     armed.stage(rig_nominal_preload=145 * kN)
     assert armed.coil("apply") == b"\x85\x04"
+
+
+def fill_at_once(commander, pressure: float) -> None:
+    """Fill both springs with the bolster held, and wait until bellows and auxiliary chambers agree."""
+    commander.hold_height()
+    commander.apply(
+        air_left_mode=FILL, air_left_target=pressure, air_right_mode=FILL, air_right_target=pressure
+    )
+    commander.beat(600)
+
+
+def swing(commander, **settings: float) -> tuple[float, float]:
+    """Amplitudes of bellows and auxiliary pressure (left) while the platform shakes at 7 Hz."""
+    commander.apply(
+        generator_axis=AXES.index("platform_vertical"),
+        generator_wave=WAVES.index("sine"),
+        generator_amplitude=1 * mm,
+        generator_frequency=7 * Hz,
+        generator_cycles=60,
+        **settings,
+    )
+    assert commander.coil("program_run")[0] == 5
+    commander.beat(200)
+    rows = []
+    for _ in range(100):
+        commander.beat(1)
+        rows.append([commander.read("left.bellows_pressure"), commander.read("left.auxiliary_pressure")])
+    bellows, auxiliary = np.std(rows, axis=0) * np.sqrt(2)
+    return bellows, auxiliary
+
+
+def test_plates_and_pipes_that_were_changed_by_hand_show_in_the_pressures(make_rig, commander) -> None:
+    """Only the inertia of a pipe lets the auxiliary chamber swing further than the bellows."""
+    found = {}
+    for pipe in (0, 1):
+        bench = type(commander)(make_rig())
+        bench.wait(500)
+        bench.apply(rig_orifice_diameter=40 * mm, rig_pipe=pipe)
+        bench.arm()
+        fill_at_once(bench, 2 * bar)
+        found[pipe] = swing(bench)
+    assert found[0][1] < found[0][0]
+    assert found[1][1] > 1.5 * found[1][0]
+
+
+def test_a_wider_plate_lets_the_bellows_empty_faster(make_rig, commander) -> None:
+    left = []
+    for diameter in (6 * mm, 20 * mm):
+        bench = type(commander)(make_rig())
+        bench.wait(500)
+        bench.apply(rig_orifice_diameter=diameter)
+        bench.arm()
+        fill_at_once(bench, 3 * bar)
+        bench.apply(air_left_mode=VENT, air_right_mode=VENT, air_left_target=0, air_right_target=0)
+        bench.beat(50)
+        left.append(bench.read("left.bellows_pressure"))
+    assert left[0] > left[1] + 0.5 * bar
+
+
+CHANGES = [{"rig_orifice_diameter": 16 * mm}, {"rig_pipe": 1}]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=str)
+def test_plates_and_pipes_stay_while_the_actuators_hold(armed, change) -> None:
+    armed.stage(**change)
+    assert armed.coil("apply") == b"\x85\x04"
+    armed.beat(2, control_hold=0, control_active=0)
+    assert armed.state == "AIR_HIGH"
+    assert armed.coil("apply")[0] == 5, "empty and disengaged"
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=str)
+def test_plates_and_pipes_stay_while_there_is_pressure(armed, change) -> None:
+    """All or nothing: what was staged with them is not taken over either, and goes when they may."""
+    parameters = armed.rig.plant.parameters
+    fill_at_once(armed, 1 * bar)
+    armed.beat(2, control_enable=0, control_hold=0, control_active=0)
+    armed.coil("disable")
+    armed.wait(500)
+    before = parameters.tobytes()
+    armed.stage(**change, rig_nominal_preload=145 * kN)
+    assert armed.state == "DISABLED"
+    assert armed.coil("apply") == b"\x85\x04"
+    assert parameters.tobytes() == before
+    armed.rig.press_estop()  # vents
+    armed.wait(20_000)
+    assert armed.read("left.bellows_pressure") < 0.3 * bar
+    assert armed.coil("apply")[0] == 5
+    assert parameters.tobytes() != before
+    assert (parameters.nominal_preload == 145 * kN).all()
+
+
+@pytest.mark.parametrize("chamber", ["BELLOWS", "AUXILIARY"])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_the_pressure_of_every_chamber_counts_and_no_sensor_is_asked(
+    make_rig, commander, chamber, side, sign
+):
+    bench = type(commander)(make_rig(sensor_gain=0.4))
+    bench.wait(500)
+    state, mass = bench.rig.plant.state, PlantState[f"{chamber}_MASS"] + side
+    for pressure, code in ((0.35, 0x85), (0.25, 0x05)):
+        kept = state.copy()
+        state[[mass, mass + 2]] *= 1 + sign * pressure * bar / 101325
+        bench.stage(rig_pipe=code == 0x05)
+        bench.stage(rig_orifice_diameter=14 * mm)
+        assert bench.coil("apply")[0] == code
+        state[:] = kept
+
+
+def test_a_plate_that_was_bored_wrong_stays_in_until_it_is_changed(make_rig, commander) -> None:
+    """The setting is what was ordered; 13 mm as a single on the wire are no other plate than those of the default."""
+    bench = type(commander)(make_rig(orifice_diameter=[13 * mm, 14.5 * mm], pipe_length=[0, 2.0]))
+    par = bench.rig.plant.parameters
+    bench.arm()
+    bench.apply(rig_orifice_diameter=13 * mm, rig_pipe=0)
+    assert par.orifice_diameter.tolist() == [13 * mm, 14.5 * mm]
+    assert par.pipe_length.tolist() == [0, 2.0]
+    bench.beat(2, control_hold=0, control_active=0)
+    bench.apply(rig_orifice_diameter=16 * mm)
+    assert par.orifice_diameter == pytest.approx([16 * mm, 16 * mm], rel=1e-12)
+    assert par.pipe_length.tolist() == [0, 2.0]
+    bench.apply(rig_pipe=1)
+    assert par.pipe_length.tolist() == [1.5, 1.5]
+    bench.apply(rig_orifice_diameter=13 * mm, rig_pipe=0)
+    assert par.orifice_diameter == pytest.approx([13 * mm, 13 * mm], rel=1e-12)
+    assert par.pipe_length.tolist() == [0, 0]
 
 
 def test_same_seed_same_bytes_other_seed_other_bytes(make_rig) -> None:
