@@ -64,7 +64,7 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
         raise NotMeasured(f"{times.size} samples are too few for a first harmonic")
     period = (times[-1] - times[0]) / (times.size - 1)
     cycles = (times[-1] - times[0] + period) * frequency
-    if cycles < 1 - 1e-6 or times.size < SAMPLES_PER_CYCLE_MIN * cycles:
+    if cycles < 1 - 1e-6 or times.size < SAMPLES_PER_CYCLE_MIN * cycles * (1 - 1e-6):
         raise NotMeasured(f"{times.size} samples over {cycles:.3g} cycles do not make a first harmonic")
     if not np.isfinite(values).all():
         raise NotMeasured(f"{np.count_nonzero(~np.isfinite(values))} of {values.size} samples are missing")
@@ -74,6 +74,31 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
     )
     fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
     return complex(fit[2], -fit[3])
+
+
+def one_cycle(
+    times: Samples, values: Samples, frequency: float, *, harmonics: int = 7, points: int = 100
+) -> Samples:
+    """Return the mean cycle of ``values`` at ``points`` even phases from time 0 on, without noise and drift.
+
+    Least squares on 1, t and the first ``harmonics`` of ``frequency`` (Hz). NotMeasured with gaps or too few samples.
+    """
+    orders = np.arange(1, harmonics + 1)
+    if times.size < 2 * (2 * harmonics + 2) or not np.isfinite(values).all():
+        raise NotMeasured(f"{np.isfinite(values).sum()} samples do not make a cycle of {harmonics} harmonics")
+    angles = tau * frequency * np.outer(times, orders)
+    drift = (times - times.mean())[:, None]
+    columns = np.hstack([np.ones_like(drift), np.cos(angles), np.sin(angles), drift])
+    fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    phases = tau * np.outer(np.arange(points) / points, orders)
+    return np.asarray(
+        fit[0] + np.cos(phases) @ fit[1 : harmonics + 1] + np.sin(phases) @ fit[harmonics + 1 : -1]
+    )
+
+
+def without_lag(amplitude: complex, lag: float, frequency: float) -> complex:
+    """Return the amplitude of what a sensor of first order saw, from that of its reading: ``X (1 + iωτ)``."""
+    return amplitude * (1 + 1j * tau * frequency * lag)
 
 
 def straight_line(times: Samples, values: Samples) -> tuple[float, float]:

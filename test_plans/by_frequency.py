@@ -1,0 +1,222 @@
+"""Lateral and vertical stiffness and damping against frequency, with and without the connecting pipe (figure 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.table import SIDES
+from bench_protocol.units import Hz, kN, mm
+from test_plans import steps
+from test_plans.analysis import Stiffness, first_harmonic
+from test_plans.fittings import fit_pipe, fit_plate, put_down
+from test_plans.geometry import (
+    LATERAL_DRIVE,
+    LATERAL_FORCE_MAX,
+    VERTICAL_FORCE_MAX,
+    VERTICAL_FRAME,
+    VERTICAL_FRAME_DAMPING,
+    Drive,
+)
+from test_plans.loads import BOLSTER_MASS, Load, within
+from test_plans.poses import COOL, go_home
+from test_plans.tables import AMPLITUDE, DAMPING, FREQUENCY, MAGNITUDE, STORAGE, TEMPERATURE, keep
+from test_plans.waves import TEMPERATURES, lateral_stiffness, shake, vertical_stiffness
+
+if TYPE_CHECKING:
+    from test_plans.plan import Run
+
+SWEEP_AMPLITUDE: Final = 5 * mm
+#: Below, heat lost to the walls makes c = K''/ω grow without end.
+DAMPING_FROM: Final = 0.3 * Hz
+ALL_FREQUENCIES: Final = (
+    0.1,
+    0.2,
+    0.4,
+    0.6,
+    0.8,
+    1.0,
+    1.2,
+    1.5,
+    2.0,
+    2.5,
+    3.0,
+    4.0,
+    5.0,
+    6.0,
+    7.0,
+    8.0,
+    10.0,
+    12.0,
+    14.0,
+    16.0,
+    18.0,
+    20.0,
+    22.5,
+    25.0,
+)
+LATERAL_FREQUENCIES: Final = (
+    0.1,
+    0.5,
+    1.0,
+    2.0,
+    3.0,
+    4.0,
+    6.0,
+    8.0,
+    10.0,
+    12.0,
+    15.0,
+    18.0,
+    20.0,
+    22.5,
+    25.0,
+)
+PIPE_FREQUENCIES: Final = tuple(f for f in ALL_FREQUENCIES if f >= 0.6)
+LATERAL_PIPE_FREQUENCIES: Final = (1.0, 3.0, 6.0, 8.0, 12.0, 15.0, 20.0, 25.0)
+#: What the lateral actuator can do up to 25 Hz: shows frequency alone, where 5 mm becomes less and friction stiffer.
+SMALL: Final = 0.9 * mm
+SMALL_FREQUENCIES: Final = (1.0, 2.0, 4.0, 8.0, 12.0, 15.0, 20.0, 25.0)
+#: The pipe takes the place of the plate: 30 mm throttle it no more. Surge shows where little air moves.
+PIPE_PLATE: Final = 30 * mm
+SURGE_AMPLITUDE: Final = 0.5 * mm
+SURGE_FREQUENCIES: Final = (
+    2.0,
+    4.0,
+    5.0,
+    6.0,
+    7.0,
+    8.0,
+    9.0,
+    10.0,
+    11.0,
+    12.0,
+    13.0,
+    14.0,
+    15.0,
+    16.0,
+    17.0,
+    18.0,
+    20.0,
+    22.5,
+    25.0,
+)
+#: Closed bellows, and what the surge of the pipe adds: bounds for the force that a vertical actuator needs.
+CLOSED_STIFFNESS: Final = 2.4e6 / (145 * kN)
+
+
+@dataclass(slots=True)
+class FrequencySweep:
+    """Complex stiffness over frequency, per spring, with the amplitude and the warmth of the gas."""
+
+    vertical: list[Stiffness] = field(default_factory=list)
+    lateral: list[Stiffness] = field(default_factory=list)
+    lateral_small: list[Stiffness] = field(default_factory=list)
+    temperatures: list[float] = field(default_factory=list)
+    pressure_ratios: list[float] = field(default_factory=list)
+
+    def shake_laterally(self, run: Run, frequencies: Sequence[float]) -> None:
+        """Sines of 5 mm, or of what the actuator can do, first harmonic."""
+        for frequency in frequencies:
+            self.lateral.append(self._shear(run, frequency, SWEEP_AMPLITUDE))
+
+    def shake_a_little(self, run: Run) -> None:
+        """Lateral sines of one small amplitude at all frequencies."""
+        for frequency in SMALL_FREQUENCIES:
+            self.lateral_small.append(self._shear(run, frequency, SMALL))
+
+    @staticmethod
+    def _shear(run: Run, frequency: float, amplitude: float) -> Stiffness:
+        with run.phase(f"lateral sine {frequency:g} Hz, {amplitude / mm:g} mm"):
+            command = LATERAL_DRIVE.command(amplitude, frequency, LATERAL_FORCE_MAX)
+            times, values = shake(run, "lateral", frequency, command)
+        return lateral_stiffness(times, values, frequency)
+
+    def shake_vertically(
+        self, run: Run, load: Load, frequencies: Sequence[float], size: float = SWEEP_AMPLITUDE
+    ) -> None:
+        """Sines of ``size`` (m), or of what the actuators can do, first harmonic."""
+        drive = Drive(
+            BOLSTER_MASS / 2, VERTICAL_FRAME, VERTICAL_FRAME_DAMPING, CLOSED_STIFFNESS * load.preload
+        )
+        for frequency in frequencies:
+            amplitude = drive.command(size, frequency, VERTICAL_FORCE_MAX - load.actuator_force)
+            with run.phase(f"vertical sine {frequency:g} Hz, {size / mm:g} mm"):
+                times, values = shake(run, "vertical", frequency, amplitude)
+            self.vertical.append(vertical_stiffness(times, values, frequency))
+            self.temperatures.append(float(np.mean([values[name].mean() for name in TEMPERATURES])))
+            bellows, auxiliary = (
+                sum(first_harmonic(times, values[f"{side}.{part}_pressure"], frequency) for side in SIDES)
+                for part in ("bellows", "auxiliary")
+            )
+            self.pressure_ratios.append(abs(auxiliary / bellows))
+
+    def keep(self, run: Run, load: Load, pipe: str) -> None:
+        """Keep |K|, K', c, the amplitude and the gas over frequency."""
+        name = f"{load.name}, {pipe}"
+        series = {"Lateral": self.lateral, "Vertical": self.vertical, "Lateral, 0.9 mm:": self.lateral_small}
+        for direction, found in series.items():
+            frequencies = [K.frequency for K in found]
+            if not found:
+                continue
+            for quantity, ys in (
+                (MAGNITUDE, [abs(K.value) for K in found]),
+                (STORAGE, [K.storage for K in found]),
+                (DAMPING, [K.damping for K in found]),
+                (AMPLITUDE, [K.amplitude for K in found]),
+            ):
+                keep(run, name, f"{direction} {quantity[0]} per spring", FREQUENCY, quantity, frequencies, ys)
+        frequencies = [K.frequency for K in self.vertical]
+        keep(run, name, "Gas in the bellows", FREQUENCY, TEMPERATURE, frequencies, self.temperatures)
+        ratio = ("auxiliary over bellows pressure amplitude", "1")
+        keep(run, name, "Pressure amplitudes", FREQUENCY, ratio, frequencies, self.pressure_ratios)
+
+
+#: Damping peaks within 30 % of the natural frequency, and is small at high frequency.
+PEAK_FREQUENCY: Final = within(1.2 * Hz, 0.30)
+HIGH_DAMPING: Final = 0.10
+#: Surge: a dip below the stiffness at 2 Hz, and a peak above that at 25 Hz.
+SURGE_DIP: Final = 0.8
+SURGE_PEAK: Final = 1.3
+
+
+def frequency_sweep(run: Run, load: Load) -> None:
+    """Measure under the load that is carried, then again with the pipe in place of the plates."""
+    home_made = FrequencySweep()
+    go_home(run)
+    home_made.shake_laterally(run, LATERAL_FREQUENCIES)
+    home_made.shake_a_little(run)
+    steps.lock_the_air(run)
+    home_made.shake_vertically(run, load, ALL_FREQUENCIES)
+    home_made.keep(run, load, "orifice")
+
+    put_down(run)
+    fit_pipe(run, "on")
+    fit_plate(run, PIPE_PLATE)
+    steps.carry(load)(run)
+    go_home(run)
+    piped, surge = FrequencySweep(), FrequencySweep()
+    piped.shake_laterally(run, LATERAL_PIPE_FREQUENCIES)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    piped.shake_vertically(run, load, PIPE_FREQUENCIES)
+    surge.shake_vertically(run, load, SURGE_FREQUENCIES, SURGE_AMPLITUDE)
+    piped.keep(run, load, "pipe")
+    surge.keep(run, load, "pipe, 0.5 mm")
+
+    c = {K.frequency: K.damping for K in home_made.vertical if K.frequency >= DAMPING_FROM}
+    peak = max(c, key=lambda f: c[f])
+    run.check(
+        "frequency of the most vertical damping", peak, "Hz", low=PEAK_FREQUENCY.low, high=PEAK_FREQUENCY.high
+    )
+    run.check("vertical c at 10 Hz over its peak", c[10.0] / c[peak], "%", high=HIGH_DAMPING)
+    stiffness = [abs(K.value) for K in surge.vertical]
+    lowest = min(range(len(stiffness)), key=lambda k: stiffness[k])
+    run.check(
+        "with pipe: lowest |K| over that at 2 Hz", stiffness[lowest] / stiffness[0], "1", high=SURGE_DIP
+    )
+    highest = max(stiffness[lowest:])
+    run.check("with pipe: highest |K| over that at 25 Hz", highest / stiffness[-1], "1", low=SURGE_PEAK)

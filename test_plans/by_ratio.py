@@ -1,0 +1,127 @@
+"""Vertical damping against pressure ratio, for several orifice plates (figure 6c)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.table import SIDES
+from bench_protocol.units import ATMOSPHERE, Hz, kN, mm, s
+from test_plans import steps
+from test_plans.analysis import Samples, Stiffness, one_cycle
+from test_plans.fittings import PLATE
+from test_plans.loads import DAMPING_TOLERANCE, Load, within
+from test_plans.poses import COOL, go_home
+from test_plans.tables import AMPLITUDE, DAMPING, RATIO, STORAGE, keep
+from test_plans.waves import PRESSURES, Values, shake, vertical_stiffness
+
+if TYPE_CHECKING:
+    from test_plans.plan import Run
+
+NATURAL: Final = 1.2 * Hz
+SWINGS: Final = tuple(a * mm for a in (1.0, 2.0, 3.5, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0))
+
+
+@dataclass(slots=True)
+class DampingByRatio:
+    """What one orifice plate does: damping per spring, and how far the pressures on its two sides part."""
+
+    ratios: list[float] = field(default_factory=list)
+    found: list[Stiffness] = field(default_factory=list)
+
+    def measure(self, run: Run) -> None:
+        """Shake the springs vertically at 1.2 Hz; at rest both pressures are equal, whatever they read."""
+        rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
+        for amplitude in SWINGS:
+            with run.phase(f"vertical sine {amplitude / mm:g} mm"):
+                times, values = shake(run, "vertical", NATURAL, amplitude, lead=2 * s)
+            self.found.append(vertical_stiffness(times, values, NATURAL))
+            lowest = [self._lowest_ratio(times, values, rest, side) for side in SIDES]
+            self.ratios.append(float(np.mean(lowest)))
+
+    @staticmethod
+    def _lowest_ratio(times: Samples, values: Values, rest: Mapping[str, float], side: str) -> float:
+        bellows, auxiliary = (
+            one_cycle(times, values[f"{side}.{part}_pressure"], NATURAL) for part in ("bellows", "auxiliary")
+        )
+        bellows = bellows - rest[f"{side}.bellows_pressure"] + rest[f"{side}.auxiliary_pressure"]
+        low, high = np.minimum(bellows, auxiliary), np.maximum(bellows, auxiliary)
+        return float(np.min((low + ATMOSPHERE) / (high + ATMOSPHERE)))
+
+    def keep(self, run: Run, load: Load, plate: float) -> None:
+        """Keep damping over ratio and over amplitude."""
+        name = f"{plate / mm:g} mm"
+        damping = [K.damping for K in self.found]
+        keep(
+            run,
+            name,
+            f"Vertical damping c over pressure ratio, {load.name}",
+            RATIO,
+            DAMPING,
+            self.ratios,
+            damping,
+        )
+        amplitudes = [K.amplitude for K in self.found]
+        keep(
+            run,
+            name,
+            f"Vertical damping c over amplitude, {load.name}",
+            AMPLITUDE,
+            DAMPING,
+            amplitudes,
+            damping,
+        )
+        storage = [K.storage for K in self.found]
+        keep(
+            run,
+            name,
+            f"Vertical stiffness K' over amplitude, {load.name}",
+            AMPLITUDE,
+            STORAGE,
+            amplitudes,
+            storage,
+        )
+
+    def damping(self, amplitude: float) -> float:
+        """Return c at one of the amplitudes (N·s/m)."""
+        return self.found[SWINGS.index(amplitude)].damping
+
+    def drop_beside_peak(self) -> float:
+        """Return how far c at both ends of the amplitudes lies below its maximum, the nearer end, as a fraction."""
+        c = [K.damping for K in self.found]
+        return 1 - max(c[0], c[-1]) / max(c)
+
+
+#: The drawing of AW0 has 30.5 kN·s/m at 1.0 Hz, and nearly the same at 1.2 Hz.
+PLATE_DAMPING: Final = within(29.5 * kN, DAMPING_TOLERANCE)
+#: From plate to plate damping falls by a sixth at least; beside its peak by a thirtieth.
+NEXT_PLATE: Final = 0.85
+BESIDE_PEAK: Final = 0.033
+
+
+def damping_over_ratio(run: Run, load: Load, plate: float) -> DampingByRatio:
+    """Measure with the plate that is fitted, under the load that is carried."""
+    found = DampingByRatio()
+    go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    found.measure(run)
+    found.keep(run, load, plate)
+    return found
+
+
+def check_damping(run: Run, found: Mapping[float, DampingByRatio]) -> None:
+    """Check that damping falls from plate to plate, and has its maximum between the ends of the amplitudes."""
+    at = 5 * mm
+    c = {plate: one.damping(at) for plate, one in found.items()}
+    run.check("c at 13 mm and 5 mm", c[PLATE], "kN*s/m", low=PLATE_DAMPING.low, high=PLATE_DAMPING.high)
+    for smaller, larger in pairwise(sorted(c)):
+        name = f"c at {larger / mm:g} mm over {smaller / mm:g} mm"
+        run.check(name, c[larger] / c[smaller], "1", high=NEXT_PLATE)
+    for plate in (min(c), PLATE):
+        name = f"c beside its peak, {plate / mm:g} mm"
+        run.check(name, found[plate].drop_beside_peak(), "%", low=BESIDE_PEAK)

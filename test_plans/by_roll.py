@@ -1,0 +1,128 @@
+"""Lateral stiffness of rolled springs, with the differential pressure valve isolated and open (figure 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.table import SIDES
+from bench_protocol.units import Hz, kN, mm, rad, s
+from test_plans import steps
+from test_plans.analysis import Stiffness
+from test_plans.geometry import roll_of, shear_of
+from test_plans.loads import AW0, AW3, Load, within
+from test_plans.poses import COOL, Home, go_home, restore_the_air, take_pose
+from test_plans.tables import DAMPING, ROLL, SECANT, STORAGE, keep
+from test_plans.waves import LEAD, PRESSURES, SHEAR_CELLS, lateral_stiffness, shake
+
+if TYPE_CHECKING:
+    from test_plans.plan import Run
+
+ROLL_SHEAR: Final = 20 * mm
+ROLL_FREQUENCY: Final = 1 * Hz
+ROLL_AMPLITUDE: Final = 5 * mm
+SAME_ROLL: Final = 0.001 * rad
+#: Friction remembers how the springs came to y = +20 mm, for some cycles.
+ROLL_CENTRING: Final = 10 * s
+
+
+@dataclass(slots=True)
+class RollAngle:
+    """Lateral stiffness of rolled springs at y = +20 mm: secant and first harmonic, and how the pressures part."""
+
+    rolls: list[float] = field(default_factory=list)
+    secants: list[float] = field(default_factory=list)
+    found: list[Stiffness] = field(default_factory=list)
+    differences: list[float] = field(default_factory=list)
+
+    def measure(self, run: Run, home: Home, angles: Sequence[float]) -> None:
+        """Roll by each angle, first to one side and then to the other; sine of 5 mm about y = +20 mm."""
+        rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
+        for side in (1.0, -1.0):
+            self._measure(run, home, 0.0, lead=ROLL_CENTRING)
+            for roll in angles:
+                self._measure(run, home, side * roll)
+            with run.phase("back"):
+                take_pose(run, home, shear=ROLL_SHEAR)
+                restore_the_air(run, rest)
+        with run.phase("back"):
+            take_pose(run, home)
+
+    def _measure(self, run: Run, home: Home, roll: float, lead: float = LEAD) -> None:
+        with run.phase(f"roll {roll:+.3g} rad"):
+            take_pose(run, home, shear=ROLL_SHEAR, roll=roll)
+            times, values = shake(run, "lateral", ROLL_FREQUENCY, ROLL_AMPLITUDE, lead=lead)
+        self.rolls.append(float(roll_of(values).mean()))
+        force = -0.5 * sum(float(values[cell].mean()) for cell in SHEAR_CELLS)
+        self.secants.append(force / float(shear_of(values).mean()))
+        self.found.append(lateral_stiffness(times, values, ROLL_FREQUENCY))
+        left, right = (float(values[f"{side}.auxiliary_pressure"].mean()) for side in SIDES)
+        self.differences.append(left - right)
+
+    def keep(self, run: Run, load: Load, valve: str) -> None:
+        """Keep secant, first harmonic and pressure difference over the roll angle."""
+        order = np.argsort(self.rolls)
+        rolls = np.array(self.rolls)[order]
+        name = f"{load.name}, valve {valve}"
+        for group, quantity, ys in (
+            ("Lateral secant F/y at +20 mm per spring", SECANT, self.secants),
+            (
+                "Lateral stiffness K' of 5 mm about +20 mm per spring",
+                STORAGE,
+                [K.storage for K in self.found],
+            ),
+            ("Lateral damping c of 5 mm about +20 mm per spring", DAMPING, [K.damping for K in self.found]),
+            ("Pressure left less right", ("pressure difference", "bar"), self.differences),
+        ):
+            keep(run, name, group, ROLL, quantity, rolls.tolist(), np.array(ys)[order].tolist())
+
+    def secant(self, roll: float) -> float:
+        """Return the secant (N/m) measured nearest to a roll angle; level, the mean of both times."""
+        return self._near(roll, self.secants)
+
+    def storage(self, roll: float) -> float:
+        """Return K' (N/m) measured nearest to a roll angle; level, the mean of both times."""
+        return self._near(roll, [K.storage for K in self.found])
+
+    def rise(self, start: float, end: float) -> float:
+        """Return how much the secant grows (N/m) from one roll angle to another."""
+        return self.secant(end) - self.secant(start)
+
+    def _near(self, roll: float, values: Sequence[float]) -> float:
+        away = np.abs(np.array(self.rolls) - roll)
+        return float(np.mean(np.array(values)[away < away.min() + SAME_ROLL]))
+
+
+#: Beyond 0.05 rad the coupling is saturated: what follows is small beside what went before.
+KNEE: Final = 0.05 * rad
+RISE: Final = 0.20
+SATURATED: Final = 0.10
+# K_yφ φ_s tanh(φ/φ_s) with K_yφ = (K_y h + P)/2 = 37.8 and 93.9 kN/rad of the sheared column, φ_s = 0.03 rad.
+COUPLING: Final = {AW0.name: within(1.06 * kN, 0.15), AW3.name: within(2.62 * kN, 0.15)}
+
+
+def lateral_stiffness_over_roll(run: Run, load: Load, angles: Sequence[float]) -> None:
+    """Measure under the load that is carried, first with the differential pressure valve isolated, then with it."""
+    home = go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    for valve, change in (("isolated", run.bench.air.isolate_dpv), ("open", run.bench.air.connect_dpv)):
+        change()
+        found = RollAngle()
+        with run.phase(f"valve {valve}"):
+            found.measure(run, home, angles)
+        found.keep(run, load, valve)
+
+        rise, beyond = found.rise(0.0, KNEE), found.rise(KNEE, max(angles))
+        run.check(f"valve {valve}: secant, rise to 0.05 rad", rise / found.secant(0.0), "%", low=RISE)
+        run.check(f"valve {valve}: secant, change beyond over rise", abs(beyond) / rise, "%", high=SATURATED)
+        odd = 0.5 * ROLL_SHEAR * (found.secant(KNEE) - found.secant(-KNEE))
+        band = COUPLING[load.name]
+        run.check(
+            f"valve {valve}: odd part of the force at 0.05 rad", odd, "kN", low=band.low, high=band.high
+        )
+        ratio = found.storage(KNEE) / found.storage(0.0)
+        run.check(f"valve {valve}: first harmonic at 0.05 rad over level", ratio, "1", high=1.0, margin=0.01)

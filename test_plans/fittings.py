@@ -1,0 +1,58 @@
+"""What is changed on the bench by hand: preloads with their shims, orifice plates and the connecting pipe."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, Literal
+
+from bench_protocol.units import kN, mm
+from test_plans import steps
+from test_plans.loads import EFFECTIVE_AREA, Load
+
+if TYPE_CHECKING:
+    from test_plans.plan import Run
+
+#: Fitted when the bench was built.
+PLATE: Final = 13 * mm
+
+
+def other_load(load: Load, preload: float) -> Load:
+    """Return a load case beside ``load``, for which nobody has stated what is good."""
+    name = f"{load.name} at {preload / kN:g} kN"
+    return replace(load, name=name, preload=preload, fill_pressure=preload / EFFECTIVE_AREA)
+
+
+def put_down(run: Run) -> None:
+    """Let the air off and the actuators go, so that somebody may change shims, plates and the pipe."""
+    steps.depressurise(run)
+    with run.phase("disarm"):
+        run.bench.disarm()
+
+
+def fit_plate(run: Run, diameter: float) -> None:
+    """Fit the orifice plates of this diameter (m) on both sides; the springs are without air."""
+    with run.phase(f"orifice plates of {diameter / mm:g} mm"):
+        run.bench.rig.orifice_diameter = diameter
+
+
+def fit_pipe(run: Run, fitted: Literal["off", "on"]) -> None:
+    """Put the connecting pipe between each bellows and its auxiliary chamber, or take it out again."""
+    with run.phase(f"connecting pipe {fitted}"):
+        run.bench.rig.pipe = fitted
+
+
+def leave_connected(run: Run) -> None:
+    """Open what was isolated, for the air goes through it, and make the bench safe."""
+    with ExitStack() as last_first:
+        last_first.callback(steps.make_safe, run)
+        last_first.callback(run.bench.air.connect_dpv)
+        last_first.callback(run.bench.air.connect_reservoirs)
+
+
+def leave_as_built(run: Run) -> None:
+    """Make the bench safe and fit the plates that it was built with, without a pipe."""
+    with ExitStack() as last_first:
+        last_first.callback(fit_plate, run, PLATE)
+        last_first.callback(fit_pipe, run, "off")
+        last_first.callback(steps.make_safe, run)

@@ -1,0 +1,25 @@
+"""Stiffness and damping against frequency under AW0 (figure 11), with and without the connecting pipe."""
+
+from bench_protocol.units import s
+from test_plans import steps
+from test_plans.by_frequency import frequency_sweep
+from test_plans.fittings import leave_as_built
+from test_plans.loads import AW0
+from test_plans.plan import Run, plan
+
+
+@plan(setup=steps.carry(AW0), teardown=leave_as_built, lasts=370 * s)
+def frequency_sweep_aw0(run: Run) -> None:
+    """Frequency sweep, empty car: lateral and vertical stiffness and damping from 0.1 to 25 Hz.
+
+    Sines of 5 mm at design height, first harmonic, per spring: laterally with the pressure held, vertically with all
+    valves shut. First as the bench is, then with the connecting pipe (1.5 m, 50 mm) and plates of 30 mm, which throttle
+    no more; there once more with 0.5 mm, where little air moves and surges. Where piston speed (0.6 m/s) or force
+    (180 kN vertically, 25 kN laterally, on a bolster of 1200 kg) do not reach, the amplitude is what they allow:
+    vertically from 16 Hz, laterally from 11 Hz down to 0.9 mm. It is kept beside the results, as is the temperature of
+    the gas. A lateral sweep of 0.9 mm shows what is frequency and what is friction at a smaller amplitude.
+
+    Good is damping with its maximum near the natural frequency and little of it at 10 Hz, and with the pipe a stiffness
+    that dips, overshoots and comes back.
+    """
+    frequency_sweep(run, AW0)

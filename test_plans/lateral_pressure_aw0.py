@@ -1,0 +1,27 @@
+"""Lateral stiffness against pressure around AW0 (figure 6a)."""
+
+from typing import Final
+
+from bench_protocol.units import kN, s
+from test_plans import steps
+from test_plans.by_pressure import lateral_stiffness_over_pressure
+from test_plans.fittings import other_load
+from test_plans.loads import AW0
+from test_plans.plan import Run, plan
+
+PRELOADS: Final = tuple(P * kN for P in (43.0, 48.0, 53.5, 59.0, 64.0))
+LOADS: Final = tuple(other_load(AW0, P) for P in PRELOADS)
+
+
+@plan(setup=steps.carry(LOADS[0]), lasts=280 * s)
+def lateral_pressure_aw0(run: Run) -> None:
+    """Lateral stiffness against pressure, empty car.
+
+    Five preloads around 53.5 kN, each on shims of its own, so that bellows and emergency springs stand as designed.
+    The leveling valves find the pressure that carries the load; with height and pressure held, the lateral actuator
+    shears both springs at 0.5 Hz by 10, 5 and 2.5 mm. Stiffness and damping are first harmonics, half of the pair's.
+
+    Good is a spring that grows stiffer with pressure by what its membrane predicts, and softer with amplitude by its
+    friction.
+    """
+    lateral_stiffness_over_pressure(run, AW0, LOADS)

@@ -1,0 +1,28 @@
+"""Lateral stiffness against pressure around AW3 (figure 6b)."""
+
+from typing import Final
+
+from bench_protocol.units import kN, s
+from test_plans import steps
+from test_plans.by_pressure import lateral_stiffness_over_pressure
+from test_plans.fittings import other_load
+from test_plans.loads import AW3
+from test_plans.plan import Run, plan
+
+#: The shims end at 160 kN.
+PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))
+LOADS: Final = tuple(other_load(AW3, P) for P in PRELOADS)
+
+
+@plan(setup=steps.carry(LOADS[0]), lasts=360 * s)
+def lateral_pressure_aw3(run: Run) -> None:
+    """Lateral stiffness against pressure, full car.
+
+    Five preloads around 145 kN, each on shims of its own, so that bellows and emergency springs stand as designed.
+    The leveling valves find the pressure that carries the load; with height and pressure held, the lateral actuator
+    shears both springs at 0.5 Hz by 10, 5 and 2.5 mm. Stiffness and damping are first harmonics, half of the pair's.
+
+    Good is a spring that grows stiffer with pressure by what its membrane predicts, and softer with amplitude by its
+    friction.
+    """
+    lateral_stiffness_over_pressure(run, AW3, LOADS)

@@ -1,0 +1,127 @@
+"""How the springs stand: at design height, sheared and rolled; and what the bench reads there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.table import SIDES
+from bench_protocol.units import mbar, mm, rad, s
+from test_plans import steps
+from test_plans.analysis import straight_line
+from test_plans.geometry import POSE_SIGNALS, pose, roll_of, shear_of, stop_travel_of
+from test_plans.waves import CELLS, PRESSURES, SHEAR_CELLS, TEMPERATURES, pressure_of
+
+if TYPE_CHECKING:
+    from test_plans.plan import Run
+
+POSE_RATE: Final = 40 * mm / s
+POSE_ROLL_RATE: Final = 0.04 * rad / s
+POSE_SETTLE: Final = 0.5 * s
+#: The gas of a filling cools down before the valves are shut.
+COOL: Final = 20 * s
+#: The valves follow one transducer and the tolerance another; then they still have a little to do.
+PRESSURE_BACK: Final = 100 * mbar
+PRESSURE_STEADY: Final = 1.5 * s
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Set-points of the vertical actuators (m) with both springs at design height."""
+
+    left: float
+    right: float
+
+
+def go_home(run: Run) -> Home:
+    """Bring both springs to design height by their lasers; the actuators hold and the air follows its target."""
+    steps.hold_the_height(run)
+    bench = run.bench
+    with run.phase("design height"):
+        heights = bench.averages("left.height", "right.height", over=steps.AVERAGE_OVER)
+        commander = bench.commander
+        left = commander.value("vertical_left.displacement_setpoint") - heights["left.height"]
+        right = commander.value("vertical_right.displacement_setpoint") - heights["right.height"]
+        bench.vertical.move_to(left, right)
+    return Home(left, right)
+
+
+def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, height: float = 0.0) -> None:
+    """Shear, roll and lift both springs (m, rad, m), bolster and platform together; wait until they are there."""
+    commander = run.bench.commander
+    to = pose(shear, roll)
+    targets = {
+        "vertical_left.displacement_setpoint": home.left
+        + height
+        + steps.SPRING_HALF_SPACING * to.bolster_roll,
+        "vertical_right.displacement_setpoint": home.right
+        + height
+        - steps.SPRING_HALF_SPACING * to.bolster_roll,
+        "lateral.displacement_setpoint": to.lateral,
+        "platform.roll_setpoint": to.platform_roll,
+    }
+    ways = {name: abs(end - commander.value(name)) for name, end in targets.items()}
+    pace = {name: POSE_ROLL_RATE if name.startswith("platform.roll") else POSE_RATE for name in ways}
+    longest = max(way / pace[name] for name, way in ways.items())
+    for name, way in ways.items():
+        if way > 0.0:
+            commander.ramp(name, targets[name], way / longest)
+    run.bench.wait_for(
+        lambda: not commander.moving(*targets),
+        within=longest + 1 * s,
+        what="bolster and platform in their pose",
+    )
+    run.bench.wait(POSE_SETTLE)
+
+
+_LOOK: Final = (*POSE_SIGNALS, *CELLS, *SHEAR_CELLS, *PRESSURES, *TEMPERATURES)
+LOOK_OVER: Final = 2 * s
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What the bench reads in one pose (SI), per spring: the mean of both."""
+
+    shear: float
+    height: float
+    roll: float
+    stop_travel: float  #: what the bump stop sees
+    pressure: float  #: gauge, of the bellows
+    temperature: float  #: of the gas in the bellows
+    vertical: float  #: force on the spring, downward
+    lateral: float  #: force that the spring opposes to its shear
+
+
+def look(run: Run, over: float = LOOK_OVER) -> Look:
+    """Read how the springs stand and what they carry, for ``over`` s."""
+    with run.bench.capture(*_LOOK) as capture:
+        run.bench.wait(over)
+    mean, slope = {}, {}
+    for name in _LOOK:
+        mean[name], slope[name] = straight_line(capture.times(name), capture.values(name))
+    # A thermometer that follows with first order reads what was.
+    gas = [mean[name] + steps.THERMOMETER_LAG * slope[name] for name in TEMPERATURES]
+    values = {name: np.array([value]) for name, value in mean.items()}
+    return Look(
+        shear=float(shear_of(values)[0]),
+        height=0.5 * (mean["left.height"] + mean["right.height"]),
+        roll=float(roll_of(values)[0]),
+        stop_travel=float(stop_travel_of(values)[0]),
+        pressure=pressure_of(values),
+        temperature=float(np.mean(gas)),
+        vertical=0.5 * sum(mean[cell] for cell in CELLS),
+        lateral=-0.5 * sum(mean[cell] for cell in SHEAR_CELLS),
+    )
+
+
+def restore_the_air(run: Run, pressures: Mapping[str, float]) -> None:
+    """Give each side the pressure back that it had, from below and from above, and shut the valves."""
+    air = run.bench.air
+    left, right = (pressures[f"{side}.auxiliary_pressure"] for side in SIDES)
+    for change in (air.fill, air.vent):
+        change(left=left, right=right, tolerance=PRESSURE_BACK, within=steps.FILL_WITHIN)
+        run.bench.wait(PRESSURE_STEADY)
+    air.hold()

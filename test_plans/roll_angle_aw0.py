@@ -1,0 +1,28 @@
+"""Lateral stiffness against roll angle under AW0 (figure 10a)."""
+
+from typing import Final
+
+from bench_protocol.units import rad, s
+from test_plans import steps
+from test_plans.by_roll import lateral_stiffness_over_roll
+from test_plans.fittings import leave_connected
+from test_plans.loads import AW0
+from test_plans.plan import Run, plan
+
+ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 9))
+
+
+@plan(setup=steps.carry(AW0), teardown=leave_connected, lasts=280 * s)
+def roll_angle_aw0(run: Run) -> None:
+    """Roll angle, empty car: lateral stiffness at fixed rolls of 0, ±0.01 … ±0.08 rad.
+
+    Both springs stand at design height, 20 mm to the left, all valves shut. The vertical actuators roll the bolster,
+    and the platform rolls against it, so that the bolster stays clear of its bump stop. At each angle, first with the
+    left side up and then with the other, the lateral actuator moves by 5 mm at 1 Hz about the 20 mm: the mean force
+    gives the secant F/y, the motion the first harmonic, both per spring. All of it first with the differential pressure
+    valve isolated, then with it open; what parts the pressures is kept beside.
+
+    Good is coupling as the sheared column predicts: the force at y = +20 mm grows with the left side up, by as much as
+    it falls with the other, and changes little beyond 0.05 rad; the first harmonic does not grow.
+    """
+    lateral_stiffness_over_roll(run, AW0, ANGLES)

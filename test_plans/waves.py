@@ -1,0 +1,89 @@
+"""Sines at any frequency, and what springs answer: complex stiffness per spring, without the bench's own give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import ceil, tau
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+
+from bench_protocol.table import PROGRAM_STATES, SIDES
+from bench_protocol.units import Hz, s
+from test_plans import steps
+from test_plans.analysis import Samples, Stiffness, first_harmonic, whole_cycles, without_lag
+from test_plans.geometry import CENTRE_HEIGHT, LATERAL_ACTUATOR_HEIGHT, LATERAL_FRAME, POSE_SIGNALS, roll_of
+
+if TYPE_CHECKING:
+    from test_plans.plan import Run
+
+SAMPLE_RATE: Final = 200 * Hz
+#: A wave is measured after so long at full amplitude, and for so long, but never less than whole cycles.
+LEAD: Final = 0.5 * s
+MEASURED: Final = 1.0 * s
+#: The generator's count of cycles comes at 50 Hz: so much later a cycle may seem to begin.
+COUNT_LATE: Final = 0.04 * s
+#: From here on the accelerometer tells more of the bolster than the piston behind oil and frame.
+SEISMIC: Final = 3 * Hz
+ACCELEROMETER_LAG: Final = steps.LOAD_CELL_LAG
+
+_GENERATOR: Final = ("rig.program", "rig.generator_cycle")
+CELLS: Final = tuple(f"load_cell.{cell}" for pair in steps.CELLS.values() for cell in pair)
+SHEAR_CELLS: Final = ("load_cell.5", "load_cell.6")
+PRESSURES: Final = tuple(f"{side}.{part}_pressure" for side in SIDES for part in ("bellows", "auxiliary"))
+TEMPERATURES: Final = tuple(f"{side}.bellows_temperature" for side in SIDES)
+_LATERAL: Final = (*POSE_SIGNALS, *SHEAR_CELLS, "lateral.acceleration", *PRESSURES)
+_VERTICAL: Final = (*(f"{side}.height" for side in SIDES), *CELLS, *PRESSURES, *TEMPERATURES)
+
+Values = dict[str, Samples]
+
+
+def shake(
+    run: Run, axis: Literal["vertical", "lateral"], frequency: float, amplitude: float, *, lead: float = LEAD
+) -> tuple[Samples, Values]:
+    """Run a sine (m, Hz) and return times and aligned samples of whole cycles after ``lead`` s at full amplitude."""
+    before = max(1, ceil(lead * frequency))
+    count = max(1 if frequency < 0.3 else 2, ceil(MEASURED * frequency))
+    cycles = before + count + ceil(COUNT_LATE * frequency)
+    cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
+    names = _VERTICAL if axis == "vertical" else _LATERAL
+    with run.bench.capture(*names, *_GENERATOR) as capture:
+        run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=cycles)
+    times, values = capture.aligned(SAMPLE_RATE)
+    running = values["rig.program"] == PROGRAM_STATES.index("RUN")
+    steady = whole_cycles(
+        times, values["rig.generator_cycle"], running, first=before, count=count, frequency=frequency
+    )
+    return times[steady], {name: series[steady] for name, series in values.items()}
+
+
+def vertical_stiffness(times: Samples, values: Values, frequency: float) -> Stiffness:
+    """Complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
+    heights = 0.5 * (values["left.height"] + values["right.height"])
+    loads = 0.5 * np.sum([values[cell] for cell in CELLS], axis=0)
+    X = -without_lag(first_harmonic(times, heights, frequency), steps.LASER_LAG, frequency)
+    F = without_lag(first_harmonic(times, loads, frequency), steps.LOAD_CELL_LAG, frequency)
+    return Stiffness(F / X, frequency, abs(X))
+
+
+def lateral_stiffness(times: Samples, values: Values, frequency: float) -> Stiffness:
+    """Complex lateral stiffness per spring (half of the pair's), free of what frame and bolster give way."""
+
+    def of(name: str, lag: float) -> complex:
+        return without_lag(first_harmonic(times, values[name], frequency), lag, frequency)
+
+    roll = without_lag(first_harmonic(times, roll_of(values), frequency), steps.LASER_LAG, frequency)
+    if frequency < SEISMIC:
+        pinned = of("lateral.displacement", steps.TRANSDUCER_LAG)
+        pinned -= of("lateral.force", steps.TRANSDUCER_LAG) / LATERAL_FRAME
+        X = pinned + (CENTRE_HEIGHT + LATERAL_ACTUATOR_HEIGHT) * roll
+    else:
+        centre = -of("lateral.acceleration", ACCELEROMETER_LAG) / (tau * frequency) ** 2
+        X = centre + CENTRE_HEIGHT * roll
+    F = -0.5 * sum(of(cell, steps.LOAD_CELL_LAG) for cell in SHEAR_CELLS)
+    return Stiffness(F / X, frequency, abs(X))
+
+
+def pressure_of(values: Mapping[str, Samples]) -> float:
+    """Mean gauge pressure of both bellows (Pa)."""
+    return float(np.mean([values[f"{side}.bellows_pressure"].mean() for side in SIDES]))
