@@ -171,7 +171,9 @@ def parameters_page() -> str:
     )
     for title, rows in _parameter_tables(tomllib.loads(PARAMETER_FILE.read_text(encoding="utf-8"))):
         print(f"## {title}\n", file=out)
-        print("| parameter | value | unit | range | provenance | source |\n|---|---|---|---|---|---|", file=out)
+        print(
+            "| parameter | value | unit | range | provenance | source |\n|---|---|---|---|---|---|", file=out
+        )
         for name, row in rows.items():
             cells = (_shown(row["value"]), row["unit"], f"{_shown(row['min'])} to {_shown(row['max'])}")
             print(f"| `{name}` | {' | '.join(cells)} | {row['provenance']} | {row['source']} |", file=out)

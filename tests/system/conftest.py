@@ -1,0 +1,369 @@
+"""A rig to test against, on each of its three wires: in memory, on the TCP hub, on SocketCAN."""
+
+import io
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from astb.cli import main as astb_main
+from bench_protocol.can_codec import Decoder
+from bench_protocol.clock import RealClock, VirtualClock, wall_time_ns
+from bench_protocol.frames import Block, join
+from bench_protocol.table import STATES, TABLE
+from bench_protocol.units import NS
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from bench_sim.rig.tick import TICK_NS
+from drivers.bench import Bench
+from drivers.can_port import CanPort, has_interface, open_can
+from drivers.memory import InMemoryCan
+from drivers.modbus_port import InMemoryModbus, ModbusPort, open_modbus
+
+ASTB = [sys.executable, "-m", "astb"]
+ROOT = Path(__file__).parents[2]
+ANYWHERE = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
+SIMULATED = 'name = "test"\n[simulation]\nseed = 1\n'
+IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
+PERIOD = {message.identifier: 1 / message.rate for message in TABLE.messages if message.rate}
+
+
+class Listener:
+    """Somebody else on the bus, who hears what rig and commander say, in the bus's order."""
+
+    def __init__(self, port: CanPort) -> None:
+        self.port = port
+        self._blocks: list[Block] = []
+        port.subscribe(self._blocks.append)
+
+    def frames(self) -> Block:
+        return join(list(self._blocks))
+
+    def positions(self, message: str) -> np.ndarray:
+        """Return where in ``frames()`` the frames of ``message`` stand."""
+        return np.flatnonzero(self.frames()["id"] == IDENTIFIER[message])
+
+    def series(self, signal: str) -> np.ndarray:
+        """Return all values of ``signal``, as our own codec decodes them."""
+        samples = Decoder(TABLE).decode(self.frames())
+        return samples.values[samples.signals == TABLE.index[signal]]
+
+    def states(self) -> list[str]:
+        """Return the states of the bench in their order; but for the reaction of one tick, which few messages catch."""
+        names = [STATES[int(code)] for code in self.series("rig.state")]
+        return [name for name, _ in groupby(names) if name != "FAULT_REACTION"]
+
+    def rig_time(self, start: int, end: int) -> float:
+        """Return how much of the rig's time (s) passed between two positions: it sends a sample every 5 ms."""
+        samples = self.positions("SpringLeft")
+        return float(((samples > start) & (samples < end)).sum() * PERIOD[IDENTIFIER["SpringLeft"]])
+
+
+class Site:
+    """A place where a rig runs, and all ways to it."""
+
+    transport: str
+    clock: VirtualClock | RealClock
+    epoch = 0
+    #: Whether the rig can tell who sent a CAN frame, and that he is gone: a bus without connections does not.
+    connections = True
+    _shared: Bench | None = None
+
+    def can(self) -> CanPort:
+        raise AssertionError
+
+    def modbus(self) -> ModbusPort:
+        raise AssertionError
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until(self.clock.now() + round(seconds * NS))
+
+    def bench(self, token: int = 1) -> Bench:
+        """Return a bench, not yet connected."""
+        return Bench(self.can(), self.modbus(), self.clock, self.epoch, token=token)
+
+    def shared(self) -> Bench:
+        """Return a connected bench that tests use one after the other: arming takes a second of real time."""
+        if self._shared is None:
+            self._shared = self.bench()
+            self._shared.connect()
+        return self._shared
+
+    def close_shared(self) -> None:
+        if self._shared is not None:
+            self._shared.close()
+            self._shared = None
+
+    @contextmanager
+    def listening(self) -> Iterator[Listener]:
+        listener = Listener(self.can())
+        try:
+            yield listener
+        finally:
+            listener.port.close()
+
+
+class MemorySite(Site):
+    """Rig and clients in this process, in virtual time, on a bus that is a loop over its ports."""
+
+    transport = "memory"
+
+    def __init__(self) -> None:
+        self.rig, self.clock = Rig(load(), seed=1), VirtualClock()
+        self.ports: list[_MemoryPort] = []
+        self.clients = 0
+        self._done = 0
+        self.clock.attach(self._advance)
+
+    def _advance(self, until: int) -> None:
+        ticks = until // TICK_NS - self._done
+        if ticks > 0:
+            self._done += ticks
+            self.spread(self.rig.run(ticks))
+
+    def spread(self, block: Block, sender: "_MemoryPort | None" = None) -> None:
+        for port in self.ports:
+            if port is not sender:
+                port.deliver(block)
+
+    def can(self) -> CanPort:
+        return _MemoryPort(self)
+
+    def modbus(self) -> ModbusPort:
+        return _MemoryModbus(self)
+
+    def press_estop(self) -> None:
+        self.rig.press_estop()
+
+    def release_estop(self) -> None:
+        self.rig.release_estop()
+
+    def name(self, kind: str) -> str:
+        self.clients += 1
+        return f"{kind}:{self.clients}"
+
+
+class _MemoryPort(InMemoryCan):
+    def __init__(self, site: MemorySite) -> None:
+        super().__init__(self._out)
+        self._site, self._name = site, site.name("can")
+        site.ports.append(self)
+
+    def _out(self, block: Block) -> None:
+        stamped = block.copy()
+        stamped["time"] = self._site.clock.now()
+        self._site.spread(stamped, self)
+        self._site.rig.receive(stamped, self._name)
+
+    def close(self) -> None:
+        super().close()
+        if self in self._site.ports:
+            self._site.ports.remove(self)
+            self._site.rig.peer_lost(self._name)
+
+
+class _MemoryModbus(InMemoryModbus):
+    def __init__(self, site: MemorySite) -> None:
+        self._site, self._name = site, site.name("modbus")
+        super().__init__(lambda request: site.rig.answer(request, self._name))
+
+    def close(self) -> None:
+        super().close()
+        self._site.rig.peer_lost(self._name)
+
+
+class RigProcess:
+    """``astb rig`` in a process of its own."""
+
+    def __init__(self, *options: str, rig_file: Path) -> None:
+        command = [*ASTB, "rig", "--rig", str(rig_file), *options]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, cwd=ROOT)
+        self.ready = self._first_line()
+        parts = dict(part.split("=", 1) for part in self.ready.split()[1:])
+        self.can, self.modbus_port = parts["can"], int(parts["modbus"].rpartition(":")[2])
+        self.can_port = int(self.can.rpartition(":")[2]) if "://" in self.can else None
+
+    def _first_line(self) -> str:
+        out = self.process.stdout
+        assert out is not None
+        line = out.readline() if select.select([out], [], [], 100)[0] else ""
+        if not line.startswith("ready "):
+            self.process.kill()
+            raise AssertionError(f"the rig said {line!r} and {self.process.communicate()[1]!r}")
+        return line.strip()
+
+    def tell(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def stop(self) -> str:
+        """End it if it still runs; return what it complained about."""
+        self.process.terminate()
+        try:
+            return self.process.communicate(timeout=5)[1]
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.communicate()
+            raise
+
+
+class LiveSite(Site):
+    """A rig process in real time."""
+
+    def __init__(self, transport: str, rig: RigProcess) -> None:
+        self.transport, self.rig, self.clock = transport, rig, RealClock()
+        self.epoch = wall_time_ns() - self.clock.now()
+        self.connections = transport == "tcp"
+
+    def can(self) -> CanPort:
+        if self.rig.can_port is None:
+            return open_can(self.rig.can)
+        return open_can("tcp", port=self.rig.can_port)
+
+    def modbus(self) -> ModbusPort:
+        return open_modbus("127.0.0.1", self.rig.modbus_port, timeout=2.0)
+
+    def press_estop(self) -> None:
+        self.rig.tell(signal.SIGUSR1)
+
+    def release_estop(self) -> None:
+        self.rig.tell(signal.SIGUSR2)
+
+
+@pytest.fixture(scope="session")
+def rig_file(tmp_path_factory) -> Path:
+    """A rig file for a simulated rig; ports come from options."""
+    path = tmp_path_factory.mktemp("rig") / "rig.toml"
+    path.write_text(SIMULATED)
+    return path
+
+
+@pytest.fixture
+def start_rig(rig_file) -> Iterator[Callable[..., RigProcess]]:
+    """Start ``astb rig`` with the given options; whatever still runs at the end is stopped."""
+    started: list[RigProcess] = []
+
+    def start(*options: str, file: Path = rig_file) -> RigProcess:
+        started.append(RigProcess(*(options or ANYWHERE), rig_file=file))
+        return started[-1]
+
+    yield start
+    for rig in started:
+        if rig.process.returncode is None:
+            rig.stop()
+
+
+TRANSPORTS = ("memory", "tcp", pytest.param("socketcan", marks=pytest.mark.vcan))
+
+
+@pytest.fixture(scope="session", params=TRANSPORTS)
+def site(request, rig_file) -> Iterator[Site]:
+    """A running rig that all tests of a transport share, as people do; each leaves it disarmed."""
+    if request.param == "memory":
+        yield MemorySite()
+        return
+    if request.param == "socketcan" and not has_interface("vcan0"):
+        pytest.skip("this kernel has no vcan0; `make test-vcan` runs these where there is one")
+    door = "vcan0" if request.param == "socketcan" else "tcp"
+    rig = RigProcess("--can", door, "--can-port", "0", "--modbus-port", "0", rig_file=rig_file)
+    try:
+        site = LiveSite(request.param, rig)
+        yield site
+        site.close_shared()
+    finally:
+        complaints = rig.stop()
+    assert complaints == "", "the rig complained"
+    assert rig.process.returncode == 0
+
+
+@pytest.fixture(scope="session")
+def memory_site() -> Callable[[], MemorySite]:
+    """Make a new rig in memory."""
+    return MemorySite
+
+
+@pytest.fixture
+def bench(site) -> Iterator[Bench]:
+    """A connected bench of this test's own, disarmed."""
+    site.close_shared()
+    bench = site.bench()
+    bench.connect()
+    try:
+        yield bench
+    finally:
+        site.release_estop()
+        bench.close()
+
+
+@pytest.fixture
+def armed(site) -> Iterator[Bench]:
+    """A bench that is ACTIVE, with all axes at what is measured; shared, so that tests leave it able to be armed."""
+    bench = site.shared()
+    try:
+        bench.arm()
+        yield bench
+    except BaseException:
+        site.close_shared()
+        raise
+    finally:
+        site.release_estop()
+
+
+@pytest.fixture(scope="session")
+def astb_command() -> list[str]:
+    return ASTB
+
+
+@pytest.fixture(scope="session")
+def listen() -> Callable[[CanPort], AbstractContextManager[Listener]]:
+    """Listen on a CAN port while the block lasts."""
+
+    @contextmanager
+    def listening(port: CanPort) -> Iterator[Listener]:
+        try:
+            yield Listener(port)
+        finally:
+            port.close()
+
+    return listening
+
+
+@pytest.fixture(scope="session")
+def astb_here() -> Callable[..., tuple[int, str, str]]:
+    """Run ``astb`` in this process, which has everything loaded already: exit code, stdout, stderr."""
+
+    def run(directory: Path, *arguments: object) -> tuple[int, str, str]:
+        out, err = io.StringIO(), io.StringIO()
+        handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+            patch.chdir(directory)
+            patch.setenv("COLUMNS", "200")
+            patch.setattr(sys, "argv", ["astb", *map(str, arguments)])
+            with pytest.raises(SystemExit) as end:
+                astb_main()
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        return end.value.code, out.getvalue(), err.getvalue()
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def eventually() -> Callable[..., None]:
+    """Wait in real time until something is true; fail, with what it was, if that takes too long."""
+
+    def wait(condition: Callable[[], object], within: float = 5.0, what: str = "the condition") -> None:
+        deadline = time.monotonic() + within
+        while not condition():
+            assert time.monotonic() < deadline, f"{what} did not come true within {within} s"
+            time.sleep(0.005)
+
+    return wait

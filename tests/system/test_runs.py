@@ -1,0 +1,298 @@
+"""`astb run` from one end to the other: verdicts, bytes, broken rigs, killed processes, and what is left behind."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from astb.cli import BLOCKED, FAIL, PASS
+from bench_protocol.table import HOLD_AFTER, STATES, TABLE
+from bench_protocol.units import ms
+from bench_records.record import read
+from drivers.can_port import open_can
+from drivers.errors import LinkLost
+from drivers.modbus_port import open_modbus
+
+FILES = ("junit.xml", "meta.json", "record.parquet", "report.html", "result.json")
+VIRTUAL = 'name = "virtual"\ntime = "virtual"\n[simulation]\n'
+LIVE = """name = "live"
+[can]
+bus = "tcp"
+port = {can}
+[modbus]
+port = {modbus}
+[simulation]
+"""
+#: Broken in the product, and in what the product needs.
+WIDE_ORIFICE = VIRTUAL + '[simulation.change]\norifice_diameter = "18 mm"\n'
+WEAK_SUPPLY = VIRTUAL + '[simulation.change]\nsupply_pressure = "1.2 bar"\n'
+
+
+class Done:
+    """A run of plans that has ended: what it said, its exit code, its files."""
+
+    def __init__(self, directory: Path, said: str = "", code: int = -1) -> None:
+        self.directory, self.said, self.code = directory, said, code
+
+    def files(self, plan: str = "aw0") -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (self.directory / "runs" / plan).iterdir()}
+
+    def result(self, plan: str = "aw0") -> dict:
+        return json.loads(self.files(plan)["result.json"])
+
+    def phases(self, plan: str = "aw0") -> list[str]:
+        return [phase["name"] for phase in self.result(plan)["phases"]]
+
+
+class Started(Done):
+    """`astb run` in the background."""
+
+    def __init__(self, command: list[str], directory: Path, **environment: str) -> None:
+        super().__init__(directory)
+        pipe = subprocess.PIPE
+        environment = {**os.environ, "COLUMNS": "200", **environment}
+        # A session of its own, so that nothing but the test ends it.
+        self.process = subprocess.Popen(
+            command,
+            cwd=directory,
+            env=environment,
+            stdout=pipe,
+            stderr=pipe,
+            text=True,
+            start_new_session=True,
+        )
+
+    def end(self, within: float = 100) -> int:
+        """Wait for its end; return the exit code, and keep what it said."""
+        out, err = self.process.communicate(timeout=within)
+        self.said, self.code = out + err, self.process.returncode
+        return self.code
+
+
+@pytest.fixture(scope="module")
+def launch(tmp_path_factory, astb_command) -> Iterator[Callable[..., Started]]:
+    """Start `astb run` in a directory of its own; what still runs at the end is killed."""
+    launched: list[Started] = []
+
+    def start(*arguments: str, rig: str, **environment: str) -> Started:
+        directory = tmp_path_factory.mktemp("run")
+        (directory / "rig.toml").write_text(rig)
+        launched.append(
+            Started([*astb_command, "run", "--rig", "rig.toml", *arguments], directory, **environment)
+        )
+        return launched[-1]
+
+    yield start
+    for run in launched:
+        run.process.kill()
+        run.process.communicate()
+
+
+# -- in virtual time ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run_here(tmp_path_factory, astb_here) -> Callable[..., Done]:
+    """Run `astb run` in this process."""
+
+    def run(*arguments: str, rig: str) -> Done:
+        directory = tmp_path_factory.mktemp("run")
+        (directory / "rig.toml").write_text(rig)
+        code, out, err = astb_here(directory, "run", "--rig", "rig.toml", *arguments)
+        return Done(directory, out + err, code)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def seeded(launch, run_here) -> dict[str, Done]:
+    """A plan with seed 3 here and in another process, whose sets have another order; and one with seed 4."""
+    away = launch("aw0", "--virtual", "--seed", "3", rig=VIRTUAL, PYTHONHASHSEED="1")
+    runs = {
+        "here": run_here("aw0", "--virtual", "--seed", "3", rig=VIRTUAL),
+        "away": away,
+        "other": run_here("aw0", "--virtual", "--seed", "4", rig=VIRTUAL),
+    }
+    away.end()
+    for run in runs.values():
+        assert run.code == PASS, run.said
+    return runs
+
+
+def test_the_same_seed_gives_the_same_bytes(seeded):
+    first, second = seeded["here"], seeded["away"]
+    assert sorted(first.files()) == sorted(FILES)
+    for name in FILES:
+        assert first.files()[name] == second.files()[name], name
+    assert first.result()["seed"] == 3
+    assert first.said == second.said
+
+
+def test_another_seed_gives_other_bytes_and_the_same_verdict(seeded):
+    first, other = seeded["here"], seeded["other"]
+    for name in FILES:
+        assert first.files()[name] != other.files()[name], name
+    one, two = first.result(), other.result()
+    assert [check["name"] for check in one["checks"]] == [check["name"] for check in two["checks"]]
+    assert one["checks"] != two["checks"]
+
+
+def test_a_fault_of_the_product_fails(run_here):
+    run = run_here("aw0", rig=WIDE_ORIFICE)
+    assert run.code == FAIL, run.said
+    assert "aw0: FAIL" in run.said
+    bad = {check["name"] for check in run.result()["checks"] if check["verdict"] == "fail"}
+    assert any(name.endswith("vertical c at 1 Hz") for name in bad), "damping is what an orifice is for"
+    assert not any("pressure in" in name or "lateral" in name for name in bad), "and of nothing else"
+    assert "tear-down" in run.phases()
+
+
+def test_a_broken_precondition_blocks(run_here):
+    """A supply of 1.2 bar fills no spring: that says nothing of the spring."""
+    run = run_here("aw0", rig=WEAK_SUPPLY)
+    assert run.code == BLOCKED, run.said
+    assert "aw0: BLOCKED: the rig: left filled to" in run.said
+    assert run.result()["verdict"] == "blocked"
+    assert sorted(run.files()) == sorted(FILES), "a blocked run is recorded and reported too"
+    assert "tear-down" in run.phases()
+    states = [event.text for event in read(run.directory / "runs" / "aw0").events if event.kind == "state"]
+    assert states[-1] == "rig.state: DISABLED", "tear-down ran to its end"
+
+
+def test_a_link_that_breaks_blocks(run_here, monkeypatch):
+    """The bus in memory is cut after 20 s, in the midst of the plan."""
+    from drivers.memory import InMemoryCan
+
+    delivered = InMemoryCan.deliver
+
+    def deliver(self, block):
+        delivered(self, block)
+        if block.size and block["time"][-1] > 20e9:
+            self.lose("somebody cut the cable")
+
+    monkeypatch.setattr(InMemoryCan, "deliver", deliver)
+    run = run_here("aw0", rig=VIRTUAL)
+    assert run.code == BLOCKED, run.said
+    assert "aw0: BLOCKED: the link to the rig: the CAN bus is lost: somebody cut the cable" in run.said
+    assert sorted(run.files()) == sorted(FILES)
+    assert "tear-down" in run.phases()
+    assert 19 < read(run.directory / "runs" / "aw0").duration < 40
+
+
+def test_the_report_can_be_made_anew(seeded, astb_here):
+    run = seeded["here"]
+    directory = run.directory / "runs" / "aw0"
+    before = run.files()
+    (directory / "report.html").unlink()
+    code, out, err = astb_here(run.directory, "report", "runs/aw0")
+    assert (code, out, err) == (PASS, "runs/aw0/report.html\n", "")
+    assert run.files() == before
+
+
+# -- over sockets: processes that die ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def ports() -> dict[str, int]:
+    """Two ports of the loopback that were free just now."""
+    with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as other:
+        return {"can": one.getsockname()[1], "modbus": other.getsockname()[1]}
+
+
+def state(ports: dict[str, int]) -> str:
+    """Return the state of the rig at ``ports``, "" if none is there."""
+    register = next(r for r in TABLE.registers if r.signal == "rig.state" and r.encoding == "int16")
+    try:
+        modbus = open_modbus("127.0.0.1", ports["modbus"])
+        code = modbus.read_input(register.address, 1)[0]
+        modbus.close()
+    except LinkLost:
+        return ""
+    return STATES[code]
+
+
+@pytest.mark.slow
+def test_a_killed_rig_blocks_the_run(launch, start_rig, eventually):
+    rig = start_rig()
+    ports = {"can": rig.can_port, "modbus": rig.modbus_port}
+    run = launch("aw0", rig=LIVE.format(**ports))
+    eventually(lambda: state(ports) == "ACTIVE", within=100, what="ACTIVE")
+    rig.process.kill()
+    start = time.monotonic()
+    assert run.end() == BLOCKED
+    assert time.monotonic() - start < 20
+    assert "aw0: BLOCKED: the link to the rig: " in run.said
+    assert "tear-down" in run.phases()
+    assert sorted(run.files()) == sorted(FILES)
+    assert "Traceback" not in run.said
+
+
+@pytest.mark.slow
+def test_a_killed_run_leaves_the_bench_in_hold_and_a_record(launch, start_rig, eventually, astb_here, listen):
+    rig = start_rig()
+    ports = {"can": rig.can_port, "modbus": rig.modbus_port}
+    run = launch("aw0", rig=LIVE.format(**ports))
+    stream = run.directory / "runs" / "aw0" / "record.arrows"
+    with listen(open_can("tcp", port=rig.can_port)) as heard:
+        eventually(lambda: "ACTIVE" in heard.states(), within=100, what="ACTIVE")
+        size = stream.stat().st_size
+        eventually(lambda: stream.stat().st_size > size, what="a second batch of the record")
+        run.process.kill()
+        run.process.communicate()
+        eventually(lambda: heard.positions("Emergency").size, what="an emergency message")
+        last = heard.positions("Control")[-1]
+        assert heard.rig_time(last, heard.positions("Emergency")[0]) <= HOLD_AFTER + 10 * ms
+        eventually(lambda: heard.states()[-1] == "FAULT_HOLD", what="FAULT_HOLD")
+    directory = run.directory / "runs" / "aw0"
+    code, _, err = astb_here(run.directory, "report", directory)
+    assert (code, err) == (PASS, "")
+    assert sorted(path.name for path in directory.iterdir()) == ["meta.json", "record.parquet", "report.html"]
+    record = read(directory)
+    assert record.duration > 1
+    assert record.series("rig.state")[1][-1] == STATES.index("ACTIVE")
+
+
+@pytest.mark.slow
+def test_a_run_that_is_stopped_tears_down_and_takes_its_rig_along(launch, ports, eventually):
+    """`astb run` starts the rig that does not answer; Ctrl-C in a terminal goes to the whole process group."""
+    run = launch("aw0", rig=LIVE.format(**ports))
+    eventually(lambda: state(ports) == "ACTIVE", within=100, what="ACTIVE")
+    os.killpg(run.process.pid, signal.SIGINT)
+    assert run.end() == BLOCKED
+    assert "stopped by the operator" in run.result()["reason"]
+    assert "in tear-down" not in run.result()["reason"]
+    assert "Traceback" not in run.said
+    assert state(ports) == "", "the rig is gone"
+
+
+@pytest.mark.slow
+def test_a_terminated_run_tears_down_too(launch, ports, eventually):
+    run = launch("aw0", rig=LIVE.format(**ports))
+    eventually(lambda: state(ports) == "ACTIVE", within=100, what="ACTIVE")
+    run.process.terminate()
+    assert run.end() == BLOCKED
+    assert "in tear-down" not in run.result()["reason"]
+    assert state(ports) == "", "the rig is gone"
+
+
+@pytest.mark.slow
+def test_a_rig_outlives_nobody_who_started_it(launch, ports, eventually):
+    run = launch("aw0", rig=LIVE.format(**ports))
+    eventually(lambda: state(ports) == "ACTIVE", within=100, what="ACTIVE")
+    run.process.kill()
+    run.process.communicate()
+    eventually(lambda: state(ports) == "", what="the end of the rig")
+
+
+def test_a_rig_that_cannot_be_started_blocks(run_here, ports):
+    with socket.create_server(("127.0.0.1", ports["can"])):
+        run = run_here("aw0", rig=LIVE.format(**ports))
+    assert run.code == BLOCKED
+    assert f"the rig could not be started: CAN port {ports['can']} on 127.0.0.1 cannot be opened" in run.said
+    assert state(ports) == ""
