@@ -176,7 +176,7 @@ class _Sink:
         self._recorder = recorder
         self._table = table
         self._kinds = {table.index[name]: kind for name, kind in _TOLD.items()}
-        self._last = dict.fromkeys(self._kinds, 0.0)
+        self._last = np.zeros(len(table.signals))
         self._watched = np.zeros(len(table.signals), np.bool_)
         self._watched[list(self._kinds)] = True
 
@@ -184,10 +184,15 @@ class _Sink:
         self, times: npt.NDArray[np.int64], rows: npt.NDArray[np.int64], values: npt.NDArray[np.float64]
     ) -> None:
         self._recorder.append(times, self._column[rows], values)
-        places = np.flatnonzero(self._watched[rows])
-        samples = zip(times[places].tolist(), rows[places].tolist(), values[places].tolist(), strict=True)
-        # The cause comes in the same frame as the state that it led to, and is told first.
-        for time, row, value in sorted(samples, key=lambda sample: (sample[0], -sample[1])):
+        places = self._watched[rows].nonzero()[0]
+        if (values[places] != self._last[rows[places]]).any():
+            self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
+
+    def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
+        """Tell every change; the cause comes in the same frame as the state that it led to, and is told first."""
+        for time, row, value in sorted(
+            zip(times, rows, values, strict=True), key=lambda one: (one[0], -one[1])
+        ):
             if value != self._last[row] and not isnan(value):
                 self._last[row] = value
                 self._tell(time, row, value)

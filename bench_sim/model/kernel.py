@@ -133,6 +133,22 @@ def runge_kutta(x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: A
     mem.time = t + dt
 
 
+@compiled
+def step(
+    x: Any, mem: Any, u: Any, par: Any, dt: float, pieces: int, work: Any, out: Any, values: Any
+) -> None:
+    """One fixed step in place, integrated in ``pieces``; the rest is the caller's working memory.
+
+    Shapes: ``work`` (5, STATES), ``out`` (ALGEBRAICS), ``values`` (SENSORS).
+    """
+    begin_step(x, mem, u, par, dt, work[0], out, values)
+    for piece in range(pieces):
+        if piece > 0:
+            evaluate(mem.time, x, mem, u, par, work[0], out)
+        runge_kutta(x, mem, u, par, dt / pieces, work, out)
+    mem.step += 1
+
+
 @compiled_entry
 def advance_many(x: Any, mem: Any, u: Any, par: Any, dt: float, steps: int) -> None:
     """``steps`` fixed steps in place with the inputs held; a fitted pipe divides what is integrated (`pipe_steps`)."""
@@ -141,12 +157,7 @@ def advance_many(x: Any, mem: Any, u: Any, par: Any, dt: float, steps: int) -> N
     values = np.empty(SENSORS)
     pieces = pipe_steps(par, dt)
     for _ in range(steps):
-        begin_step(x, mem, u, par, dt, work[0], out, values)
-        for piece in range(pieces):
-            if piece > 0:
-                evaluate(mem.time, x, mem, u, par, work[0], out)
-            runge_kutta(x, mem, u, par, dt / pieces, work, out)
-        mem.step += 1
+        step(x, mem, u, par, dt, pieces, work, out, values)
 
 
 @compiled_entry

@@ -52,7 +52,9 @@ class Vehicle:
         self, parameters: Any, car: Any, *, leveling: bool = False, dpv: bool = True, dt: float = STEP
     ) -> None:
         if np.any(parameters.pipe_length):
-            raise ValueError("pipe_length is not 0: the vehicle's step of 1 ms is too long for a pipe; take it out")
+            raise ValueError(
+                "pipe_length is not 0: the vehicle's step of 1 ms is too long for a pipe; take it out"
+            )
         own = np.array([parameters], PARAMETERS).view(np.recarray)
         self.car_array = np.array([car], CAR).view(np.recarray)
         self.car: Any = self.car_array[0]

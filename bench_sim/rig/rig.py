@@ -79,6 +79,7 @@ for _axis in ("vertical", "lateral", "roll"):
 #: More command frames than this in one block are a flood; what comes after is not heard.
 _CHANGES_MAX: Final = 4096
 _ENABLE, _HOLD, _ACTIVE, _RESET = 1, 2, 4, 8
+_REJECTED: Final = TABLE.index["rig.rejected_commands"]
 _CONTROL: Final = TABLE.index["control.enable"]
 #: The connecting pipe that lies beside the bench, and up to which gauge pressure somebody may open a flange.
 _PIPE_LENGTH: Final = 1.5 * m
@@ -182,8 +183,10 @@ class Rig:
             stamped = block[:_CHANGES_MAX].copy()
             stamped["time"] = int(self._controls["tick"]) * TICK_NS
             samples = self._decoder.decode(stamped)
-            rejected = self._decoder.tally[Tally.CORRUPT : Tally.OUT_OF_SEQUENCE + 1].sum()
-            self._set("rig.rejected_commands", float(rejected))
+            tally = self._decoder.tally
+            self.values[_REJECTED] = (
+                tally[Tally.CORRUPT] + tally[Tally.REPEATED] + tally[Tally.OUT_OF_SEQUENCE]
+            )
             if samples.signals.size:
                 self._commander = peer
                 count = self._take_commands(

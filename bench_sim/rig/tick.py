@@ -13,9 +13,12 @@ import numpy as np
 from bench_protocol.can_codec import encode_into
 from bench_protocol.table import AIR_MODES, AXES, CONTROL_MODES, DISABLE_AFTER, HOLD_AFTER, TICK, WAVES
 from bench_protocol.units import NS, bar, mbar
+from bench_sim.model.algebraic import ALGEBRAICS
 from bench_sim.model.compiled import compiled, compiled_entry
-from bench_sim.model.kernel import advance, measure
-from bench_sim.model.layout import Input, Mode, Sensor
+from bench_sim.model.kernel import observe, step
+from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
+from bench_sim.model.pipe import pipe_steps
+from bench_sim.model.sensors import read_sensors
 
 TICK_NS: Final = round(TICK * NS)
 #: Set-points arrive at 50 Hz; the rig draws a straight line to each within one such period.
@@ -316,6 +319,8 @@ def run_ticks(
     a tick.
     """
     c, mem, par = controls[0], memory[0], parameters[0]
+    work, algebraic, ideal = np.empty((5, STATES)), np.empty(ALGEBRAICS), np.empty(SENSORS)
+    pieces = pipe_steps(par, TICK)
     position = 0
     happened = 0
     done = 0
@@ -326,9 +331,10 @@ def run_ticks(
         left = values[sensor_rows[Sensor.LEFT_AUXILIARY_PRESSURE]]
         right = values[sensor_rows[Sensor.RIGHT_AUXILIARY_PRESSURE]]
         _drive(c, u, left, right)
-        advance(x, mem, u, par, TICK)
+        step(x, mem, u, par, TICK, pieces, work, algebraic, ideal)
         if c.tick % FAST == 0:
-            measure(x, mem, u, par, c.tick // FAST, readings)
+            observe(x, mem, u, par, work[0], algebraic, ideal)
+            read_sensors(mem, par, ideal, c.tick // FAST, readings)
             for k in range(readings.size):
                 values[sensor_rows[k]] = readings[k]
             happened |= _detect(values, detectors)

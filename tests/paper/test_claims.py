@@ -24,7 +24,7 @@ DOES_NOT_HOLD = {
 }
 
 #: About a second or more each; the others take a few tenths.
-LONG = {"A02", "A10", "A11", "A16", "A25", "A27", "T2", "T10", "T11"}
+LONG = {"A02", "A10", "A11", "A16", "A21", "A24", "A25", "A27", "T2", "T10", "T11"}
 
 
 def failing(entries):
@@ -92,6 +92,7 @@ FIGURES = {
     ("A16", "plant", "ratio_AW0"): (1.52, 0.02),
     ("A19", "plant", "secant_with_AW0_0.05"): (179e3, 0.02),
     ("A20", "plant", "down_AW0"): (1.32e3, 0.01),
+    ("A21", "plant", "overshoot_AW0"): (1.8, 0.05),
     ("A22", "plant", "AW0"): (0.067, 0.02),
     ("A23", "plant", "time"): (17.0, 0.01),
     ("A23", "plant", "with_emergency_spring"): (18.6, 0.01),
@@ -134,8 +135,10 @@ NO_FRICTION = {"friction_vertical": 0, "friction_lateral": 0, "friction_lateral_
 MUTATIONS = {
     "wider orifice": ("plant", {"orifice_diameter": 18 * mm}, "A22", "A12 A14 A23"),
     "wider orifice over frequency": ("plant", {"orifice_diameter": 18 * mm}, "A11 T10", "A10 T5"),
-    "very wide orifice": ("plant", {"orifice_diameter": 35 * mm}, "A03 T4", "A04 A15"),
-    "poor discharge": ("plant", {"discharge_coefficient": 0.3}, "A12 A21 T5", "A07 A20"),
+    "very wide orifice": ("plant", {"orifice_diameter": 35 * mm}, "A03", "A04 A15"),
+    "no restriction": ("plant", {"orifice_diameter": 35 * mm}, "T4", ""),
+    "poor discharge": ("plant", {"discharge_coefficient": 0.3}, "A12 T5", "A07 A20"),
+    "lossy pipe": ("plant", {"discharge_coefficient": 0.3}, "A21", "T7"),
     "no membrane": ("plant", {"membrane_length": 0}, "A14 A15", "A01 A03 A18"),
     "nothing that pressure stiffens": (
         "plant",
@@ -147,7 +150,7 @@ MUTATIONS = {
     "no friction": ("plant", NO_FRICTION, "A28", "A14 A18"),
     "no friction in amplitude": ("plant", NO_FRICTION, "A16 T2", ""),
     "stiff rubber": ("plant", {"friction_vertical": 3000.0}, "A22", "A12"),
-    "leak": ("plant", {"leak_conductance": 1e-9}, "A07 A08 A29", "A09 A30"),
+    "leak": ("plant", {"leak_conductance": 1e-9}, "A07 A29", "A09 A30"),
     "warm hall": ("plant", {"ambient_temperature": 323.0}, "A24", "A09"),
     "no heat exchange": (
         "plant",
@@ -158,8 +161,8 @@ MUTATIONS = {
     "thin wall": ("plant", {"wall_heat_capacity": 300.0}, "A06", "A05"),
     "wide laminar zone": ("plant", {"laminar_limit": 0.99}, "A05 A10", "A04 A06"),
     "other area": ("plant", {"effective_area": 0.3}, "A01", "A09 A20"),
-    "no coupling": ("plant", {"coupling_sign": 0}, "A19 A20", "A14 A17"),
-    "wide leveling valve": ("plant", {"fill_conductance": 4e-8}, "A23", "A01 A24"),
+    "no coupling": ("plant", {"coupling_sign": 0}, "A19 A20", "A14"),
+    "wide leveling valve": ("plant", {"fill_conductance": 4e-8}, "A23", "A03"),
     "early differential pressure valve": (
         "plant",
         {"dpv_opening": 0.9 * bar, "dpv_reclosing": 0.7 * bar},
@@ -172,10 +175,13 @@ MUTATIONS = {
     "low pressure ratio": ("paper", {"pressure_ratio": 0.9}, "A12 T5", "A13 T9"),
     "paper's wider orifice": ("paper", {"orifice_diameter": 26 * mm}, "A11 T10", "A12 A13"),
     "paper's poor discharge": ("paper", {"discharge_coefficient": 0.4}, "A13", "A17"),
-    "barn door": ("paper", {"side_area": 200.0, "side_coefficient": 3.0}, "A27 T11", "T7"),
+    "barn door": ("paper", {"side_area": 200.0, "side_coefficient": 3.0}, "A27", "T7"),
 }
 
 SLOW = {
+    "lossy pipe",
+    "no restriction",
+    "warm hall",
     "wider orifice over frequency",
     "no friction in amplitude",
     "no heat exchange",
@@ -236,8 +242,8 @@ def test_processes_give_what_one_process_gives():
 
 
 def test_claims_are_written_as_json(tmp_path):
-    entries = evaluate_all(["A12", "A13", "A26"], workers=1)
+    entries = evaluate_all(["T7", "A13", "A26"], workers=1)
     path = tmp_path / "claims.json"
     to_json(entries, path)
     assert json.loads(path.read_text(encoding="utf-8")) == entries
-    assert "kN·s/m" in path.read_text(encoding="utf-8")
+    assert "kN/m" in path.read_text(encoding="utf-8")
