@@ -68,4 +68,6 @@ $(READY): pyproject.toml
 	@$(PYTHON) -m venv .venv || \
 		{ echo "$(PYTHON) cannot make environments: on Debian and Ubuntu, apt-get install python3-venv" >&2; exit 2; }
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --editable '.[dev]'
+	@echo "compiling the model (again after each change of it, about half a minute)"
+	@$(BIN)/python -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation())'
 	@touch $@

@@ -225,6 +225,35 @@ def report_command(directory: Path) -> None:
         misuse(error)
 
 
+@commands.command("paper")
+@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: under a minute.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Draws the first rig's sensors.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Where figures, page and claims go.",
+)
+def paper_command(quick: bool, seed: int, out: Path) -> None:
+    """Make the paper's figures, its table and its claims anew, on the virtual bench and in closed form.
+
+    Writes DIR/index.html, figures as SVG and PNG, claims.json, comfort.csv, identified.toml and the bench's records. A
+    claim that does not hold is a result, not an error.
+    """
+    from astb.paper.bench import NotMeasured
+    from astb.paper.make import make
+    from bench_records.layout import RecordError
+
+    try:
+        click.echo(make(out, quick=quick, seed=seed))
+    except NotMeasured as error:
+        blocked(error)
+    except RecordError as error:
+        misuse(error)
+    except OSError as error:
+        misuse(f"{out} cannot be written: {error.strerror or error}")
+
+
 def _when_stdin_ends(call: Callable[[], None]) -> None:
     sys.stdin.read()
     call()

@@ -1,5 +1,6 @@
 """`astb run`: plans on a rig, with progress on the screen and a directory of files for each."""
 
+import gc
 import platform
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -106,15 +107,16 @@ def run_plans(
                 directory = out / plan.name
                 prepare(directory, screen)
                 screen.begin(plan.name)
-                result = execute(
-                    plan,
-                    session.bench,
-                    directory,
-                    meta=describe(session, rig),
-                    rig=rig.name,
-                    seed=session.seed,
-                    watcher=screen,
-                )
+                with undisturbed():
+                    result = execute(
+                        plan,
+                        session.bench,
+                        directory,
+                        meta=describe(session, rig),
+                        rig=rig.name,
+                        seed=session.seed,
+                        watcher=screen,
+                    )
                 screen.say("report")
                 write_report(directory)
                 screen.conclude(result, directory)
@@ -146,6 +148,21 @@ def connected(session: Session) -> Iterator[None]:
         yield
     finally:
         session.bench.close()
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Keep the garbage collector short while the block lasts.
+
+    With the drawing of an earlier report in memory a full collection takes more than 100 ms, in which no command
+    leaves this process: the rig would hold. What exists now is set aside; what comes is little.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def describe(session: Session, rig: RigFile) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""The paper beside the bench: its claims and the checks of both model layers, each evaluated instead of quoted."""

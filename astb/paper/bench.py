@@ -1,0 +1,139 @@
+"""The paper's experiments on the virtual bench: plans through the wires, and what several rigs found side by side."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.table import SIDES
+from bench_records.result import Outcome, Result, read_result
+
+if TYPE_CHECKING:
+    from bench_records.record import Record
+
+Floats = npt.NDArray[np.float64]
+
+#: The plans of figures 6 to 11, the longest first, and the one that moves the platform as a track would (figure 5).
+PLANS: Final = (
+    "lateral_offset",
+    "lateral_pressure_aw3",
+    "damping_ratio",
+    "frequency_sweep_aw3",
+    "frequency_sweep_aw0",
+    "lateral_pressure_aw0",
+    "roll_angle_aw0",
+    "roll_angle_aw3",
+    "aw0",
+)
+
+#: The phase of plan ``aw0`` in which the platform follows the paper's equation (24).
+TRACK_PHASE: Final = "unilateral cosine"
+
+
+class NotMeasured(RuntimeError):
+    """A plan was blocked, or its result lacks a curve that a figure needs; the text names both."""
+
+
+def directory_of(out: Path, plan: str, seed: int) -> Path:
+    """Return where the record of one plan on one rig lies."""
+    return out / "bench" / f"{plan}-{seed}"
+
+
+def measure(plan: str, seed: int, out: Path) -> None:
+    """Run one plan in virtual time on a rig of its own and leave record and result below ``out``."""
+    from astb.rig_file import RigFile, Simulation
+    from astb.run import connected, describe
+    from astb.session import build_rig, virtual_session
+    from test_plans import PLANS as KNOWN
+    from test_plans.run import execute
+
+    simulation = Simulation(seed=seed)
+    rig = RigFile(name="virtual", time="virtual", simulation=simulation)
+    with virtual_session(build_rig(simulation), simulation) as session, connected(session):
+        execute(
+            KNOWN[plan],
+            session.bench,
+            directory_of(out, plan, seed),
+            meta=describe(session, rig),
+            rig=rig.name,
+            seed=seed,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """A curve (SI): mean over the rigs, and the lowest and the highest of them at each point."""
+
+    x: Floats
+    y: Floats
+    low: Floats
+    high: Floats
+
+    def __getitem__(self, which: npt.NDArray[np.bool_]) -> "Points":
+        return Points(self.x[which], self.y[which], self.low[which], self.high[which])
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What the plans found, one result for each rig."""
+
+    results: Mapping[str, Sequence[Result]]
+    pressures: Mapping[
+        str, Sequence[tuple[str, float]]
+    ]  #: of the first rig: phase, mean gauge pressure (Pa) in it
+    track: tuple[Floats, Floats]  #: platform displacement (m) over time (s) while it followed the track
+
+    def points(self, plan: str, group: str, name: str, *, first: bool = False) -> Points:
+        """Return one curve of a plan, of all rigs or of the ``first`` alone; NotMeasured if it was not kept."""
+        kept = []
+        for result in self.results[plan][: 1 if first else None]:
+            found = [one for one in result.curves if (one.group, one.name) == (group, name)]
+            if not found:
+                raise NotMeasured(f"{plan} kept no curve {name!r} of {group!r}")
+            kept.append((found[0].xs, found[0].ys))
+        xs, ys = (np.array([one[k] for one in kept], np.float64) for k in (0, 1))
+        return Points(xs.mean(axis=0), ys.mean(axis=0), ys.min(axis=0), ys.max(axis=0))
+
+    def pressure(self, plan: str, phase: str, skip: int = 0, count: int | None = None) -> float:
+        """Return the mean gauge pressure (Pa) in the bellows over the phases so named, ``skip`` of them left out.
+
+        Springs that were leveled and then brought to their design height stand at a little less than the load's.
+        """
+        found = [p for name, p in self.pressures[plan] if name.startswith(phase)][skip:]
+        if not found:
+            raise NotMeasured(f"{plan} has no phase {phase!r} number {skip}")
+        return float(np.mean(found[:count]))
+
+
+def gather(out: Path, seeds: Sequence[int]) -> Bench:
+    """Read what `measure` left; NotMeasured, with the reason, if a plan was blocked."""
+    from bench_records.record import read
+
+    results = {plan: [read_result(directory_of(out, plan, seed)) for seed in seeds] for plan in PLANS}
+    for plan, found in results.items():
+        for result in found:
+            if result.verdict is Outcome.BLOCKED:
+                raise NotMeasured(f"{plan} on rig {result.seed} was blocked: {result.reason}")
+    records = {plan: read(directory_of(out, plan, seeds[0])) for plan in PLANS}
+    track = records["aw0"]
+    phase = next(one for one in track.phases if one.name == TRACK_PHASE)
+    times, platform = track.series("platform.vertical")
+    inside = (times >= phase.start) & (times <= phase.end)
+    return Bench(
+        results,
+        {plan: _pressures(record) for plan, record in records.items()},
+        (times[inside] - phase.start, platform[inside] - platform[inside][0]),
+    )
+
+
+def _pressures(record: "Record") -> list[tuple[str, float]]:
+    means = np.zeros(len(record.phases))
+    for side in SIDES:
+        times, values = record.series(f"{side}.bellows_pressure")
+        edges = np.searchsorted(times, [(phase.start, phase.end) for phase in record.phases])
+        sums = np.concatenate([[0.0], np.cumsum(values)])
+        means += 0.5 * (sums[edges[:, 1]] - sums[edges[:, 0]]) / np.maximum(edges[:, 1] - edges[:, 0], 1)
+    return [(phase.name, float(p)) for phase, p in zip(record.phases, means, strict=True)]

@@ -1,0 +1,111 @@
+"""Every claim of the paper and every acceptance check, evaluated and written as ``claims.json``."""
+
+import json
+import multiprocessing
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+from astb.paper.acceptance import ACCEPTANCE
+from astb.paper.check import Check
+from astb.paper.claims import CLAIMS
+from astb.paper.subject import Subject
+
+#: Claims first; the order of every list that comes from here.
+CHECKS: Final[tuple[Check, ...]] = (*CLAIMS, *ACCEPTANCE)
+
+#: Called with the number of entries that are ready and the number that there will be.
+Progress = Callable[[int, int], None]
+
+
+def select(ids: Iterable[str] | None = None) -> list[int]:
+    """Return the places in `CHECKS` of the given ids, all of them for None; KeyError for an id that is none."""
+    if ids is None:
+        return list(range(len(CHECKS)))
+    wanted = set(ids)
+    unknown = wanted - {check.id for check in CHECKS}
+    if unknown:
+        raise KeyError(f"there is no check {sorted(unknown)[0]}; there are T1 to T11 and A01 to A30")
+    return [place for place, check in enumerate(CHECKS) if check.id in wanted]
+
+
+def evaluate_all(
+    ids: Iterable[str] | None = None,
+    quick: bool = False,
+    workers: int = 2,
+    progress: Progress | None = None,
+    subject: Subject | None = None,
+) -> list[dict[str, Any]]:
+    """Return one entry per check and layer, in the order of `CHECKS`, whatever the number of processes.
+
+    An entry has id, claim, layer, measured (text), criterion, holds, note and numbers (SI by name). ``quick`` takes
+    cheaper variants of the long experiments. ``subject`` carries changed parameters; ``workers`` = 1 stays in this
+    process. KeyError for an id that is none.
+    """
+    places = select(ids)
+    asked = subject or Subject()
+    parts = _parts(places)
+    arguments = dict(asked.plant), dict(asked.paper), dict(asked.car), quick or asked.quick
+    entries: dict[int, dict[str, Any]] = {}
+
+    def ready(found: dict[int, dict[str, Any]]) -> None:
+        entries.update(found)
+        if progress is not None:
+            progress(len(entries), len(places))
+
+    if workers <= 1 or len(parts) == 1:
+        for part in parts:
+            ready(_evaluate(part, *arguments))
+    else:
+        # Spawned processes: numba's threads and a fork do not go together.
+        with ProcessPoolExecutor(
+            min(workers, len(parts)), mp_context=multiprocessing.get_context("spawn")
+        ) as pool:
+            for future in as_completed([pool.submit(_evaluate, part, *arguments) for part in parts]):
+                ready(future.result())
+    return [entries[place] for place in places]
+
+
+def to_json(entries: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write entries of `evaluate_all` as a JSON array, one object per check and layer."""
+    path.write_text(
+        json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+    )
+
+
+def _parts(places: Sequence[int]) -> list[list[int]]:
+    """Group the checks that share experiments, so that one process measures them once; the longest come first."""
+    groups: dict[str, list[int]] = {}
+    for place in places:
+        check = CHECKS[place]
+        groups.setdefault(check.shares or f"{check.id} {check.layer}", []).append(place)
+    return sorted(groups.values(), key=lambda part: CHECKS[part[0]].shares != "ride")
+
+
+def _evaluate(
+    places: Sequence[int], plant: dict[str, Any], paper: dict[str, Any], car: dict[str, Any], quick: bool
+) -> dict[int, dict[str, Any]]:
+    subject = Subject(plant, paper, car, quick)
+    return {place: entry(CHECKS[place], subject) for place in places}
+
+
+def entry(check: Check, subject: Subject) -> dict[str, Any]:
+    """Evaluate one check."""
+    measured = check.evaluate(subject)
+    return {
+        "id": check.id,
+        "claim": check.claim,
+        "layer": check.layer,
+        "measured": measured.text,
+        "criterion": check.criterion,
+        "holds": bool(measured.holds),
+        "note": measured.note,
+        "numbers": {name: _finite(number) for name, number in measured.numbers.items()},
+    }
+
+
+def _finite(number: float) -> float | None:
+    """JSON knows no infinity: what was never reached has no number."""
+    return float(number) if isfinite(number) else None

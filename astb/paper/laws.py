@@ -1,0 +1,60 @@
+"""The paper's closed forms as the figures show them: diaphragm and emergency spring in series."""
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from astb.paper.subject import LOADS, Subject
+from bench_protocol.units import mm
+from bench_sim.model.paper import combined, diaphragm_stiffness, layered_stiffness
+
+if TYPE_CHECKING:
+    from astb.paper.study import Study
+
+Floats = npt.NDArray[np.float64]
+
+#: Pressure ratio at which (18) is linearised where an orifice should hardly damp.
+SMALL_LOSS: Final = 0.9995
+
+
+def closed_stiffness(load: str, gauge: Floats, **changes: Any) -> Floats:
+    """(10) and (16) in series, in N/m, at gauge pressures (Pa)."""
+    par = Subject().spring(load, **changes)
+    K = diaphragm_stiffness(0.0, gauge + par.atmospheric_pressure, par)
+    return np.asarray(combined(K, layered_stiffness(par), "series"), np.float64)
+
+
+def closed_secant(load: str, y: Floats) -> Floats:
+    """(10) and (16) in series, in N/m, over lateral displacement (m) at the pressure of the load."""
+    par = Subject().spring(load)
+    return np.asarray(
+        combined(diaphragm_stiffness(y, par.pressure, par), layered_stiffness(par), "series"), np.float64
+    )
+
+
+def closed_tangent(load: str, y: Floats) -> Floats:
+    """The slope of F = K(y) y of `closed_secant`, in N/m."""
+    step = 0.01 * mm
+    ahead, behind = y + step, y - step
+    return (closed_secant(load, ahead) * ahead - closed_secant(load, behind) * behind) / (2.0 * step)
+
+
+def fitted_lateral_area(study: "Study") -> float:
+    """The one A_L0 (m²) with which (10) and (16) come nearest to the bench's 5 mm under both loads.
+
+    Least squares on the diaphragm's part of what was measured: K_r = n p A²/V_0.
+    """
+    above = below = 0.0
+    for load in LOADS:
+        par = Subject().spring(load)
+        one = study.bench.points(
+            f"lateral_pressure_{load.lower()}", f"Lateral stiffness K' per spring, {load}", "5 mm"
+        )
+        K_e = float(np.asarray(layered_stiffness(par)))
+        K_r = one.y * K_e / (K_e - one.y)
+        p = one.x + float(np.asarray(par.atmospheric_pressure))
+        slope = float(np.asarray(par.polytropic_exponent / par.bellows_volume)) * p
+        above += float(np.sum(K_r * slope))
+        below += float(np.sum(slope * slope))
+    return float(np.sqrt(above / below))

@@ -1,0 +1,29 @@
+"""`astb paper` itself: everything in one directory, with a bar for each kind of work."""
+
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from astb.paper import page
+from astb.paper.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, pool, study
+
+_KINDS: Final = (BENCH, MODEL, CHECKED, SENSITIVITY, FIGURES)
+
+
+def make(out: Path, *, quick: bool, seed: int, workers: int | None = None) -> Path:
+    """Write figures, page, claims and table into ``out`` and return the page; OSError if that cannot be written to."""
+    out.mkdir(parents=True, exist_ok=True)
+    columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console()) as bars:
+        tasks: dict[str, TaskID] = {kind: bars.add_task(kind, total=None, start=False) for kind in _KINDS}
+
+        def progress(kind: str, ready: int, total: int) -> None:
+            if ready == 0:
+                bars.start_task(tasks[kind])
+            bars.update(tasks[kind], completed=ready, total=total)
+
+        with pool(workers) as executor:
+            found = study(executor, out, quick=quick, seed=seed, progress=progress)
+            return page.write(executor, found, out, progress)
