@@ -247,14 +247,14 @@ def _ride_table(study: Study) -> list[dict[str, Any]]:
         {
             "load": load,
             "speed": f"{speed:g}",
-            "a": with_width(one.acceleration, one.acceleration_width, 3),
+            "a": with_width(one.acceleration, one.acceleration_width, 4),
             "peak": f"{one.peak:.2f}",
-            "N": with_width(one.comfort, one.comfort_width, 2),
+            "N": with_width(one.comfort, one.comfort_width, 3),
             "word": describe_mean_comfort(one.comfort),
             "y": f"{1e3 * one.displacement:.0f}",
             "stop": f"{100 * one.bump_stop_time:.0f}",
-            "paper_a": f"{paper[load, speed].acceleration:.3f}",
-            "paper_N": f"{paper[load, speed].comfort:.2f}",
+            "paper_a": f"{paper[load, speed].acceleration:.4f}",
+            "paper_N": f"{paper[load, speed].comfort:.3f}",
         }
         for (load, speed), one in plant.items()
     ]
