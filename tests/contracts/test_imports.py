@@ -18,6 +18,9 @@ PACKAGES = CONFIG["tool"]["importlinter"]["root_packages"]
 LAYERS = "Imports go down; drivers, records and rig are apart"
 INSIDE = "Inside the rig: shell, then parameters, then model"
 PLANS = "Test plans reach the rig only through drivers"
+REPLAY = "The diagnosis replays the model: it never sees the rig or the drivers"
+DIAGNOSIS = "Inside the diagnosis: systems and report, then engine, then its contracts"
+ENGINE = "The engine of the diagnosis reads no files and knows no bench"
 PURE = "The model is pure: no time, no chance, no I/O"
 CLOCK = "One clock: only bench_protocol.clock imports time"
 PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
@@ -40,6 +43,13 @@ SABOTAGE = [
     (INSIDE, "bench_sim/newcomer.py", '"""A module that no layer knows."""'),
     (PLANS, "test_plans/__init__.py", "import bench_sim.model"),
     (PLANS, "test_plans/__init__.py", HIDDEN.format("from bench_sim import parameters")),
+    (REPLAY, "diagnosis/systems/__init__.py", "import bench_sim.rig"),
+    (REPLAY, "diagnosis/systems/__init__.py", HIDDEN.format("from drivers import bench")),
+    (DIAGNOSIS, "diagnosis/engine/__init__.py", "import diagnosis.systems"),
+    (DIAGNOSIS, "diagnosis/contracts.py", HIDDEN.format("from diagnosis import engine")),
+    (DIAGNOSIS, "diagnosis/newcomer.py", '"""A module that no layer knows."""'),
+    (ENGINE, "diagnosis/engine/__init__.py", "import bench_sim.model"),
+    (ENGINE, "diagnosis/contracts.py", HIDDEN.format("import bench_records")),
     (PURE, "bench_sim/model/__init__.py", "import random"),
     (PURE, "bench_sim/model/__init__.py", "import threading"),
     (PURE, "bench_sim/model/__init__.py", HIDDEN.format("from pathlib import Path")),

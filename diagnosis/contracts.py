@@ -1,0 +1,183 @@
+"""What the diagnosis asks of a simulator, of its effects and of its data; it knows nothing else of any of them.
+
+Shapes: n samples, c channels, p parameters. All values are SI. Times are seconds from the start of a run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+#: What a run is for: parameters are fitted on some runs, models chosen on others, and the gain is told from the last.
+Role = Literal["fit", "select", "report"]
+ROLES: Final[tuple[Role, ...]] = ("fit", "select", "report")
+
+
+class DiagnosisError(ValueError):
+    """Data, a map or a request that cannot be diagnosed; the text says whose fault it is and what would be right."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of a model: where it lies when nothing is known, how far it may lie from there, and in which unit."""
+
+    name: str
+    unit: str
+    nominal: float
+    spread: float  #: one standard deviation of what is believed beforehand; inf: nothing is
+    low: float = -math.inf
+    high: float = math.inf
+    step: float = 0.0  #: of finite differences, in units of the parameter; 0: a hundredth of the spread
+    logarithmic: bool = False  #: fitted as its logarithm (time constants)
+    display: str = ""  #: unit that people read, with ``scale`` SI per unit
+    scale: float = 1.0
+
+    @property
+    def difference(self) -> float:
+        """The step of a finite difference."""
+        return self.step if self.step > 0.0 else 0.01 * self.spread
+
+
+@dataclass(frozen=True, slots=True)
+class Nuisance(Parameter):
+    """A parameter of the base model that is refitted with every candidate; ``per_run``: each run has its own."""
+
+    per_run: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A cause that the base model leaves out.
+
+    ``amplitude`` is 0 where the effect is absent (its ``low`` is 0 where only one sign is physical); ``shapes`` are
+    what is undefined without it (a time constant), looked at on the points of ``grid``.
+    """
+
+    name: str
+    family: str
+    title: str
+    amplitude: Parameter
+    shapes: tuple[Parameter, ...] = ()
+    grid: tuple[tuple[float, ...], ...] = ((),)  #: each point has one value for each shape
+    touches: frozenset[str] = frozenset()  #: of force, gas, flow, sensor, timing
+    confusers: tuple[str, ...] = ()
+    richer: tuple[str, ...] = ()  #: members of the family that contain more: to be tried before another family
+    equation: str = ""
+    source: str = ""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Amplitude first, then the shapes."""
+        return (self.amplitude, *self.shapes)
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether only one sign of the amplitude is physical."""
+        return self.amplitude.low >= 0.0 or self.amplitude.high <= 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A term without a name: a smooth surface over two states, as a sum of basis functions.
+
+    A simulator takes its coefficients like the parameters of an effect, under the names of ``coefficients``.
+    """
+
+    name: str
+    title: str
+    coordinates: tuple[str, ...]  #: with units, e.g. "displacement in mm"
+    coefficients: tuple[Parameter, ...]
+    touches: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One measured output: ``noise`` and ``resolution`` as the data sheet says them (0: unknown), in SI."""
+
+    name: str
+    unit: str
+    noise: float = 0.0
+    resolution: float = 0.0
+    kind: str = ""  #: force, pressure, temperature, displacement, …
+    display: str = ""  #: unit that people read, with ``scale`` SI per unit
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Experiment:
+    """What was done: equidistant ``time`` (n,) and the inputs (n,) that drive the simulator, by name."""
+
+    name: str
+    time: Array
+    inputs: Mapping[str, Array]
+    settings: Mapping[str, float] = field(default_factory=dict)  #: constants of this run, e.g. the preload
+    minutes: float = 0.0  #: what the run costs on the rig
+
+    @property
+    def step(self) -> float:
+        """Sampling interval in s."""
+        return float(self.time[1] - self.time[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredRun:
+    """An experiment and what came of it: ``outputs`` (n, c), NaN where nothing was measured.
+
+    ``scored`` (n,) leaves out stretches in which the model does not claim to hold, such as the first cycle that
+    friction needs to forget; ``rest`` (n,) marks stretches without motion, which show the noise alone.
+    """
+
+    experiment: Experiment
+    outputs: Array
+    scored: NDArray[np.bool_]
+    rest: NDArray[np.bool_]
+    role: Role = "fit"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dataset:
+    """Measured runs with the same channels; ``digest`` is the hash of the files they came from."""
+
+    channels: tuple[Channel, ...]
+    runs: tuple[MeasuredRun, ...]
+    digest: str = ""
+    sources: tuple[str, ...] = ()
+
+    def of(self, *roles: Role) -> tuple[MeasuredRun, ...]:
+        """Return the runs that have one of the roles."""
+        return tuple(run for run in self.runs if run.role in roles)
+
+
+#: Values of effects (and surfaces) by effect name and parameter name. What is not named is absent.
+Effects = Mapping[str, Mapping[str, float]]
+
+
+class Simulator(Protocol):
+    """A model that replays experiments: pure, deterministic, fixed-step, without I/O.
+
+    ``run`` returns the outputs (n, c) in the order of ``channels``. ``parameters`` holds every nuisance by name; what
+    is missing has its nominal value. It may be called from several threads at once.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def channels(self) -> tuple[Channel, ...]: ...
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]: ...
+
+    @property
+    def catalogue(self) -> Mapping[str, Effect]: ...
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]: ...
+
+    def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array: ...

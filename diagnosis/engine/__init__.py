@@ -1,0 +1,1 @@
+"""The method: noise, fits, scores, gates, verdicts. It works for any simulator that keeps `diagnosis.contracts`."""

@@ -1,0 +1,1 @@
+"""The finding: what a diagnosis says, with all it rests on."""

@@ -1,0 +1,1 @@
+"""A finding as a page that people read: pictures first, numbers beside them."""
