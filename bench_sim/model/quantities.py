@@ -1,6 +1,7 @@
 """What the plant's parameters are called, their SI units and shapes, and the records that carry them compiled."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Final
 
 import numpy as np
@@ -10,15 +11,28 @@ from bench_sim.model.layout import ACTUATORS, BRANCHES, BUMP_POINTS, DELAY_CAPAC
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One parameter: ``shape`` () is a scalar, (2,) differs between left and right, (3,) between actuators."""
+    """One parameter: ``shape`` () is a scalar, (2,) differs between left and right, (3,) between actuators.
+
+    One with a ``default`` may be left out of a parameter file; then ``low`` and ``high`` bound it.
+    """
 
     name: str
     unit: str
     shape: tuple[int, ...] = ()
+    default: float | None = None
+    low: float = -inf
+    high: float = inf
 
 
 def _each(unit: str, *names: str, shape: tuple[int, ...] = ()) -> tuple[Quantity, ...]:
     return tuple(Quantity(name, unit, shape) for name in names)
+
+
+def _off(
+    unit: str, *names: str, low: float, high: float, default: float = 0.0, shape: tuple[int, ...] = ()
+) -> tuple[Quantity, ...]:
+    """What a healthy bench does not have: left out of the parameter files, where its effect sets it."""
+    return tuple(Quantity(name, unit, shape, default, low, high) for name in names)
 
 
 _SIDE = (SIDES,)

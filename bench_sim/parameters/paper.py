@@ -1,8 +1,7 @@
 """Parameter sets of the paper's model and of its crosswind, read and refused like those of the plant."""
 
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final, get_type_hints
 
@@ -12,7 +11,17 @@ from numpy.typing import ArrayLike
 from bench_sim.model.paper.parameters import PaperParameters
 from bench_sim.model.quantities import Quantity
 from bench_sim.model.wind import Crosswind
-from bench_sim.parameters import Entry, ParameterError, _check_range, _entry, _require, _unknown
+from bench_sim.parameters.loading import (
+    LOAD,
+    Entry,
+    ParameterError,
+    check_range,
+    chosen_load,
+    read_load_cases,
+    read_sections,
+    read_toml,
+    unknown,
+)
 
 
 def _quantities(kind: type) -> dict[str, Quantity]:
@@ -23,7 +32,6 @@ def _quantities(kind: type) -> dict[str, Quantity]:
 
 _SPRING: Final = _quantities(PaperParameters)
 _WIND: Final = _quantities(Crosswind)
-_LOAD: Final = "nominal_preload"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,22 +61,20 @@ class PaperSet:
         entries = dict(self.entries)
         for name, change in changes.items():
             if name not in entries:
-                raise ParameterError(_unknown(name, tuple(entries)))
+                raise ParameterError(unknown(name, tuple(entries)))
             old, value = entries[name], np.array(change, dtype=np.float64)
             if name in _WIND and value.ndim:
                 raise ParameterError(f"{name} has shape {value.shape}; the wind takes one number")
             low, high = (np.broadcast_to(bound.flat[0], value.shape) for bound in (old.low, old.high))
-            entries[name] = Entry(value, low, high, old.unit, old.scale, old.provenance, old.source)
-            _check_range(name, value, entries[name])
-        return PaperSet(self.name, entries, self.load_cases, self.load_case)
+            entries[name] = replace(old, value=value, low=low, high=high)
+            check_range(name, entries[name])
+        return replace(self, entries=entries)
 
     def under(self, load_case: str) -> "PaperSet":
         """Return the same set under another load case, e.g. ``AW3``."""
-        if load_case not in self.load_cases:
-            raise ParameterError(_unknown(load_case, tuple(self.load_cases), "load case"))
-        return PaperSet(
-            self.name, {**self.entries, _LOAD: self.load_cases[load_case]}, self.load_cases, load_case
-        )
+        chosen_load(self.load_cases, load_case)
+        entries = {**self.entries, LOAD: self.load_cases[load_case]}
+        return replace(self, entries=entries, load_case=load_case)
 
 
 def load_paper(name: str | Path = "paper", load_case: str | None = None) -> PaperSet:
@@ -76,43 +82,21 @@ def load_paper(name: str | Path = "paper", load_case: str | None = None) -> Pape
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """
-    path = Path(name)
-    if path.suffix != ".toml":
-        path = Path(__file__).parent / f"{name}.toml"
+    path, tables = read_toml(name, ("paper",))
     try:
-        return _parse(path.stem, tomllib.loads(path.read_text(encoding="utf-8")), load_case)
-    except OSError as error:
-        raise ParameterError(f"no parameter set {str(name)!r}: {path} cannot be read") from error
-    except (ParameterError, tomllib.TOMLDecodeError) as error:
+        return _parse(path.stem, tables, load_case)
+    except ParameterError as error:
         raise ParameterError(f"{path.name}: {error}") from error
 
 
 def _parse(name: str, tables: dict[str, Any], load_case: str | None) -> PaperSet:
     known = _SPRING | _WIND
-    preload = known.pop(_LOAD)
+    preload = known.pop(LOAD)
     cases = tables.pop("load_case", {})
-    entries: dict[str, Entry] = {}
-    for section, table in tables.items():
-        if not isinstance(table, dict):
-            raise ParameterError(f"{section} stands outside a section: a parameter belongs in a [section]")
-        for key, raw in table.items():
-            if key not in known:
-                raise ParameterError(_unknown(key, tuple(known)))
-            if key in entries:
-                raise ParameterError(f"{key} is given twice")
-            entries[key] = _entry(key, raw, known[key])
-    _require(known, entries, "parameter")
-    if not cases:
-        raise ParameterError(f"no load case: one [load_case.NAME] with {_LOAD} is needed")
-    loads = {}
-    for case, table in cases.items():
-        if set(table) != {_LOAD}:
-            raise ParameterError(f"load case {case} has {', '.join(table) or 'nothing'}; it needs {_LOAD}")
-        loads[case] = _entry(f"{case}.{_LOAD}", table[_LOAD], preload)
-    chosen = load_case if load_case is not None else next(iter(loads))
-    if chosen not in loads:
-        raise ParameterError(_unknown(chosen, tuple(loads), "load case"))
-    return PaperSet(name, entries | {_LOAD: loads[chosen]}, loads, chosen)
+    entries = read_sections(tables, known)
+    loads = read_load_cases(cases, preload)
+    chosen = chosen_load(loads, load_case)
+    return PaperSet(name, entries | {LOAD: loads[chosen]}, loads, chosen)
 
 
 def _plain(entry: Entry) -> Any:

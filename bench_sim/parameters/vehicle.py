@@ -1,24 +1,17 @@
 """Parameters of a vehicle (`bench_sim.model.car.CAR`), read and refused like those of the plant."""
 
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bench_sim.model.car import CAR, CAR_QUANTITIES
-from bench_sim.parameters import (
-    Entry,
-    ParameterError,
-    _check_range,
-    _entry,
-    _require,
-    _shaped,
-    _unknown,
-)
+from bench_sim.parameters.loading import Entry, ParameterError, changed, read_sections, read_toml, unknown
+
+_KNOWN: Final = {quantity.name: quantity for quantity in CAR_QUANTITIES}
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +36,9 @@ class VehicleParameters:
         entries = dict(self.entries)
         for name, change in changes.items():
             if name not in entries:
-                raise ParameterError(_unknown(name, tuple(entries)))
-            old = entries[name]
-            value = _shaped(name, change, old.value.shape)
-            _check_range(name, value, old)
-            entries[name] = Entry(value, old.low, old.high, old.unit, old.scale, old.provenance, old.source)
-        return VehicleParameters(self.name, entries)
+                raise ParameterError(unknown(name, tuple(entries)))
+            entries[name] = changed(name, entries[name], change)
+        return replace(self, entries=entries)
 
 
 def load_vehicle(name: str | Path = "vehicle") -> VehicleParameters:
@@ -56,28 +46,8 @@ def load_vehicle(name: str | Path = "vehicle") -> VehicleParameters:
 
     Raises `ParameterError`, which names the file.
     """
-    path = Path(name)
-    if path.suffix != ".toml":
-        path = Path(__file__).parent / f"{name}.toml"
+    path, tables = read_toml(name, ("vehicle",), "vehicle")
     try:
-        return _parse(path.stem, tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise ParameterError(f"no vehicle {str(name)!r}: {path} cannot be read") from error
-    except (ParameterError, tomllib.TOMLDecodeError) as error:
+        return VehicleParameters(path.stem, read_sections(tables, _KNOWN))
+    except ParameterError as error:
         raise ParameterError(f"{path.name}: {error}") from error
-
-
-def _parse(name: str, tables: dict[str, Any]) -> VehicleParameters:
-    known = {quantity.name: quantity for quantity in CAR_QUANTITIES}
-    entries: dict[str, Entry] = {}
-    for section, table in tables.items():
-        if not isinstance(table, dict):
-            raise ParameterError(f"{section} stands outside a section: a parameter belongs in a [section]")
-        for key, raw in table.items():
-            if key not in known:
-                raise ParameterError(_unknown(key, tuple(known)))
-            if key in entries:
-                raise ParameterError(f"{key} is given twice")
-            entries[key] = _entry(key, raw, known[key])
-    _require(known, entries, "parameter")
-    return VehicleParameters(name, entries)

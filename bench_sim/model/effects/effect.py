@@ -45,6 +45,7 @@ class Effect:
     equation: str = ""
     source: str = ""
     separated_by: str = ""  #: the run that tells it from its confusers
+    diagnosable: bool = True  #: False: the rig can have it, but no replay of an imposed motion can tell
     parameters: tuple[Quantity, ...] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -1,0 +1,179 @@
+"""What every parameter file shares: entries with unit, range, provenance and source, refused when they do not fit."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.quantities import Quantity
+from bench_sim.parameters.units import UNITS
+
+#: Where a value may come from.
+PROVENANCES: Final = ("measured", "data sheet", "assumed")
+
+LOAD: Final = "nominal_preload"
+CROSSTALK: Final = "load_cell_crosstalk"
+_PARTS: Final = {"value", "unit", "source", "provenance", "min", "max"}
+
+
+class ParameterError(ValueError):
+    """A parameter set, or a change to one, that does not fit; the message says what would."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """One parameter in SI; ``low`` and ``high`` bound every element, ``unit`` and ``scale`` are as in the file.
+
+    ``elements`` has a name and an SI unit for each element where these differ, as for the sensors.
+    """
+
+    value: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    unit: str
+    scale: float
+    provenance: str
+    source: str
+    elements: tuple[tuple[str, str], ...] = ()
+
+
+def read_toml(
+    name: str | Path, sets: tuple[str, ...], what: str = "parameter set"
+) -> tuple[Path, dict[str, Any]]:
+    """Return path and content of a file: one of the ``sets`` stands for a file beside this module.
+
+    Raises `ParameterError`.
+    """
+    path = Path(name)
+    if path.suffix != ".toml":
+        path = Path(__file__).parent / f"{name}.toml"
+    try:
+        return path, tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        known = ", ".join(sets)
+        raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read; there is {known}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path.name}: {error}") from error
+
+
+def read_sections(tables: Mapping[str, Any], known: Mapping[str, Quantity]) -> dict[str, Entry]:
+    """Return the entries of all sections by name: each of the ``known`` once, those with a default where missing."""
+    entries: dict[str, Entry] = {}
+    for section, table in tables.items():
+        if not isinstance(table, dict):
+            raise ParameterError(f"{section} stands outside a section: a parameter belongs in a [section]")
+        for key, raw in table.items():
+            if key not in known:
+                raise ParameterError(unknown(key, tuple(known)))
+            if key in entries:
+                raise ParameterError(f"{key} is given twice")
+            entries[key] = read_entry(key, raw, known[key])
+    for name, quantity in known.items():
+        if name not in entries and quantity.default is not None:
+            entries[name] = default_entry(quantity)
+    require(known, entries, "parameter")
+    return entries
+
+
+def read_load_cases(cases: Mapping[str, Any], preload: Quantity) -> dict[str, Entry]:
+    """Return the preload of every load case; at least one is needed."""
+    if not cases:
+        raise ParameterError(f"no load case: one [load_case.NAME] with {LOAD} is needed")
+    loads = {}
+    for case, table in cases.items():
+        if set(table) != {LOAD}:
+            raise ParameterError(f"load case {case} has {', '.join(table) or 'nothing'}; it needs {LOAD}")
+        loads[case] = read_entry(f"{case}.{LOAD}", table[LOAD], preload)
+    return loads
+
+
+def chosen_load(loads: Mapping[str, Entry], load_case: str | None) -> str:
+    """Return ``load_case``, or the first one of the file for None."""
+    chosen = next(iter(loads)) if load_case is None else load_case
+    if chosen not in loads:
+        raise ParameterError(unknown(chosen, tuple(loads), "load case"))
+    return chosen
+
+
+def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
+    """Return one parameter as it stands in a file, in SI."""
+    if not isinstance(raw, dict) or set(raw) != _PARTS:
+        given = ", ".join(sorted(raw)) if isinstance(raw, dict) else repr(raw)
+        raise ParameterError(f"{name} needs {', '.join(sorted(_PARTS))}; it has {given}")
+    unit, factor = UNITS.get(raw["unit"], ("", 0.0))
+    if unit != quantity.unit:
+        fitting = ", ".join(known for known, (si, _) in UNITS.items() if si == quantity.unit)
+        raise ParameterError(f"{name} = {raw['value']} {raw['unit']} has the wrong unit; {fitting} would fit")
+    if raw["provenance"] not in PROVENANCES:
+        raise ParameterError(
+            f"{name} has provenance {raw['provenance']!r}; it is one of {', '.join(PROVENANCES)}"
+        )
+    if not str(raw["source"]).strip():
+        raise ParameterError(f"{name} has no source")
+    value = shaped(quantity.name, raw["value"], quantity.shape, shown=name) * factor
+    low, high = (np.full(quantity.shape, float(raw[key])) * factor for key in ("min", "max"))
+    entry = Entry(value, low, high, raw["unit"], factor, raw["provenance"], raw["source"])
+    check_range(name, entry)
+    return entry
+
+
+def default_entry(quantity: Quantity) -> Entry:
+    """Return the entry of a parameter that no file gives: at its default, switched off."""
+    value, low, high = (
+        np.full(quantity.shape, number) for number in (quantity.default, quantity.low, quantity.high)
+    )
+    return Entry(value, low, high, quantity.unit, 1.0, "assumed", "off")
+
+
+def changed(name: str, entry: Entry, value: Any) -> Entry:
+    """Return the entry with another value (SI): a number serves every element. Raises `ParameterError`."""
+    new = replace(entry, value=shaped(name, value, entry.value.shape))
+    check_range(name, new)
+    return new
+
+
+def shaped(name: str, value: Any, shape: tuple[int, ...], *, shown: str = "") -> NDArray[np.float64]:
+    """Return ``value`` as an array of ``shape``; one number of crosstalk fills all but the diagonal."""
+    shown = shown or name
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{shown} = {value!r} is not a number or an array of numbers") from error
+    if array.ndim != 0 and array.shape != shape:
+        raise ParameterError(f"{shown} has shape {array.shape}; it is one number or has shape {shape}")
+    if name == CROSSTALK and array.ndim == 0:
+        return array * (1.0 - np.eye(shape[0]))
+    return np.broadcast_to(array, shape).copy()
+
+
+def check_range(name: str, entry: Entry) -> None:
+    """Raise `ParameterError` for the first element outside its range; NaN is outside."""
+    fits = (entry.value >= entry.low) & (entry.value <= entry.high)
+    if fits.all():
+        return
+    place = tuple(int(i) for i in np.argwhere(~fits)[0])
+    where, unit = f"[{', '.join(map(str, place))}]" if place else "", entry.unit
+    if entry.elements:
+        element, unit = entry.elements[place[0]]
+        where = f"[{element}]"
+    number, low, high = (float(a[place]) / entry.scale for a in (entry.value, entry.low, entry.high))
+    raise ParameterError(f"{name}{where} = {number:g} {unit} is outside {low:g} to {high:g} {unit}")
+
+
+def require(known: Mapping[str, Any], given: Mapping[str, Any], what: str) -> None:
+    """Raise `ParameterError` if something is missing."""
+    missing = [name for name in known if name not in given]
+    if missing:
+        raise ParameterError(f"{what} {', '.join(missing)} is missing")
+
+
+def unknown(name: str, known: tuple[str, ...], what: str = "parameter") -> str:
+    """Return a sentence for a name that nobody knows, with the nearest that somebody does."""
+    near = get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"; {near[0]} would be one" if near else f"; there is {', '.join(known[:8])}"
+    return f"{name} is no {what}{hint}"
