@@ -46,7 +46,9 @@ class Algebraic(IntEnum):
     CONTACT = 74  #: compression of the contact on the emergency spring, m, per side
     HEAT = 76  #: W into the bellows, per side
     AUXILIARY_HEAT = 78
+    STEADY_FLOW = 80  #: kg/s that the orifice would pass if its air had no inertia, per side
+    PLATFORM_ACCELERATION = 82  #: lateral, vertical, m/s²
 
 
 #: Length of the array.
-ALGEBRAICS: Final = 80
+ALGEBRAICS: Final = 84

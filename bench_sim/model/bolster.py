@@ -25,12 +25,22 @@ def bump_stop_force(displacement: float, par: Any) -> float:
 
 
 @compiled
+def extra_stop_force(displacement: float, par: Any) -> float:
+    """Restoring force in N of a second lateral stop, linear beyond its gap."""
+    reach = max(abs(displacement) - par.extra_stop_gap, 0.0)
+    return (-1.0 if displacement > 0.0 else 1.0) * par.extra_stop_stiffness * reach
+
+
+@compiled
 def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
     """m z̈ = ΣF_z − ΣF_act − m g;  m ÿ = ΣF_y + F_act + F_bs;  J φ̈ = Σ moments.
 
     Springs and actuators have left their forces in the derivatives of the speeds.
     """
-    bump = bump_stop_force(x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL], par)
+    displacement = x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL]
+    bump = bump_stop_force(displacement, par)
+    if par.extra_stop_stiffness != 0.0:
+        bump += extra_stop_force(displacement, par)
     out[Algebraic.BUMP_STOP] = bump
     dx[State.BOLSTER_LATERAL_SPEED] = (dx[State.BOLSTER_LATERAL_SPEED] + bump) / par.bolster_mass
     dx[State.BOLSTER_VERTICAL_SPEED] = dx[State.BOLSTER_VERTICAL_SPEED] / par.bolster_mass - par.gravity
@@ -41,7 +51,7 @@ def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 
 @compiled
-def platform_term(x: Any, u: Any, par: Any, dx: Any) -> None:
+def platform_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Each motion of the platform follows its command with second order; the load does not move it."""
     omega = 2.0 * pi * par.platform_frequency
     for k in range(3):
@@ -56,3 +66,5 @@ def platform_term(x: Any, u: Any, par: Any, dx: Any) -> None:
         dx[State.PLATFORM_LATERAL_SPEED + k] += omega * (
             omega * (command - x[State.PLATFORM_LATERAL + k]) - 2.0 * par.platform_damping * speed
         )
+    for k in range(2):
+        out[Algebraic.PLATFORM_ACCELERATION + k] = dx[State.PLATFORM_LATERAL_SPEED + k]

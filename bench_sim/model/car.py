@@ -1,7 +1,7 @@
 """Half a car on one bogie: the car body takes the bolster's place on the same two air springs, under crosswind.
 
 The bolster's six states are the car body's and the platform's are the bogie's, which the track moves; gas, orifices,
-valves, rubber and springs are the bench's, term by term. With the centre of gravity e above the top plates, damper and
+valves, rubber and springs are the bench's (`air_spring`). With the centre of gravity e above the top plates, damper and
 bump stop e_d and e_s below it, the wind h_w above it, and displacements against the bogie at those points:
 
     m ÿ = ½F_w + ΣF_y + F_d + F_bs
@@ -19,23 +19,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.bolster import bump_stop_force
+from bench_sim.model.bolster import bump_stop_force, extra_stop_force
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
-from bench_sim.model.gas import heat_term, note_densities
+from bench_sim.model.gas import note_densities
 from bench_sim.model.kernel import note_solution, switch_valves
 from bench_sim.model.layout import BUMP_POINTS, STATES, State
 from bench_sim.model.quantities import Quantity
-from bench_sim.model.rubber import maxwell_term
-from bench_sim.model.spring import spring_algebra, spring_term, work_term
-from bench_sim.model.valves import (
-    dpv_term,
-    leak_term,
-    leveling_term,
-    lever_term,
-    orifice_term,
-    supply_term,
-)
 
 
 class Wave(IntEnum):
@@ -154,6 +145,8 @@ def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None
     y = x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL]
     damper = damper_force(x, car)
     bump = bump_stop_force(y + car.bump_stop_depth * roll, car)
+    if par.extra_stop_stiffness != 0.0:
+        bump += extra_stop_force(y + car.bump_stop_depth * roll, par)
     moment = (
         dx[State.BOLSTER_ROLL_SPEED]
         + car.damper_depth * damper
@@ -179,17 +172,7 @@ def car_slope(t: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: floa
     The bench's sum of terms with `car_term` in the place of actuators, bolster and platform.
     """
     dx[:] = 0.0
-    spring_algebra(t, x, mem, par, out)
-    supply_term(t, x, u, par, dx)
-    orifice_term(u, par, out, dx)
-    leveling_term(x, mem, u, par, out, dx)
-    dpv_term(mem, u, par, out, dx)
-    leak_term(par, out, dx)
-    heat_term(x, mem, par, out, dx)
-    maxwell_term(x, par, out, dx)
-    work_term(par, out, dx)
-    lever_term(x, par, out, dx)
-    spring_term(par, out, dx)
+    air_spring(t, x, mem, u, par, dx, out)
     car_term(x, par, car, wind, out, dx)
 
 

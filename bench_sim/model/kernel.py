@@ -2,7 +2,7 @@
 
 ``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`),
 ``par`` the parameter record (`quantities.PARAMETERS`). What changes abruptly (latches, friction reversals, delayed
-set-points) stands in ``mem`` and is constant within a step; an effect adds its own term to `evaluate`.
+set-points) stands in ``mem`` and is constant within a step; an effect adds its own term to `air_spring` or here.
 """
 
 from typing import Any
@@ -10,47 +10,27 @@ from typing import Any
 import numpy as np
 
 from bench_sim.model.actuator import actuator_term, command_actuators
+from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.bolster import bolster_term, platform_term
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
-from bench_sim.model.gas import heat_term, note_densities
+from bench_sim.model.gas import note_densities
 from bench_sim.model.layout import SENSORS, STATES, TINY, State
 from bench_sim.model.pipe import pipe_steps
-from bench_sim.model.rubber import maxwell_term, turn_friction
+from bench_sim.model.rubber import turn_friction
 from bench_sim.model.sensors import follow, read_sensors, true_values
-from bench_sim.model.spring import spring_algebra, spring_term, work_term
-from bench_sim.model.valves import (
-    dpv_latch,
-    dpv_term,
-    leak_term,
-    leveling_latch,
-    leveling_term,
-    lever_term,
-    orifice_term,
-    supply_term,
-)
+from bench_sim.model.valves import dpv_latch, leveling_latch, note_flows
 
 
 @compiled_once
 def evaluate(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     """dx/dt into ``dx`` (STATES), everything algebraic into ``out`` (`Algebraic`); reads ``mem``, never writes it."""
     dx[:] = 0.0
-    spring_algebra(t, x, mem, par, out)
-    # Flows and relaxation first: the bellows' speed, and with it their work, follows from them.
-    supply_term(t, x, u, par, dx)
-    orifice_term(u, par, out, dx)
-    leveling_term(x, mem, u, par, out, dx)
-    dpv_term(mem, u, par, out, dx)
-    leak_term(par, out, dx)
-    heat_term(x, mem, par, out, dx)
-    maxwell_term(x, par, out, dx)
-    work_term(par, out, dx)
-    lever_term(x, par, out, dx)
+    air_spring(t, x, mem, u, par, dx, out)
     # Forces gather in the derivatives of the speeds; the bolster divides them by its mass.
-    spring_term(par, out, dx)
     actuator_term(x, mem, par, out, dx)
     bolster_term(x, par, out, dx)
-    platform_term(x, u, par, dx)
+    platform_term(x, u, par, out, dx)
 
 
 @compiled_entry
@@ -76,7 +56,8 @@ def switch_valves(x: Any, mem: Any, par: Any) -> None:
 
 @compiled
 def note_solution(mem: Any, par: Any, out: Any, t: float) -> bool:
-    """Keep the bellows' motion for the next step and let friction turn; True if it turned anywhere."""
+    """Keep the bellows' motion and the flows for the next step and let friction turn; True if it turned anywhere."""
+    note_flows(mem, par, out)
     turned = False
     dt = t - mem.solved_time
     for i in range(2):
@@ -85,11 +66,11 @@ def note_solution(mem: Any, par: Any, out: Any, t: float) -> bool:
         z_speed = out[Algebraic.BELLOWS_VERTICAL_SPEED + i]
         y_speed = out[Algebraic.BELLOWS_LATERAL_SPEED + i]
         if turn_friction(
-            mem, 0, i, z, z_speed, mem.bellows_vertical_speed[i], par.friction_vertical_travel[i], dt
+            mem, par, 0, i, z, z_speed, mem.bellows_vertical_speed[i], par.friction_vertical_travel[i], dt
         ):
             turned = True
         if turn_friction(
-            mem, 1, i, y, y_speed, mem.bellows_lateral_speed[i], par.friction_lateral_travel[i], dt
+            mem, par, 1, i, y, y_speed, mem.bellows_lateral_speed[i], par.friction_lateral_travel[i], dt
         ):
             turned = True
         mem.bellows_vertical[i] = z

@@ -15,6 +15,13 @@ RIGHT: Final = 1
 #: Branches of the generalised Maxwell model of the rubber.
 BRANCHES: Final = 3
 
+#: Branches and friction elements that the rubber may have beyond those of every spring.
+EXTRA_BRANCHES: Final = 8
+EXTRA_FRICTIONS: Final = 3
+
+#: Coefficients of a surface over two states, along the first and the second.
+SURFACE: Final = (8, 4)
+
 #: Servo-hydraulic actuators: vertical left, vertical right, lateral.
 ACTUATORS: Final = 3
 VERTICAL_LEFT: Final = 0
@@ -23,6 +30,9 @@ LATERAL: Final = 2
 
 #: Longest delay of an actuator command that the delay line holds, in steps.
 DELAY_CAPACITY: Final = 64
+
+#: Past outputs of each sensor that are kept where readings arrive late, in steps.
+HISTORY: Final = 256
 
 #: Points of the force-travel table of the lateral bump stop.
 BUMP_POINTS: Final = 9
@@ -118,6 +128,9 @@ class State(IntEnum):
     ACTUATOR_RATE = 41  #: its rate, per actuator
     SUPPLY_LINE = 44  #: Pa absolute, behind the main valve
     PIPE_FLOW = 45  #: kg/s from bellows to auxiliary chamber, per side; 0 where no pipe is fitted
+    EXTRA_VERTICAL_DASHPOT = 47  #: m, of the extra Maxwell branches: side * EXTRA_BRANCHES + branch
+    EXTRA_LATERAL_DASHPOT = 63
+    CREEP = 79  #: m by which the emergency spring has crept together, per side
 
 
 #: What is smaller is nothing. A decayed rate would end as a denormal number, and with a few of those in the state the
@@ -127,4 +140,4 @@ TINY: Final = 1e-100
 #: Number of ... each.
 INPUTS: Final = len(Input)
 SENSORS: Final = len(Sensor)
-STATES: Final = 47
+STATES: Final = 81

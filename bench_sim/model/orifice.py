@@ -9,6 +9,9 @@ from bench_sim.model.compiled import compiled
 ISO_DENSITY: Final = 1.185
 ISO_TEMPERATURE: Final = 293.15
 
+#: Of air at 20 °C, in Pa s.
+AIR_VISCOSITY: Final = 1.81e-5
+
 
 @compiled
 def nozzle_function(r: float, kappa: float) -> float:
@@ -88,6 +91,13 @@ def valve_between(
 def laminar_between(p_1: float, p_2: float, coefficient: float) -> float:
     """G = k (p₁² − p₂²) in kg/s: compressible laminar flow through a fine crack."""
     return coefficient * (p_1 * p_1 - p_2 * p_2)
+
+
+@compiled
+def reynolds_factor(flow: float, diameter: float, k: float) -> float:
+    """C_d/C_d∞ = 1/(1 + k/√Re), Re = 4|G|/(π d μ): 1 − k/√Re where that is close to 1, and above 0 at reversal."""
+    root = sqrt(max(4.0 * abs(flow) / (pi * diameter * AIR_VISCOSITY), 1.0))
+    return root / (root + k)
 
 
 @compiled

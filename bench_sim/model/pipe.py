@@ -72,6 +72,6 @@ def pipe_acceleration(
     bore = 0.25 * pi * diameter * diameter
     loss = 0.5 / (squeeze * area * area) + 0.5 * par.pipe_friction[side] * length / (bore * bore * diameter)
     resistance = par.gas_constant * T_up / p_up * loss
-    inertance = length / bore
+    inertance = length / bore + par.flow_inertance[side]
     rate = 2.0 * resistance / inertance * max(abs(flow), sqrt(abs(drop) / resistance))
     return (drop - resistance * flow * abs(flow)) / (inertance * max(rate / PIPE_RATE, 1.0))

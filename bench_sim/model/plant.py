@@ -14,6 +14,7 @@ from bench_sim.model.kernel import advance_plant, measure_plant, observe
 from bench_sim.model.layout import (
     ACTUATORS,
     BRANCHES,
+    EXTRA_BRANCHES,
     INPUTS,
     SENSORS,
     SIDES,
@@ -25,7 +26,7 @@ from bench_sim.model.layout import (
 )
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.sensors import prepare_lags
-from bench_sim.model.spring import volume
+from bench_sim.model.spring import stretch, volume
 
 #: Length of the fixed step in s.
 STEP = 1e-3
@@ -128,8 +129,9 @@ class Plant:
         x[State.BOLSTER_ROLL] = 0.5 * (height[0] - height[1]) / par.spring_half_spacing
         x[State.SUPPLY_LINE] = supply
         for side in range(SIDES):
+            held = volume(par, side, bellows[side], 0.0) + stretch(par, side, pressure[side])
             for mass, V in (
-                (State.BELLOWS_MASS, volume(par, side, bellows[side], 0.0)),
+                (State.BELLOWS_MASS, held),
                 (State.AUXILIARY_MASS, par.auxiliary_volume[side]),
             ):
                 x[mass + side] = mass_of(pressure[side], V, T, R)
@@ -138,6 +140,8 @@ class Plant:
             x[State.LEVER + side] = height[side] + par.lever_offset[side]
             first = State.VERTICAL_DASHPOT + side * BRANCHES
             x[first : first + BRANCHES] = bellows[side]
+            first = State.EXTRA_VERTICAL_DASHPOT + side * EXTRA_BRANCHES
+            x[first : first + EXTRA_BRANCHES] = bellows[side]
             mem.bellows_vertical[side] = bellows[side]
             mem.friction_origin[0, side] = mem.friction_last[0, side] = bellows[side]
         for j in range(ACTUATORS):
@@ -146,6 +150,7 @@ class Plant:
         prepare_lags(mem, par, self.dt)
         mem.sensor_output[:] = self._values
         mem.sensor_input[:] = self._values
+        mem.sensor_history[:] = self._values[:, None]
 
     @property
     def time(self) -> float:

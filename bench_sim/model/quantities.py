@@ -6,7 +6,18 @@ from typing import Final
 
 import numpy as np
 
-from bench_sim.model.layout import ACTUATORS, BRANCHES, BUMP_POINTS, DELAY_CAPACITY, SENSORS, SIDES
+from bench_sim.model.layout import (
+    ACTUATORS,
+    BRANCHES,
+    BUMP_POINTS,
+    DELAY_CAPACITY,
+    EXTRA_BRANCHES,
+    EXTRA_FRICTIONS,
+    HISTORY,
+    SENSORS,
+    SIDES,
+    SURFACE,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +49,7 @@ def _off(
 _SIDE = (SIDES,)
 _ACTUATOR = (ACTUATORS,)
 _SENSOR = (SENSORS,)
+_SPAN = (2,)
 
 #: Every parameter that the equations read, except those of the sensors.
 PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
@@ -121,6 +133,38 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     # load cells
     *_each("m", "load_cell_x", "load_cell_y", "load_cell_height"),
     *_each("1", "load_cell_crosstalk", shape=(6, 6)),
+    *_off("kg", "platen_mass", low=0.0, high=1e4),
+    # acquisition: how late the readings of a group of sensors arrive
+    *_off("s", "force_latency", "pressure_latency", low=0.0, high=0.25),
+    *_off("1", "pressure_clock_skew", low=0.0, high=0.01),
+    *_off("1", "pressure_hold", low=0.0, high=1.0),
+    *_off("s", "pressure_hold_period", low=1e-3, high=0.25, default=0.02),
+    # what rubber may do beyond the above: lists that end at the first element of nothing
+    *_off("1", "extra_branch_ratio", low=0.0, high=1e4, shape=(EXTRA_BRANCHES,)),
+    *_off("s", "extra_branch_time", default=1.0, low=1e-3, high=1e4, shape=(EXTRA_BRANCHES,)),
+    *_off("N", "extra_friction", low=0.0, high=1e5, shape=(EXTRA_FRICTIONS,)),
+    *_off("m", "extra_friction_travel", default=3e-3, low=1e-5, high=0.1, shape=(EXTRA_FRICTIONS,)),
+    *_off("1", "creep_ratio", low=0.0, high=10.0, shape=_SIDE),
+    *_off("s", "creep_time", default=300.0, low=1.0, high=1e6, shape=_SIDE),
+    *_off("N/m", "extra_stop_stiffness", low=0.0, high=1e8),
+    *_off("m", "extra_stop_gap", low=0.0, high=0.5),
+    # gas and flow beyond the above
+    *_off("m3/Pa", "bellows_compliance", low=0.0, high=1e-7, shape=_SIDE),
+    *_off("1", "orifice_reynolds", low=0.0, high=1e3, shape=_SIDE),
+    *_off("1", "orifice_asymmetry", low=-0.9, high=0.9, shape=_SIDE),
+    *_off("1/m", "flow_inertance", low=0.0, high=1e6, shape=_SIDE),
+    *_off("m3/(s*Pa)", "dpv_leak", low=0.0, high=1e-6),
+    # terms without a name, each over the span of its two coordinates; without a span there is none
+    *_off("N", "force_surface", low=-1e6, high=1e6, shape=SURFACE),
+    *_off("m", "force_surface_displacement", low=-1.0, high=1.0, shape=_SPAN),
+    *_off("m/s", "force_surface_speed", low=-10.0, high=10.0, shape=_SPAN),
+    *_off("m/s", "force_surface_unit_speed", default=0.01, low=1e-6, high=10.0),
+    *_off("kg/s", "flow_surface", low=-10.0, high=10.0, shape=SURFACE),
+    *_off("Pa", "flow_surface_difference", low=-2e6, high=2e6, shape=_SPAN),
+    *_off("Pa", "flow_surface_pressure", low=0.0, high=2e6, shape=_SPAN),
+    *_off("W", "heat_surface", low=-1e6, high=1e6, shape=SURFACE),
+    *_off("Pa", "heat_surface_pressure", low=0.0, high=2e6, shape=_SPAN),
+    *_off("K", "heat_surface_temperature", low=-500.0, high=500.0, shape=_SPAN),
 )
 
 #: Properties of every sensor; the unit "signal" is that of the sensor itself.
@@ -156,9 +200,13 @@ MEMORY: Final = np.dtype(
         ("friction_level", np.float64, (2, SIDES)),
         ("friction_direction", np.float64, (2, SIDES)),
         ("friction_last", np.float64, (2, SIDES)),
+        ("extra_friction_level", np.float64, (EXTRA_FRICTIONS, 2, SIDES)),
         # gas: density and heat-transfer factor around which the factor is expanded, chambers b_L b_R a_L a_R
         ("heat_density", np.float64, (2 * SIDES,)),
         ("heat_factor", np.float64, (2 * SIDES,)),
+        # air with inertia: the flow that the orifice would pass without it, and what is missing from that
+        ("steady_flow", np.float64, _SIDE),
+        ("missing_flow", np.float64, _SIDE),
         # latches: leveling −1 filling, 0 closed, +1 exhausting; differential pressure valve 0 or 1
         ("leveling_latch", np.int64, _SIDE),
         ("dpv_latch", np.int64),
@@ -170,6 +218,8 @@ MEMORY: Final = np.dtype(
         # sensor lags: filter output and last input, and their coefficients for (lag, step)
         ("sensor_output", np.float64, _SENSOR),
         ("sensor_input", np.float64, _SENSOR),
+        # their last outputs, written only where readings arrive late
+        ("sensor_history", np.float64, (SENSORS, HISTORY)),
         ("lag_time", np.float64, _SENSOR),
         ("lag_step", np.float64),
         ("lag_decay", np.float64, _SENSOR),

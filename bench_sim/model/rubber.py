@@ -7,8 +7,8 @@ position w_j = x − q_j as the state, dw_j/dt = (x − w_j)/τ_j needs no speed
 from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.compiled import compiled
-from bench_sim.model.layout import BRANCHES, State
+from bench_sim.model.compiled import compiled, compiled_once
+from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_FRICTIONS, State
 
 
 @compiled
@@ -48,6 +48,37 @@ def maxwell_pull(x: Any, par: Any, first: int, stiffness: float, displacement: f
     return force, total
 
 
+@compiled_once
+def extra_pull(
+    x: Any, mem: Any, par: Any, direction: int, side: int, stiffness: float, displacement: float
+) -> tuple[float, float]:
+    """Force in N and tangent stiffness in N/m of the extra branches and friction elements of one bellows.
+
+    ``direction`` is 0 vertical, 1 lateral. All elements turn where the spring's own friction turns.
+    """
+    force = 0.0
+    total = 0.0
+    first = State.EXTRA_VERTICAL_DASHPOT + (2 * direction + side) * EXTRA_BRANCHES
+    for j in range(EXTRA_BRANCHES):
+        if par.extra_branch_ratio[j] == 0.0:
+            break
+        k = stiffness * par.extra_branch_ratio[j]
+        force += k * (displacement - x[first + j])
+        total += k
+    for e in range(EXTRA_FRICTIONS):
+        if par.extra_friction[e] == 0.0:
+            break
+        f, slope = friction_curve(
+            displacement,
+            mem.friction_origin[direction, side],
+            mem.extra_friction_level[e, direction, side],
+            par.extra_friction_travel[e],
+        )
+        force += par.extra_friction[e] * f
+        total += par.extra_friction[e] * slope
+    return force, total
+
+
 @compiled
 def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
     """dw_j/dt = (x_b − w_j)/τ_j for every branch, spring and direction, and what it does to the forces."""
@@ -64,8 +95,32 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
             lateral_rate += par.maxwell_ratio[j] * y_speed
             dx[vertical] += z_speed
             dx[lateral] += y_speed
+        if par.extra_branch_ratio[0] != 0.0:
+            for j in range(EXTRA_BRANCHES):
+                if par.extra_branch_ratio[j] == 0.0:
+                    break
+                vertical = State.EXTRA_VERTICAL_DASHPOT + i * EXTRA_BRANCHES + j
+                lateral = State.EXTRA_LATERAL_DASHPOT + i * EXTRA_BRANCHES + j
+                speed = 1.0 / par.extra_branch_time[j]
+                z_speed = (out[Algebraic.BELLOWS_VERTICAL + i] - x[vertical]) * speed
+                y_speed = (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) * speed
+                vertical_rate += par.extra_branch_ratio[j] * z_speed
+                lateral_rate += par.extra_branch_ratio[j] * y_speed
+                dx[vertical] += z_speed
+                dx[lateral] += y_speed
         out[Algebraic.DASHPOT_VERTICAL + i] = par.shell_stiffness_vertical[i] * vertical_rate
         out[Algebraic.DASHPOT_LATERAL + i] = par.shell_stiffness_lateral[i] * lateral_rate
+
+
+@compiled
+def creep_term(x: Any, par: Any, out: Any, dx: Any) -> None:
+    """dq/dt = (r F_z/k_es − q)/τ: the emergency spring creeps together by q under the force that it carries."""
+    for i in range(2):
+        if par.creep_ratio[i] != 0.0:
+            settled = (
+                par.creep_ratio[i] * out[Algebraic.STACK_VERTICAL + i] / par.emergency_stiffness_vertical[i]
+            )
+            dx[State.CREEP + i] += (settled - x[State.CREEP + i]) / par.creep_time[i]
 
 
 @compiled
@@ -86,6 +141,7 @@ def reversal(
 @compiled
 def turn_friction(
     mem: Any,
+    par: Any,
     direction: int,
     side: int,
     position: float,
@@ -106,6 +162,15 @@ def turn_friction(
         level, _ = friction_curve(
             turn, mem.friction_origin[direction, side], mem.friction_level[direction, side], travel
         )
+        for e in range(EXTRA_FRICTIONS):
+            if par.extra_friction[e] == 0.0:
+                break
+            mem.extra_friction_level[e, direction, side], _ = friction_curve(
+                turn,
+                mem.friction_origin[direction, side],
+                mem.extra_friction_level[e, direction, side],
+                par.extra_friction_travel[e],
+            )
         mem.friction_origin[direction, side] = turn
         mem.friction_level[direction, side] = level
     mem.friction_direction[direction, side] = 1.0 if position > last else -1.0

@@ -6,16 +6,19 @@
 so that the membrane does no work of its own and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear
 stack without mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y, undeformed at the preload P of the
 load case. This is solved for the bellows' share (ζ_b, y_b) by Newton's method, and differentiated for its speed.
-Below ``contact_height`` the top plate also sits on the emergency spring. Valid for −87 mm < ζ_b (κ₀+κ₁ζ > 0).
+A bellows that stretches, V + C_V (p − p_ref), does no work of its own either, and its force is the same function of
+the pressure; p_ref is that of the load case. Below ``contact_height`` the top plate also sits on the emergency spring.
+Valid for −87 mm < ζ_b (κ₀+κ₁ζ > 0).
 """
 
-from math import tanh
+from math import sqrt, tanh
 from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import BRANCHES, State
-from bench_sim.model.rubber import friction_curve, friction_limit, maxwell_pull
+from bench_sim.model.rubber import extra_pull, friction_curve, friction_limit, maxwell_pull
+from bench_sim.model.surface import force_surface
 
 #: A bellows is never empty: keeps the pressure finite while Newton's method looks around.
 SMALLEST_VOLUME = 1e-3
@@ -35,13 +38,27 @@ def lateral_shape(y: float, scale: float) -> tuple[float, float, float]:
 
 @compiled
 def volume(par: Any, side: int, zeta: float, y: float) -> float:
-    """Bellows volume V(ζ, y) in m³."""
+    """Bellows volume V(ζ, y) in m³, at the pressure of the load case if it depends on that."""
     Y, _, _ = lateral_shape(y, par.membrane_travel[side])
     return (
         par.bellows_volume[side]
         + (par.effective_area[side] + 0.5 * par.effective_area_slope[side] * zeta) * zeta
         - 0.5 * (par.membrane_length[side] + par.membrane_length_slope[side] * zeta) * Y
     )
+
+
+@compiled
+def stretch(par: Any, side: int, pressure: float) -> float:
+    """C_V (p − p_ref) in m³, by which the bellows is larger at this absolute pressure than under its load case."""
+    reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
+    return par.bellows_compliance[side] * (pressure - reference)
+
+
+@compiled
+def stretched_pressure(par: Any, side: int, content: float, V: float) -> float:
+    """p in Pa that solves p (V + C_V (p − p_ref)) = ``content`` (J), V being the volume at p_ref."""
+    b = V + stretch(par, side, 0.0)
+    return 2.0 * content / (b + sqrt(b * b + 4.0 * par.bellows_compliance[side] * content))
 
 
 @compiled
@@ -56,12 +73,23 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
     A = par.effective_area[side] + A1 * zeta - 0.5 * kappa_1 * Y
     B = -0.5 * length * Y1
     p = (par.heat_capacity_ratio - 1.0) * x[State.BELLOWS_ENERGY + side] / V
+    if par.bellows_compliance[side] > 0.0:
+        p = stretched_pressure(par, side, p * V, V)
+        V += stretch(par, side, p)
     gauge = p - par.atmospheric_pressure
 
     k_z = par.shell_stiffness_vertical[side]
     k_y = par.shell_stiffness_lateral[side]
     branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
     branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
+
+    if par.extra_branch_ratio[0] != 0.0 or par.extra_friction[0] != 0.0:
+        more, stiffer = extra_pull(x, mem, par, 0, side, k_z, zeta)
+        branch_z += more
+        stiff_z += stiffer
+        more, stiffer = extra_pull(x, mem, par, 1, side, k_y, y)
+        branch_y += more
+        stiff_y += stiffer
 
     f_z, slope_z = friction_curve(
         zeta, mem.friction_origin[0, side], mem.friction_level[0, side], par.friction_vertical_travel[side]
@@ -94,6 +122,13 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
 
 
 @compiled
+def energy_kept(par: Any, side: int, out: Any) -> float:
+    """−dp/dV = p/(V + C_V p) in Pa/m³ at constant internal energy."""
+    p = out[Algebraic.PRESSURE + side]
+    return p / (out[Algebraic.VOLUME + side] + par.bellows_compliance[side] * p)
+
+
+@compiled
 def share_with_emergency_spring(
     x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, guess_z: float, guess_y: float, out: Any
 ) -> None:
@@ -113,8 +148,7 @@ def share_with_emergency_spring(
             load_bellows(x, mem, par, side, z_b, y_b, out)
             miss_z = zeta - z_b + c_z * (out[Algebraic.STACK_VERTICAL + side] - par.nominal_preload[side])
             miss_y = y - y_b + c_y * out[Algebraic.STACK_LATERAL + side]
-            # At constant internal energy the pressure follows the volume by dp = −p dV/V.
-            p_V = out[Algebraic.PRESSURE + side] / out[Algebraic.VOLUME + side]
+            p_V = energy_kept(par, side, out)
             a, b, c, d = compliance_matrix(side, c_z, c_y, p_V, out)
             determinant = a * d - b * c
             step_z = min(max((d * miss_z - b * miss_y) / determinant, -_LONGEST_STEP), _LONGEST_STEP)
@@ -132,7 +166,7 @@ def share_with_emergency_spring(
 def carry_over(par: Any, side: int, step_z: float, step_y: float, out: Any) -> None:
     """Move the loads of one bellows by a last small step along their tangents."""
     V_step = out[Algebraic.AREA + side] * step_z + out[Algebraic.LATERAL_AREA + side] * step_y
-    p_step = -out[Algebraic.PRESSURE + side] / out[Algebraic.VOLUME + side] * V_step
+    p_step = -energy_kept(par, side, out) * V_step
     cross = out[Algebraic.STIFFNESS_ZY + side]
     out[Algebraic.STACK_VERTICAL + side] += (
         out[Algebraic.STIFFNESS_ZZ + side] * step_z
@@ -144,7 +178,7 @@ def carry_over(par: Any, side: int, step_z: float, step_y: float, out: Any) -> N
         + out[Algebraic.STIFFNESS_YY + side] * step_y
         + out[Algebraic.LATERAL_PER_PRESSURE + side] * p_step
     )
-    out[Algebraic.VOLUME + side] += V_step
+    out[Algebraic.VOLUME + side] += V_step + par.bellows_compliance[side] * p_step
     out[Algebraic.PRESSURE + side] += p_step
     out[Algebraic.AREA + side] += par.effective_area_slope[side] * step_z
 
@@ -204,7 +238,7 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
             mem,
             par,
             i,
-            zeta,
+            zeta + x[State.CREEP + i],
             y,
             mem.bellows_vertical[i] + ahead * mem.bellows_vertical_speed[i],
             mem.bellows_lateral[i] + ahead * mem.bellows_lateral_speed[i],
@@ -227,19 +261,20 @@ def work_term(par: Any, out: Any, dx: Any) -> None:
     """−p dV/dt of both bellows, after all enthalpy and heat have been added to ``dx``.
 
     The bellows' speed follows from differentiating the series connection in time, with
-    dp/dt = (κ−1)Ḣ/V − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b)/V, where Ḣ is what has been added so far.
+    dp/dt = ((κ−1)Ḣ − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b))/(V + κ C_V p), where Ḣ is what has been added so far.
     """
     kappa = par.heat_capacity_ratio
     for i in range(2):
-        V = out[Algebraic.VOLUME + i]
         p = out[Algebraic.PRESSURE + i]
-        z_speed = out[Algebraic.HEIGHT_SPEED + i]
+        V = out[Algebraic.VOLUME + i] + kappa * par.bellows_compliance[i] * p
+        heating = (kappa - 1.0) * dx[State.BELLOWS_ENERGY + i]
+        z_speed = out[Algebraic.HEIGHT_SPEED + i] + dx[State.CREEP + i]
         y_speed = out[Algebraic.LATERAL_SPEED + i]
         if par.emergency_spring != 0.0:
             c_z = 1.0 / par.emergency_stiffness_vertical[i]
             c_y = 1.0 / par.emergency_stiffness_lateral[i]
             a, b, c, d = compliance_matrix(i, c_z, c_y, kappa * p / V, out)
-            p_rate = (kappa - 1.0) * dx[State.BELLOWS_ENERGY + i] / V
+            p_rate = heating / V
             z_speed += c_z * (
                 out[Algebraic.VERTICAL_PER_PRESSURE + i] * p_rate + out[Algebraic.DASHPOT_VERTICAL + i]
             )
@@ -253,9 +288,10 @@ def work_term(par: Any, out: Any, dx: Any) -> None:
             )
         out[Algebraic.BELLOWS_VERTICAL_SPEED + i] = z_speed
         out[Algebraic.BELLOWS_LATERAL_SPEED + i] = y_speed
-        dx[State.BELLOWS_ENERGY + i] -= p * (
-            out[Algebraic.AREA + i] * z_speed + out[Algebraic.LATERAL_AREA + i] * y_speed
-        )
+        V_rate = out[Algebraic.AREA + i] * z_speed + out[Algebraic.LATERAL_AREA + i] * y_speed
+        if par.bellows_compliance[i] > 0.0:
+            V_rate += par.bellows_compliance[i] * (heating - kappa * p * V_rate) / V
+        dx[State.BELLOWS_ENERGY + i] -= p * V_rate
 
 
 @compiled
@@ -286,6 +322,8 @@ def spring_term(par: Any, out: Any, dx: Any) -> None:
         gauge = par.nominal_preload[i] / par.effective_area[i]
         loss = max(-par.contact_loss * out[Algebraic.HEIGHT_SPEED + i], -1.0)
         F_z = out[Algebraic.STACK_VERTICAL + i] + par.contact_stiffness * out[Algebraic.CONTACT + i] * loss
+        if par.force_surface_displacement[1] > par.force_surface_displacement[0]:
+            F_z += force_surface(par, out[Algebraic.HEIGHT + i], out[Algebraic.HEIGHT_SPEED + i])
         F_y = out[Algebraic.STACK_LATERAL + i] - K * par.coupling_angle * saturated
         M = -(par.torsional_stiffness[i] + par.torsional_stiffness_slope[i] * gauge) * theta
         M -= K * out[Algebraic.LATERAL + i] * (1.0 - saturated * saturated)

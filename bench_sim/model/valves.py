@@ -5,12 +5,14 @@ from typing import Any, Final
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import transfer
+from bench_sim.model.inertance import held_back, loss_secant
 from bench_sim.model.layout import Input, State
 from bench_sim.model.orifice import (
     effective_flow_area,
     iso_flow,
     laminar_between,
     orifice_between,
+    reynolds_factor,
     valve_between,
 )
 from bench_sim.model.pipe import PIPE_RATE, pipe_acceleration
@@ -20,7 +22,7 @@ _SHUT: Final = 1e-3
 
 
 @compiled
-def orifice_term(u: Any, par: Any, out: Any, dx: Any) -> None:
+def orifice_term(t: float, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Flow between each bellows and its auxiliary chamber, carrying the enthalpy of its upstream side.
 
     Without a pipe it follows from the pressures. With one it is a state, which stands in ``out`` already; here it
@@ -32,6 +34,7 @@ def orifice_term(u: Any, par: Any, out: Any, dx: Any) -> None:
         opening = min(max(u[Input.LEFT_RESERVOIR_VALVE + i], 0.0), 1.0)
         piped = par.pipe_length[i] > 0.0
         flow = 0.0
+        steady = 0.0
         if piped and opening < _SHUT:
             dx[State.PIPE_FLOW + i] -= 0.25 * PIPE_RATE * out[Algebraic.ORIFICE_FLOW + i]
         elif opening > 0.0:
@@ -40,15 +43,37 @@ def orifice_term(u: Any, par: Any, out: Any, dx: Any) -> None:
             T_b = out[Algebraic.TEMPERATURE + i]
             T_a = out[Algebraic.AUXILIARY_TEMPERATURE + i]
             area = opening * effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
+            if par.orifice_asymmetry[i] != 0.0:
+                outward = out[Algebraic.ORIFICE_FLOW + i] if piped else p_b - p_a
+                area *= 1.0 + par.orifice_asymmetry[i] * (1.0 if outward > 0.0 else -1.0)
             if piped:
                 flow = out[Algebraic.ORIFICE_FLOW + i]
+                area *= reynolds_factor(flow, par.orifice_diameter[i], par.orifice_reynolds[i])
                 dx[State.PIPE_FLOW + i] += pipe_acceleration(flow, p_b, T_b, p_a, T_a, area, i, par)
             else:
                 flow = orifice_between(p_b, T_b, p_a, T_a, area, par.gas_constant, kappa, par.laminar_limit)
+                if par.orifice_reynolds[i] != 0.0:
+                    flow *= reynolds_factor(flow, par.orifice_diameter[i], par.orifice_reynolds[i])
+                steady = flow
+                if par.flow_inertance[i] > 0.0:
+                    before = mem.steady_flow[i] - mem.missing_flow[i]
+                    rate = loss_secant(flow, before, p_b, T_b, p_a, T_a, area, par) / par.flow_inertance[i]
+                    rise = flow - mem.steady_flow[i]
+                    flow -= held_back(t - mem.solved_time, mem.missing_flow[i], rise, rate)
             transfer(
                 dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, c_p * (T_b if flow > 0.0 else T_a)
             )
         out[Algebraic.ORIFICE_FLOW + i] = flow
+        out[Algebraic.STEADY_FLOW + i] = steady
+
+
+@compiled
+def note_flows(mem: Any, par: Any, out: Any) -> None:
+    """Keep the steady and the missing flow at the start of a step, where there is inertia."""
+    for i in range(2):
+        if par.flow_inertance[i] > 0.0:
+            mem.steady_flow[i] = out[Algebraic.STEADY_FLOW + i]
+            mem.missing_flow[i] = out[Algebraic.STEADY_FLOW + i] - out[Algebraic.ORIFICE_FLOW + i]
 
 
 @compiled
@@ -133,9 +158,10 @@ def dpv_latch(difference: float, latch: int, opening: float, reclosing: float) -
 
 @compiled
 def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Flow from the left to the right auxiliary chamber while the differential pressure valve is open."""
+    """Flow from the left to the right auxiliary chamber while the differential pressure valve is open or leaks."""
     flow = 0.0
-    if mem.dpv_latch == 1 and u[Input.DPV_CONNECTED] > 0.0:
+    conductance = (par.dpv_conductance if mem.dpv_latch == 1 else 0.0) + par.dpv_leak
+    if conductance > 0.0 and u[Input.DPV_CONNECTED] > 0.0:
         T_left = out[Algebraic.AUXILIARY_TEMPERATURE]
         T_right = out[Algebraic.AUXILIARY_TEMPERATURE + 1]
         flow = valve_between(
@@ -143,7 +169,7 @@ def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
             T_left,
             out[Algebraic.AUXILIARY_PRESSURE + 1],
             T_right,
-            par.dpv_conductance * min(u[Input.DPV_CONNECTED], 1.0),
+            conductance * min(u[Input.DPV_CONNECTED], 1.0),
             par.valve_critical_ratio,
             par.laminar_limit,
         )

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.car import CAR, CHANNELS, Ride, car_derivative, place_bogie, ride_on
 from bench_sim.model.gas import energy_of, mass_of
-from bench_sim.model.layout import BRANCHES, SIDES, STATES, Input, State
+from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, SIDES, STATES, Input, State
 from bench_sim.model.plant import STEP, Plant
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.spring import load_bellows, volume
+from bench_sim.model.spring import load_bellows, stretch, stretched_pressure, volume
 
 #: A steady wind is applied in portions of at most this many N, each found from the one before.
 _PORTION: Final = 2000.0
@@ -106,9 +106,10 @@ class Vehicle:
     def lean(self, wind: float) -> "Vehicle":
         """Put the vehicle at its equilibrium under a steady ``wind`` N on this half of the car; returns itself.
 
-        Each spring keeps its air, which has taken on the ambient temperature; the rubber has relaxed, and friction
-        holds nothing. Leveling valves do not act here: with them, let it settle by `ride`. Raises ValueError where
-        there is no equilibrium or the differential pressure valve would open on the way.
+        Each spring keeps its air, which has taken on the ambient temperature; the rubber has relaxed, friction holds
+        nothing, and the emergency spring has crept no further. Leveling valves do not act here: with them, let it
+        settle by `ride`. Raises ValueError where there is no equilibrium or the differential pressure valve would
+        open on the way.
         """
         air = [
             float(self.state[State.BELLOWS_MASS + i] + self.state[State.AUXILIARY_MASS + i])
@@ -169,19 +170,22 @@ class Vehicle:
         for side in range(SIDES):
             zeta, y = float(bellows[side]), float(bellows[SIDES + side])
             V, V_a = volume(par, side, zeta, y), par.auxiliary_volume[side]
-            p = air[side] * R * T / (V + V_a)
+            p = stretched_pressure(par, side, air[side] * R * T, V + V_a)
+            V += stretch(par, side, p)
             for mass, share in ((State.BELLOWS_MASS, V), (State.AUXILIARY_MASS, V_a)):
                 x[mass + side] = mass_of(p, share, T, R)
                 x[mass + SIDES + side] = energy_of(p, share, kappa)
-            for direction, first, value in (
-                (0, State.VERTICAL_DASHPOT, zeta),
-                (1, State.LATERAL_DASHPOT, y),
+            for direction, first, extra, value in (
+                (0, State.VERTICAL_DASHPOT, State.EXTRA_VERTICAL_DASHPOT, zeta),
+                (1, State.LATERAL_DASHPOT, State.EXTRA_LATERAL_DASHPOT, y),
             ):
                 x[first + side * BRANCHES : first + (side + 1) * BRANCHES] = value
+                x[extra + side * EXTRA_BRANCHES : extra + (side + 1) * EXTRA_BRANCHES] = value
+                mem.extra_friction_level[:, direction, side] = 0.0
                 mem.friction_origin[direction, side] = mem.friction_last[direction, side] = value
                 mem.friction_level[direction, side] = mem.friction_direction[direction, side] = 0.0
             load_bellows(x, mem, par, side, zeta, y, out)
-            top[0, side], top[1, side] = zeta, y
+            top[0, side], top[1, side] = zeta - x[State.CREEP + side], y
             if par.emergency_spring:
                 top[0, side] -= (
                     out[Algebraic.STACK_VERTICAL + side] - par.nominal_preload[side]

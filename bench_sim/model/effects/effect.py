@@ -8,6 +8,11 @@ from typing import Any, Final
 PLACES: Final = ("left", "right")
 
 
+def springs(place: int | None) -> slice | int:
+    """Index of one spring in a quantity that each has, or of both."""
+    return slice(None) if place is None else place
+
+
 @dataclass(frozen=True, slots=True)
 class Quantity:
     """A parameter of an effect, in SI: what it is without further knowledge, how far it may lie, what is possible."""

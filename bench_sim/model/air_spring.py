@@ -1,0 +1,43 @@
+"""Everything that the air springs and their valves do, whatever stands on them: the sum of their terms.
+
+The bench puts a bolster with actuators on them (`bench_sim.model.kernel`), the vehicle a car body
+(`bench_sim.model.car`).
+"""
+
+from typing import Any
+
+from bench_sim.model.compiled import compiled
+from bench_sim.model.gas import heat_term
+from bench_sim.model.rubber import creep_term, maxwell_term
+from bench_sim.model.spring import spring_algebra, spring_term, work_term
+from bench_sim.model.surface import gas_surface_term
+from bench_sim.model.valves import (
+    dpv_term,
+    leak_term,
+    leveling_term,
+    lever_term,
+    orifice_term,
+    supply_term,
+)
+
+
+@compiled
+def air_spring(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+    """Add to ``dx`` (STATES) what gas, rubber, valves and springs contribute; fill their part of ``out``.
+
+    The forces on what stands on the springs gather in the derivatives of its speeds, to be divided by its mass.
+    """
+    spring_algebra(t, x, mem, par, out)
+    # Flows and relaxation first: the bellows' speed, and with it their work, follows from them.
+    supply_term(t, x, u, par, dx)
+    orifice_term(t, mem, u, par, out, dx)
+    leveling_term(x, mem, u, par, out, dx)
+    dpv_term(mem, u, par, out, dx)
+    leak_term(par, out, dx)
+    heat_term(x, mem, par, out, dx)
+    gas_surface_term(u, par, out, dx)
+    maxwell_term(x, par, out, dx)
+    creep_term(x, par, out, dx)
+    work_term(par, out, dx)
+    lever_term(x, par, out, dx)
+    spring_term(par, out, dx)

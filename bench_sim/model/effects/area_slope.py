@@ -1,0 +1,30 @@
+"""The effective area changes with height otherwise than assumed.
+
+    A_1 ← A_1 + e,   A_e = A_0 + A_1 ζ
+
+in both springs: a stiffness −p_g e, without loss, at any frequency. Source: isobaric test of EN 13597; the base
+model's own slope is assumed.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bench_sim.model.effects.effect import Effect, Quantity
+
+
+def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.effective_area_slope[:] += values["slope"]
+
+
+EFFECT = Effect(
+    name="area_slope",
+    family="gas",
+    title="slope of the effective area",
+    amplitude=Quantity("slope", "m", "m", 1.0, 0.0, 0.1, -0.2, 0.2),
+    change=_change,
+    touches=frozenset({"force", "gas"}),
+    confusers=("compliance", "force_gain", "bellows_volume"),
+    equation="A_e = A_0 + (A_1 + e) ζ",
+    source="EN 13597, isobaric test; size assumed",
+    separated_by="heights held at constant pressure: F/p_g against ζ",
+)

@@ -1,0 +1,29 @@
+"""The auxiliary chamber holds more or less air than its drawing says.
+
+    V_a ← (1 + e) V_a
+
+in both springs. Source: the base model's own volume, which is assumed.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bench_sim.model.effects.effect import Effect, Quantity
+
+
+def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.auxiliary_volume[:] *= 1.0 + values["change"]
+
+
+EFFECT = Effect(
+    name="auxiliary_volume",
+    family="gas",
+    title="volume of the auxiliary chamber",
+    amplitude=Quantity("change", "1", "%", 0.01, 0.0, 0.1, -0.5, 1.0),
+    change=_change,
+    touches=frozenset({"gas"}),
+    confusers=("bellows_volume", "compliance", "discharge"),
+    equation="V_a ← (1+e) V_a",
+    source="size assumed",
+    separated_by="slow sine, 0.1 Hz: K of both chambers together gives V_a + V_b",
+)

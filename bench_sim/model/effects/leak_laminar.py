@@ -1,0 +1,35 @@
+"""A fine crack in a bellows or its seat: air leaves it by laminar flow.
+
+    G = k (p² − p_atm²)
+
+Source: compressible Poiseuille flow; leaks of a pneumatic test chamber follow it better than an orifice (Zillen, TU
+Delft 2021). Sizes assumed: 0.5 g/(min·bar²) is 72 mg/s at AW0, much like a hole of 0.1 mm².
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bench_sim.model.effects.effect import PLACES, Effect, Quantity, springs
+
+
+def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.leak_laminar[springs(place)] += values["coefficient"]
+
+
+_DISPLAY = 1e-3 / 60.0 / 1e10
+
+EFFECT = Effect(
+    name="leak_laminar",
+    family="gas",
+    title="leak of a bellows (laminar)",
+    amplitude=Quantity(
+        "coefficient", "kg/(s*Pa2)", "g/(min*bar2)", _DISPLAY, 0.0, 0.5 * _DISPLAY, 0.0, 100.0 * _DISPLAY
+    ),
+    change=_change,
+    places=PLACES,
+    touches=frozenset({"gas"}),
+    confusers=("leak", "heat", "creep", "pressure_drift"),
+    equation="G = k (p² − p_atm²)",
+    source="compressible Poiseuille flow; Zillen 2021 for a test chamber; sizes assumed",
+    separated_by="holds at pressures a factor of five apart: G grows with p² instead of p",
+)

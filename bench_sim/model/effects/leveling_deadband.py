@@ -1,0 +1,30 @@
+"""The leveling valve opens earlier or later than it should.
+
+    δ ← δ + e
+
+in both valves; the hysteresis stays. While a valve stays open its opening, (|x| − δ + δ_h)/Δ, is smooth in e; whether
+and when it opens is not. Source: adjustment and wear; size assumed.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bench_sim.model.effects.effect import Effect, Quantity
+
+
+def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.leveling_deadband[:] += values["change"]
+
+
+EFFECT = Effect(
+    name="leveling_deadband",
+    family="flow",
+    title="deadband of the leveling valves",
+    amplitude=Quantity("change", "m", "mm", 1e-3, 0.0, 2e-3, -3e-3, 20e-3),
+    change=_change,
+    touches=frozenset({"flow"}),
+    confusers=("leveling_delay", "leak"),
+    equation="δ ← δ + e",
+    source="adjustment and wear; size assumed",
+    separated_by="slow height ramp through both ends of the dead zone, valves connected",
+)

@@ -1,0 +1,85 @@
+"""Terms without a name: smooth surfaces over two states of a spring, for what no named effect explains.
+
+    s(a, b) = Σ_jk c_jk N_j(a) N_k(b)
+
+N are quadratic B-splines on uniform knots over the span of a coordinate, held at the span's ends beyond it. A
+coefficient of one everywhere is a surface of one: they are a partition of unity.
+"""
+
+from math import asinh
+from typing import Any
+
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.compiled import compiled
+from bench_sim.model.gas import transfer
+from bench_sim.model.layout import Input, State
+
+
+@compiled
+def spline_weights(value: float, low: float, high: float, count: int) -> tuple[int, float, float, float]:
+    """Place of the first of the three splines that are not zero at ``value``, and their values, of ``count``."""
+    cells = count - 2
+    s = min(max((value - low) / (high - low), 0.0), 1.0) * cells
+    first = min(int(s), cells - 1)
+    u = s - first
+    return first, 0.5 * (1.0 - u) * (1.0 - u), 0.5 + u * (1.0 - u), 0.5 * u * u
+
+
+@compiled
+def surface(coefficients: Any, a: float, a_span: Any, b: float, b_low: float, b_high: float) -> float:
+    """Value of the surface with ``coefficients`` (8, 4) at (a, b)."""
+    j, v_0, v_1, v_2 = spline_weights(a, a_span[0], a_span[1], coefficients.shape[0])
+    k, w_0, w_1, w_2 = spline_weights(b, b_low, b_high, coefficients.shape[1])
+    return (
+        v_0 * (w_0 * coefficients[j, k] + w_1 * coefficients[j, k + 1] + w_2 * coefficients[j, k + 2])
+        + v_1
+        * (w_0 * coefficients[j + 1, k] + w_1 * coefficients[j + 1, k + 1] + w_2 * coefficients[j + 1, k + 2])
+        + v_2
+        * (w_0 * coefficients[j + 2, k] + w_1 * coefficients[j + 2, k + 1] + w_2 * coefficients[j + 2, k + 2])
+    )
+
+
+@compiled
+def force_surface(par: Any, displacement: float, speed: float) -> float:
+    """Extra upward force of one spring in N over its height and asinh(v/v₀) of its speed."""
+    v_0 = par.force_surface_unit_speed
+    return surface(
+        par.force_surface,
+        displacement,
+        par.force_surface_displacement,
+        asinh(speed / v_0),
+        asinh(par.force_surface_speed[0] / v_0),
+        asinh(par.force_surface_speed[1] / v_0),
+    )
+
+
+@compiled
+def gas_surface_term(u: Any, par: Any, out: Any, dx: Any) -> None:
+    """Extra flow from each bellows to its chamber over (p_b − p_a, p_b), extra heat into it over (p_b, T_b − T_amb)."""
+    c_p = par.heat_capacity_ratio / (par.heat_capacity_ratio - 1.0) * par.gas_constant
+    for i in range(2):
+        p = out[Algebraic.PRESSURE + i]
+        T = out[Algebraic.TEMPERATURE + i]
+        if par.flow_surface_difference[1] > par.flow_surface_difference[0]:
+            flow = min(max(u[Input.LEFT_RESERVOIR_VALVE + i], 0.0), 1.0) * surface(
+                par.flow_surface,
+                p - out[Algebraic.AUXILIARY_PRESSURE + i],
+                par.flow_surface_difference,
+                p,
+                par.flow_surface_pressure[0],
+                par.flow_surface_pressure[1],
+            )
+            enthalpy = c_p * (T if flow > 0.0 else out[Algebraic.AUXILIARY_TEMPERATURE + i])
+            transfer(dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, enthalpy)
+            out[Algebraic.ORIFICE_FLOW + i] += flow
+        if par.heat_surface_pressure[1] > par.heat_surface_pressure[0]:
+            heat = surface(
+                par.heat_surface,
+                p,
+                par.heat_surface_pressure,
+                T - par.ambient_temperature,
+                par.heat_surface_temperature[0],
+                par.heat_surface_temperature[1],
+            )
+            dx[State.BELLOWS_ENERGY + i] += heat
+            out[Algebraic.HEAT + i] += heat
