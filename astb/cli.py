@@ -6,7 +6,7 @@ Everything heavy is imported inside the commands: `astb --help` answers at once.
 
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
@@ -26,6 +26,24 @@ RIG_OPTION: Final = click.option(
     type=click.Path(path_type=Path),
     help="Rig file (TOML).  [default: rigs/local.toml]",
 )
+_SIMULATION_OPTIONS: Final = (
+    click.option("--model", help="Parameter set, or path of a parameter or model file; over the rig file."),
+    click.option(
+        "--effect",
+        "effects",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Give the simulated rig an effect, such as leak.left=0.2mm2; repeatable. `astb effects` lists them.",
+    ),
+    click.option("--sealed", help="File with effects that are recorded and shown nowhere."),
+)
+
+
+def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command say what the simulated rig simulates, over the rig file: see `simulated`."""
+    for option in reversed(_SIMULATION_OPTIONS):
+        command = option(command)
+    return command
 
 
 def main() -> NoReturn:
@@ -71,6 +89,7 @@ def commands() -> None:
 @click.option("--can-port", type=click.IntRange(0, 65535), help="TCP port of the CAN hub, 0 for a free one.")
 @click.option("--modbus-port", type=click.IntRange(0, 65535), help="TCP port of Modbus, 0 for a free one.")
 @click.option("--seed", type=SEED, help="Draws this rig's sensors and their noise.")
+@simulation_options
 @click.option("--beacon", is_flag=True, help="Announce the CAN hub on the loopback, for SavvyCAN.")
 @click.option(
     "--allow-remote", is_flag=True, help="Open the ports to other machines; neither has a password."
@@ -82,6 +101,9 @@ def rig_command(
     can_port: int | None,
     modbus_port: int | None,
     seed: int | None,
+    model: str | None,
+    effects: tuple[str, ...],
+    sealed: str | None,
     beacon: bool,
     allow_remote: bool,
     until_eof: bool,
@@ -99,8 +121,10 @@ def rig_command(
     rig, path = _rig(rig_path)
     if rig.simulation is None:
         misuse(f"rig file {path} describes a real rig (no [simulation] table): there is nothing to simulate")
+    rig = simulated(rig, path, model, effects, sealed)
+    assert rig.simulation is not None
     try:
-        simulated = build_rig(rig.simulation, seed)
+        bench = build_rig(rig.simulation, seed)
     except ValueError as error:
         misuse(error)
     stop = threading.Event()
@@ -108,11 +132,11 @@ def rig_command(
         signal.signal(number, lambda *_: stop.set())
     if until_eof:  # whoever started this rig holds the other end: the rig outlives nobody, however they end
         threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()
-    signal.signal(signal.SIGUSR1, lambda *_: simulated.press_estop())
-    signal.signal(signal.SIGUSR2, lambda *_: simulated.release_estop())
+    signal.signal(signal.SIGUSR1, lambda *_: bench.press_estop())
+    signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())
     try:
         run_rig(
-            simulated,
+            bench,
             can=can or rig.can.bus,
             host=rig.can.host,
             can_port=rig.can.port if can_port is None else can_port,
@@ -136,6 +160,7 @@ def rig_command(
     "--virtual", is_flag=True, help="In virtual time, without sockets: the same plans, bytes and verdicts."
 )
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
+@simulation_options
 @click.option(
     "--out",
     "out",
@@ -145,7 +170,14 @@ def rig_command(
     help="Where records go.",
 )
 def run_command(
-    plans: tuple[str, ...], rig_path: Path | None, virtual: bool, seed: int | None, out: Path
+    plans: tuple[str, ...],
+    rig_path: Path | None,
+    virtual: bool,
+    seed: int | None,
+    model: str | None,
+    effects: tuple[str, ...],
+    sealed: str | None,
+    out: Path,
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
 
@@ -163,6 +195,7 @@ def run_command(
     if unknown:
         misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(PLANS)}")
     rig, path = _rig(rig_path)
+    rig = simulated(rig, path, model, effects, sealed)
     # Whoever ends the run, tear-down runs.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -182,6 +215,20 @@ def plans_command() -> None:
     width = max(map(len, PLANS))
     for name, plan in PLANS.items():
         click.echo(f"{name:<{width}}  {plan.title}")
+
+
+@commands.command("effects")
+def effects_command() -> None:
+    """List the effects that a simulated rig can be given and a diagnosis can name."""
+    from bench_sim.model.effects import CATALOGUE
+
+    for effect in CATALOGUE.values():
+        places = f".{'|'.join(effect.places)}" if effect.places else ""
+        click.echo(f"{effect.name + places:<30} {effect.family:<12} {effect.title}")
+        for one in effect.parameters:
+            low, high, typical = (f"{value / one.scale:g}" for value in (one.low, one.high, one.typical))
+            unit = "" if one.display == "1" else f" {one.display}"
+            click.echo(f"    {one.name:<26} {low} to {high}{unit}, typically {typical}")
 
 
 @commands.command("signals")
@@ -257,6 +304,38 @@ def paper_command(quick: bool, seed: int, out: Path) -> None:
 def _when_stdin_ends(call: Callable[[], None]) -> None:
     sys.stdin.read()
     call()
+
+
+def simulated(
+    rig: "RigFile", path: Path, model: str | None, effects: Sequence[str], sealed: str | None
+) -> "RigFile":
+    """Return ``rig`` with what the options of `simulation_options` say over the rig file."""
+    from msgspec.structs import replace
+
+    if not (model or effects or sealed):
+        return rig
+    if rig.simulation is None:
+        misuse(
+            f"rig file {path} describes a real rig (no [simulation] table): --model, --effect and --sealed are for "
+            "simulated ones"
+        )
+    given: dict[str, str] = {}
+    for text in effects:
+        name, equals, value = text.partition("=")
+        if not equals:
+            misuse(f"--effect {text} has no amplitude: NAME=VALUE would be right, such as leak.left=0.2mm2")
+        if name in given:
+            misuse(f"--effect {name} is given twice")
+        given[name] = value
+    return replace(
+        rig,
+        simulation=replace(
+            rig.simulation,
+            parameters=model or rig.simulation.parameters,
+            effects=rig.simulation.effects | given,
+            sealed=sealed or rig.simulation.sealed,
+        ),
+    )
 
 
 def _rig(path: Path | None) -> "tuple[RigFile, Path]":

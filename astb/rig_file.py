@@ -37,10 +37,12 @@ class Modbus(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What a simulated rig simulates. A rig file without this table is never simulated and never started."""
 
-    parameters: str = "astb"  #: name of a parameter set, or the path of its TOML file
+    parameters: str = "astb"  #: name of a parameter set, or the path of its TOML file or of a model file
     seed: Annotated[int, Meta(ge=0, le=SEED_MAX)] = 0
     late_ticks: Literal["catch_up", "skip", "fault"] = "catch_up"
     change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
+    effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
+    sealed: str = ""  #: path of a file of effects that nobody is told
 
 
 class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):

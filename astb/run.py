@@ -177,6 +177,8 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
     }
     if session.parameters is not None:
         facts["parameters"] = {"name": session.parameters.name, "sha256": session.parameters.digest()}
+        if session.parameters.effects:
+            facts["parameters"]["effects"] = session.parameters.effects
     if not session.virtual:
         facts["date"] = utc_date()
         facts["machine"] = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from astb.cli import MISUSE
-from astb.rig_file import RigFile, RigFileError, Simulation
+from astb.rig_file import RigFile, RigFileError, Simulation, read
 from bench_protocol.clock import Clock, RealClock, VirtualClock, hurry_process, wall_time_ns
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
@@ -36,38 +36,29 @@ class Session:
 
 
 def simulated_parameters(simulation: Simulation) -> "Parameters":
-    """Return the parameter set that the rig file asks for.
+    """Return the parameter set that the rig file asks for, without what is sealed.
 
-    Raises RigFileError or ParameterError with name, value, unit and what would be right.
+    Raises ParameterError with name, value, unit and what would be right.
     """
     from bench_sim.parameters import load
+    from bench_sim.parameters.effects import read_effect_text, with_effects
+    from bench_sim.parameters.model_file import read_changes, with_changes
 
-    parameters = load(simulation.parameters)
-    changes = {}
-    for name, text in simulation.change.items():
-        entry = parameters.entries.get(name)
-        if entry is not None:
-            number, _, unit = str(text).partition(" ")
-            try:
-                changes[name] = float(number) * entry.scale
-            except ValueError:
-                raise RigFileError(
-                    f"change: {name} = {text!r} is not a number with its unit ({entry.unit}) after a space"
-                ) from None
-            if unit.strip() != entry.unit:
-                raise RigFileError(
-                    f"change: {name} = {text!r} is not in {entry.unit}, the unit of that parameter"
-                )
-        else:
-            changes[name] = 0.0  # refused below, with the names that there are
-    return parameters.with_values(**changes) if changes else parameters
+    parameters = with_changes(load(simulation.parameters), read_changes(simulation.change))
+    effects = {name: read_effect_text(name, text) for name, text in simulation.effects.items()}
+    return with_effects(parameters, effects)
 
 
 def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
-    """Return the simulated rig, not yet running."""
+    """Return the simulated rig, not yet running. Raises ParameterError as `simulated_parameters` does."""
+    from bench_sim.parameters.effects import with_effects
+    from bench_sim.parameters.model_file import load_effects
     from bench_sim.rig.rig import Rig
 
-    return Rig(simulated_parameters(simulation), seed=simulation.seed if seed is None else seed)
+    parameters = simulated_parameters(simulation)
+    if simulation.sealed:
+        parameters = with_effects(parameters, load_effects(Path(simulation.sealed)))
+    return Rig(parameters, seed=simulation.seed if seed is None else seed)
 
 
 @contextlib.contextmanager
@@ -94,7 +85,12 @@ def open_session(
     with contextlib.ExitStack() as stack:
         if rig.simulation and not answers(rig):
             say(f"no rig answers at {rig.modbus.host}:{rig.modbus.port}: starting one")
-            stack.enter_context(started(path, seed, say))
+            stack.enter_context(started(rig.simulation, path, seed, say))
+        elif rig.simulation and rig.simulation != read(path).simulation:
+            raise RigFileError(
+                f"a rig is running at {rig.modbus.host}:{rig.modbus.port} already and keeps its model and effects: "
+                "stop it, or run in virtual time"
+            )
         elif rig.simulation and seed is not None:
             say("the rig is running already: it keeps its own seed")
         yield stack.enter_context(real_session(rig, seed))
@@ -112,6 +108,8 @@ def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None)
     can = InMemoryCan(lambda block: rig.receive(block, "memory"))
     modbus = InMemoryModbus(lambda request: rig.answer(request, "memory"))
     done = 0
+    known = simulation.seed if seed is None else seed
+    told = simulated_parameters(simulation).as_built(known)
 
     def advance(until: int) -> None:
         nonlocal done
@@ -123,7 +121,7 @@ def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None)
     clock.attach(advance)
     bench = Bench(can, modbus, clock)
     try:
-        yield Session(bench, clock, True, rig.parameters, simulation.seed if seed is None else seed)
+        yield Session(bench, clock, True, told, known)
     finally:
         bench.close()
 
@@ -165,9 +163,16 @@ def answers(rig: RigFile) -> bool:
 
 
 @contextlib.contextmanager
-def started(path: Path, seed: int | None, say: Callable[[str], None]) -> Iterator[None]:
-    """Run ``astb rig`` for ``path`` in a process of its own while the block lasts."""
+def started(
+    simulation: Simulation, path: Path, seed: int | None, say: Callable[[str], None]
+) -> Iterator[None]:
+    """Run ``astb rig`` for ``path``, with the ``simulation``, in a process of its own while the block lasts."""
     command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
+    command += ["--model", simulation.parameters]
+    for name, text in simulation.effects.items():
+        command += ["--effect", f"{name}={text}"]
+    if simulation.sealed:
+        command += ["--sealed", simulation.sealed]
     if seed is not None:
         command += ["--seed", str(seed)]
     pipe = subprocess.PIPE

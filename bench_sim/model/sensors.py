@@ -1,7 +1,9 @@
-"""The measuring chain: s_m = (1+g)(H s) + b + d t + Σ c_jk s_k + noise, quantised and limited to its range.
+"""The measuring chain: s_m = (1+g) D H s + b + d t + Σ c_jk D H s_k + noise, quantised and limited to its range.
 
 The lag H = 1/(1+τs) is discretised for an input that is linear between samples (ramp-invariant), so that a τ far
-below the step acts as it does in nature: as a delay τ, linear in τ down to zero.
+below the step acts as it does in nature: as a delay τ, linear in τ down to zero. The delay D, by which the readings of
+a group of sensors arrive late, interpolates between the outputs of the last `HISTORY` steps: a longer delay than those
+span (0.25 s at 1 ms) is cut off there.
 """
 
 from math import exp, floor
@@ -10,7 +12,7 @@ from typing import Any
 from bench_sim.model.actuator import piston_displacement
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled, compiled_once
-from bench_sim.model.layout import ACTUATORS, SENSORS, TINY, Sensor, State
+from bench_sim.model.layout import ACTUATORS, HISTORY, SENSORS, TINY, Sensor, State
 from bench_sim.model.noise import normal
 
 
@@ -20,7 +22,8 @@ def load_cell_term(par: Any, out: Any, values: Any) -> None:
 
     F_z = ΣF_k (four vertical, compression positive), F_y = F_5 + F_6 (the force that springs and bump stop do to the
     bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the springs bring
-    Σ (M_i + s_i b F_z,i − h F_y,i); M_y = M_z = 0. The platform's own weight is tared and its inertia not seen.
+    Σ (M_i + s_i b F_z,i − h F_y,i); M_y = M_z = 0. The platform's own weight is tared; of its inertia the cells see
+    m z̈_P and m ÿ_P of what lies on them (``platen_mass``, 0 in a rig that compensates it).
     """
     F_z = out[Algebraic.VERTICAL_FORCE] + out[Algebraic.VERTICAL_FORCE + 1]
     F_y = out[Algebraic.LATERAL_FORCE] + out[Algebraic.LATERAL_FORCE + 1]
@@ -30,7 +33,8 @@ def load_cell_term(par: Any, out: Any, values: Any) -> None:
         + par.spring_half_spacing * (out[Algebraic.VERTICAL_FORCE] - out[Algebraic.VERTICAL_FORCE + 1])
         - par.column_height * F_y
     )
-    F_y += out[Algebraic.BUMP_STOP]
+    F_y += out[Algebraic.BUMP_STOP] + par.platen_mass * out[Algebraic.PLATFORM_ACCELERATION]
+    F_z += par.platen_mass * out[Algebraic.PLATFORM_ACCELERATION + 1]
     tilt = (M_x + par.load_cell_height * F_y) / (4.0 * par.load_cell_y)
     values[Sensor.LOAD_CELL_1] = 0.25 * F_z + tilt
     values[Sensor.LOAD_CELL_2] = 0.25 * F_z - tilt
@@ -87,6 +91,42 @@ def lagged(mem: Any, k: int, value: float) -> float:
 
 
 @compiled
+def arrives_late(par: Any) -> bool:
+    """Whether any reading arrives later than it was taken."""
+    return (
+        par.force_latency > 0.0
+        or par.pressure_latency > 0.0
+        or par.pressure_clock_skew > 0.0
+        or par.pressure_hold > 0.0
+    )
+
+
+@compiled
+def lateness(mem: Any, par: Any, sensor: int) -> float:
+    """How old a reading of one sensor is in s: pressures can be held, and timed by a slow clock of their own."""
+    if Sensor.LEFT_BELLOWS_PRESSURE <= sensor <= Sensor.SUPPLY_PRESSURE:
+        age = 0.0
+        if par.pressure_hold > 0.0:
+            # Time is a sum of steps: a microsecond more puts the start of a period on its right side.
+            age = (mem.time + 1e-6) % par.pressure_hold_period
+        return par.pressure_latency + par.pressure_clock_skew * mem.time + par.pressure_hold * age
+    transducer = Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE
+    if transducer or Sensor.LOAD_CELL_1 <= sensor <= Sensor.LOAD_CELL_6:
+        return par.force_latency
+    return 0.0
+
+
+@compiled
+def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
+    """What one sensor delivered ``delay`` ago, ``value`` being what it delivers now; linear between the steps."""
+    back = min(delay / mem.lag_step, HISTORY - 1.0)
+    steps = int(back)
+    newer = value if steps == 0 else mem.sensor_history[sensor, (mem.step - steps) % HISTORY]
+    older = mem.sensor_history[sensor, (mem.step - steps - 1) % HISTORY]
+    return newer + (back - steps) * (older - newer)
+
+
+@compiled
 def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
     """Move every sensor's lag on to the present true values."""
     prepare_lags(mem, par, dt)
@@ -94,15 +134,20 @@ def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
         output = lagged(mem, k, values[k])
         mem.sensor_output[k] = output if abs(output) > TINY else 0.0
         mem.sensor_input[k] = values[k]
+    if arrives_late(par):
+        place = mem.step % HISTORY
+        for k in range(SENSORS):
+            mem.sensor_history[k, place] = mem.sensor_output[k]
 
 
 @compiled_once
 def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
     """Readings of one sampling instant from the true values of that instant; ``counter`` picks the noise."""
     for k in range(SENSORS):
-        readings[k] = lagged(mem, k, values[k])
-    for k in range(SENSORS):
-        values[k] = readings[k]
+        values[k] = lagged(mem, k, values[k])
+    if arrives_late(par):
+        for k in range(SENSORS):
+            values[k] = delayed(mem, k, values[k], lateness(mem, par, k))
     for k in range(SENSORS):
         s = (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
         if Sensor.LOAD_CELL_1 <= k <= Sensor.LOAD_CELL_6:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import PARAMETERS, PLANT_QUANTITIES
+from bench_sim.parameters.effects import Effects, apply_effects
 from bench_sim.parameters.loading import (
     LOAD,
     PROVENANCES,
@@ -23,6 +24,7 @@ from bench_sim.parameters.loading import (
     read_toml,
     unknown,
 )
+from bench_sim.parameters.model_file import extended, is_model, read_model
 from bench_sim.parameters.sensors import SENSOR_KINDS, read_sensors
 
 __all__ = ["PROVENANCES", "SENSOR_KINDS", "Entry", "ParameterError", "Parameters", "load"]
@@ -33,20 +35,26 @@ SETS: Final = ("astb",)
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """A complete parameter set under one load case; immutable, changed copies come from `with_values`."""
+    """A complete parameter set under one load case; immutable, changed copies come from `with_values`.
+
+    ``entries`` describe the bench without its ``effects``; ``record`` has both.
+    """
 
     name: str
     entries: Mapping[str, Entry]
     load_cases: Mapping[str, Entry]
     load_case: str
+    effects: Effects = field(default_factory=dict)
     record: Any = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         array = np.zeros(1, PARAMETERS)
         for name in PARAMETERS.names or ():
             array[name][0] = self.entries[name].value
-        _check_order(self.entries)
-        object.__setattr__(self, "record", array.view(np.recarray)[0])
+        record = array.view(np.recarray)[0]
+        apply_effects(record, self.entries, self.effects)
+        _check_order(record)
+        object.__setattr__(self, "record", record)
 
     def with_values(self, **changes: ArrayLike | Mapping[Sensor, float]) -> "Parameters":
         """Return a copy with some values changed (SI).
@@ -84,13 +92,23 @@ class Parameters:
 
 
 def load(name: str | Path = "astb", load_case: str | None = None) -> Parameters:
-    """Read a parameter set: a name stands for a file beside this module, anything else is a path.
+    """Read a parameter set or a model file: a name stands for a set beside this module, anything else is a path.
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """
+    return _load(name, load_case, ())
+
+
+def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> Parameters:
     path, tables = read_toml(name, SETS)
     try:
-        return _parse(path.stem, tables, load_case)
+        if not is_model(tables):
+            return _parse(path.stem, tables, load_case)
+        if path.resolve() in above:
+            raise ParameterError("this model is based on itself")
+        model = read_model(tables)
+        named = model.based_on if Path(model.based_on).suffix != ".toml" else path.parent / model.based_on
+        return extended(_load(named, load_case, (*above, path.resolve())), model, path.stem)
     except ParameterError as error:
         raise ParameterError(f"{path.name}: {error}") from error
 
@@ -106,7 +124,7 @@ def _parse(name: str, tables: dict[str, Any], load_case: str | None) -> Paramete
     return Parameters(name, entries | {LOAD: loads[chosen]}, loads, chosen)
 
 
-def _check_order(entries: Mapping[str, Entry]) -> None:
+def _check_order(record: Any) -> None:
     """Pairs that only make sense in one order."""
     for low, high in (
         ("dpv_reclosing", "dpv_opening"),
@@ -114,14 +132,13 @@ def _check_order(entries: Mapping[str, Entry]) -> None:
         ("sawtooth_low", "sawtooth_high"),
         ("sensor_low", "sensor_high"),
     ):
-        if np.any(entries[low].value > entries[high].value):
-            raise ParameterError(f"{low} = {entries[low].value} exceeds {high} = {entries[high].value} (SI)")
-    for length, diameter in zip(
-        entries["pipe_length"].value, entries["pipe_diameter"].value, strict=True
-    ):  # a shorter one has so little inertia that no step follows its surge
+        if np.any(record[low] > record[high]):
+            raise ParameterError(f"{low} = {record[low]} exceeds {high} = {record[high]} (SI)")
+    for length, diameter in zip(record.pipe_length, record.pipe_diameter, strict=True):
+        # a shorter one has so little inertia that no step follows its surge
         if 0.0 < length < diameter:
             raise ParameterError(
                 f"pipe_length = {length:g} m is less than pipe_diameter = {diameter:g} m; 0 m means no pipe"
             )
-    if np.any(np.diff(entries["bump_stop_travel"].value) <= 0.0):
-        raise ParameterError(f"bump_stop_travel = {entries['bump_stop_travel'].value} m does not increase")
+    if np.any(np.diff(record.bump_stop_travel) <= 0.0):
+        raise ParameterError(f"bump_stop_travel = {record.bump_stop_travel} m does not increase")

@@ -45,18 +45,18 @@ class Entry:
 def read_toml(
     name: str | Path, sets: tuple[str, ...], what: str = "parameter set"
 ) -> tuple[Path, dict[str, Any]]:
-    """Return path and content of a file: one of the ``sets`` stands for a file beside this module.
+    """Return path and content of a file; the name of one of the ``sets`` stands for a file beside this module.
 
     Raises `ParameterError`.
     """
     path = Path(name)
-    if path.suffix != ".toml":
+    if sets and path.suffix != ".toml":
         path = Path(__file__).parent / f"{name}.toml"
     try:
         return path, tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        known = ", ".join(sets)
-        raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read; there is {known}") from error
+        hint = f"; there is {', '.join(sets)}" if sets else ""
+        raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read{hint}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path.name}: {error}") from error
 

@@ -57,6 +57,15 @@ SENSOR_KINDS: Final[Mapping[str, tuple[str, tuple[Sensor, ...]]]] = MappingProxy
 _RATES: Final = {"m": "m/s", "Pa": "Pa/s", "K": "K/s", "N": "N/s", "m/s2": "m/s3", "rad": "rad/s"}
 
 
+def sensor_units(quantity: Quantity) -> dict[str, str]:
+    """Return the SI unit of one property of each sensor, by the sensor's name in small letters."""
+    return {
+        member.name.lower(): {"signal": signal, "signal/s": _RATES[signal]}.get(quantity.unit, quantity.unit)
+        for signal, members in SENSOR_KINDS.values()
+        for member in members
+    }
+
+
 def read_sensors(tables: Mapping[str, Any]) -> dict[str, Entry]:
     """Gather the kinds of sensor into one entry per property, each with an element per sensor."""
     for kind in tables:
@@ -67,17 +76,18 @@ def read_sensors(tables: Mapping[str, Any]) -> dict[str, Entry]:
     for quantity in SENSOR_QUANTITIES:
         key = quantity.name.removeprefix("sensor_")
         value, low, high = (np.zeros(quantity.shape) for _ in range(3))
-        elements = [("", "")] * len(Sensor)
-        for kind, (signal, members) in SENSOR_KINDS.items():
+        units = sensor_units(quantity)
+        for kind, (_, members) in SENSOR_KINDS.items():
             if key not in tables[kind]:
                 raise ParameterError(f"sensor {kind} lacks {key}")
-            unit = {"signal": signal, "signal/s": _RATES[signal]}.get(quantity.unit, quantity.unit)
-            one = read_entry(f"sensor.{kind}.{key}", tables[kind][key], Quantity(key, unit))
-            for member in members:
-                value[member], low[member], high[member] = one.value, one.low, one.high
-                elements[member] = member.name.lower(), unit
+            one = read_entry(
+                f"sensor.{kind}.{key}", tables[kind][key], Quantity(key, units[members[0].name.lower()])
+            )
+            places = list(members)
+            value[places], low[places], high[places] = one.value, one.low, one.high
+        elements = tuple((sensor.name.lower(), units[sensor.name.lower()]) for sensor in Sensor)
         entries[quantity.name] = Entry(
-            value, low, high, "per sensor", 1.0, "assumed", "one entry per kind of sensor", tuple(elements)
+            value, low, high, "per sensor", 1.0, "assumed", "one entry per kind of sensor", elements
         )
     properties = {quantity.name.removeprefix("sensor_") for quantity in SENSOR_QUANTITIES}
     for kind, table in tables.items():

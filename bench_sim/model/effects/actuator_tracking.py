@@ -1,0 +1,28 @@
+"""Actuator tracking: the actuators follow their commands with another natural frequency, ω = (1+e) ω₀.
+
+A replay of the measured motion is given what the actuators did, not what they were asked for: it cannot tell.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from bench_sim.model.effects.effect import Effect, Quantity
+
+
+def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.actuator_frequency *= 1.0 + values["error"]
+
+
+EFFECT: Final = Effect(
+    name="actuator_tracking",
+    family="rig",
+    title="actuators follow faster or slower than assumed",
+    amplitude=Quantity("error", "1", "%", 0.01, nominal=0.0, typical=-0.3, low=-0.8, high=1.0),
+    change=_change,
+    touches=frozenset({"timing"}),
+    confusers=("frame_compliance",),
+    equation="q̈ = ω² (q_set − q) − 2ζω q̇,  ω = (1+e) ω₀",
+    source="servo valve and supply pressure set the bandwidth",
+    separated_by="command against displacement in a sweep",
+    diagnosable=False,
+)

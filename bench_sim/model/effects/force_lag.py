@@ -1,0 +1,29 @@
+"""Force lag: the amplifiers of load cells and force transducers are slow, H = 1/(1 + (τ₀+τ)s) instead of 1/(1 + τ₀s).
+
+Discretised for inputs that are linear between samples (`bench_sim.model.sensors`), so that the readings are smooth in τ
+however short it is against the step.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from bench_sim.model.effects.channels import FORCES
+from bench_sim.model.effects.effect import Effect, Quantity
+
+
+def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.sensor_lag[FORCES] += values["lag"]
+
+
+EFFECT: Final = Effect(
+    name="force_lag",
+    family="sensor",
+    title="load cells and force transducers lag behind",
+    amplitude=Quantity("lag", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
+    change=_change,
+    touches=frozenset({"sensor"}),
+    confusers=("force_latency", "maxwell", "fractional"),
+    equation="τ dF_m/dt + F_m = F",
+    source="first-order low-pass of a strain-gauge amplifier",
+    separated_by="steel block or known mass instead of the spring; 5 to 20 Hz at small amplitude",
+)

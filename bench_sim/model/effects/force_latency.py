@@ -1,0 +1,28 @@
+"""Force latency: load cells and force transducers are sampled when they should be but arrive late, F_m(t) = F(t − τ).
+
+The delay is interpolated between the outputs of the steps (`bench_sim.model.sensors`), so that the readings are smooth
+in τ at 0. It is stamped on arrival: what is late cannot be seen from its time.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from bench_sim.model.effects.effect import Effect, Quantity
+
+
+def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.force_latency += values["delay"]
+
+
+EFFECT: Final = Effect(
+    name="force_latency",
+    family="acquisition",
+    title="forces arrive late",
+    amplitude=Quantity("delay", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
+    change=_change,
+    touches=frozenset({"sensor", "timing"}),
+    confusers=("force_lag", "maxwell"),
+    equation="F_m(t) = F(t − τ)",
+    source="queueing in a gateway or on a busy bus",
+    separated_by="5 to 20 Hz at small amplitude: a delay turns the phase and leaves the amplitude, a lag does both",
+)

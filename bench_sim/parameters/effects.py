@@ -1,0 +1,129 @@
+"""Effects as people give them: `leak.left=0.2mm2` read, checked against the catalogue, and put into a parameter set."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.parameters.loading import Entry, ParameterError, check_range
+from bench_sim.parameters.values import read_value
+
+if TYPE_CHECKING:
+    from bench_sim.parameters import Parameters
+
+#: Values (SI) of effects by name and place, such as ``{"leak.left": {"area": 2e-7}}``.
+Effects = Mapping[str, Mapping[str, float]]
+
+_EXAMPLE: Final = "NAME[.PLACE]=AMPLITUDE[, SHAPE=VALUE]"
+
+
+def find_effect(name: str) -> tuple[Effect, int | None]:
+    """Return the effect called ``name`` (``leak.left``, ``maxwell``) and its place: 0 left, 1 right, None for none.
+
+    Raises `ParameterError`.
+    """
+    kind, _, place = name.partition(".")
+    effect = CATALOGUE.get(kind)
+    if effect is None:
+        near = get_close_matches(kind, CATALOGUE, n=1, cutoff=0.5)
+        hint = f"{_names(CATALOGUE[near[0]])} would be one" if near else "`astb effects` lists them"
+        raise ParameterError(f"{name} is no effect; {hint}")
+    if place not in (effect.places or ("",)):
+        raise ParameterError(f"{name} is no effect; {_names(effect)} would be one")
+    return effect, effect.places.index(place) if place else None
+
+
+def read_effect(name: str, given: Mapping[str, Any]) -> dict[str, float]:
+    """Return the values (SI) of the effect ``name`` from texts with units; what is not given is at its nominal value.
+
+    Raises `ParameterError`.
+    """
+    effect, _ = find_effect(name)
+    _check_names(name, effect, given)
+    return {
+        one.name: read_value(f"{name}: {one.name}", given[one.name], one.unit)
+        for one in effect.parameters
+        if one.name in given
+    }
+
+
+def read_effect_text(name: str, text: Any) -> dict[str, float]:
+    """Return the values (SI) of the effect ``name`` from a text like ``0.1, time=0.5 s``: first its amplitude."""
+    effect, _ = find_effect(name)
+    amplitude, *shapes = str(text).split(",")
+    given = {effect.amplitude.name: amplitude.strip()}
+    for shape in shapes:
+        key, equals, value = shape.partition("=")
+        key = key.strip()
+        if not equals or key in given:
+            raise ParameterError(f"{name} = {text!r} is not understood: {_EXAMPLE} would be right")
+        given[key] = value.strip()
+    return read_effect(name, given)
+
+
+def parse_effect(text: str) -> tuple[str, dict[str, float]]:
+    """Return name and values (SI) of an effect from ``leak.left=0.2mm2`` or ``maxwell=0.1,time=0.5s``.
+
+    Raises `ParameterError`.
+    """
+    name, equals, values = text.partition("=")
+    if not equals:
+        raise ParameterError(f"effect {text!r} has no amplitude: {_EXAMPLE} would be right")
+    return name.strip(), read_effect_text(name.strip(), values)
+
+
+def with_effects(parameters: "Parameters", effects: Effects) -> "Parameters":
+    """Return a copy of ``parameters`` whose bench also has these ``effects`` (SI).
+
+    Shapes that are not given are at their nominal value. Raises `ParameterError` with name, value, unit and range for
+    what does not fit, for a missing amplitude, and for an effect that the set has already.
+    """
+    added = {name: _complete(name, values) for name, values in effects.items()}
+    for name in added:
+        if name in parameters.effects:
+            raise ParameterError(f"{name} is given already, by {parameters.name}: an effect is given once")
+    return replace(parameters, effects={**parameters.effects, **added})
+
+
+def apply_effects(record: Any, entries: Mapping[str, Entry], effects: Effects) -> None:
+    """Let ``effects`` change the parameter record in place; every value must stay within its parameter's range."""
+    for name, values in effects.items():
+        effect, place = find_effect(name)
+        effect.change(record, place, values)
+        for parameter, entry in entries.items():
+            try:
+                check_range(parameter, replace(entry, value=record[parameter]))
+            except ParameterError as error:
+                raise ParameterError(f"{name} is too much: {error}") from None
+
+
+def _complete(name: str, values: Mapping[str, float]) -> dict[str, float]:
+    effect, _ = find_effect(name)
+    _check_names(name, effect, values)
+    if effect.amplitude.name not in values:
+        raise ParameterError(f"{name} has no {effect.amplitude.name}: its amplitude is needed")
+    complete = {one.name: float(values.get(one.name, one.nominal)) for one in effect.parameters}
+    for one in effect.parameters:
+        _check(name, one, complete[one.name])
+    return complete
+
+
+def _check(name: str, one: Quantity, value: float) -> None:
+    if not one.low <= value <= one.high:  # NaN is outside
+        number, low, high = (f"{side / one.scale:g} {one.display}" for side in (value, one.low, one.high))
+        raise ParameterError(f"{name}: {one.name} = {number} is outside {low} to {high}")
+
+
+def _check_names(name: str, effect: Effect, given: Mapping[str, Any]) -> None:
+    known = [one.name for one in effect.parameters]
+    for key in given:
+        if key not in known:
+            near = get_close_matches(key, known, n=1, cutoff=0.5)
+            right = f"{near[0]} would be one" if near else f"it has {', '.join(known)}"
+            raise ParameterError(f"{key} is no parameter of {name}; {right}")
+
+
+def _names(effect: Effect) -> str:
+    return " or ".join(f"{effect.name}.{place}" for place in effect.places) or effect.name

@@ -1,0 +1,244 @@
+"""A model file: a parameter set by name, what is changed in it, the effects that it has, and where all that comes from.
+
+For example (lists have the shape of the parameter, a property of the sensors is a table by sensor):
+
+    based_on = "astb"                 # or the path of a file, from this one
+    [change]
+    discharge_coefficient = "0.63"
+    bellows_volume = ["30.1 litre", "29.8 litre"]
+    sensor_bias = { left_height = "0.02 mm" }
+    [effect."leak.left"]              # see `bench_sim.model.effects`
+    area = "0.2 mm2"
+    [surface.force]                   # a term without a name: the parameters force_surface and force_surface_…
+    coefficients = [["1.5 N", "0.2 N"]]
+    displacement = ["-20 mm", "20 mm"]
+    [finding]                         # provenance: kept, and never acted upon
+    verdict = "named"
+
+The file can be read as it was written, to the last digit.
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from bench_sim.model.layout import Sensor
+from bench_sim.model.quantities import QUANTITIES, SENSOR_QUANTITIES
+from bench_sim.parameters.effects import Effects, find_effect, read_effect, with_effects
+from bench_sim.parameters.loading import ParameterError, read_toml, unknown
+from bench_sim.parameters.sensors import sensor_units
+from bench_sim.parameters.values import fitting_unit, read_value, write_value
+
+if TYPE_CHECKING:
+    from bench_sim.parameters import Parameters
+
+_TABLES: Final = ("based_on", "change", "effect", "surface", "finding")
+_UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
+_BY_SENSOR: Final = {quantity.name: quantity for quantity in SENSOR_QUANTITIES}
+_SURFACES: Final = sorted(name.removesuffix("_surface") for name in _UNITS if name.endswith("_surface"))
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The content of a model file, in SI.
+
+    ``changes``: by parameter a number, a list of numbers in its shape, or, for a property of the sensors, numbers by
+    sensor (``{"left_height": 2e-5}``); the coefficients and spans of surfaces are among them.
+    """
+
+    based_on: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    effects: Effects = field(default_factory=dict)
+    finding: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "changes", {name: _plain(value) for name, value in self.changes.items()})
+
+
+def is_model(tables: Mapping[str, Any]) -> bool:
+    """Whether the content of a file is that of a model file rather than a complete parameter set."""
+    return "based_on" in tables
+
+
+def load_model(path: Path) -> Model:
+    """Return the content of a model file; `bench_sim.parameters.load` returns the parameters that it stands for.
+
+    Raises `ParameterError`, which names the file.
+    """
+    _, tables = read_toml(path, (), "model file")
+    try:
+        return read_model(tables)
+    except ParameterError as error:
+        raise ParameterError(f"{path.name}: {error}") from error
+
+
+def load_effects(path: Path) -> Effects:
+    """Return the effects (SI) of a file that has nothing but ``[effect.NAME]`` tables.
+
+    Raises `ParameterError`, which names the file.
+    """
+    _, tables = read_toml(path, (), "file of effects")
+    try:
+        if set(tables) != {"effect"}:
+            raise ParameterError(f"it has {', '.join(tables) or 'nothing'}; [effect.NAME] tables are right")
+        return _effects(_table(tables, "effect"))
+    except ParameterError as error:
+        raise ParameterError(f"{path.name}: {error}") from error
+
+
+def read_model(tables: Mapping[str, Any]) -> Model:
+    """Return the model that the content of a TOML file describes. Raises `ParameterError`."""
+    for key in tables:
+        if key not in _TABLES:
+            raise ParameterError(unknown(key, _TABLES, "part of a model file"))
+    based_on = tables.get("based_on")
+    if not isinstance(based_on, str):
+        raise ParameterError(f"based_on = {based_on!r} is not the name or the path of a parameter set")
+    change, effect, surface, finding = (_table(tables, key) for key in _TABLES[1:])
+    changes = read_changes(change)
+    for name in surface:
+        if name not in _SURFACES:
+            raise ParameterError(unknown(name, tuple(_SURFACES), "surface"))
+        inside = _table(surface, name)
+        changes |= read_changes({_surface_quantity(name, key): value for key, value in inside.items()})
+    return Model(based_on, changes, _effects(effect), finding)
+
+
+def read_changes(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return changes of parameters in SI, as `Model.changes` has them, from texts with units.
+
+    Raises `ParameterError` for an unknown name and for what is no number in a fitting unit.
+    """
+    changes = {}
+    for name, given in table.items():
+        if name not in _UNITS:
+            raise ParameterError(unknown(name, tuple(_UNITS)))
+        changes[name] = _map_numbers(name, given, lambda text, what, unit: read_value(what, text, unit))
+    return changes
+
+
+def extended(base: "Parameters", model: Model, name: str) -> "Parameters":
+    """Return ``base`` with the changes and effects of ``model``, called ``name``. Raises `ParameterError`."""
+    return with_effects(replace(with_changes(base, model.changes), name=name), model.effects)
+
+
+def with_changes(base: "Parameters", changes: Mapping[str, Any]) -> "Parameters":
+    """Return ``base`` with `Model.changes`. Raises `ParameterError` for what does not fit."""
+    return base.with_values(
+        **{
+            name: {Sensor[key.upper()]: number for key, number in value.items()}
+            if isinstance(value, dict)
+            else value
+            for name, value in changes.items()
+        }
+    )
+
+
+def write_model(path: Path, model: Model) -> None:
+    """Write a model file from which `load_model` reads exactly ``model``. Raises OSError."""
+    path.write_text("\n".join(_lines(model)) + "\n", encoding="utf-8")
+
+
+def _lines(model: Model) -> Iterator[str]:
+    yield f"based_on = {_toml(model.based_on)}"
+    plain = {name: value for name, value in model.changes.items() if not _surface_of(name)}
+    yield from _section("change", {name: _written(name, value) for name, value in plain.items()})
+    for name, values in model.effects.items():
+        parameters = find_effect(name)[0].parameters
+        texts = {
+            one.name: write_value(values[one.name], one.unit, one.display)
+            for one in parameters
+            if one.name in values
+        }
+        yield from _section(f"effect.{_toml(name)}", texts)
+    for surface in _SURFACES:
+        inside = {
+            name.removeprefix(f"{surface}_surface").removeprefix("_") or "coefficients": _written(name, value)
+            for name, value in model.changes.items()
+            if _surface_of(name) == surface
+        }
+        yield from _section(f"surface.{surface}", inside)
+    yield from _section("finding", model.finding)
+
+
+def _section(title: str, table: Mapping[str, Any]) -> Iterator[str]:
+    if table:
+        yield f"\n[{title}]"
+        for key, value in table.items():
+            yield f"{_key(key)} = {_toml(value)}"
+
+
+def _written(name: str, value: Any) -> Any:
+    return _map_numbers(
+        name, value, lambda number, _, unit: write_value(number, unit, fitting_unit(number, unit))
+    )
+
+
+def _map_numbers(name: str, value: Any, change: Callable[[Any, str, str], Any]) -> Any:
+    """Apply ``change(element, what it is called, its SI unit)`` to every number of a change."""
+    if name not in _BY_SENSOR:
+        return _nested(value, lambda element: change(element, name, _UNITS[name]))
+    units = sensor_units(_BY_SENSOR[name])
+    if not isinstance(value, dict):
+        raise ParameterError(f'{name} = {value!r} is not a table by sensor, such as {{ left_height = "…" }}')
+    for key in value:
+        if key not in units:
+            raise ParameterError(unknown(key, tuple(units), "sensor"))
+    return {key: change(element, f"{name}.{key}", units[key]) for key, element in value.items()}
+
+
+def _nested(value: Any, change: Callable[[Any], Any]) -> Any:
+    return [_nested(one, change) for one in value] if isinstance(value, list) else change(value)
+
+
+def _effects(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    return {name: read_effect(name, _table(table, name)) for name in table}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: float(number) for key, number in value.items()}
+    return np.asarray(value, dtype=np.float64).tolist()
+
+
+def _table(tables: Mapping[str, Any], key: str) -> dict[str, Any]:
+    table = tables.get(key, {})
+    if not isinstance(table, dict):
+        raise ParameterError(f"{key} = {table!r} is not a table")
+    return table
+
+
+def _surface_of(name: str) -> str:
+    kind, found, _ = name.partition("_surface")
+    return kind if found else ""
+
+
+def _surface_quantity(surface: str, key: str) -> str:
+    return f"{surface}_surface" + ("" if key == "coefficients" else f"_{key}")
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml(key)
+
+
+def _toml(value: Any) -> str:
+    """Return ``value`` as TOML writes it; tables inside a table stand on one line."""
+    match value:
+        case str():
+            return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        case bool():
+            return str(value).lower()
+        case int() | float():
+            return repr(value)
+        case Mapping():
+            return f"{{ {', '.join(f'{_key(key)} = {_toml(one)}' for key, one in value.items())} }}"
+        case list() | tuple():
+            return f"[{', '.join(map(_toml, value))}]"
+    raise TypeError(
+        f"a model file cannot hold {value!r}: text, numbers, truth values, lists and tables are right"
+    )

@@ -1,0 +1,50 @@
+"""Numbers with units as people write them: read into SI, and written so that reading gives the same number again."""
+
+import re
+from typing import Any, Final
+
+import numpy as np
+
+from bench_sim.parameters.loading import ParameterError
+from bench_sim.parameters.units import UNITS
+
+_NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))\s*(\S*)\s*")
+
+
+def read_value(what: str, text: Any, si: str) -> float:
+    """Return ``text``, such as ``0.2 mm2`` or ``0.2mm2``, in the SI unit ``si``; only a pure number needs no unit.
+
+    Raises `ParameterError`, which begins with ``what``.
+    """
+    fitting = " or ".join(unit for unit, (base, _) in UNITS.items() if base == si)
+    match = _NUMBER.fullmatch(str(text))
+    if match is None or isinstance(text, bool):
+        raise ParameterError(f"{what} = {text!r} is not a number with its unit ({fitting})")
+    unit = match[2] or "1"
+    base, factor = UNITS.get(unit, ("", 0.0))
+    if base != si:
+        raise ParameterError(f"{what} = {text!r} is not in {fitting}")
+    return float(match[1]) * factor
+
+
+def fitting_unit(number: float, si: str) -> str:
+    """Return the first unit for ``si`` in which ``number`` lies from 0.1 to 1000, else ``si``."""
+    for unit, (base, factor) in UNITS.items():
+        if base == si and 0.1 <= abs(number) / factor < 1000.0:
+            return unit
+    return si
+
+
+def write_value(number: float, si: str, unit: str) -> str:
+    """Return ``number`` (SI) in ``unit`` if `read_value` then gives exactly it, else in SI."""
+    _, factor = UNITS[unit]
+    quotient = number / factor
+    for shown in (
+        float(f"{quotient:.12g}"),
+        quotient,
+        np.nextafter(quotient, np.inf),
+        np.nextafter(quotient, -np.inf),
+    ):
+        if float(shown) * factor == number:
+            return f"{float(shown)!r} {unit}".removesuffix(" 1")
+    return f"{number!r} {si}".removesuffix(" 1")
