@@ -5,17 +5,27 @@ from types import MappingProxyType
 from typing import Final
 
 from bench_sim.model.effects import (
+    actuator_tracking,
     area_slope,
     asymmetric_orifice,
     auxiliary_volume,
     bellows_volume,
     bump_stop,
+    clock_skew,
     compliance,
+    coupling,
     creep,
+    crosstalk,
     discharge,
     discharge_reynolds,
     dpv_leak,
+    emergency_compliance,
+    force_gain,
+    force_lag,
+    force_latency,
+    force_offset,
     fractional,
+    frame_compliance,
     friction,
     friction_distributed,
     heat,
@@ -26,6 +36,14 @@ from bench_sim.model.effects import (
     maxwell,
     maxwell_two,
     pipe_inertia,
+    platen_inertia,
+    pressure_drift,
+    pressure_gain,
+    pressure_lag,
+    pressure_latency,
+    pressure_offset,
+    quantisation,
+    sample_and_hold,
 )
 from bench_sim.model.effects.effect import Effect
 
@@ -58,6 +76,27 @@ CATALOGUE: Final[Mapping[str, Effect]] = MappingProxyType(
             leveling_deadband,
             leveling_delay,
             dpv_leak,
+            # sensor
+            force_lag,
+            pressure_lag,
+            force_gain,
+            pressure_gain,
+            force_offset,
+            pressure_offset,
+            pressure_drift,
+            crosstalk,
+            # acquisition
+            force_latency,
+            pressure_latency,
+            clock_skew,
+            sample_and_hold,
+            quantisation,
+            # rig
+            actuator_tracking,
+            frame_compliance,
+            platen_inertia,
+            coupling,
+            emergency_compliance,
         )
     }
 )
