@@ -72,6 +72,11 @@ class Screen:
         if self._task is not None:
             self._progress.update(self._task, completed=fraction)
 
+    def follow(self, text: str, fraction: float) -> None:
+        """Show what is done now and how much of all is."""
+        self.say(text)
+        self.progress(fraction)
+
     def checked(self, check: Check) -> None:
         """Show a check and its verdict."""
         self._console.print(

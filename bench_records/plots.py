@@ -85,9 +85,9 @@ def time_panel(
     marks: Sequence[float] = (),
 ) -> str:
     """Signals of one quantity over time, phases shaded, trips marked."""
-    with _style():
+    with style():
         height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
-        figure, axes = _panel(height, bottom=0.30, top=0.24)
+        figure, axes = panel(height, bottom=0.30, top=0.24)
         for index, phase in enumerate(phases):
             if index % 2 == 0:
                 axes.axvspan(phase.start, phase.end, color=SHADE, linewidth=0, zorder=0)
@@ -101,19 +101,19 @@ def time_panel(
         axes.set_xlim(*span)
         axes.margins(y=0.08)
         _open_flat_band(axes)
-        _heading(axes, title, unit)
+        heading(axes, title, unit)
         _side_labels(axes, [(line.label, PALETTE[i % len(PALETTE)]) for i, line in enumerate(lines)], height)
         _seconds_axis(axes)
-        return _svg(figure, name)
+        return svg(figure, name)
 
 
 def strips(
     name: str, rows: Sequence[tuple[str, Sequence[tuple[float, float, str]]]], span: tuple[float, float]
 ) -> str:
     """Rows of named stretches over time: the phases, and every signal whose values have names."""
-    with _style():
+    with style():
         row_in = 0.23
-        figure, axes = _panel(row_in * len(rows) + 0.30, bottom=0.28, top=0.02)
+        figure, axes = panel(row_in * len(rows) + 0.30, bottom=0.28, top=0.02)
         inches = WIDTH_IN - LEFT_IN - RIGHT_IN
         for row, (_, stretches) in enumerate(rows):
             # Two tones take turns, so that neighbours stay apart even in a poor copy.
@@ -134,7 +134,7 @@ def strips(
         axes.grid(visible=False)
         axes.spines["left"].set_visible(False)
         _seconds_axis(axes)
-        return _svg(figure, name)
+        return svg(figure, name)
 
 
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
@@ -142,9 +142,9 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     import numpy as np
     from matplotlib import colormaps
 
-    with _style():
+    with style():
         x, y = curves[0].x, curves[0].y
-        figure, axes = _panel(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
+        figure, axes = panel(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
         many = len(curves) > 3
         for index, one in enumerate(curves):
             # An order (frequencies, amplitudes) reads best on a scale from dark to light.
@@ -170,17 +170,17 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
                 columnspacing=1.0,
                 borderpad=0.1,
             )
-        _heading(axes, title, y.unit, what=y.label)
+        heading(axes, title, y.unit, what=y.label)
         axes.set_xlabel(f"{x.label}, {x.unit}" if x.unit else x.label, loc="right")
-        return _svg(figure, name)
+        return svg(figure, name)
 
 
 def lateness(name: str, timing: Timing) -> str:
     """How many ticks were how late, on a logarithmic scale: the rare ones are those that matter."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    with _style():
-        figure, axes = _panel(1.95, width=6.2, left=0.72, right=0.1, bottom=0.55, top=0.28)
+    with style():
+        figure, axes = panel(1.95, width=6.2, left=0.72, right=0.1, bottom=0.55, top=0.28)
         places = range(len(timing.counts))
         axes.bar(places, [max(count, 0) for count in timing.counts], width=0.86, color=PALETTE[0])
         axes.set_yscale("symlog", linthresh=1.0)
@@ -200,9 +200,9 @@ def lateness(name: str, timing: Timing) -> str:
         axes.yaxis.set_major_locator(LogLocator(base=100.0))
         axes.yaxis.set_minor_locator(NullLocator())
         axes.yaxis.set_major_formatter(FuncFormatter(lambda n, _: f"{n:,.0f}".replace(",", "\u2009")))
-        _heading(axes, "Lateness of the ticks", "", what="number of ticks")
+        heading(axes, "Lateness of the ticks", "", what="number of ticks")
         axes.set_xlabel("µs after the deadline", loc="right")
-        return _svg(figure, name)
+        return svg(figure, name)
 
 
 def _microseconds(seconds: float) -> str:
@@ -213,7 +213,8 @@ def _microseconds(seconds: float) -> str:
     )
 
 
-def _style() -> Any:
+def style() -> Any:
+    """The type, lines and colours of every drawing, as a context."""
     from matplotlib import rc_context
 
     return rc_context(
@@ -249,7 +250,7 @@ def _style() -> Any:
     )
 
 
-def _panel(
+def panel(
     height: float,
     width: float = WIDTH_IN,
     left: float = LEFT_IN,
@@ -257,6 +258,7 @@ def _panel(
     bottom: float = 0.3,
     top: float = 0.3,
 ) -> tuple[Figure, Axes]:
+    """A figure with one pair of axes; sizes and margins in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), facecolor="none")
@@ -268,7 +270,8 @@ def _panel(
     return figure, axes
 
 
-def _heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
+def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
+    """The title on the left of the axes, what is drawn and its unit on the right."""
     axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold", pad=5)
     told = ", ".join(filter(None, [what, unit]))
     axes.set_title(told, loc="right", fontsize=8.5, color=SOFT, pad=5)
@@ -299,7 +302,7 @@ def _open_flat_band(axes: Axes) -> None:
         axes.set_ylim(middle - least / 2, middle + least / 2)
 
 
-def _svg(figure: Figure, name: str) -> str:
+def svg(figure: Figure, name: str) -> str:
     """The figure as an element for the page: its ids made its own, its path data no finer than the eye."""
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})

@@ -429,8 +429,8 @@ def _timing(result: Result) -> dict[str, Any] | None:
 
 
 def _told(record: Record) -> list[Event]:
-    """Events for the table: phases have one of their own."""
-    return [event for event in record.events if event.kind != "phase"]
+    """Events for the table: phases have one of their own, and settings are for whoever replays the run."""
+    return [event for event in record.events if event.kind not in {"phase", "setting"}]
 
 
 def _event_rows(record: Record) -> list[tuple[str, str, str, str]]:

@@ -67,7 +67,8 @@ class Effect:
     grid: tuple[tuple[float, ...], ...] = ((),)  #: each point has one value for each shape
     touches: frozenset[str] = frozenset()  #: of force, gas, flow, sensor, timing
     confusers: tuple[str, ...] = ()
-    richer: tuple[str, ...] = ()  #: members of the family that contain more: to be tried before another family
+    #: Members of the family that contain more: to be tried before another family.
+    richer: tuple[str, ...] = ()
     equation: str = ""
     source: str = ""
 
@@ -94,6 +95,8 @@ class Surface:
     coordinates: tuple[str, ...]  #: with units, e.g. "displacement in mm"
     coefficients: tuple[Parameter, ...]
     touches: frozenset[str] = frozenset()
+    #: Where each basis function lies, in the units of ``coordinates``.
+    centres: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

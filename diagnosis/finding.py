@@ -1,1 +1,396 @@
-"""The finding: what a diagnosis says, with all it rests on."""
+"""The finding: what a diagnosis says, with all it rests on, as JSON that people and programs read.
+
+Numbers are in the unit that stands beside them, which is the one that people read; only ``models`` is in SI, to be
+loaded again.  What is not known is null: JSON has no NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from enum import StrEnum
+from typing import Final
+
+import msgspec
+
+from diagnosis.contracts import DiagnosisError, Parameter
+
+#: Half the width of a 95 % interval, in standard deviations.
+Z95: Final = 1.959963984540054
+
+
+class Verdict(StrEnum):
+    """What a diagnosis may say; it is never forced to name a cause."""
+
+    NO_EFFECT = "no effect"
+    NAMED = "named"
+    AMBIGUOUS = "ambiguous"
+    UNRESOLVED = "unresolved"
+    UNKNOWN = "unknown"
+    REMAINDER = "named + unexplained remainder"
+
+
+class Estimate(msgspec.Struct, frozen=True, kw_only=True):
+    """A fitted number with its standard deviation and its 95 % interval from ``low`` to ``high``."""
+
+    name: str
+    unit: str
+    value: float | None
+    sd: float | None
+    low: float | None
+    high: float | None
+
+
+class Cause(msgspec.Struct, frozen=True, kw_only=True):
+    """A named effect that explains what the base model gets wrong.
+
+    ``strength`` is λ, the norm of its footprint in whitened noise units after the base model was refitted; ``score`` is
+    z; ``bic_gain`` and ``lpd_gain`` say how much better the model is with it, on the fit and on the select runs.
+    """
+
+    effect: str
+    title: str
+    family: str
+    parameters: list[Estimate]
+    strength: float | None
+    score: float | None
+    bic_gain: float | None
+    lpd_gain: float | None
+    equation: str = ""
+    source: str = ""
+
+
+class Rival(msgspec.Struct, frozen=True, kw_only=True):
+    """An effect that explains the data as well as a cause does: BIC of the rival less that of the cause, under 10."""
+
+    effect: str
+    title: str
+    family: str
+    instead_of: str
+    parameters: list[Estimate]
+    bic_gap: float | None
+    cosine: float | None
+
+
+class Score(msgspec.Struct, frozen=True, kw_only=True):
+    """The score z of one candidate against the base model, at the best point of its shape grid.
+
+    ``outcome`` tells what became of it: below the threshold, accepted, or the gate that it did not pass.
+    """
+
+    effect: str
+    title: str
+    family: str
+    score: float | None
+    strength: float | None
+    shape: str = ""
+    outcome: str = ""
+
+
+class Gain(msgspec.Struct, frozen=True, kw_only=True):
+    """What the extension gains in one channel on the report runs, both models re-tuned; ``channel`` may be "all".
+
+    ``floor`` is the noise alone, ``noise_ratio`` the RMSE after over the floor.  ``fraction`` is the part of the
+    explainable misfit that is explained, (RMSE0² − RMSE1²)/(RMSE0² − floor²), with its 95 % interval.
+    """
+
+    channel: str
+    unit: str
+    rmse_before: float | None
+    rmse_after: float | None
+    floor: float | None
+    nrmse_before: float | None
+    nrmse_after: float | None
+    noise_ratio_before: float | None
+    noise_ratio: float | None
+    fraction: float | None
+    fraction_low: float | None
+    fraction_high: float | None
+
+
+class Coverage(msgspec.Struct, frozen=True, kw_only=True):
+    """How many samples of the report runs lie within the noise around the prediction, at a nominal level."""
+
+    level: float
+    before: float | None
+    after: float | None
+
+
+class Trace(msgspec.Struct, frozen=True, kw_only=True):
+    """Measured and predicted, before and after, in one channel of a report run.
+
+    ``times`` to ``after`` show a few seconds in detail; ``error_times`` to ``error_after`` the errors over the whole
+    run, thinned to their extremes.
+    """
+
+    run: str
+    channel: str
+    unit: str
+    times: list[float]
+    measured: list[float | None]
+    before: list[float | None]
+    after: list[float | None]
+    error_times: list[float]
+    error_before: list[float | None]
+    error_after: list[float | None]
+    noise: float | None
+
+
+class Unseen(msgspec.Struct, frozen=True, kw_only=True):
+    """How large an effect that was not found would have had to be, to be found in 95 % of cases.
+
+    ``smallest`` is null where these runs would not show the effect at any size that is allowed.  ``hidden_by`` names
+    what takes up most of its footprint: a parameter of the base model or an effect that was accepted.
+    """
+
+    effect: str
+    title: str
+    family: str
+    unit: str
+    smallest: float | None
+    visible: float | None
+    hidden_by: str
+    sentence: str
+
+
+class Pair(msgspec.Struct, frozen=True, kw_only=True):
+    """Two effects that the fit runs tell apart, or not: the predicted BIC gap is λ²(1 − cosine²)."""
+
+    first: str
+    second: str
+    cosine: float | None
+    bic_gap: float | None
+    separable: bool
+
+
+class Confusability(msgspec.Struct, frozen=True, kw_only=True):
+    """Cosines between the footprints of effects after the base model was refitted: 1 means the same footprint."""
+
+    effects: list[str]
+    cosines: list[list[float | None]]
+    pairs: list[Pair] = []
+
+
+class NextRun(msgspec.Struct, frozen=True, kw_only=True):
+    """A run that the rig can do, and how far it would part the rivals: predicted BIC gap, and the same per minute."""
+
+    experiment: str
+    minutes: float
+    bic_gap: float | None
+    per_minute: float | None
+    pair: str = ""
+
+
+class NextSensor(msgspec.Struct, frozen=True, kw_only=True):
+    """A reference that would part rivals which no run parts: what has to be known, and the BIC gap that follows."""
+
+    name: str
+    bic_gap: float | None
+    sentence: str
+
+
+class Shift(msgspec.Struct, frozen=True, kw_only=True):
+    """A parameter of the base model, fitted without and with the causes.
+
+    ``sigmas`` is the shift in standard deviations that the fit without them claims: how wrong it was about itself.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    after: float | None
+    sd_before: float | None
+    sd_after: float | None
+    sigmas: float | None
+    run: str = ""
+
+
+class Series(msgspec.Struct, frozen=True, kw_only=True):
+    """Points of a figure; ``z`` gives each of them a third value."""
+
+    name: str
+    x: list[float | None]
+    y: list[float | None]
+    z: list[float | None] = []
+
+
+class Figure(msgspec.Struct, frozen=True, kw_only=True):
+    """What a test draws: bars, points, lines, or a map of z over x and y; ``limit`` is where chance ends."""
+
+    kind: str
+    x_label: str
+    y_label: str
+    series: list[Series]
+    z_label: str = ""
+    limit: float | None = None
+    logarithmic: bool = False
+
+
+class PanelRow(msgspec.Struct, frozen=True, kw_only=True):
+    """One test on the errors of the base model: it shows what is wrong, and where, and names nothing.
+
+    ``p`` is the chance of a statistic as large if the model were right, ``q`` the same after Benjamini and Hochberg
+    over the whole panel.  A test that does not apply says why and has neither.
+    """
+
+    test: str
+    title: str
+    run: str
+    channel: str
+    statistic: float | None
+    p: float | None
+    sentence: str
+    points_to: str
+    q: float | None = None
+    significant: bool = False
+    figure: Figure | None = None
+
+
+class Region(msgspec.Struct, frozen=True, kw_only=True):
+    """Where along one coordinate an unknown term acts, and the range that the runs visited."""
+
+    coordinate: str
+    low: float | None
+    high: float | None
+    visited_low: float | None
+    visited_high: float | None
+
+
+class Nearest(msgspec.Struct, frozen=True, kw_only=True):
+    """A named effect and how alike its footprint is to that of an unknown term."""
+
+    effect: str
+    cosine: float | None
+
+
+class Unknown(msgspec.Struct, frozen=True, kw_only=True):
+    """A term without a name, fitted as a surface because no named effect explains what is left.
+
+    It is no cause: it holds inside the visited range only.  ``kept`` says whether it predicts the select runs better.
+    """
+
+    surface: str
+    title: str
+    statistic: float | None
+    freedom: int
+    p: float | None
+    kept: bool
+    lpd_gain: float | None
+    regions: list[Region]
+    nearest: list[Nearest]
+    sentence: str
+    figure: Figure | None = None
+
+
+class Models(msgspec.Struct, frozen=True, kw_only=True):
+    """Both models with SI values, ready to be loaded: shared parameters, those of each run, and the effects."""
+
+    before: dict[str, float]
+    after: dict[str, float]
+    effects: dict[str, dict[str, float]] = {}
+    before_runs: dict[str, dict[str, float]] = {}
+    after_runs: dict[str, dict[str, float]] = {}
+
+
+class Provenance(msgspec.Struct, frozen=True, kw_only=True):
+    """What is needed to come to the same finding again."""
+
+    simulator: str
+    seed: int
+    fit: list[str]
+    select: list[str]
+    report: list[str]
+    digest: str = ""
+    sources: list[str] = []
+    versions: dict[str, str] = {}
+    config: dict[str, float | int | str | bool | list[str] | None] = {}
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that a diagnosis concluded.
+
+    ``threshold`` is the score that chance alone exceeds once in 1/``alpha`` diagnoses, all candidates together.
+    ``remains`` are sentences on what still is not explained.
+    """
+
+    verdict: Verdict
+    sentence: str
+    causes: list[Cause]
+    threshold: float
+    alpha: float
+    provenance: Provenance
+    models: Models
+    ambiguous_with: list[Rival] = []
+    scores: list[Score] = []
+    gains: list[Gain] = []
+    coverage: list[Coverage] = []
+    not_seen: list[Unseen] = []
+    next_runs: list[NextRun] = []
+    next_sensors: list[NextSensor] = []
+    shifts: list[Shift] = []
+    panel: list[PanelRow] = []
+    confusability: Confusability | None = None
+    unknowns: list[Unknown] = []
+    remains: list[str] = []
+    traces: list[Trace] = []
+
+    def __post_init__(self) -> None:
+        named = self.verdict in {Verdict.NAMED, Verdict.REMAINDER, Verdict.AMBIGUOUS}
+        if named and not self.causes:
+            raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but no cause is given")
+        if self.verdict is Verdict.NO_EFFECT and self.causes:
+            raise DiagnosisError(f"the verdict is 'no effect', but causes are given: {self.names}")
+        if (self.verdict is Verdict.AMBIGUOUS) != bool(self.ambiguous_with):
+            raise DiagnosisError(
+                f"the verdict is {self.verdict.value!r} with {len(self.ambiguous_with)} rivals"
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The causes by name, in the order in which they were accepted."""
+        return tuple(cause.effect for cause in self.causes)
+
+    def to_json(self) -> bytes:
+        """The finding as JSON, indented, the same bytes for the same finding."""
+        return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
+
+    @staticmethod
+    def from_json(data: bytes) -> Finding:
+        """The finding that ``to_json`` wrote.  Raises ``DiagnosisError`` for anything else."""
+        try:
+            return msgspec.json.decode(data, type=Finding)
+        except msgspec.MsgspecError as error:
+            raise DiagnosisError(f"this is no finding of a diagnosis: {error}") from error
+
+
+def number(value: float) -> float | None:
+    """A float for JSON: null where it is no number."""
+    return float(value) if math.isfinite(value) else None
+
+
+def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
+    """Floats for a figure, to so many significant digits; null where they are no numbers."""
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
+
+
+def estimate(parameter: Parameter, value: float, sd: float) -> Estimate:
+    """A fitted parameter in the unit that people read.
+
+    ``value`` is in SI.  ``sd`` is in SI too, or that of the logarithm where the parameter is ``logarithmic``: its
+    interval is then lopsided.
+    """
+    shown = value / parameter.scale
+    if parameter.logarithmic:
+        low, high = shown * math.exp(min(-Z95 * sd, 0.0)), shown * math.exp(min(Z95 * sd, 700.0))
+        spread = abs(shown) * sd
+    else:
+        spread = sd / parameter.scale
+        low, high = shown - Z95 * spread, shown + Z95 * spread
+    return Estimate(
+        name=parameter.name,
+        unit=parameter.display or parameter.unit,
+        value=number(shown),
+        sd=number(spread),
+        low=number(low),
+        high=number(high),
+    )

@@ -50,6 +50,9 @@ class Settings:
         self._readings = [r for r in readings if r.signal in table.index]
         self._known: dict[str, float] = {}
         self._lock = threading.RLock()
+        self.applied: Callable[[dict[str, float]], None] = lambda values: (
+            None
+        )  #: hears what the rig took over
 
     def _registers(self, space: str, kind: Kind) -> dict[str, Register]:
         return {
@@ -99,6 +102,7 @@ class Settings:
                 )
                 raise Refused(f"the rig did not take over {wanted}: {refused}", refused.code) from None
             self._known.update({name: single(value) for name, value in checked.items()})
+            self.applied(checked)
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
         """Write the registers from the first to the last of ``values``: one request is staged or refused as one."""
@@ -111,6 +115,11 @@ class Settings:
         """Return a setting (SI) as the rig has it."""
         register = self._holding[self._setting(name)]
         return from_words(*self._port.read_holding(register.address, 2))
+
+    def in_force(self) -> dict[str, float]:
+        """Return all settings (SI) as the rig has them."""
+        with self._lock:
+            return dict(self._settings())
 
     def _setting(self, name: str) -> str:
         if self._table[name].kind is not Kind.SETTING:

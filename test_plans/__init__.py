@@ -11,9 +11,12 @@ from test_plans.lateral_offset import lateral_offset
 from test_plans.lateral_pressure_aw0 import lateral_pressure_aw0
 from test_plans.lateral_pressure_aw3 import lateral_pressure_aw3
 from test_plans.leak_down import leak_down
+from test_plans.perform import programme_plan
 from test_plans.plan import Plan
 from test_plans.roll_angle_aw0 import roll_angle_aw0
 from test_plans.roll_angle_aw3 import roll_angle_aw3
+from test_plans.screening import SCREENING
+from test_plans.separating import MENU
 
 __all__ = ["PLANS"]
 
@@ -29,5 +32,7 @@ _ALL: Final = (
     roll_angle_aw3,
     frequency_sweep_aw0,
     frequency_sweep_aw3,
+    programme_plan(SCREENING),
+    *(programme_plan(programme) for programme in MENU.values()),
 )
 PLANS: Final[dict[str, Plan]] = {plan.name: plan for plan in _ALL}

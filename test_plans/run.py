@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -77,8 +78,11 @@ def execute(
     )
     run = Run(bench, recorder, watcher or Nobody(), plan.lasts)
     bench.receiver.sink = _Sink(bench.table, list(signals), recorder)
+    bench.settings.applied = lambda values: _keep_settings(run, values)
     before = _lateness(bench)
     try:
+        with suppress(BenchError):  # a rig that is gone is what set-up will complain of
+            _keep_settings(run, bench.settings.in_force())
         first, interrupted = _attempt(run, "set-up", plan.setup)
         if not first:
             first, interrupted = _attempt(run, "main", plan.main)
@@ -86,6 +90,7 @@ def execute(
         timing = _timing(before, _lateness(bench))
     finally:
         bench.receiver.sink = None
+        bench.settings.applied = lambda values: None
         recorder.close()
     run.progress(1.0)
 
@@ -204,6 +209,20 @@ class _Sink:
         elif value >= 1:
             tripped = self._table.signals[int(value) - 1].name
             self._recorder.event(time, kind, f"limit of {tripped} tripped", signal=tripped)
+
+
+def _keep_settings(run: Run, values: Mapping[str, float]) -> None:
+    """Let the record keep settings in force from now on: numbers in SI, choices as their names."""
+    table = run.bench.table
+    data = {
+        name: table[name].choices[round(value)] if table[name].choices else value
+        for name, value in values.items()
+    }
+    run.keep(
+        "setting",
+        ", ".join(f"{name}: {table[name].show(value)}" for name, value in values.items()),
+        **data,
+    )
 
 
 _TOLD: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}

@@ -12,9 +12,8 @@ from astb.paper.laws import SMALL_LOSS, closed_secant, closed_stiffness, closed_
 from astb.paper.study import SWEEPS, Study
 from astb.paper.subject import LOADS, Subject
 from bench_protocol.units import bar, litre, mm
-from bench_records.plots import INK, PALETTE, SHADE, SOFT
-from bench_records.plots import _style as style
-from bench_records.plots import _svg as inline
+from bench_records.plots import INK, PALETTE, SHADE, SOFT, style
+from bench_records.plots import svg as inline
 from bench_sim.model.paper import (
     amplitude_damping,
     dynamic_stiffness,

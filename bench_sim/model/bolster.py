@@ -32,15 +32,20 @@ def extra_stop_force(displacement: float, par: Any) -> float:
 
 
 @compiled
+def stop_force(displacement: float, par: Any) -> float:
+    """Restoring force of all lateral stops on the bolster in N."""
+    if par.extra_stop_stiffness == 0.0:
+        return bump_stop_force(displacement, par)
+    return bump_stop_force(displacement, par) + extra_stop_force(displacement, par)
+
+
+@compiled
 def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
     """m z̈ = ΣF_z − ΣF_act − m g;  m ÿ = ΣF_y + F_act + F_bs;  J φ̈ = Σ moments.
 
     Springs and actuators have left their forces in the derivatives of the speeds.
     """
-    displacement = x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL]
-    bump = bump_stop_force(displacement, par)
-    if par.extra_stop_stiffness != 0.0:
-        bump += extra_stop_force(displacement, par)
+    bump = stop_force(x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL], par)
     out[Algebraic.BUMP_STOP] = bump
     dx[State.BOLSTER_LATERAL_SPEED] = (dx[State.BOLSTER_LATERAL_SPEED] + bump) / par.bolster_mass
     dx[State.BOLSTER_VERTICAL_SPEED] = dx[State.BOLSTER_VERTICAL_SPEED] / par.bolster_mass - par.gravity

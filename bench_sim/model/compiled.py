@@ -48,3 +48,11 @@ def compiled_once(function: Callable[..., Any]) -> Any:
 def compiled_entry(function: Callable[..., Any]) -> Any:
     """As `compiled`, for the few functions that make their own working arrays and call the others."""
     return _compile(function)
+
+
+def compiled_parallel(function: Callable[..., Any]) -> Any:
+    """As `compiled_entry`, for long calculations that several threads do at once: Python goes on meanwhile.
+
+    The rig's tick is not one: to get Python back it would have to wait for whoever has it then.
+    """
+    return _compile(function, nogil=True)

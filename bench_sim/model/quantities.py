@@ -201,6 +201,12 @@ MEMORY: Final = np.dtype(
         ("friction_direction", np.float64, (2, SIDES)),
         ("friction_last", np.float64, (2, SIDES)),
         ("extra_friction_level", np.float64, (EXTRA_FRICTIONS, 2, SIDES)),
+        # the curve outside a small loop: the way it went (0: no small loop), where it was left, its last reversal
+        ("friction_outer_way", np.float64, (2, SIDES)),
+        ("friction_outer_turn", np.float64, (2, SIDES)),
+        ("friction_outer_origin", np.float64, (2, SIDES)),
+        ("friction_outer_level", np.float64, (2, SIDES)),
+        ("extra_friction_outer_level", np.float64, (EXTRA_FRICTIONS, 2, SIDES)),
         # gas: density and heat-transfer factor around which the factor is expanded, chambers b_L b_R a_L a_R
         ("heat_density", np.float64, (2 * SIDES,)),
         ("heat_factor", np.float64, (2 * SIDES,)),

@@ -4,11 +4,14 @@ A Maxwell branch with spring k_j and time constant τ_j carries k_j q_j, dq_j/dt
 position w_j = x − q_j as the state, dw_j/dt = (x − w_j)/τ_j needs no speed.
 """
 
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_FRICTIONS, State
+
+#: A loop over less than this share of x₂ is small.
+SMALL_LOOP: Final = 0.02
 
 
 @compiled
@@ -150,15 +153,31 @@ def turn_friction(
     travel: float,
     dt: float,
 ) -> bool:
-    """Note a reversal of one spring in one ``direction`` (0 vertical, 1 lateral); True if there was one.
+    """Note a reversal of one spring in one ``direction`` (0 vertical, 1 lateral); True if the curve changed.
 
     The level kept is F/F_max, not F: the limit moves with pressure, and a kept force could exceed it.
+
+    Berg's law begins a new curve at every reversal and forgets the old one, so that a tremble of a nanometre would
+    change what follows by a tenth of the friction. Rubber remembers: a small loop, back over less than x₂/50, ends
+    where it began, and the curve before it goes on (Madelung's rule). Its own force has then changed by 1/2500.
     """
     last = mem.friction_last[direction, side]
     if abs(position - last) < 1e-12:  # rounding is no motion
         return False
+    way = mem.friction_outer_way[direction, side]
+    if way != 0.0:
+        beyond = way * (position - mem.friction_outer_turn[direction, side])
+        if beyond >= 0.0:
+            _resume(mem, direction, side)
+            mem.friction_direction[direction, side] = way
+            mem.friction_last[direction, side] = position
+            return True
+        if -beyond > SMALL_LOOP * travel:
+            mem.friction_outer_way[direction, side] = 0.0
     turn, turned = reversal(position, last, speed, last_speed, dt, mem.friction_direction[direction, side])
     if turned:
+        if mem.friction_outer_way[direction, side] == 0.0:
+            _remember(mem, direction, side, turn)
         level, _ = friction_curve(
             turn, mem.friction_origin[direction, side], mem.friction_level[direction, side], travel
         )
@@ -176,3 +195,24 @@ def turn_friction(
     mem.friction_direction[direction, side] = 1.0 if position > last else -1.0
     mem.friction_last[direction, side] = position
     return turned
+
+
+@compiled
+def _remember(mem: Any, direction: int, side: int, turn: float) -> None:
+    """Keep the curve that a reversal at ``turn`` leaves."""
+    mem.friction_outer_way[direction, side] = mem.friction_direction[direction, side]
+    mem.friction_outer_turn[direction, side] = turn
+    mem.friction_outer_origin[direction, side] = mem.friction_origin[direction, side]
+    mem.friction_outer_level[direction, side] = mem.friction_level[direction, side]
+    for e in range(EXTRA_FRICTIONS):
+        mem.extra_friction_outer_level[e, direction, side] = mem.extra_friction_level[e, direction, side]
+
+
+@compiled
+def _resume(mem: Any, direction: int, side: int) -> None:
+    """Go on along the curve that the small loop has left."""
+    mem.friction_outer_way[direction, side] = 0.0
+    mem.friction_origin[direction, side] = mem.friction_outer_origin[direction, side]
+    mem.friction_level[direction, side] = mem.friction_outer_level[direction, side]
+    for e in range(EXTRA_FRICTIONS):
+        mem.extra_friction_level[e, direction, side] = mem.extra_friction_outer_level[e, direction, side]

@@ -1,1 +1,1 @@
-"""The systems that can be diagnosed: each a simulator with its catalogue of effects, and the way from files to its data."""
+"""The systems that can be diagnosed: each a simulator with its catalogue of effects, and its way from files to data."""

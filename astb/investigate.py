@@ -1,0 +1,255 @@
+"""`astb investigate`: screening, diagnosis, and the run that would decide, in a loop until there is a verdict."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeVar
+
+import msgspec
+
+from astb.menu import Offer, experiments, offers
+from astb.run import Screen, connected, describe, prepare, undisturbed
+from astb.session import Session
+from bench_protocol.units import minutes, s
+from bench_records.layout import RecordError
+from bench_records.result import Outcome, Result
+from diagnosis.finding import Finding, Verdict
+from test_plans.motions import Programme
+from test_plans.perform import lasts, programme_plan
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+
+LOG: Final = "investigation.json"
+#: Below this BIC gap two causes are not told apart: no run is worth the bench's time that promises less.
+WORTH: Final = 10.0
+#: Verdicts after which another run may tell more.
+OPEN: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
+#: How often the bench is looked after while a diagnosis computes.
+LOOK: Final = 1 * s
+
+T = TypeVar("T")
+
+
+class Step(msgspec.Struct, frozen=True, kw_only=True):
+    """One run on the bench and what was concluded from all data so far; times in minutes of the bench."""
+
+    plan: str
+    why: str
+    record: str
+    minutes: float
+    outcome: str
+    verdict: str = ""
+    sentence: str = ""
+    causes: list[str] = []
+    rivals: list[str] = []
+
+
+class Investigation(msgspec.Struct, kw_only=True):
+    """The log of decisions: what was run and why, what it showed, and why it ended."""
+
+    rig: str
+    budget: float  #: minutes of the bench
+    steps: list[Step] = []
+    ended: str = ""
+
+    @property
+    def spent(self) -> float:
+        """Minutes of the bench so far."""
+        return sum(step.minutes for step in self.steps)
+
+    def write(self, directory: Path) -> Path:
+        """Write the log into ``directory`` and return its path."""
+        path = directory / LOG
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n")
+        return path
+
+
+def investigate_rig(
+    rig: "RigFile",
+    path: Path,
+    *,
+    virtual: bool,
+    seed: int | None,
+    budget: str,
+    model: str,
+    out: Path,
+) -> bool:
+    """Investigate ``rig`` against ``model`` and tell the finding; return whether the bench let it come to one.
+
+    RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, as `astb run` and `astb diagnose` raise.
+    """
+    from rich.console import Console
+
+    from astb.diagnose import conclude, make_room, read_data, tell
+    from astb.session import open_session
+    from bench_sim.parameters import load
+    from bench_sim.parameters.values import read_value
+    from diagnosis.engine.config import Config
+    from test_plans.screening import SCREENING
+    from test_plans.separating import MENU
+
+    allowed = read_value("--budget", budget, "s") / minutes
+    parameters = load(model)
+    make_room(out)
+    console, drawn = Console(), 1 if seed is None else seed
+    last: Finding | None = None
+
+    with (
+        Screen(console) as screen,
+        open_session(rig, path, virtual=virtual, seed=seed, say=screen.say) as session,
+    ):
+
+        def look(records: Sequence[Path]) -> Finding:
+            nonlocal last
+            screen.begin("diagnosis")
+            simulator, dataset = read_data(records, None, parameters, drawn)
+            config = Config(seed=drawn)
+            last = conclude(simulator, dataset, config, out, screen.follow, experiments(MENU))
+            return last
+
+        log = investigate(
+            session, rig, out, first=SCREENING, menu=MENU, budget=allowed, diagnose=look, screen=screen
+        )
+    for number, step in enumerate(log.steps, 1):
+        console.print(
+            f"{number}. {step.plan}, {step.minutes:.1f} min, {step.why}: {step.sentence or step.outcome}",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
+    console.print(log.ended, highlight=False, markup=False, soft_wrap=True)
+    if last is not None:
+        tell(last, out, console)
+    return last is not None
+
+
+def choose(
+    finding: Finding, menu: Mapping[str, Programme], left: float, done: Collection[str]
+) -> tuple[Offer | None, str]:
+    """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min)."""
+    if finding.verdict not in OPEN:
+        return None, f"verdict: {finding.sentence}"
+    ranked = [offer for offer in offers(finding, menu) if offer.plan not in done]
+    worth = [offer for offer in ranked if offer.bic_gap >= WORTH]
+    if not worth:
+        best = (
+            f"; the best, {ranked[0].plan}, promises a BIC gap of {ranked[0].bic_gap:.1f}" if ranked else ""
+        )
+        return None, f"no run on the menu would decide between {_open(finding)}{best}, {WORTH:g} is needed"
+    for offer in worth:
+        if offer.minutes <= left:
+            why = (
+                f"to decide between {_open(finding)}: a BIC gap of {offer.bic_gap:.0f} is expected "
+                f"in {offer.minutes:.1f} min"
+            )
+            return offer, why
+    cheapest = min(worth, key=lambda offer: offer.minutes)
+    return None, (
+        f"the budget is spent: {left:.1f} min are left, and {cheapest.plan}, the shortest run that would decide "
+        f"between {_open(finding)}, takes {cheapest.minutes:.1f} min"
+    )
+
+
+def _open(finding: Finding) -> str:
+    names = dict.fromkeys([*finding.names, *(rival.effect for rival in finding.ambiguous_with)])
+    return " and ".join(names) or "the causes that are left"
+
+
+def investigate(
+    session: Session,
+    rig: "RigFile",
+    out: Path,
+    *,
+    first: Programme,
+    menu: Mapping[str, Programme],
+    budget: float,
+    diagnose: Callable[[Sequence[Path]], Finding],
+    screen: Screen,
+) -> Investigation:
+    """Run ``first``, diagnose, and go on with what decides most per minute while the budget (min) lasts.
+
+    ``diagnose`` is given the directories of all records so far. The log is written after every step. RecordError if
+    even the first programme does not fit into the budget, or a directory cannot be used.
+    """
+    needed = lasts(first) / minutes
+    if needed > budget:
+        raise RecordError(
+            f"budget = {budget:g} min: {first.name} alone takes {needed:.1f} min of the bench; give at least that"
+        )
+    log = Investigation(rig=rig.name, budget=budget)
+    records: list[Path] = []
+    done: set[str] = set()
+    programme, why = first, "to see what the model gets wrong"
+    with connected(session):
+        while True:
+            directory = out / f"{len(records) + 1:02d}-{programme.name}"
+            screen.say(f"{programme.name}: {why}")
+            result = _run(programme, session, rig, directory, screen)
+            step = Step(
+                plan=programme.name,
+                why=why,
+                record=directory.name,
+                minutes=result.duration / minutes,
+                outcome=result.verdict,
+            )
+            if result.verdict is not Outcome.PASS:
+                log.steps.append(step)
+                log.ended = f"{programme.name} {result.verdict}: {result.reason or _failed(result)}"
+                break
+            records.append(directory)
+            done.add(programme.name)
+            finding = _meanwhile(session, lambda: diagnose(records))
+            log.steps.append(
+                msgspec.structs.replace(
+                    step,
+                    verdict=finding.verdict,
+                    sentence=finding.sentence,
+                    causes=list(finding.names),
+                    rivals=[rival.effect for rival in finding.ambiguous_with],
+                )
+            )
+            log.write(out)
+            offer, why = choose(finding, menu, budget - log.spent, done)
+            if offer is None:
+                log.ended = why
+                break
+            programme = menu[offer.plan]
+    log.write(out)
+    return log
+
+
+def _run(programme: Programme, session: Session, rig: "RigFile", directory: Path, screen: Screen) -> Result:
+    from bench_records.report import write_report
+    from test_plans.run import execute
+
+    prepare(directory, screen)
+    screen.begin(programme.name)
+    with undisturbed():
+        result = execute(
+            programme_plan(programme),
+            session.bench,
+            directory,
+            meta=describe(session, rig),
+            rig=rig.name,
+            seed=session.seed,
+            watcher=screen,
+        )
+    write_report(directory)
+    screen.conclude(result, directory)
+    return result
+
+
+def _failed(result: Result) -> str:
+    return ", ".join(one.name for one in result.checks if not one.passed)
+
+
+def _meanwhile(session: Session, work: Callable[[], T]) -> T:
+    """Compute while somebody looks after the bench: a rig hangs up on a commander that is silent for a minute."""
+    if session.virtual:
+        return work()
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(work)
+        while not future.done():
+            session.bench.wait(LOOK)
+        return future.result()

@@ -1,0 +1,89 @@
+"""The menu of separating runs as experiments: what each will do to the springs, before the bench has done it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.table import SIDES
+from bench_protocol.units import ATMOSPHERE, minutes
+from diagnosis.contracts import Experiment
+from diagnosis.finding import Finding
+from test_plans.loads import AUXILIARY_VOLUME, BELLOWS_VOLUME, EFFECTIVE_AREA, Load
+from test_plans.motions import Programme, Stretch
+from test_plans.perform import lasts
+from test_plans.trajectory import trajectory
+
+#: Of the gas when it is shut in: that of the hall.
+TEMPERATURE: Final = 293.15
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A plan of the menu, and how far its runs together would part the rivals: the predicted BIC gap."""
+
+    plan: str
+    minutes: float
+    bic_gap: float
+
+
+def experiments(menu: Mapping[str, Programme]) -> tuple[Experiment, ...]:
+    """Return every run of every plan, named as its record will name it; each costs its share of the plan's time."""
+    return tuple(run for programme in menu.values() for run in _runs(programme))
+
+
+def offers(finding: Finding, menu: Mapping[str, Programme]) -> list[Offer]:
+    """Return the plans of the menu that the finding ranks, the one with the largest gap per minute first.
+
+    Independent runs add up: the gap of a plan is the sum over its runs.
+    """
+    gaps: dict[str, float] = {}
+    for run in finding.next_runs:
+        plan = run.experiment.partition(" ")[0]
+        if plan in menu and run.bic_gap is not None:
+            gaps[plan] = gaps.get(plan, 0.0) + run.bic_gap
+    found = [Offer(plan, lasts(menu[plan]) / minutes, gap) for plan, gap in gaps.items()]
+    return sorted(found, key=lambda one: (-one.bic_gap / one.minutes, one.plan))
+
+
+def _runs(programme: Programme) -> Iterator[Experiment]:
+    runs = [(part.load, stretch) for part in programme.parts for stretch in part.stretches]
+    share = lasts(programme) / minutes / len(runs)
+    for number, (load, stretch) in enumerate(runs, 1):
+        yield _experiment(f"{programme.name} {number} {load.name}", load, stretch, share)
+
+
+def _experiment(name: str, load: Load, stretch: Stretch, cost: float) -> Experiment:
+    asked = trajectory(stretch)
+    still = np.zeros_like(asked.time)
+    heights = asked.heights
+    settings = {"nominal_preload": load.preload}
+    for side in SIDES:
+        pressure = _pressure(load, float(heights[side][0]))
+        for chamber in ("bellows", "auxiliary"):
+            settings[f"{side}.{chamber}_pressure"] = pressure
+            settings[f"{side}.{chamber}_temperature"] = TEMPERATURE
+    return Experiment(
+        name,
+        asked.time,
+        {
+            **{f"{side}.height": height for side, height in heights.items()},
+            "shear": asked.shear,
+            "platform.vertical": still,
+            "platform.lateral": still,
+            "platform.roll": asked.platform_roll,
+            **{f"{side}.leveling": asked.leveling for side in SIDES},
+            **{f"{side}.reservoir": asked.reservoirs for side in SIDES},
+            "dpv": asked.dpv,
+        },
+        settings,
+        cost,
+    )
+
+
+def _pressure(load: Load, height: float) -> float:
+    """Gauge pressure of a spring that carried its load at design height and was then moved, its gas shut in."""
+    volume = BELLOWS_VOLUME + AUXILIARY_VOLUME
+    shut_in = (load.fill_pressure + ATMOSPHERE) * volume / (volume + EFFECTIVE_AREA * height)
+    return shut_in - ATMOSPHERE

@@ -1,0 +1,323 @@
+"""A replay: the springs driven through a measured motion, sample by sample, while the sensors look on.
+
+Bolster and platform go where they were seen to go, so their inertia, the actuators and the table take no part: each
+side's gas, rubber and sensors are predicted from the motion alone, and a mistake in one does not move the others.
+What the actuators must have done follows from Newton's law for the bolster, whose acceleration comes with its motion.
+"""
+
+from math import ceil
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.actuator import bolster_point
+from bench_sim.model.air_spring import air_spring
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.bolster import stop_force
+from bench_sim.model.compiled import compiled, compiled_once, compiled_parallel
+from bench_sim.model.gas import energy_of, mass_of, note_densities
+from bench_sim.model.kernel import note_solution, switch_valves
+from bench_sim.model.layout import (
+    ACTUATORS,
+    BRANCHES,
+    EXTRA_BRANCHES,
+    HISTORY,
+    INPUTS,
+    LATERAL,
+    SENSORS,
+    SIDES,
+    STATES,
+    State,
+)
+from bench_sim.model.pipe import pipe_steps
+from bench_sim.model.quantities import MEMORY, PARAMETERS
+from bench_sim.model.sensors import follow, prepare_lags, read_sensors, true_values
+from bench_sim.model.spring import load_bellows, spring_algebra, stretch, volume
+
+#: Displacements of a motion, in the order of the states: bolster lateral, vertical, roll; platform the same.
+DIRECTIONS: Final = 6
+#: Longest step in s that a replay takes unless it is told otherwise.
+STEP: Final = 2.5e-3
+
+#: Rounds of settling, each of which leaves a seventh of the error or less.
+_ROUNDS: Final = 30
+
+
+@compiled_once
+def springs(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
+    """dx/dt of the springs alone into ``dx``; forces on the bolster gather in the derivatives of its speeds."""
+    dx[:] = 0.0
+    air_spring(t, x, mem, u, par, dx, out)
+
+
+@compiled
+def place(n: int, part: float, motion: Any, x: Any) -> None:
+    """Put bolster and platform where Hermite's cubic has them, a ``part`` (0 … 1) of an interval after sample n."""
+    q = motion.displacement
+    a = part
+    b = 1.0 - a
+    for k in range(DIRECTIONS):
+        # The speeds of the bolster stand behind its displacements, and the platform behind both.
+        to = State.BOLSTER_LATERAL + k + (3 if k >= 3 else 0)
+        rise = q[n + 1, k] - q[n, k]
+        start = motion.interval * motion.speed[n, k]
+        end = motion.interval * motion.speed[n + 1, k]
+        x[to] = q[n, k] + a * a * (3.0 - 2.0 * a) * rise + a * b * (b * start - a * end)
+        x[to + 3] = (
+            6.0 * a * b * rise + b * (1.0 - 3.0 * a) * start + a * (1.0 - 3.0 * b) * end
+        ) / motion.interval
+
+
+@compiled
+def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: Any) -> None:
+    """What the actuators do to the bolster by Newton's law, from the forces of the springs gathered in ``dx``.
+
+    F_a = m ÿ − ΣF_y − F_bs;  F_l + F_r = ΣF_z − m (z̈ + g);  (F_l − F_r) b_a = ΣM − h_a F_a − J φ̈
+    """
+    before = motion.acceleration[n]
+    after = motion.acceleration[n + 1]
+    y = before[0] + part * (after[0] - before[0])
+    z = before[1] + part * (after[1] - before[1])
+    phi = before[2] + part * (after[2] - before[2])
+    for k in range(2):
+        out[Algebraic.PLATFORM_ACCELERATION + k] = before[3 + k] + part * (after[3 + k] - before[3 + k])
+    bump = stop_force(x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL], par)
+    lateral = par.bolster_mass * y - dx[State.BOLSTER_LATERAL_SPEED] - bump
+    both = dx[State.BOLSTER_VERTICAL_SPEED] - par.bolster_mass * (z + par.gravity)
+    moment = dx[State.BOLSTER_ROLL_SPEED] - par.lateral_actuator_height * lateral
+    difference = (moment - par.bolster_inertia * phi) / par.actuator_half_spacing
+    out[Algebraic.BUMP_STOP] = bump
+    out[Algebraic.LATERAL_ACCELERATION] = y
+    out[Algebraic.ACTUATOR_FORCE] = 0.5 * (both + difference)
+    out[Algebraic.ACTUATOR_FORCE + 1] = 0.5 * (both - difference)
+    out[Algebraic.ACTUATOR_FORCE + LATERAL] = lateral
+    for j in range(ACTUATORS):
+        out[Algebraic.ACTUATOR_DISPLACEMENT + j], out[Algebraic.ACTUATOR_SPEED + j] = bolster_point(x, par, j)
+
+
+@compiled_once
+def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
+    """Fill the chambers where the bolster stands at rest.
+
+    The rubber is relaxed. ζ_b = ζ + (F_z−P)/k_z and y_b = y + F_y/k_y are found by repetition, for the pressure is
+    given and not the energy: the emergency spring is so much stiffer that this converges.
+    """
+    R, kappa = par.gas_constant, par.heat_capacity_ratio
+    pressure, temperature = gas.pressure, gas.temperature
+    for i in range(SIDES):
+        x[State.BELLOWS_MASS + i] = mass_of(pressure[i], par.bellows_volume[i], temperature[i], R)
+        x[State.BELLOWS_ENERGY + i] = energy_of(pressure[i], par.bellows_volume[i], kappa)
+        x[State.AUXILIARY_MASS + i] = mass_of(pressure[2 + i], par.auxiliary_volume[i], temperature[2 + i], R)
+        x[State.AUXILIARY_ENERGY + i] = energy_of(pressure[2 + i], par.auxiliary_volume[i], kappa)
+        x[State.BELLOWS_WALL + i] = x[State.AUXILIARY_WALL + i] = par.ambient_temperature
+    spring_algebra(mem.time, x, mem, par, out)  # where the springs are: their gas is not right yet
+    for i in range(SIDES):
+        z = out[Algebraic.HEIGHT + i]
+        y = out[Algebraic.LATERAL + i]
+        z_b = z
+        y_b = y
+        for _ in range(_ROUNDS):
+            V = volume(par, i, z_b, y_b) + stretch(par, i, pressure[i])
+            x[State.BELLOWS_ENERGY + i] = energy_of(pressure[i], V, kappa)
+            x[State.BELLOWS_MASS + i] = mass_of(pressure[i], V, temperature[i], R)
+            for j in range(BRANCHES):
+                x[State.VERTICAL_DASHPOT + i * BRANCHES + j] = z_b
+                x[State.LATERAL_DASHPOT + i * BRANCHES + j] = y_b
+            for j in range(EXTRA_BRANCHES):
+                x[State.EXTRA_VERTICAL_DASHPOT + i * EXTRA_BRANCHES + j] = z_b
+                x[State.EXTRA_LATERAL_DASHPOT + i * EXTRA_BRANCHES + j] = y_b
+            mem.friction_origin[0, i] = z_b
+            mem.friction_origin[1, i] = y_b
+            load_bellows(x, mem, par, i, z_b, y_b, out)
+            if par.emergency_spring == 0.0:
+                break
+            z_b = (
+                z
+                + (out[Algebraic.STACK_VERTICAL + i] - par.nominal_preload[i])
+                / par.emergency_stiffness_vertical[i]
+            )
+            y_b = y + out[Algebraic.STACK_LATERAL + i] / par.emergency_stiffness_lateral[i]
+        mem.friction_last[0, i] = mem.bellows_vertical[i] = z_b
+        mem.friction_last[1, i] = mem.bellows_lateral[i] = y_b
+        x[State.LEVER + i] = z + par.lever_offset[i]
+
+
+@compiled
+def settle_sensors(mem: Any, par: Any, values: Any, dt: float) -> None:
+    """Let every sensor have seen its present value for ever."""
+    prepare_lags(mem, par, dt)
+    for k in range(SENSORS):
+        mem.sensor_output[k] = values[k]
+        mem.sensor_input[k] = values[k]
+        for j in range(HISTORY):
+            mem.sensor_history[k, j] = values[k]
+
+
+@compiled_once
+def begin(
+    n: int, part: float, motion: Any, x: Any, mem: Any, u: Any, par: Any, slope: Any, out: Any, values: Any
+) -> None:
+    """What happens once per step, a ``part`` of an interval after sample n: latches, friction, slope, true values."""
+    place(n, part, motion, x)
+    switch_valves(x, mem, par)
+    springs(mem.time, x, mem, u, par, slope, out)
+    if note_solution(mem, par, out, mem.time):
+        springs(mem.time, x, mem, u, par, slope, out)
+    note_densities(x, mem, par, out)
+    balance(n, part, motion, x, par, slope, out)
+    true_values(x, mem, par, out, values)
+
+
+@compiled
+def runge_kutta(
+    n: int, part: float, h: float, motion: Any, x: Any, mem: Any, u: Any, par: Any, work: Any, out: Any
+) -> None:
+    """A step of ``h`` s by the classical method from the slope in ``work[0]``, with the bolster moved along."""
+    for s in range(1, 4):
+        ahead = h if s == 3 else 0.5 * h
+        for k in range(STATES):
+            work[4, k] = x[k] + ahead * work[s - 1, k]
+        place(n, part + ahead / motion.interval, motion, work[4])
+        springs(mem.time + ahead, work[4], mem, u, par, work[s], out)
+    for k in range(STATES):
+        x[k] += h / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+    mem.time += h
+
+
+@compiled_parallel
+def replay_samples(
+    x: Any,
+    memory: Any,
+    parameters: Any,
+    motion: Any,
+    inputs: Any,
+    supply: Any,
+    gas: Any,
+    steps: int,
+    readings: Any,
+    rows: Any,
+) -> None:
+    """Settle at the first sample, go on to the last by ``steps`` steps an interval, and look at every one.
+
+    Shapes, n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0, ALGEBRAICS).
+    """
+    mem = memory[0]
+    par = parameters[0]
+    work = np.zeros((5, STATES))
+    out = np.zeros(ALGEBRAICS)
+    values = np.zeros(SENSORS)
+    ideal = np.zeros(SENSORS)
+    dt = motion.interval / steps
+    pieces = pipe_steps(par, dt)
+    last = motion.displacement.shape[0] - 1
+    place(0, 0.0, motion, x)
+    settle(x, mem, par, gas, out)
+    for n in range(last + 1):
+        u = inputs[n]
+        x[State.SUPPLY_LINE] = supply[n]
+        # The last sample is the end of the interval before it.
+        interval = min(n, last - 1)
+        for k in range(steps if n < last else 1):
+            part = k / steps if n < last else 1.0
+            begin(interval, part, motion, x, mem, u, par, work[0], out, values)
+            if k == 0:
+                if n == 0:
+                    settle_sensors(mem, par, values, dt)
+                for j in range(SENSORS):
+                    ideal[j] = values[j]
+                read_sensors(mem, par, ideal, n, readings[n])
+                if n < rows.shape[0]:
+                    rows[n] = out
+            if n == last:
+                break
+            follow(mem, par, values, dt)
+            for piece in range(pieces):
+                begun = part + piece / (pieces * steps)
+                if piece > 0:
+                    place(n, begun, motion, x)
+                    springs(mem.time, x, mem, u, par, work[0], out)
+                runge_kutta(n, begun, dt / pieces, motion, x, mem, u, par, work, out)
+            mem.step += 1
+
+
+class Motion(NamedTuple):
+    """Where bolster and platform were every ``interval`` s, joined by cubics; compiled code takes it as it is."""
+
+    interval: float
+    displacement: NDArray[np.float64]  #: (n, DIRECTIONS), m and rad
+    speed: NDArray[np.float64]  #: (n, DIRECTIONS)
+    acceleration: NDArray[np.float64]  #: (n, DIRECTIONS)
+
+    @classmethod
+    def through(cls, displacement: NDArray[np.float64], interval: float) -> "Motion":
+        """Return the motion along the cubic spline through samples (n, DIRECTIONS): accelerations are continuous."""
+        from scipy.interpolate import CubicSpline
+
+        if displacement.ndim != 2 or displacement.shape[1] != DIRECTIONS or len(displacement) < 4:
+            raise ValueError(
+                f"a motion has shape {displacement.shape}; at least 4 samples of {DIRECTIONS} displacements are needed"
+            )
+        if not np.isfinite(displacement).all():
+            raise ValueError("a motion has gaps (NaN); fill them before it is replayed")
+        time = interval * np.arange(len(displacement))
+        spline = CubicSpline(time, displacement)
+        samples = displacement, spline(time, 1), spline(time, 2)
+        return cls(interval, *(np.ascontiguousarray(rows, dtype=np.float64) for rows in samples))
+
+
+class Gas(NamedTuple):
+    """The gas at rest in both bellows (left, right), then in both auxiliary chambers."""
+
+    pressure: NDArray[np.float64]  #: (4,), Pa absolute
+    temperature: NDArray[np.float64]  #: (4,), K
+
+
+def replay(
+    parameters: Any,
+    motion: Motion,
+    inputs: NDArray[np.float64],
+    supply: NDArray[np.float64],
+    gas: Gas,
+    *,
+    step: float = STEP,
+    start: float = 0.0,
+    rows: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return what each sensor reads (n, SENSORS) without noise and quantisation while the bench makes ``motion``.
+
+    ``parameters`` is a record (``bench_sim.parameters.Parameters.record``), ``inputs`` (n, INPUTS) holds the valves
+    over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. It starts at rest with
+    relaxed rubber, ``start`` s after the bench was switched on: sensors drift from then on. The steps are equal parts
+    of an interval, at most ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled with what lies behind the readings.
+    Other threads run meanwhile.
+    """
+    if not 0.0 < step <= STEP:
+        raise ValueError(
+            f"step = {step * 1e3:g} ms is outside 0 to {STEP * 1e3:g} ms, where a replay is stable"
+        )
+    n = len(motion.displacement)
+    if inputs.shape != (n, INPUTS) or supply.shape != (n,):
+        raise ValueError(
+            f"inputs {inputs.shape} and supply {supply.shape} do not fit {n} samples of motion: "
+            f"({n}, {INPUTS}) and ({n},) would"
+        )
+    record = np.array([parameters], PARAMETERS).view(np.recarray)
+    record.sensor_noise = 0.0
+    record.sensor_resolution = 0.0
+    memory = np.zeros(1, MEMORY).view(np.recarray)
+    memory.time = memory.solved_time = start
+    readings = np.empty((n, SENSORS))
+    replay_samples(
+        np.zeros(STATES),
+        memory,
+        record,
+        motion,
+        inputs,
+        supply,
+        gas,
+        ceil(motion.interval / step - 1e-9),
+        readings,
+        np.empty((0, ALGEBRAICS)) if rows is None else rows,
+    )
+    return readings

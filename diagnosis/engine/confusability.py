@@ -1,0 +1,112 @@
+"""What cannot be told apart or would not be seen, before any data: cosines of footprints, smallest detectable sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, Parameter
+from diagnosis.engine.linear import Linearisation
+from diagnosis.engine.screen import Screen
+from diagnosis.finding import Confusability, Pair, Unseen, number, numbers
+
+#: A BIC gap below this does not tell two effects apart.
+SEPARABLE: Final = 10.0
+#: Pairs with less in common than this are not worth a line.
+ALIKE: Final = 0.8
+#: The score exceeds the threshold in 95 % of cases where λ lies above it by this.
+POWER95: Final = 1.6449
+#: An amplitude beyond so many prior spreads is not believed.
+BELIEVED: Final = 5.0
+#: Less of a footprint than this left beside the base model means: hidden.
+HIDDEN: Final = 0.3
+
+
+def confusability(screen: Screen) -> Confusability:
+    """Cosines of the footprints of all effects, each pair at the points of their grids where they are most alike.
+
+    An effect as large as its prior spread has a certain λ in these runs; the predicted BIC gap to another one that
+    is fitted in its stead is λ²(1 − cosine²), and under 10 the pair is called inseparable.
+    """
+    names = list(dict.fromkeys(c.effect.name for c in screen.candidates))
+    places = {n: [i for i, c in enumerate(screen.candidates) if c.effect.name == n] for n in names}
+    alike = np.abs(screen.projection.cosines)
+    cosines = np.array([[float(alike[np.ix_(places[a], places[b])].max()) for b in names] for a in names])
+    strength = [max(float(typical(screen)[i]) for i in places[n]) for n in names]
+    pairs = []
+    for a, b in combinations(range(len(names)), 2):
+        gap = min(strength[a], strength[b]) ** 2 * max(0.0, 1.0 - cosines[a, b] ** 2)
+        if cosines[a, b] > ALIKE:
+            pairs.append(
+                Pair(
+                    first=names[a],
+                    second=names[b],
+                    cosine=number(cosines[a, b]),
+                    bic_gap=number(gap),
+                    separable=bool(gap >= SEPARABLE),
+                )
+            )
+    return Confusability(
+        effects=names,
+        cosines=[numbers(row, 4) for row in cosines],
+        pairs=sorted(pairs, key=lambda pair: pair.bic_gap or 0.0),
+    )
+
+
+def typical(screen: Screen) -> Array:
+    """λ (m,) of every candidate as large as its prior spread."""
+    return screen.strength * np.array([c.effect.amplitude.spread for c in screen.candidates])
+
+
+def unseen(screen: Screen, here: Linearisation, found: Collection[str] = ()) -> list[Unseen]:
+    """For each effect that was not found, the smallest one that would have been found in 95 % of cases.
+
+    It is told for the point of the grid where the effect is seen best.  ``here`` is what the screen projected on.
+    """
+    names = [n for n in dict.fromkeys(c.effect.name for c in screen.candidates) if n not in found]
+    result = []
+    for name in names:
+        mine = [i for i, c in enumerate(screen.candidates) if c.effect.name == name]
+        best = max(mine, key=lambda i: float(screen.strength[i]))
+        result.append(_unseen(screen, here, best))
+    return result
+
+
+def _unseen(screen: Screen, here: Linearisation, place: int) -> Unseen:
+    candidate, strength = screen.candidates[place], float(screen.strength[place])
+    effect, amplitude = candidate.effect, candidate.effect.amplitude
+    raw = float(screen.projection.raw[place])
+    visible = float(screen.projection.norm[place]) / raw if raw > 0.0 else 0.0
+    most = min(BELIEVED * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
+    smallest = (screen.threshold + POWER95) / strength if strength > 0.0 else float("inf")
+    # What of the model imitates the footprint best, by the size of its part.
+    parts = np.abs(screen.projection.shadow[:, place]) * np.sqrt(np.diagonal(here.gram))
+    hidden_by = here.point.coordinates[int(np.argmax(parts))].label if visible < HIDDEN and parts.size else ""
+    unit = amplitude.display or amplitude.unit
+    if raw == 0.0:
+        sentence = "leaves no trace in these runs"
+    elif smallest > most:
+        sentence = f"is not visible in these runs{f': {hidden_by} imitates it' if hidden_by else ''}"
+    else:
+        at = ", ".join(_said(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
+        sentence = f"would have been found from {smallest / amplitude.scale:.3g} {unit}".rstrip()
+        sentence += (f" (at {at})" if at else "") + (
+            f", though {hidden_by} hides most of it" if hidden_by else ""
+        )
+    return Unseen(
+        effect=effect.name,
+        title=effect.title,
+        family=effect.family,
+        unit=unit,
+        smallest=number(smallest / amplitude.scale) if smallest <= most else None,
+        visible=number(visible),
+        hidden_by=hidden_by,
+        sentence=sentence,
+    )
+
+
+def _said(parameter: Parameter, value: float) -> str:
+    return f"{parameter.name} {value / parameter.scale:.3g} {parameter.display or parameter.unit}".rstrip()

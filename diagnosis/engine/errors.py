@@ -1,0 +1,130 @@
+"""The errors of one run: measured less predicted, the same whitened, and what the inputs do meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.contracts import Array, Channel, Experiment
+from diagnosis.engine.stretches import Hold, Swing, holds, moving, swings
+from diagnosis.finding import Figure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """``error`` (n, c) in SI and ``white`` (n, c) with unit variance, both NaN where nothing counts.
+
+    ``inputs`` are those that move; ``swings`` and ``holds`` what they do.
+    """
+
+    experiment: Experiment
+    channels: tuple[Channel, ...]
+    measured: Array
+    predicted: Array
+    error: Array
+    white: Array
+    inputs: Mapping[str, Array]
+    swings: tuple[Swing, ...]
+    holds: tuple[Hold, ...]
+
+    @property
+    def run(self) -> str:
+        """Name of the run."""
+        return self.experiment.name
+
+    @property
+    def step(self) -> float:
+        """Sampling interval in s."""
+        return self.experiment.step
+
+    def partner(self, c: int, start: int = 0, stop: int | None = None) -> str:
+        """The input that a channel follows best, by its correlation with value and slope; "" where none moves."""
+        inside = slice(start, stop)
+        y = np.nan_to_num(self.measured[inside, c] - np.nanmean(self.measured[inside, c]))
+        best, found = 0.0, ""
+        for name, u in self.inputs.items():
+            basis = np.column_stack((np.ones(y.size), u[inside], np.gradient(u[inside])))
+            left = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+            explained = float(np.vdot(y, y) - np.vdot(left, left))
+            if explained > best:
+                best, found = explained, name
+        return found
+
+
+def errors(
+    experiment: Experiment, channels: tuple[Channel, ...], measured: Array, predicted: Array, white: Array
+) -> Errors:
+    """Errors from outputs (n, c) and whitened residuals (n, c), which are NaN or exactly 0 where nothing counts."""
+    counts = np.isfinite(white) & (white != 0.0) & np.isfinite(measured)
+    inputs = moving(experiment)
+    return Errors(
+        experiment=experiment,
+        channels=channels,
+        measured=measured,
+        predicted=predicted,
+        error=np.where(counts, measured - predicted, np.nan),
+        white=np.where(counts, white, np.nan),
+        inputs=inputs,
+        swings=tuple(swing for name in inputs for swing in swings(experiment, name)),
+        holds=tuple(holds(experiment)) if inputs else (),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hit:
+    """What one test says of one channel in one run; ``p`` counts everything that the test looked at there."""
+
+    statistic: float
+    p: float
+    sentence: str
+    points_to: str
+    draw: Callable[[], Figure] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Mute:
+    """A test that does not apply, and why."""
+
+    why: str
+
+
+def chi_square(value: float, freedom: int) -> float:
+    """The chance of a χ² at least as large."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(freedom, max(value, 0.0))) if freedom > 0 else 1.0
+
+
+def student(value: float, freedom: int) -> float:
+    """The chance of a Student t at least as far from 0."""
+    from scipy.special import stdtr
+
+    return float(2.0 * stdtr(freedom, -abs(value)))
+
+
+def at_most_one(p: float, looks: int) -> float:
+    """Bonferroni: the chance of the smallest of so many p-values."""
+    return min(1.0, p * max(looks, 1))
+
+
+def wald(columns: Array, y: Array, tested: slice) -> tuple[float, int]:
+    """χ² and its degrees of freedom of some columns (n, k) beyond the others, for y (n,) of unit variance.
+
+    Columns that the others contain lose their degree of freedom.
+    """
+    norm = np.sqrt(np.einsum("nk,nk->k", columns, columns))
+    scaled = columns / np.where(norm > 0.0, norm, 1.0)
+    base = _basis(np.delete(scaled, np.arange(columns.shape[1])[tested], axis=1))
+    own = _basis(scaled[:, tested] - base @ (base.T @ scaled[:, tested]))
+    projection = own.T @ (y - base @ (base.T @ y))
+    return float(projection @ projection), own.shape[1]
+
+
+def _basis(columns: Array) -> Array:
+    """An orthonormal basis (n, rank) of columns of at most unit norm."""
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    kept = values > 1e-10
+    basis: Array = columns @ (vectors[:, kept] / np.sqrt(values[kept]))
+    return basis

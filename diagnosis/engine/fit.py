@@ -1,0 +1,237 @@
+"""Grey-box fits: least squares with priors by Levenberg and Marquardt, and how well a fit predicts unseen runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, DiagnosisError, MeasuredRun
+from diagnosis.engine.linear import Belief, Block, Linearisation, prior, solve
+from diagnosis.engine.noise import Filter, Mask, Noise
+from diagnosis.engine.point import Coordinate, Point
+from diagnosis.engine.replay import Replay
+
+ITERATIONS: Final = 40  #: steps that a fit may take
+FAIR: Final = 0.75  #: a step that gains less than this part of its promise was taken with poor columns
+ENOUGH: Final = 0.01  #: a fit ends where the next step promises less than this, in units of χ²
+HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to a better model is the last one
+FLAT: Final = 1e-6  #: weight of a prior that says nothing, in units of the parameter's scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedModel:
+    """A model at its best fit. ``predictions`` (n, c) are those of the replayed runs, in their own units."""
+
+    replay: Replay
+    noise: Noise
+    linearisation: Linearisation
+    predictions: tuple[Array, ...]
+    converged: bool
+
+    @property
+    def point(self) -> Point:
+        """Where the fit ended."""
+        return self.linearisation.point
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Effects and surfaces in the model."""
+        return self.point.owners
+
+    @property
+    def samples(self) -> int:
+        """How many samples count."""
+        return sum(int(counted(run).sum()) for run in self.replay.runs)
+
+    @property
+    def bic(self) -> float:
+        """χ² and priors at the optimum, and ln N for each parameter of an effect; only differences mean something."""
+        extra = sum(1 for c in self.point.coordinates if c.owner)
+        return self.linearisation.cost + extra * math.log(self.samples)
+
+    def covariance(self) -> Array:
+        """Return the covariance (k, k) of the numbers of the point, by Laplace's approximation."""
+        return self.linearisation.covariance()
+
+    def deviation(self, coordinate: Coordinate) -> float:
+        """Return the standard deviation of a parameter in its own unit; of its logarithm where it is fitted as such."""
+        place = self.point.place(coordinate)
+        return float(math.sqrt(max(self.covariance()[place, place], 0.0))) * coordinate.scale
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """What a fitted model says of runs that it was not fitted to, once their own nuisances are found.
+
+    ``lpd`` is the log density of the data up to a constant of the noise; ``outputs`` (n, c) of each run.
+    """
+
+    replay: Replay
+    lpd: float
+    outputs: tuple[Array, ...]
+    linearisation: Linearisation
+
+
+def counted(run: MeasuredRun) -> Mask:
+    """Return which samples (n, c) of a run count: measured and scored."""
+    return run.scored[:, None] & np.isfinite(run.outputs)
+
+
+def filters(noise: Noise, replay: Replay) -> tuple[Filter, ...]:
+    """Return the whitening filter of every run."""
+    return tuple(noise.filter(counted(run)) for run in replay.runs)
+
+
+def linearise(
+    replay: Replay,
+    whiten: Sequence[Filter],
+    point: Point,
+    predictions: Sequence[Array],
+    belief: Belief,
+    known: Linearisation | None = None,
+) -> Linearisation:
+    """Linearise a model; nuisances' columns that ``known`` has (whitened alike) are taken over from there."""
+    held = {
+        (block.run, known.point.coordinates[place]): block.sensitivities[:, :, k]
+        for block in (known.blocks if known else ())
+        for k, place in enumerate(block.places)
+        if known and not known.point.coordinates[place].owner
+    }
+    missing = [[i for i in point.own(run) if (run, point.coordinates[i]) not in held] for run in replay.names]
+    blocks = []
+    for run, filter_, residual, columns in zip(
+        replay.names,
+        whiten,
+        replay.residuals(predictions),
+        replay.sensitivities(point, predictions, missing),
+        strict=True,
+    ):
+        places = tuple(point.own(run))
+        sensitivities = np.empty((*residual.shape, len(places)))
+        new = iter(np.moveaxis(filter_(columns), 2, 0))
+        for k, place in enumerate(places):
+            column = held.get((run, point.coordinates[place]))
+            sensitivities[:, :, k] = next(new) if column is None else column
+        blocks.append(Block(run, filter_(residual), sensitivities, places))
+    return Linearisation(point, belief, tuple(blocks))
+
+
+def fit(
+    replay: Replay,
+    noise: Noise,
+    start: Point,
+    known: Linearisation | None = None,
+    *,
+    belief: Belief | None = None,
+    refresh: bool = False,
+    target: float = math.inf,
+) -> FittedModel:
+    """Fit every number of a model to the runs of a replay, from ``start``; ``belief`` replaces the priors.
+
+    The nuisances' columns are those of ``known`` (whitened by the same noise) if it is given. All columns follow the
+    steps by Broyden's rule. Those of the effects are computed anew where a step does not keep its promise, all of them
+    where it fails and, on ``refresh``, at the end. A fit that stays far above the cost ``target`` of another model is
+    not carried to the last digit. Raises ``DiagnosisError`` where the model fails at the start.
+    """
+    whiten = filters(noise, replay)
+    predictions = replay.predictions(start)
+    _check(replay, predictions, start)
+    belief = belief or prior(start)
+    here = linearise(replay, whiten, start, predictions, belief, known)
+    exact, damping, converged = known is None, 0.0, False
+    for _ in range(ITERATIONS):
+        step = here.step(damping)
+        trial = here.point.at(here.point.numbers + step)
+        promise = here.promise(trial.numbers - here.point.numbers)
+        if promise < max(ENOUGH, HOPELESS * (here.cost - target)):
+            if damping == 0.0 and (exact or not refresh):
+                converged = True
+                break
+            here = linearise(replay, whiten, here.point, predictions, belief)
+            exact, damping = True, 0.0
+            continue
+        tried = replay.predictions(trial)
+        there = _follow(here, trial, whiten, replay, tried)
+        gain = (here.cost - there.cost) / promise
+        if gain > 0.01:
+            if gain < FAIR:
+                there = linearise(replay, whiten, trial, tried, belief, there)
+            here, predictions, exact = there, tried, False
+            damping = damping / 10.0 if damping > 1e-4 else 0.0
+        elif not exact:
+            here, exact = linearise(replay, whiten, here.point, predictions, belief), True
+        else:
+            damping = max(10.0 * damping, 1e-3)
+            if damping > 1e6:
+                break
+    return FittedModel(replay, noise, here, tuple(predictions), converged)
+
+
+def predict(
+    fitted: FittedModel, runs: Sequence[MeasuredRun], known: Linearisation | None = None
+) -> Prediction:
+    """Say what a fitted model predicts of other runs, with all its uncertainty.
+
+    What the fit knows of the shared numbers is their prior now; those of each new run are found and marginalised by
+    Laplace's approximation. ``known`` may hold columns of the nuisances for these runs, whitened alike.
+    """
+    point, belief = _transferred(fitted, fitted.replay.of(runs))
+    again = fit(fitted.replay.of(runs), fitted.noise, point, known, belief=belief)
+    here = again.linearisation
+    evidence = np.linalg.slogdet(belief.precision)[1] - np.linalg.slogdet(here.gram)[1]
+    return Prediction(again.replay, 0.5 * float(evidence - here.cost), again.predictions, here)
+
+
+def _transferred(fitted: FittedModel, replay: Replay) -> tuple[Point, Belief]:
+    """Return the fitted point with the new runs' own nuisances, and what is known of all its numbers."""
+    old = fitted.point
+    shared = [i for i, c in enumerate(old.coordinates) if not c.run]
+    own = [i for i, c in enumerate(old.coordinates) if c.run]
+    gram = fitted.linearisation.gram
+    known = gram[np.ix_(shared, shared)] - gram[np.ix_(shared, own)] @ solve(
+        gram[np.ix_(own, own)], gram[np.ix_(own, shared)]
+    )
+    names = dict.fromkeys(c.parameter for c in (old.coordinates[i] for i in own))
+    fresh = [Coordinate(parameter, run=run) for parameter in names for run in replay.names]
+    point = Point(
+        (*(old.coordinates[i] for i in shared), *fresh),
+        np.concatenate((old.numbers[shared], np.zeros(len(fresh)))),
+    )
+    precision = np.diag([*([0.0] * len(shared)), *(c.weight for c in fresh)]) + FLAT * np.eye(
+        len(fresh) + len(shared)
+    )
+    precision[: len(shared), : len(shared)] += known
+    return point, Belief(point.numbers, precision)
+
+
+def _follow(
+    here: Linearisation, trial: Point, whiten: Sequence[Filter], replay: Replay, predictions: Sequence[Array]
+) -> Linearisation:
+    """Return the linearisation at a new point whose columns agree with the change just seen (Broyden)."""
+    blocks = []
+    residuals = replay.residuals(predictions)
+    for block, filter_, residual in zip(here.blocks, whiten, residuals, strict=True):
+        white = filter_(residual)
+        moved = (trial.numbers - here.point.numbers)[list(block.places)]
+        square = float(moved @ moved)
+        columns = block.sensitivities
+        if square > 0.0 and np.isfinite(white).all():
+            surprise = block.residual - white - columns @ moved
+            columns = columns + surprise[:, :, None] * (moved / square)
+        blocks.append(Block(block.run, white, columns, block.places))
+    return Linearisation(trial, here.belief, tuple(blocks))
+
+
+def _check(replay: Replay, predictions: Sequence[Array], point: Point) -> None:
+    """Refuse a model that has no finite output where it starts."""
+    for run, predicted in zip(replay.runs, predictions, strict=True):
+        if not np.isfinite(predicted[counted(run)]).all():
+            raise DiagnosisError(
+                f"{replay.simulator.name} returns NaN or infinity for the run {run.experiment.name} at "
+                f"{dict(zip((c.label for c in point.coordinates), point.values().tolist(), strict=True))}; "
+                "a simulator must be finite wherever its parameters are allowed to be"
+            )

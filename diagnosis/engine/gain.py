@@ -1,0 +1,260 @@
+"""What an extension gains on runs that were never used, both models tuned as well as they can be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, Channel, MeasuredRun
+from diagnosis.engine.fit import FittedModel, counted, predict
+from diagnosis.engine.point import Coordinate, Point
+from diagnosis.finding import Coverage, Gain, Models, Shift, Trace, number, numbers
+
+#: Nominal levels of the predicted intervals.
+LEVELS: Final = (0.50, 0.90, 0.95)
+BOOTSTRAPS: Final = 2000
+#: With fewer runs than this, blocks of runs are drawn instead of runs.
+ENOUGH_RUNS: Final = 6
+BLOCKS: Final = 24
+#: A misfit that exceeds the noise by less than this leaves nothing to explain.
+EXPLAINABLE: Final = 1.02
+#: Channels that are drawn, bins and points of their drawings.
+DRAWN, BINS, POINTS = 6, 250, 400
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The gain in every channel and in all, the coverage of the predictions, and the curves to look at."""
+
+    gains: list[Gain]
+    coverage: list[Coverage]
+    traces: list[Trace]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Arms:
+    """The report runs with both predictions (n, c); errors are NaN where nothing counts."""
+
+    runs: tuple[MeasuredRun, ...]
+    outputs: tuple[tuple[Array, ...], tuple[Array, ...]]
+    noise: Array
+
+    def errors(self, arm: int) -> list[Array]:
+        """Measured less predicted (n, c) of each run."""
+        return [
+            np.where(counted(run), run.outputs - predicted, np.nan)
+            for run, predicted in zip(self.runs, self.outputs[arm], strict=True)
+        ]
+
+
+def measure(
+    before: FittedModel, after: FittedModel, runs: Sequence[MeasuredRun], noise: Array, *, seed: int = 0
+) -> Measured:
+    """Compare two fitted models on the report runs; ``noise`` (c,) is what noise alone leaves in each channel.
+
+    Each run finds its own nuisances (an initial pressure); shared ones stay within what the fit runs say of them.
+    """
+    channels = after.replay.simulator.channels
+    arms = _Arms(tuple(runs), (predict(before, runs).outputs, predict(after, runs).outputs), noise)
+    errors = (arms.errors(0), arms.errors(1))
+    rng = np.random.default_rng(seed)
+    gains = [
+        _gain("all", "× noise", 1.0, 1.0, float("nan"), [[e / noise for e in arm] for arm in errors], rng)
+    ]
+    for c, channel in enumerate(channels):
+        one = [[e[:, c : c + 1] for e in arm] for arm in errors]
+        measured = np.concatenate([run.outputs[counted(run)[:, c], c] for run in runs])
+        gains.append(
+            _gain(
+                channel.name,
+                channel.display or channel.unit,
+                channel.scale,
+                float(noise[c]),
+                float(measured.std()) if measured.size else float("nan"),
+                one,
+                rng,
+            )
+        )
+    return Measured(gains, _coverage(errors, noise), _traces(channels, arms, errors, gains[1:]))
+
+
+def _gain(
+    channel: str,
+    unit: str,
+    scale: float,
+    floor: float,
+    swing: float,
+    errors: Sequence[Sequence[Array]],
+    rng: np.random.Generator,
+) -> Gain:
+    sums = np.concatenate([_sums(b, a) for b, a in zip(errors[0], errors[1], strict=True)])
+    total = sums.sum(axis=(0, 1))
+    before, after = np.sqrt(total[:2] / total[2]) if total[2] > 0 else (np.nan, np.nan)
+    low, high = _interval(sums, floor, rng) if before > EXPLAINABLE * floor else (np.nan, np.nan)
+    return Gain(
+        channel=channel,
+        unit=unit,
+        rmse_before=number(before / scale),
+        rmse_after=number(after / scale),
+        floor=number(floor / scale),
+        nrmse_before=number(before / swing) if swing > 0.0 else None,
+        nrmse_after=number(after / swing) if swing > 0.0 else None,
+        noise_ratio_before=number(before / floor),
+        noise_ratio=number(after / floor),
+        fraction=number(float(_fraction(total, floor))) if before > EXPLAINABLE * floor else None,
+        fraction_low=number(low),
+        fraction_high=number(high),
+    )
+
+
+def _sums(before: Array, after: Array) -> Array:
+    """Squares before and after and the number of samples, in the blocks of one run: (1, blocks, 3)."""
+    starts = (np.arange(BLOCKS) * len(before)) // BLOCKS
+    parts = np.column_stack(
+        (
+            np.nansum(before**2, axis=1),
+            np.nansum(after**2, axis=1),
+            np.isfinite(before).sum(axis=1),
+        )
+    )
+    return np.add.reduceat(parts, starts, axis=0)[np.newaxis]
+
+
+def _fraction(total: Array, floor: float) -> Array:
+    """(RMSE0² − RMSE1²)/(RMSE0² − floor²) of sums (…, 3)."""
+    left = total[..., 0] - floor**2 * total[..., 2]
+    return np.divide(total[..., 0] - total[..., 1], left, out=np.full_like(left, np.nan), where=left > 0.0)
+
+
+def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[float, float]:
+    """The 95 % interval of the fraction by the bootstrap: of runs, or of their blocks where there are few runs."""
+    units = sums.sum(axis=1) if len(sums) >= ENOUGH_RUNS else sums.reshape(-1, 3)
+    units = units[units[:, 2] > 0]
+    drawn = units[rng.integers(len(units), size=(BOOTSTRAPS, len(units)))].sum(axis=1)
+    low, high = np.nanquantile(_fraction(drawn, floor), (0.025, 0.975))
+    return float(low), float(high)
+
+
+def _coverage(errors: Sequence[Sequence[Array]], noise: Array) -> list[Coverage]:
+    """How many samples of all channels lie within the noise around the prediction."""
+    from scipy.special import ndtri
+
+    sizes = [np.abs(np.concatenate([(e / noise)[np.isfinite(e)] for e in arm])) for arm in errors]
+    if not sizes[0].size:
+        return []
+    return [
+        Coverage(
+            level=level,
+            before=number(float(np.mean(sizes[0] < ndtri(0.5 + 0.5 * level)))),
+            after=number(float(np.mean(sizes[1] < ndtri(0.5 + 0.5 * level)))),
+        )
+        for level in LEVELS
+    ]
+
+
+def _traces(
+    channels: Sequence[Channel], arms: _Arms, errors: Sequence[Sequence[Array]], gains: Sequence[Gain]
+) -> list[Trace]:
+    """The channels that are most wrong before, each in the run in which it is most wrong."""
+    order = sorted(range(len(gains)), key=lambda c: -(gains[c].noise_ratio_before or 0.0))[:DRAWN]
+    return [
+        _trace(channels[c], arms, errors, c) for c in order if np.isfinite(gains[c].rmse_before or np.nan)
+    ]
+
+
+def _trace(channel: Channel, arms: _Arms, errors: Sequence[Sequence[Array]], c: int) -> Trace:
+    powers = [float(np.nanmean(e[:, c] ** 2)) if np.isfinite(e[:, c]).any() else -1.0 for e in errors[0]]
+    r = int(np.argmax(powers))
+    run, n = arms.runs[r], len(arms.runs[r].outputs)
+    time, worst = run.experiment.time, errors[0][r][:, c]
+    width = min(n, max(POINTS, n // 10))
+    energy = np.concatenate(([0.0], np.cumsum(np.nan_to_num(worst) ** 2)))
+    start = int(np.argmax(energy[width:] - energy[:-width])) if width < n else 0
+    window = slice(start, start + width, max(1, width // POINTS))
+    measured = np.where(np.isfinite(run.outputs[:, c]), run.outputs[:, c], np.nan)
+    edges = (np.arange(min(BINS, n)) * n) // min(BINS, n)
+    return Trace(
+        run=run.experiment.name,
+        channel=channel.name,
+        unit=channel.display or channel.unit,
+        times=[float(f"{t:.7g}") for t in time[window]],
+        measured=numbers(measured[window] / channel.scale, 6),
+        before=numbers(arms.outputs[0][r][window, c] / channel.scale, 6),
+        after=numbers(arms.outputs[1][r][window, c] / channel.scale, 6),
+        error_times=[float(f"{t:.7g}") for t in np.repeat(time[edges], 2)],
+        error_before=numbers(_extremes(errors[0][r][:, c], edges) / channel.scale),
+        error_after=numbers(_extremes(errors[1][r][:, c], edges) / channel.scale),
+        noise=number(float(arms.noise[c]) / channel.scale),
+    )
+
+
+def _extremes(values: Array, edges: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Array:
+    """Minimum and maximum in turn (2 bins,) of what is known between edges."""
+    return np.column_stack((np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges))).ravel()
+
+
+def shifts(before: FittedModel, after: FittedModel) -> list[Shift]:
+    """The nuisances of both models, the most shifted first, in standard deviations which the base model claims."""
+    deviations = [np.sqrt(np.maximum(np.diagonal(model.covariance()), 0.0)) for model in (before, after)]
+    found = []
+    for i, coordinate in enumerate(before.point.coordinates):
+        if coordinate.owner:
+            continue
+        j = after.point.place(coordinate)
+        move = float(after.point.numbers[j] - before.point.numbers[i])
+        found.append(
+            Shift(
+                name=coordinate.parameter.name,
+                unit=coordinate.parameter.display or coordinate.parameter.unit,
+                before=_shown(coordinate, before.point.numbers[i]),
+                after=_shown(coordinate, after.point.numbers[j]),
+                sd_before=_width(coordinate, before.point.numbers[i], deviations[0][i]),
+                sd_after=_width(coordinate, after.point.numbers[j], deviations[1][j]),
+                sigmas=number(move / deviations[0][i]) if deviations[0][i] > 0.0 else None,
+                run=coordinate.run,
+            )
+        )
+    return sorted(found, key=lambda shift: -abs(shift.sigmas or 0.0))
+
+
+def _shown(coordinate: Coordinate, value: float) -> float | None:
+    return number(coordinate.outside(float(value)) / coordinate.parameter.scale)
+
+
+def _width(coordinate: Coordinate, value: float, deviation: float) -> float | None:
+    size = abs(coordinate.outside(float(value))) if coordinate.parameter.logarithmic else 1.0
+    return number(size * coordinate.scale * float(deviation) / coordinate.parameter.scale)
+
+
+def models(before: FittedModel, after: FittedModel) -> Models:
+    """Both models with their SI values."""
+    return Models(
+        before=_shared(before.point),
+        after=_shared(after.point),
+        effects={
+            owner: {name: float(value) for name, value in values.items()}
+            for owner, values in after.point.effects().items()
+        },
+        before_runs=_of_runs(before.point),
+        after_runs=_of_runs(after.point),
+    )
+
+
+def _shared(point: Point) -> dict[str, float]:
+    values = point.values()
+    return {
+        c.parameter.name: float(v)
+        for c, v in zip(point.coordinates, values, strict=True)
+        if not c.owner and not c.run
+    }
+
+
+def _of_runs(point: Point) -> dict[str, dict[str, float]]:
+    runs: dict[str, dict[str, float]] = {}
+    for coordinate, value in zip(point.coordinates, point.values(), strict=True):
+        if coordinate.run:
+            runs.setdefault(coordinate.run, {})[coordinate.parameter.name] = float(value)
+    return runs

@@ -1,0 +1,182 @@
+"""Least squares on whitened residuals and sensitivities, kept run by run: gradients, projections, covariances.
+
+The unknown step δ minimises Σ|r − X δ|² + (u + δ − m)ᵀ W (u + δ − m), where u are the numbers of the point, m their
+prior mean and W its precision: a prior is one more observation. Columns of one run's own nuisances live in that run's
+block only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from diagnosis.contracts import Array
+from diagnosis.engine.point import Point
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """One run, whitened: residual (n, c) and sensitivities (n, c, k), both 0 where nothing counts.
+
+    ``places`` (k,) says which coordinates of the point the columns belong to.
+    """
+
+    run: str
+    residual: Array
+    sensitivities: Array
+    places: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection:
+    """Extra columns after everything that the linearisation can explain has been taken out of them.
+
+    ``gram`` (m, m) are their inner products, ``score`` (m,) those with the residual, ``raw`` (m,) their norms before
+    the projection, ``shadow`` (k, m) what of the coordinates imitates them best.
+    """
+
+    gram: Array
+    score: Array
+    raw: Array
+    shadow: Array
+
+    @property
+    def norm(self) -> Array:
+        """Norms |s| (m,); 0 where nothing but rounding is left of a column."""
+        square = np.diagonal(self.gram)
+        return np.sqrt(np.where(square > 1e-10 * self.raw**2, square, 0.0))
+
+    @property
+    def z(self) -> Array:
+        """Normalised scores sᵀr/|s| (m,): standard normal where the effect is absent; 0 for an invisible one."""
+        norm = self.norm
+        return np.divide(self.score, norm, out=np.zeros_like(norm), where=norm > 0.0)
+
+    @property
+    def cosines(self) -> Array:
+        """Cosines (m, m) between the projected columns; 0 with an invisible one."""
+        norm = self.norm
+        product = np.outer(norm, norm)
+        return np.divide(self.gram, product, out=np.eye(len(norm)), where=product > 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """What is known of the numbers of a point without these data: mean (k,) and precision (k, k)."""
+
+    mean: Array
+    precision: Array
+
+
+def prior(point: Point) -> Belief:
+    """Return what the parameters themselves say: nominal value and spread."""
+    return Belief(np.zeros(len(point.numbers)), np.diag([c.weight for c in point.coordinates]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearisation:
+    """The model around a point: what each run leaves, and what each coordinate would change."""
+
+    point: Point
+    belief: Belief
+    blocks: tuple[Block, ...]
+    gram: Array = field(init=False)  #: XᵀX + W (k, k)
+    gradient: Array = field(init=False)  #: Xᵀr − W (u − m) (k,): downhill
+
+    def __post_init__(self) -> None:
+        gram = self.belief.precision.copy()
+        gradient = -self.belief.precision @ (self.point.numbers - self.belief.mean)
+        for block in self.blocks:
+            columns, places = _flat(block.sensitivities), list(block.places)
+            gram[np.ix_(places, places)] += columns.T @ columns
+            gradient[places] += columns.T @ block.residual.ravel()
+        object.__setattr__(self, "gram", gram)
+        object.__setattr__(self, "gradient", gradient)
+
+    @property
+    def misfit(self) -> float:
+        """χ² of the data."""
+        return float(sum(np.vdot(b.residual, b.residual) for b in self.blocks))
+
+    @property
+    def cost(self) -> float:
+        """χ² of the data and the priors."""
+        away = self.point.numbers - self.belief.mean
+        return self.misfit + float(away @ self.belief.precision @ away)
+
+    def step(self, damping: float = 0.0) -> Array:
+        """Return the step (k,) to the optimum, as Levenberg and Marquardt damp it.
+
+        A number that would leave its range goes to the end of it, and the others make the best of that.
+        """
+        damped = self.gram + damping * np.diag(np.diagonal(self.gram))
+        low, high = (
+            np.array([c.range for c in self.point.coordinates]).reshape(-1, 2) - self.point.numbers[:, None]
+        ).T
+        step, free = np.zeros(len(low)), np.ones(len(low), dtype=bool)
+        while free.any():
+            rest = self.gradient[free] - damped[np.ix_(free, ~free)] @ step[~free]
+            step[free] = solve(damped[np.ix_(free, free)], rest)
+            inside = np.clip(step, low, high)
+            beyond = free & (step != inside)
+            if not beyond.any():
+                break
+            step[beyond] = inside[beyond]
+            free &= ~beyond
+        return step
+
+    def promise(self, step: Array) -> float:
+        """Return how much a step would lower the cost if the model were linear."""
+        return float(2.0 * step @ self.gradient - step @ self.gram @ step)
+
+    def covariance(self) -> Array:
+        """Return the covariance (k, k) of the numbers by Laplace's approximation."""
+        return inverse(self.gram)
+
+    def project(self, extra: Sequence[Array]) -> Projection:
+        """Project whitened columns (n, c, m) of each run onto what no coordinate can imitate."""
+        size, width = len(self.point.numbers), extra[0].shape[2]
+        mixed, own, score = np.zeros((size, width)), np.zeros((width, width)), np.zeros(width)
+        for block, more in zip(self.blocks, extra, strict=True):
+            columns = _flat(more)
+            mixed[list(block.places)] += _flat(block.sensitivities).T @ columns
+            own += columns.T @ columns
+            score += columns.T @ block.residual.ravel()
+        shadow = solve(self.gram, mixed)
+        return Projection(
+            own - mixed.T @ shadow, score - shadow.T @ self.gradient, np.sqrt(np.diagonal(own)), shadow
+        )
+
+    def projected(self, extra: Sequence[Array], projection: Projection) -> list[Array]:
+        """Return the projected columns (n, c, m) of each run themselves."""
+        return [
+            more - block.sensitivities @ projection.shadow[list(block.places)]
+            for block, more in zip(self.blocks, extra, strict=True)
+        ]
+
+
+def solve(gram: Array, right: Array) -> Array:
+    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0."""
+    scale, values, vectors = _spectrum(gram)
+    keep = values > 1e-13 * max(1.0, values[-1]) if len(values) else values > 0.0
+    basis = vectors[:, keep] / np.sqrt(values[keep])
+    return (scale * (basis @ (basis.T @ (scale * right.T).T)).T).T
+
+
+def inverse(gram: Array) -> Array:
+    """Return the (pseudo-)inverse of a symmetric positive semi-definite matrix."""
+    return solve(gram, np.eye(len(gram)))
+
+
+def _spectrum(gram: Array) -> tuple[Array, Array, Array]:
+    diagonal = np.diagonal(gram)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+    return scale, values, vectors
+
+
+def _flat(columns: Array) -> Array:
+    """Return (n, c, k) as (n c, k) without a copy."""
+    return columns.reshape(-1, columns.shape[2])

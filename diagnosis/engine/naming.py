@@ -1,0 +1,315 @@
+"""Naming: which causes enter the model, through which gates, and which others would explain the data as well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, Effect, MeasuredRun
+from diagnosis.engine.config import Config
+from diagnosis.engine.fit import FittedModel, Prediction, counted, fit, predict
+from diagnosis.engine.gates import failing, noise_floors, unphysical
+from diagnosis.engine.noise import quietest, white
+from diagnosis.engine.point import Point, base_point, effect_coordinates
+from diagnosis.engine.replay import Replay
+from diagnosis.engine.screen import Screen, candidates, look
+
+RIVALS: Final = 4  #: so many others are tried in the place of each accepted effect
+COMPARABLE: Final = 0.5  #: a rival gains at least this part of the BIC that the accepted effect gains
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """What came of fitting a model with ``effect`` in it. ``failed`` is the gate that it did not pass, or ""."""
+
+    effect: str
+    point: Point
+    covariance: Array  #: of the point's numbers (k, k)
+    cost: float
+    bic: float
+    lpd: float  #: of the select runs; NaN where there are none
+    failed: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """The effects that were in the model, the scores of all others against it, and the trials of what stood out."""
+
+    effects: tuple[str, ...]
+    screen: Screen
+    trials: tuple[Trial, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Accepted:
+    """An accepted effect: its score z, its strength λ, what it gains over the model without it, and its rivals."""
+
+    effect: str
+    z: float
+    strength: float
+    bic_gain: float
+    lpd_gain: float  #: NaN where there are no select runs
+    rivals: tuple[Trial, ...]  #: physical models with another effect in its place, best first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Naming:
+    """All that the search found. ``base`` and ``model`` were fitted under the same noise.
+
+    ``screen`` is the last one, of what is not in the model; ``floors`` (c,) is what noise alone leaves.
+    """
+
+    steps: tuple[Step, ...]
+    accepted: tuple[Accepted, ...]
+    base: FittedModel
+    model: FittedModel
+    prediction: Prediction | None
+    screen: Screen
+    floors: Array
+
+    def confused(self, gap: float) -> list[tuple[Accepted, Trial]]:
+        """Return accepted effects with each rival that comes within a BIC gap of them."""
+        return [(a, r) for a in self.accepted for r in a.rivals if r.bic - self.model.bic < gap]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """A model with its scores and its prediction of the select runs."""
+
+    model: FittedModel
+    screen: Screen
+    prediction: Prediction | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """A stepwise search over a catalogue: forwards with a swap pass at each step, then backwards."""
+
+    replay: Replay  #: on the fit runs
+    select: tuple[MeasuredRun, ...]
+    effects: Mapping[str, Effect]
+    config: Config
+    progress: Progress
+
+    def run(self) -> Naming:
+        """Search; the result is the same for the same seed, however many workers there are."""
+        self.progress("fitting the base model", 0.0)
+        state = self._stand(self._start())
+        floors = noise_floors(
+            self.replay.simulator.channels, (*self.replay.runs, *self.select), state.model.noise
+        )
+        steps: list[Step] = []
+        pool: dict[str, list[str]] = {}
+        rivals: dict[str, tuple[Trial, ...]] = {}
+        starts: dict[str, Point] = {}
+        while True:
+            done = len(state.model.effects) / self.config.max_effects
+            trials: tuple[Trial, ...] = ()
+            if done < 1.0:
+                self.progress(f"fitting what stands out against {_told(state.model)}", 0.1 + 0.8 * done)
+                trials = self._trials(state, floors)
+            steps.append(Step(state.model.effects, replace(state.screen, columns=()), trials))
+            starts |= {trial.effect: trial.point for trial in trials}
+            chosen = self._choose(state, trials, starts, floors)
+            if chosen is None:
+                break
+            for gone in set(state.model.effects) - set(chosen.point.owners):
+                pool[chosen.effect] = [gone, *pool.pop(gone)]
+            others = _comparable(state.model.bic, chosen, trials)
+            pool[chosen.effect] = list(dict.fromkeys((*others, *pool.get(chosen.effect, ()))))
+            state = self._stand(chosen.point)
+            state, rivals = self._swap(state, pool, starts)
+        return self._settle(steps, state, rivals, floors)
+
+    def _start(self) -> Point:
+        """Fit the base model under white noise, to be near before anything is judged."""
+        replay = self.replay
+        point = base_point(replay.simulator.nuisances, replay.names)
+        residuals = replay.residuals(replay.predictions(point))
+        deviations = []
+        for i, channel in enumerate(replay.simulator.channels):
+            errors = np.concatenate(
+                [r[counted(run)[:, i], i] for r, run in zip(residuals, replay.runs, strict=True)]
+            )
+            deviations.append(channel.noise or max(float(np.std(errors)), quietest(channel), 1e-150))
+        return fit(replay, white(deviations), point).point
+
+    def _stand(self, point: Point) -> _State:
+        """Re-estimate the noise around a point, refit, score everything that is not in the model, predict."""
+        inside = point.owners
+        sight = look(
+            self.replay,
+            point,
+            candidates([e for name, e in self.effects.items() if name not in inside]),
+            alpha=self.config.alpha,
+            seed=self.config.seed,
+        )
+        return _State(sight.model, sight.screen, self._predict(sight.model))
+
+    def _predict(self, model: FittedModel, before: Prediction | None = None) -> Prediction | None:
+        if not self.select:
+            return None
+        return predict(model, self.select, before.linearisation if before else None)
+
+    def _trials(self, state: _State, floors: Array) -> tuple[Trial, ...]:
+        """Fit what stands out, and what is easily confused with the best of it or contains it."""
+        scores = state.screen
+        exceeding = scores.exceeding[: self.config.fits]
+        wanted = {scores.candidates[i].effect.name: i for i in exceeding}
+        for i in exceeding[:2]:
+            effect = scores.candidates[i].effect
+            for name in (*effect.richer, *effect.confusers):
+                if name in self.effects and name not in state.model.effects:
+                    wanted.setdefault(name, scores.best(name))
+        trials: list[Trial] = []
+        for name, i in wanted.items():
+            best = min((trial.cost for trial in trials), default=math.inf)
+            start = scores.start(state.model.point, i)
+            trials.append(self._attempt(name, start, state, floors, best))
+        return tuple(sorted(trials, key=lambda trial: trial.bic))
+
+    def _attempt(
+        self,
+        effect: str,
+        start: Point,
+        state: _State,
+        floors: Array | None = None,
+        target: float = math.inf,
+    ) -> Trial:
+        """Fit a model; with ``floors`` it must pass every gate against the state, else only be physical."""
+        model = fit(self.replay, state.model.noise, start, state.model.linearisation, target=target)
+        prediction = self._predict(model, state.prediction)
+        if floors is None:
+            failed = unphysical(model, effect, state.model)
+        else:
+            failed = failing(model, prediction, effect, state.model, state.prediction, floors, self.config)
+        return Trial(
+            effect,
+            model.point,
+            model.covariance(),
+            model.linearisation.cost,
+            model.bic,
+            prediction.lpd if prediction else float("nan"),
+            failed,
+        )
+
+    def _choose(
+        self, state: _State, trials: Iterable[Trial], starts: Mapping[str, Point], floors: Array
+    ) -> Trial | None:
+        """Return the best trial through all gates.
+
+        Two causes must explain clearly more than one richer cause in the place of the first: else that one it is.
+        """
+        passed = [trial for trial in trials if not trial.failed]
+        if not passed:
+            return None
+        chosen = min(passed, key=lambda trial: trial.bic)
+        inside = state.model.effects
+        for old in inside:
+            richer = dict.fromkeys(
+                name
+                for relative in (old, *self.effects[old].confusers)
+                if relative in self.effects
+                for name in self.effects[relative].richer
+                if name in starts and name not in inside
+            )
+            for name in richer:
+                start = _replaced(state.model.point, old, self.effects[name], starts[name])
+                single = self._attempt(name, start, state)
+                worse = not single.failed and single.bic < state.model.bic
+                clearly = chosen.bic < single.bic - self.config.ambiguous and not (
+                    chosen.lpd <= single.lpd + self.config.lpd_loss
+                )
+                if worse and not clearly:
+                    chosen = single
+        return chosen
+
+    def _swap(
+        self, state: _State, pool: dict[str, list[str]], starts: Mapping[str, Point]
+    ) -> tuple[_State, dict[str, tuple[Trial, ...]]]:
+        """Try rivals in the place of each effect under the present noise, and let a better one in."""
+        rivals: dict[str, tuple[Trial, ...]] = {}
+        for _ in range(2 * self.config.max_effects):
+            rivals = {}
+            for old in state.model.effects:
+                fits = [
+                    self._attempt(
+                        name,
+                        _replaced(state.model.point, old, self.effects[name], starts[name]),
+                        state,
+                        target=state.model.linearisation.cost,
+                    )
+                    for name in [n for n in pool[old] if n not in state.model.effects][:RIVALS]
+                ]
+                rivals[old] = tuple(sorted((t for t in fits if not t.failed), key=lambda trial: trial.bic))
+            better = [(trials[0].bic, old) for old, trials in rivals.items() if trials]
+            if not better or min(better)[0] >= state.model.bic:
+                return state, rivals
+            old = min(better)[1]
+            new = rivals[old][0]
+            pool[new.effect] = [old, *(name for name in pool.pop(old) if name != new.effect)]
+            state = self._stand(new.point)
+        return state, rivals
+
+    def _settle(
+        self, steps: list[Step], state: _State, rivals: dict[str, tuple[Trial, ...]], floors: Array
+    ) -> Naming:
+        """Say what each effect is worth beside the others, and leave out what is not worth its parameters."""
+        self.progress("weighing what was found", 0.9)
+        model = state.model
+        without: dict[str, Trial] = {}
+        for name in model.effects:
+            without[name] = self._attempt(name, model.point.without(name), state)
+        idle = [name for name in without if without[name].bic <= model.bic]
+        if idle:
+            least = min(idle, key=lambda name: without[name].bic)
+            state = self._stand(without[least].point)
+            kept = {name: rivals[name] for name in state.model.effects}
+            return self._settle(steps, state, kept, floors)
+        scores = {
+            step.screen.candidates[i].effect.name: float(step.screen.z[i])
+            for step in steps
+            for i in sorted(range(len(step.screen.candidates)), key=lambda i: float(step.screen.z[i]))
+        }
+        lpd = state.prediction.lpd if state.prediction else float("nan")
+        accepted = tuple(
+            Accepted(
+                name,
+                scores[name],
+                float(np.sqrt(max(without[name].cost - model.linearisation.cost, 0.0))),
+                without[name].bic - model.bic,
+                lpd - without[name].lpd,
+                rivals[name],
+            )
+            for name in model.effects
+        )
+        base = model
+        if accepted:
+            start = model.point
+            for name in model.effects:
+                start = start.without(name)
+            base = fit(self.replay, model.noise, start, model.linearisation)
+        return Naming(tuple(steps), accepted, base, model, state.prediction, state.screen, floors)
+
+
+def _replaced(point: Point, old: str, effect: Effect, start: Point) -> Point:
+    """Return a point with an effect in the place of another, where ``start`` has it."""
+    values = start.effects()[effect.name]
+    coordinates = effect_coordinates(effect)
+    return point.without(old).with_(coordinates, [values[c.parameter.name] for c in coordinates])
+
+
+def _comparable(bic: float, chosen: Trial, trials: Iterable[Trial]) -> list[str]:
+    """Return the other effects whose fits gain at least a good part of what the chosen one gains."""
+    least = max(COMPARABLE * (bic - chosen.bic), 0.0)
+    return [t.effect for t in trials if t.effect != chosen.effect and bic - t.bic > least]
+
+
+def _told(model: FittedModel) -> str:
+    return " + ".join(("the base model", *model.effects))

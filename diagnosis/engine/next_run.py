@@ -1,0 +1,129 @@
+"""What would decide between rivals that explain the data alike: a run of a menu, or a reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Final, Protocol, runtime_checkable
+
+import numpy as np
+
+from diagnosis.contracts import Array, DiagnosisError, Experiment, MeasuredRun
+from diagnosis.engine.fit import FittedModel, filters, predict
+from diagnosis.engine.linear import Linearisation, solve
+from diagnosis.finding import NextRun, NextSensor, number
+
+#: References that are worth a line.
+MOST_SENSORS: Final = 3
+
+
+@runtime_checkable
+class HasReferences(Protocol):
+    """A simulator that knows how to learn some of its nuisances otherwise, such as by a calibration."""
+
+    @property
+    def references(self) -> Mapping[str, str]:
+        """What to do, by the name of the nuisance that becomes known."""
+        ...
+
+
+def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[NextRun]:
+    """Rank experiments by how far they would part the two rivals that they part least, per minute of the rig.
+
+    Buzzi-Ferraris and Forzatti (1983), after Hunter and Reiner (1965): if one rival is true, the other predicts the
+    run worse by so much, in units of BIC, after it has taken up what its parameters can within what the data so far
+    say of them.  The smaller of both directions counts.  Raises ``DiagnosisError`` for an experiment without minutes.
+    """
+    ranked = []
+    for experiment in menu:
+        if not experiment.minutes > 0.0:
+            raise DiagnosisError(
+                f"the experiment {experiment.name} costs {experiment.minutes:g} minutes; a menu needs a positive cost"
+            )
+        gap, pair = min(
+            (separation(a, b, experiment), f"{_name(a)} / {_name(b)}") for a, b in combinations(rivals, 2)
+        )
+        ranked.append(
+            NextRun(
+                experiment=experiment.name,
+                minutes=experiment.minutes,
+                bic_gap=number(gap),
+                per_minute=number(gap / experiment.minutes),
+                pair=pair,
+            )
+        )
+    return sorted(ranked, key=lambda run: -(run.per_minute or 0.0))
+
+
+def separation(first: FittedModel, second: FittedModel, experiment: Experiment) -> float:
+    """The BIC gap which an experiment adds between two fitted models, whichever of them is true; the smaller one."""
+    return min(_advantage(first, second, experiment), _advantage(second, first, experiment))
+
+
+def _advantage(true: FittedModel, other: FittedModel, experiment: Experiment) -> float:
+    """2·(lpd of the true model − lpd of the other one) on the run as the true model predicts it."""
+    shape = (experiment.time.size, len(true.replay.simulator.channels))
+    always, never = np.ones(shape[0], dtype=bool), np.zeros(shape[0], dtype=bool)
+    blank = MeasuredRun(experiment, np.zeros(shape), always, never)
+    outputs = true.replay.of([blank]).predictions(true.point)[0]
+    run = MeasuredRun(experiment, outputs, always, never)
+    return 2.0 * (predict(true, [run]).lpd - predict(other, [run]).lpd)
+
+
+def _name(model: FittedModel) -> str:
+    return " + ".join(model.effects) or "base model"
+
+
+def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
+    """References that would part two rivals on the runs there are, the best first: nuisances to be known otherwise.
+
+    For each nuisance: the BIC gap λ²(1 − cosine²) of the first rival's effects against the second rival, if the
+    nuisance could no longer adapt.
+    """
+    footprint = _footprint(first, second)
+    here = second.linearisation
+    now = _left(here, footprint, np.ones(len(here.point.numbers), dtype=bool))
+    known = second.replay.simulator.references if isinstance(second.replay.simulator, HasReferences) else {}
+    found = []
+    for name in dict.fromkeys(c.parameter.name for c in here.point.coordinates if not c.owner):
+        free = np.array([bool(c.owner) or c.parameter.name != name for c in here.point.coordinates])
+        gap = _left(here, footprint, free)
+        if gap > 2.0 * now:
+            how = known.get(name, f"measure {name} against a reference")
+            found.append(
+                NextSensor(
+                    name=name,
+                    bic_gap=number(gap),
+                    sentence=f"{how}: the gap grows from {now:.3g} to {gap:.3g}",
+                )
+            )
+    return sorted(found, key=lambda sensor: -(sensor.bic_gap or 0.0))[:MOST_SENSORS]
+
+
+def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
+    """What the effects of the first model that the second lacks change in the outputs: whitened (n, c) of each run."""
+    point = first.point
+    numbers = point.numbers.copy()
+    own = set(first.effects) - set(second.effects)
+    names = [c for c in point.coordinates if c.owner in own]
+    # An amplitude is 0 at its nominal value: the first parameter of each effect.
+    for owner in own:
+        place = point.place(next(c for c in names if c.owner == owner))
+        numbers[place] = point.coordinates[place].inside(0.0)
+    without = first.replay.predictions(point.at(numbers))
+    return [
+        f(whole - less)
+        for f, whole, less in zip(filters(first.noise, first.replay), first.predictions, without, strict=True)
+    ]
+
+
+def _left(
+    here: Linearisation, footprint: Sequence[Array], free: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> float:
+    """The squared norm of a footprint after the free coordinates have taken up what they can."""
+    mixed, own = np.zeros(len(free)), 0.0
+    for block, values in zip(here.blocks, footprint, strict=True):
+        mixed[list(block.places)] += np.einsum("nck,nc->k", block.sensitivities, values)
+        own += float(np.vdot(values, values))
+    gram = here.gram[np.ix_(free, free)]
+    return max(own - float(mixed[free] @ solve(gram, mixed[free])), 0.0)

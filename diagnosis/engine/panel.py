@@ -1,0 +1,125 @@
+"""The residual panel: what is wrong with a fitted model, and where, without a name for the cause."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from diagnosis.contracts import Array
+from diagnosis.engine import panel_cycles, panel_input, panel_time
+from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, errors
+from diagnosis.engine.fit import FittedModel
+from diagnosis.engine.panel_parity import HasParity, parity
+from diagnosis.finding import PanelRow, number
+
+Test = Callable[[Errors, int], Hit | Mute]
+TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
+    ("size", "size against the noise", panel_time.size),
+    ("memory", "memory (Ljung-Box)", panel_time.memory),
+    ("drift", "drift (block means)", panel_time.drift),
+    ("linear", "follows an input", panel_input.follows("linear")),
+    ("even", "even in an input", panel_input.follows("even")),
+    ("odd", "odd and nonlinear in an input", panel_input.follows("odd")),
+    ("even harmonics", "even harmonics", panel_input.rings("even")),
+    ("odd harmonics", "odd harmonics", panel_input.rings("odd")),
+    ("loss", "loss per cycle", panel_cycles.loss),
+    ("quasi-static", "quasi-static loop at two speeds", panel_cycles.quasi_static),
+    ("hold", "hold and relaxation", panel_cycles.settles),
+    ("x-v surface", "surface over motion and speed", panel_input.velocity_surface),
+    ("x-p surface", "surface over motion and pressure", panel_input.pressure_surface),
+)
+
+
+def panel(model: FittedModel, *, seed: int = 0, alpha: float = 0.01) -> list[PanelRow]:
+    """Every test on every channel of a fitted model, and on the parity signals of its simulator.
+
+    Each row tells of the run in which the test says most, with a p-value that counts the runs that were looked at.
+    ``significant``: false among those are at most a part ``alpha``, by Benjamini and Hochberg (1995).
+    """
+    runs = [
+        errors(run.experiment, model.replay.simulator.channels, run.outputs, predicted, block.residual)
+        for run, predicted, block in zip(
+            model.replay.runs, model.predictions, model.linearisation.blocks, strict=True
+        )
+    ]
+    rows = [
+        _row(name, title, channel.name, [(run.run, test(run, c)) for run in runs])
+        for name, title, test in TESTS
+        for c, channel in enumerate(model.replay.simulator.channels)
+    ]
+    return judged([*rows, *_parities(model, runs, seed)], alpha)
+
+
+def _parities(model: FittedModel, runs: Sequence[Errors], seed: int) -> list[PanelRow]:
+    source = model.replay.simulator
+    if not isinstance(source, HasParity):
+        return []
+    names = list(source.parity(runs[0].experiment, runs[0].predicted))
+    return [
+        _row(
+            "parity",
+            "parity",
+            name,
+            [(run.run, parity(run, model.noise, source, name, seed)) for run in runs],
+        )
+        for name in names
+    ]
+
+
+def _row(test: str, title: str, channel: str, found: Sequence[tuple[str, Hit | Mute]]) -> PanelRow:
+    hits = [(run, hit) for run, hit in found if isinstance(hit, Hit)]
+    if not hits:
+        why = "; ".join(dict.fromkeys(mute.why for _, mute in found if isinstance(mute, Mute)))
+        return PanelRow(
+            test=test,
+            title=title,
+            run="",
+            channel=channel,
+            statistic=None,
+            p=None,
+            sentence=f"does not apply: {why}",
+            points_to="",
+        )
+    run, hit = min(hits, key=lambda one: (one[1].p, -one[1].statistic))
+    return PanelRow(
+        test=test,
+        title=title,
+        run=run,
+        channel=channel,
+        statistic=number(hit.statistic),
+        p=number(at_most_one(hit.p, len(hits))),
+        sentence=hit.sentence,
+        points_to=hit.points_to,
+        figure=hit.draw() if hit.draw else None,
+    )
+
+
+def judged(rows: Sequence[PanelRow], alpha: float) -> list[PanelRow]:
+    """The rows with their q-values; of each test the clearest significant row keeps its figure."""
+    tested = [i for i, row in enumerate(rows) if row.p is not None]
+    q = benjamini_hochberg(np.array([rows[i].p for i in tested], dtype=np.float64))
+    result, drawn = list(rows), set()
+    # Many a p-value underflows to 0: the statistic then tells which is the clearest.
+    for place in sorted(range(len(tested)), key=lambda k: (q[k], -(rows[tested[k]].statistic or 0.0))):
+        row = rows[tested[place]]
+        significant = bool(q[place] < alpha)
+        result[tested[place]] = msgspec.structs.replace(
+            row,
+            q=number(q[place]),
+            significant=significant,
+            figure=row.figure if significant and row.test not in drawn else None,
+        )
+        drawn.add(row.test)
+    return result
+
+
+def benjamini_hochberg(p: Array) -> Array:
+    """The q-values (m,) of p-values (m,): rejecting all q < α keeps the expected part of false ones below α."""
+    order = np.argsort(p)
+    stepped = p[order] * p.size / np.arange(1, p.size + 1)
+    q = np.empty_like(p)
+    q[order] = np.minimum(np.minimum.accumulate(stepped[::-1])[::-1], 1.0)
+    return q

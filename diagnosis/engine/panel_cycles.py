@@ -1,0 +1,215 @@
+"""Tests of an error on what a test engineer draws: loops, their loss per cycle, and what happens in a hold."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from diagnosis.contracts import Array, Channel
+from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, chi_square, student, wald
+from diagnosis.engine.stretches import Hold, Swing
+from diagnosis.finding import Figure, Series, numbers
+
+#: Below this a loop counts as quasi-static.
+QUASI_STATIC_HZ = 0.25
+#: Time constants of what may settle during a hold.
+SETTLING_S = (0.3, 1.0, 3.0, 10.0, 30.0)
+
+
+def loss(errors: Errors, c: int) -> Hit | Mute:
+    """Loss per cycle W = ∮ y du, measured less predicted, with Student's t over the cycles of a stretch.
+
+    How it grows tells the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A and flat in f
+    Coulomb or Berg.
+    """
+    if errors.channels[c].kind not in {"force", "pressure"}:
+        return Mute("the channel is neither a force nor a pressure")
+    swings = _followed(errors, c)
+    if not swings:
+        return Mute("no input swings evenly")
+    found = [(swing, _losses(errors, c, swing)) for swing in swings]
+    tests = [(_against_zero(values), swing, float(values.mean())) for swing, values in found]
+    (p, t), swing, mean = min(tests, key=lambda one: one[0])
+    channel = errors.channels[c]
+    unit = f"{channel.display or channel.unit} × {swing.signal}"
+    sure = [(s, w) for (chance, _), s, w in tests if chance < 0.01]
+    law, points_to = _law(sure)
+    return Hit(
+        statistic=abs(t),
+        p=at_most_one(p, len(tests)),
+        sentence=f"{channel.name} loses {mean / channel.scale:+.3g} {unit} a cycle beyond the model at "
+        f"{swing.frequency:.3g} Hz{law}",
+        points_to=points_to,
+        draw=lambda: Figure(
+            kind="points",
+            x_label="Hz",
+            y_label=f"loss per cycle / amplitude, in {channel.display or channel.unit}",
+            series=[
+                Series(
+                    name=f"{s.signal} ±{s.amplitude:.3g}",
+                    x=numbers([s.frequency]),
+                    y=numbers([w / s.amplitude / channel.scale]),
+                )
+                for _, s, w in tests
+            ],
+        ),
+    )
+
+
+def _followed(errors: Errors, c: int) -> list[Swing]:
+    """The stretches of the input that the channel follows there, with at least three cycles that are all known."""
+    chosen = [s for s in errors.swings if errors.partner(c, s.start, s.stop) == s.signal]
+    return [s for s in chosen if _losses(errors, c, s).size >= 3]
+
+
+def _losses(errors: Errors, c: int, swing: Swing) -> Array:
+    """∮ e du (cycles,) over each cycle that is mostly known."""
+    e, u = errors.error[:, c], errors.inputs[swing.signal]
+    cycles = []
+    for a, b in pairwise(swing.edges):
+        known = np.isfinite(e[a:b])
+        if known.mean() > 0.7:
+            slope = np.gradient(u[a:b])
+            centred = np.where(known, e[a:b] - np.nanmean(e[a:b]), 0.0)
+            cycles.append(float(centred @ slope) / float(known.mean()))
+    return np.array(cycles)
+
+
+def _against_zero(values: Array) -> tuple[float, float]:
+    """p and t of a mean that should be 0."""
+    error = float(values.std(ddof=1)) / np.sqrt(values.size)
+    t = float(values.mean()) / error if error > 0.0 else 0.0
+    return student(t, values.size - 1), t
+
+
+def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
+    """How the loss grows with amplitude and frequency, |W| ~ Aᵃ fᵇ, and what that points to."""
+    anything = "friction, viscous or Maxwell loss, heat, orifice"
+    if len({s.signal for s, _ in sure}) != 1 or len(sure) < 3:
+        return "", anything
+    logs = np.log([(s.amplitude, s.frequency, abs(w)) for s, w in sure])
+    spread = np.ptp(logs[:, :2], axis=0) > np.log(1.5)
+    columns = np.column_stack((np.ones(len(sure)), logs[:, :2][:, spread]))
+    if not spread.any() or np.linalg.matrix_rank(columns) < columns.shape[1]:
+        return "", anything
+    powers = np.full(2, np.nan)
+    powers[spread] = np.linalg.lstsq(columns, logs[:, 2], rcond=None)[0][1:]
+    a, b = powers
+    said = [f"A^{a:.2g}"] if spread[0] else []
+    said += [f"f^{b:.2g}"] if spread[1] else []
+    text = "; it grows like " + " ".join(said)
+    flat, quadratic = not spread[1] or abs(b) < 0.25, not spread[0] or a > 1.6
+    if spread[0] and a < 1.4 and flat:
+        return text, "Coulomb or Berg friction"
+    if quadratic and spread[1] and b > 0.6:
+        return text, "viscous loss, or Maxwell below its peak"
+    if quadratic and spread[1] and b < 0.25:
+        return text, "Maxwell, heat or orifice near or above the peak"
+    return text, anything
+
+
+def quasi_static(errors: Errors, c: int) -> Hit | Mute:
+    """The width of the error's loop at two low speeds: the same at both for friction, growing for a Maxwell branch."""
+    if errors.channels[c].kind != "force":
+        return Mute("the channel is no force")
+    slow = sorted(
+        (s for s in _followed(errors, c) if s.frequency <= QUASI_STATIC_HZ), key=lambda s: s.frequency
+    )
+    pairs = [
+        (a, b)
+        for i, a in enumerate(slow)
+        for b in slow[i + 1 :]
+        if b.frequency > 1.5 * a.frequency
+        and abs(a.amplitude - b.amplitude) < 0.2 * a.amplitude
+        and a.signal == b.signal
+    ]
+    if not pairs:
+        return Mute("no input swings slowly at two speeds")
+    first, second = pairs[0]
+    widths = [_losses(errors, c, s) / (4.0 * s.amplitude) for s in (first, second)]
+    tests = [_against_zero(w) for w in widths]
+    apart = abs(float(widths[1].mean() - widths[0].mean()))
+    error = float(np.sqrt(sum(w.var(ddof=1) / w.size for w in widths)))
+    channel = errors.channels[c]
+    shown = [float(w.mean()) / channel.scale for w in widths]
+    unit = channel.display or channel.unit
+    same = apart < 3.0 * error or apart < 0.15 * max(abs(float(w.mean())) for w in widths)
+    return Hit(
+        statistic=max(abs(t) for _, t in tests),
+        p=at_most_one(min(p for p, _ in tests), 2),
+        sentence=f"half the width of the loop of {channel.name} is off by {shown[0]:.3g} {unit} at "
+        f"{first.frequency:.3g} Hz and by {shown[1]:.3g} {unit} at {second.frequency:.3g} Hz: "
+        + ("it does not depend on the speed" if same else "it depends on the speed"),
+        points_to="Berg or Coulomb friction" if same else "Maxwell, viscous loss",
+        draw=lambda: Figure(
+            kind="lines",
+            x_label=first.signal,
+            y_label=f"error in {unit}",
+            series=[_loop(errors, c, swing, channel) for swing in (first, second)],
+        ),
+    )
+
+
+def _loop(errors: Errors, c: int, swing: Swing, channel: Channel) -> Series:
+    a, b = swing.edges[1], swing.edges[2]
+    step = max(1, (b - a) // 300)
+    return Series(
+        name=f"{swing.frequency:.3g} Hz",
+        x=numbers(errors.inputs[swing.signal][a:b:step]),
+        y=numbers(errors.error[a:b:step, c] / channel.scale),
+    )
+
+
+def settles(errors: Errors, c: int) -> Hit | Mute:
+    """The error in a hold: a straight line, or an exponential that stops."""
+    white = errors.white[:, c]
+    holds = [h for h in errors.holds if np.isfinite(white[h.start : h.stop]).sum() > 200]
+    if not holds:
+        return Mute("no input holds still")
+    looks = len(holds) * (1 + len(SETTLING_S))
+    hits = [(*_in_hold(white, hold, errors.step, tau), hold) for hold in holds for tau in (0.0, *SETTLING_S)]
+    p, value, tau, hold = min(hits, key=lambda hit: (hit[0], -hit[1]))
+    channel, inside = errors.channels[c], slice(hold.start, hold.stop)
+    e = errors.error[inside, c] / channel.scale
+    known = np.isfinite(e)
+    time: Array = errors.step * np.arange(e.size, dtype=np.float64)
+    shape = np.exp(-time / tau) if tau else time
+    columns = np.column_stack((np.ones(e.size), shape))
+    size = np.linalg.lstsq(columns[known], e[known], rcond=None)[0][1]
+    unit = channel.display or channel.unit
+    return Hit(
+        statistic=value,
+        p=at_most_one(p, looks),
+        sentence=f"in a hold of {e.size * errors.step:.3g} s the error of {channel.name} "
+        + (
+            f"settles by {-size:+.3g} {unit} within about {tau:g} s"
+            if tau
+            else f"drifts by {60.0 * size:+.3g} {unit} a minute and does not stop"
+        ),
+        points_to="heat exchange, Maxwell branch, creep" if tau else "leak, drift of a sensor",
+        draw=lambda: _settling(channel, unit, time, e),
+    )
+
+
+def _in_hold(white: Array, hold: Hold, step: float, tau: float) -> tuple[float, float, float]:
+    """p, χ² and τ of an exponential (of a line, where τ = 0) beyond a constant."""
+    y = white[hold.start : hold.stop]
+    known = np.isfinite(y)
+    time = step * np.arange(y.size)
+    columns = np.column_stack((np.ones(y.size), np.exp(-time / tau) if tau else time))
+    value, freedom = wald(columns[known], y[known], slice(1, 2))
+    return chi_square(value, freedom), value, tau
+
+
+def _settling(channel: Channel, unit: str, time: Array, e: Array) -> Figure:
+    width = max(1, e.size // 200)
+    blocks = e[: e.size // width * width].reshape(-1, width)
+    known = np.isfinite(blocks).sum(axis=1)
+    means = np.divide(np.nansum(blocks, axis=1), known, out=np.full(known.size, np.nan), where=known > 0)
+    return Figure(
+        kind="points",
+        x_label="s of the hold",
+        y_label=f"error in {unit}",
+        series=[Series(name=channel.name, x=numbers(time[::width][: means.size]), y=numbers(means))],
+    )

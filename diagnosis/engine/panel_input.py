@@ -1,0 +1,230 @@
+"""Tests of an error against the inputs: whether it follows them, oddly or evenly, or lies on a surface over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from diagnosis.contracts import Array
+from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, chi_square, wald
+from diagnosis.engine.stretches import Swing, harmonics
+from diagnosis.finding import Figure, Series, numbers
+
+Parity = Literal["linear", "even", "odd"]
+POINTS_TO = {
+    "linear": "gain, stiffness, area, lag",
+    "even": "area curve, asymmetric orifice, one-sided stop",
+    "odd": "friction, bump stop, orifice",
+}
+FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
+#: Bins along each side of a surface, and how many samples a bin needs.
+SIDE, LEAST_IN_BIN = 7, 30
+
+
+def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
+    """Regression of the error on an input: linear (u, u̇), and beyond that even (u², u u̇) and odd (sgn u̇, u³).
+
+    Each kind comes with its slope, so that a whitening filter, which turns phases, does not hide it.
+    """
+
+    def test(errors: Errors, c: int) -> Hit | Mute:
+        white = errors.white[:, c]
+        known = np.isfinite(white)
+        if not errors.inputs or known.sum() < 100:
+            return Mute("no input moves" if not errors.inputs else "too few samples")
+        y = white[known]
+        best: tuple[float, float, str] | None = None
+        for name, u in errors.inputs.items():
+            columns, tested = _regressors(u, errors.step, parity)
+            value, freedom = wald(columns[known], y, tested)
+            p = chi_square(value, freedom)
+            if best is None or (p, -value) < (best[0], -best[1]):
+                best = (p, value, name)
+        assert best is not None  # at least one input moves
+        p, value, name = best
+        share = float(np.sqrt(value / (y @ y)))
+        how = {"linear": "follows", "even": "is even in", "odd": "has an odd, nonlinear part in"}[parity]
+        return Hit(
+            statistic=value,
+            p=at_most_one(p, len(errors.inputs)),
+            sentence=f"the error of {errors.channels[c].name} {how} {name} (correlation {share:.2f})",
+            points_to=POINTS_TO[parity],
+            draw=lambda: _over_input(errors, c, name),
+        )
+
+    return test
+
+
+def _regressors(u: Array, step: float, parity: Parity) -> tuple[Array, slice]:
+    x = (u - np.median(u)) / u.std()
+    v = np.gradient(x, step)
+    v = v / (v.std() or 1.0)
+    columns = [np.ones_like(x), x, v]
+    if parity != "linear":
+        columns += [x * x, x * v, np.tanh(2.0 * v), x**3]
+    return np.column_stack(columns), {"linear": slice(1, 3), "even": slice(3, 5), "odd": slice(5, 7)}[parity]
+
+
+def _over_input(errors: Errors, c: int, name: str) -> Figure:
+    channel, u = errors.channels[c], errors.inputs[name]
+    known = np.flatnonzero(np.isfinite(errors.error[:, c]))
+    shown = known[:: max(1, known.size // 1200)]
+    return Figure(
+        kind="cloud",
+        x_label=name,
+        y_label=f"error in {channel.display or channel.unit}",
+        series=[
+            Series(name=channel.name, x=numbers(u[shown]), y=numbers(errors.error[shown, c] / channel.scale))
+        ],
+    )
+
+
+def rings(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
+    """Harmonics of the error while an input is a sine: even ones (2, 4, 6) or odd ones (3, 5, 7).
+
+    What the error has in common with the measured input, its harmonics included, is taken out first.
+    """
+
+    def test(errors: Errors, c: int) -> Hit | Mute:
+        orders = FIRST_HARMONICS[parity]
+        sines = [s for s in errors.swings if s.sine and orders[-1] * s.frequency < 0.45 / errors.step]
+        sines = [s for s in sines if np.isfinite(errors.white[s.start : s.stop, c]).sum() > 50]
+        if not sines:
+            return Mute("no input is a sine")
+        hits = [(*_ringing(errors, c, sine, orders), sine) for sine in sines]
+        value, freedom, sizes, sine = min(hits, key=lambda hit: (chi_square(hit[0], hit[1]), -hit[0]))
+        channel = errors.channels[c]
+        unit, largest = channel.display or channel.unit, int(np.argmax(sizes))
+        return Hit(
+            statistic=value,
+            p=at_most_one(chi_square(value, freedom), len(sines)),
+            sentence=f"while {sine.signal} is a sine of {sine.frequency:.3g} Hz, the error of {channel.name} has "
+            f"{sizes[largest] / channel.scale:.3g} {unit} at {orders[largest]} times that",
+            points_to=POINTS_TO[parity],
+            draw=lambda: _spectrum(errors, c, sine),
+        )
+
+    return test
+
+
+def _ringing(errors: Errors, c: int, sine: Swing, orders: tuple[int, ...]) -> tuple[float, int, Array]:
+    """χ², its degrees of freedom, and the amplitudes in SI of harmonics of the error."""
+    inside = slice(sine.start, sine.stop)
+    known = np.isfinite(errors.white[inside, c])
+    n, u = sine.stop - sine.start, errors.inputs[sine.signal][inside]
+    x = (u - u.mean()) / u.std()
+    base = [np.ones((n, 1)), np.linspace(-1.0, 1.0, n)[:, None], x[:, None], np.gradient(x)[:, None]]
+    every = (1, *FIRST_HARMONICS["even"], *FIRST_HARMONICS["odd"])
+    base += [harmonics(n, errors.step, sine.frequency, k) for k in every if k not in orders]
+    tested = [harmonics(n, errors.step, sine.frequency, k) for k in orders]
+    columns = np.hstack([*base, *tested])[known]
+    first = columns.shape[1] - 2 * len(orders)
+    value, freedom = wald(columns, errors.white[inside, c][known], slice(first, None))
+    raw = np.linalg.lstsq(columns, errors.error[inside, c][known], rcond=1e-9)[0][first:]
+    return value, freedom, np.hypot(raw[0::2], raw[1::2])
+
+
+def _spectrum(errors: Errors, c: int, sine: Swing) -> Figure:
+    channel, orders = errors.channels[c], (1, 2, 3, 4, 5, 6, 7)
+    inside = slice(sine.start, sine.stop)
+    known = np.isfinite(errors.error[inside, c])
+    n = sine.stop - sine.start
+    columns = np.hstack([np.ones((n, 1)), *(harmonics(n, errors.step, sine.frequency, k) for k in orders)])[
+        known
+    ]
+    raw = np.linalg.lstsq(columns, errors.error[inside, c][known], rcond=None)[0][1:]
+    return Figure(
+        kind="bars",
+        x_label=f"harmonic of {sine.frequency:.3g} Hz",
+        y_label=f"error in {channel.display or channel.unit}",
+        series=[
+            Series(
+                name=channel.name,
+                x=numbers(orders),
+                y=numbers(np.hypot(raw[0::2], raw[1::2]) / channel.scale),
+            )
+        ],
+    )
+
+
+def velocity_surface(errors: Errors, c: int) -> Hit | Mute:
+    """Restoring-force surface of the error r(x, v), by Masri and Caughey (1979): means over an input and its slope."""
+    name = errors.partner(c)
+    if not name:
+        return Mute("no input moves")
+    u = errors.inputs[name]
+    return _surface(
+        errors, c, (name, u), (f"slope of {name}", np.gradient(u, errors.step)), "stop, friction, hysteresis"
+    )
+
+
+def pressure_surface(errors: Errors, c: int) -> Hit | Mute:
+    """Surface of the error r(x, p) over an input and the predicted pressure that the channel follows best."""
+    pressures = [i for i, channel in enumerate(errors.channels) if channel.kind == "pressure"]
+    name = errors.partner(c)
+    if not pressures or not name:
+        return Mute("no input moves" if pressures else "no channel is a pressure")
+    y = np.nan_to_num(errors.measured[:, c] - np.nanmean(errors.measured[:, c]))
+    close = [
+        abs(float(y @ (p - p.mean()))) / (p.std() or np.inf)
+        for p in (errors.predicted[:, i] for i in pressures)
+    ]
+    chosen = pressures[int(np.argmax(close))]
+    pressure = (errors.channels[chosen].name, errors.predicted[:, chosen])
+    return _surface(errors, c, (name, errors.inputs[name]), pressure, "area curve, pressure gain, flow")
+
+
+def _surface(
+    errors: Errors, c: int, across: tuple[str, Array], up: tuple[str, Array], points_to: str
+) -> Hit | Mute:
+    known = np.isfinite(errors.white[:, c])
+    if known.sum() < SIDE * SIDE * LEAST_IN_BIN:
+        return Mute("too few samples for a surface")
+    places = SIDE * _quantile_bin(across[1][known]) + _quantile_bin(up[1][known])
+    counts = np.bincount(places, minlength=SIDE * SIDE)
+    filled = counts >= LEAST_IN_BIN
+    if filled.sum() < 4:
+        return Mute("the run visits too little of the plane")
+    white = errors.white[known, c]
+    sums = np.bincount(places, white, minlength=SIDE * SIDE)
+    value = float(np.sum(sums[filled] ** 2 / counts[filled]))
+    excess = float(white @ white) - white.size
+    share = value / excess if excess > 0.0 else 1.0
+    channel = errors.channels[c]
+    # Errors at one place of the plane that differ from visit to visit come from something that is not in the plane.
+    rest = (
+        ""
+        if share > 0.5
+        else f", and explains {max(share, 0.0):.0%} of it: there is more, such as a hidden state"
+    )
+
+    def draw() -> Figure:
+        def means(values: Array) -> list[float | None]:
+            return numbers(np.bincount(places, values, minlength=SIDE * SIDE)[filled] / counts[filled])
+
+        series = Series(
+            name=channel.name,
+            x=means(across[1][known]),
+            y=means(up[1][known]),
+            z=means(errors.error[known, c] / channel.scale),
+        )
+        unit = channel.display or channel.unit
+        return Figure(
+            kind="map", x_label=across[0], y_label=up[0], z_label=f"error in {unit}", series=[series]
+        )
+
+    return Hit(
+        statistic=value,
+        p=chi_square(value, int(filled.sum())),
+        sentence=f"the error of {channel.name} depends on {across[0]} and {up[0]}{rest}",
+        points_to=points_to,
+        draw=draw,
+    )
+
+
+def _quantile_bin(values: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Which of SIDE equally filled bins each value lies in."""
+    edges = np.quantile(values, np.linspace(0.0, 1.0, SIDE + 1)[1:-1])
+    return np.searchsorted(edges, values).astype(np.int64)

@@ -1,0 +1,89 @@
+"""Parity signals: combinations of outputs that isolate a subsystem, where a simulator knows any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Final, Protocol, runtime_checkable
+
+import numpy as np
+
+from diagnosis.contracts import Array, Experiment
+from diagnosis.engine.errors import Errors, Hit, Mute
+from diagnosis.engine.noise import ChannelNoise, Noise
+from diagnosis.finding import Figure, Series, numbers
+
+BLOCKS: Final = 24
+DRAWS: Final = 12
+#: What settles before the first drawn sample.
+BURN_IN: Final = 200
+
+
+@runtime_checkable
+class HasParity(Protocol):
+    """A simulator that knows parity signals, such as force less gauge pressure times area."""
+
+    def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
+        """Return named signals (n,) of outputs (n, c); NaN where an output is."""
+        ...
+
+
+def parity(errors: Errors, noise: Noise, source: HasParity, name: str, seed: int) -> Hit | Mute:
+    """A parity signal of the measured outputs less that of the predicted ones, as means of blocks.
+
+    Its noise is that of the channels, drawn and sent through the same combination; F compares the two.
+    """
+    from scipy.special import fdtrc
+
+    known = np.isfinite(errors.error)
+    predicted = np.where(known, errors.predicted, np.nan)
+    expected = source.parity(errors.experiment, predicted)[name]
+    difference = source.parity(errors.experiment, np.where(known, errors.measured, np.nan))[name] - expected
+    rng = np.random.default_rng(seed)
+    chance = [
+        source.parity(errors.experiment, predicted + draw(noise, predicted.shape[0], rng))[name] - expected
+        for _ in range(DRAWS)
+    ]
+    seen, time = _means(difference)
+    floor = np.concatenate([_means(values)[0] for values in chance])
+    if seen.size < 4 or not np.any(floor):
+        return Mute("too few samples in which every channel of the combination was measured")
+    ratio = float(np.mean(seen**2) / np.mean(floor**2))
+    return Hit(
+        statistic=ratio,
+        p=float(fdtrc(seen.size, floor.size, ratio)),
+        sentence=f"{name}: measured and predicted differ by {np.sqrt(ratio):.3g} times what noise makes of it",
+        points_to=name,
+        draw=lambda: Figure(
+            kind="points",
+            x_label="s",
+            y_label="measured less predicted",
+            series=[Series(name=name, x=numbers(time * errors.step), y=numbers(seen))],
+        ),
+    )
+
+
+def _means(values: Array) -> tuple[Array, Array]:
+    """Means of the blocks in which anything is known, and the samples in their middle."""
+    starts = (np.arange(BLOCKS + 1) * values.size) // BLOCKS
+    inside = [
+        (float(np.nanmean(values[a:b])), 0.5 * (a + b))
+        for a, b in pairwise(starts)
+        if np.isfinite(values[a:b]).any()
+    ]
+    means, middles = np.array(inside).reshape(-1, 2).T
+    return means, middles
+
+
+def draw(noise: Noise, n: int, rng: np.random.Generator) -> Array:
+    """Noise (n, c) as the channels have it."""
+    return np.column_stack([_draw(channel, n, rng) for channel in noise.channels])
+
+
+def _draw(noise: ChannelNoise, n: int, rng: np.random.Generator) -> Array:
+    from scipy.signal import lfilter
+
+    weights, variance = noise.predictor(np.ones(noise.order, dtype=bool))
+    driven = np.sqrt(variance) * rng.standard_normal(n + BURN_IN)
+    drawn: Array = lfilter([1.0], np.concatenate(([1.0], -weights)), driven)[BURN_IN:]
+    return drawn

@@ -1,0 +1,130 @@
+"""Tests on an error alone: how large it is in which band, whether it remembers itself, whether it drifts."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from diagnosis.contracts import Array
+from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, chi_square
+from diagnosis.finding import Figure, Series, numbers
+
+BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+LAGS = 40
+#: Blocks in a run, at the three scales of the test for drift.
+BLOCKS = (48, 16, 5)
+FEWEST = 100
+
+
+def size(errors: Errors, c: int) -> Hit | Mute:
+    """Pure-error ratio χ²/N in bands of frequency: the power of the whitened error over that of the noise."""
+    white = errors.white[:, c]
+    known = np.isfinite(white)
+    n = int(known.sum())
+    if n < FEWEST:
+        return Mute(f"{n} samples are too few")
+    power = np.abs(np.fft.rfft(np.nan_to_num(white)))[1:-1] ** 2 / n
+    frequency = np.fft.rfftfreq(white.size, errors.step)[1:-1]
+    bands = [(a, b, (frequency > a) & (frequency <= b)) for a, b in pairwise(BANDS_HZ)]
+    bands = [band for band in bands if band[2].any()]
+    ratios = np.array([power[inside].mean() for _, _, inside in bands])
+    counts = np.array([inside.sum() for _, _, inside in bands])
+    worst = int(np.argmax((ratios - 1.0) * np.sqrt(counts)))
+    low, high, _ = bands[worst]
+    total = float(np.nanmean(white**2))
+    name = errors.channels[c].name
+    return Hit(
+        statistic=float(ratios[worst]),
+        p=at_most_one(chi_square(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
+        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise, and {np.sqrt(ratios[worst]):.3g} "
+        f"times from {low:g} to {high:g} Hz",
+        points_to="any cause",
+        draw=lambda: Figure(
+            kind="bars",
+            x_label="Hz",
+            y_label="error power / noise power",
+            series=[Series(name=name, x=numbers([b for _, b, _ in bands]), y=numbers(ratios))],
+            limit=1.0,
+            logarithmic=True,
+        ),
+    )
+
+
+def memory(errors: Errors, c: int) -> Hit | Mute:
+    """Ljung and Box: Q = Σ n_h ρ_h² over the first lags, in a form that tolerates gaps."""
+    white = errors.white[:, c]
+    known = np.isfinite(white)
+    n = int(known.sum())
+    if n < 5 * LAGS:
+        return Mute(f"{n} samples are too few")
+    e = np.where(known, white - np.nanmean(white), 0.0)
+    pairs = _self_products(known.astype(np.float64), LAGS)
+    rho = _self_products(e, LAGS) / np.maximum(pairs, 1.0) / (e @ e / n)
+    q = float(pairs @ rho**2)
+    lag = int(np.argmax(np.abs(rho))) + 1
+    name = errors.channels[c].name
+    return Hit(
+        statistic=q,
+        p=chi_square(q, LAGS),
+        sentence=f"the error of {name} remembers itself: correlation {rho[lag - 1]:.2f} "
+        f"after {lag * errors.step:.3g} s",
+        points_to="lag, delay, fast dynamics",
+        draw=lambda: Figure(
+            kind="bars",
+            x_label="lag in s",
+            y_label="autocorrelation",
+            series=[Series(name=name, x=numbers(errors.step * np.arange(1, LAGS + 1)), y=numbers(rho))],
+            limit=2.576 / float(np.sqrt(n)),
+        ),
+    )
+
+
+def _self_products(values: Array, lags: int) -> Array:
+    """Σ v_t v_{t+h} (lags,) for h = 1, 2, …."""
+    return np.array([values[:-h] @ values[h:] for h in range(1, lags + 1)])
+
+
+def drift(errors: Errors, c: int) -> Hit | Mute:
+    """Means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ²."""
+    white = errors.white[:, c]
+    if int(np.isfinite(white).sum()) < FEWEST:
+        return Mute("too few samples")
+    best: tuple[float, float, int] | None = None
+    for blocks in BLOCKS:
+        sums, counts = _blocks(white, blocks)
+        used = counts > 0
+        value = float(np.sum(sums[used] ** 2 / counts[used]))
+        p = chi_square(value, int(used.sum()))
+        if best is None or p < best[1]:
+            best = (value, p, blocks)
+    assert best is not None  # there is at least one scale
+    value, p, blocks = best
+    channel, seconds = errors.channels[c], white.size * errors.step / blocks
+    sums, counts = _blocks(errors.error[:, c], blocks)
+    means = np.divide(sums, counts, out=np.full(blocks, np.nan), where=counts > 0) / channel.scale
+    unit = channel.display or channel.unit
+    return Hit(
+        statistic=value,
+        p=at_most_one(p, len(BLOCKS)),
+        sentence=f"means of {channel.name} over {seconds:.3g} s are off by {np.nanmin(means):.3g} to "
+        f"{np.nanmax(means):.3g} {unit}",
+        points_to="leak, heat, drift, volume",
+        draw=lambda: Figure(
+            kind="points",
+            x_label="s",
+            y_label=f"mean error in {unit}",
+            series=[
+                Series(name=channel.name, x=numbers(seconds * (np.arange(blocks) + 0.5)), y=numbers(means))
+            ],
+        ),
+    )
+
+
+def _blocks(values: Array, blocks: int) -> tuple[Array, Array]:
+    """Sums and counts (blocks,) of what is known in equal stretches of a run."""
+    starts = (np.arange(blocks) * values.size) // blocks
+    return (
+        np.add.reduceat(np.nan_to_num(values), starts),
+        np.add.reduceat(np.isfinite(values).astype(np.float64), starts),
+    )

@@ -1,0 +1,171 @@
+"""A point in the space of models: which effects are in, and the value of every free number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.contracts import Array, DiagnosisError, Effect, Nuisance, Parameter, Surface
+
+
+@dataclass(frozen=True, slots=True)
+class Coordinate:
+    """One free number: a nuisance, or a parameter of an effect or a surface (``owner``), of one run if ``run`` is set.
+
+    The engine counts it in units of its spread, so that every column of a Jacobian has the size of what is believed;
+    ``believed``: the prior counts as an observation.
+    """
+
+    parameter: Parameter
+    owner: str = ""
+    run: str = ""
+    believed: bool = True
+
+    @property
+    def label(self) -> str:
+        """Return the name for people: ``effect.parameter`` or ``parameter [run]``."""
+        name = f"{self.owner}.{self.parameter.name}" if self.owner else self.parameter.name
+        return f"{name} [{self.run}]" if self.run else name
+
+    @property
+    def scale(self) -> float:
+        """The parameter's own units per engine unit; where nothing is believed, a hundred differences."""
+        spread = self.parameter.spread
+        scale = spread if 0.0 < spread < math.inf else 100.0 * self.parameter.step
+        if not 0.0 < scale < math.inf:
+            raise DiagnosisError(
+                f"{self.label}: spread is {spread:g} {self.parameter.unit} and step is {self.parameter.step:g}; the "
+                "simulator must give at least one of them as a positive finite number"
+            )
+        if self.parameter.logarithmic:
+            scale /= self.parameter.nominal
+        return scale
+
+    @property
+    def difference(self) -> float:
+        """The step of a finite difference, in engine units."""
+        parameter = self.parameter
+        return (
+            parameter.step / parameter.spread
+            if parameter.step > 0.0 and parameter.spread < math.inf
+            else 0.01
+        )
+
+    @property
+    def weight(self) -> float:
+        """1 where the prior counts as an observation, else 0."""
+        return float(self.believed and self.parameter.spread < math.inf)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest value, in engine units."""
+        return self.inside(self.parameter.low), self.inside(self.parameter.high)
+
+    def inside(self, value: float) -> float:
+        """Return the engine's number for a value."""
+        nominal = self.parameter.nominal
+        if not self.parameter.logarithmic:
+            return (value - nominal) / self.scale
+        return math.log(value / nominal) / self.scale if value > 0.0 else -math.inf
+
+    def outside(self, number: float) -> float:
+        """Return the value for a number of the engine."""
+        nominal = self.parameter.nominal
+        if not self.parameter.logarithmic:
+            return nominal + number * self.scale
+        return nominal * math.exp(number * self.scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """Free numbers (k,) in engine units, each with its coordinate."""
+
+    coordinates: tuple[Coordinate, ...]
+    numbers: Array
+
+    @property
+    def owners(self) -> tuple[str, ...]:
+        """Effects and surfaces that are in the model, in the order of their arrival."""
+        return tuple(dict.fromkeys(c.owner for c in self.coordinates if c.owner))
+
+    def values(self) -> Array:
+        """Return the values (k,) in their own units."""
+        return np.array([c.outside(u) for c, u in zip(self.coordinates, self.numbers, strict=True)])
+
+    def parameters(self, run: str) -> dict[str, float]:
+        """Return every nuisance of one run."""
+        pairs = zip(self.coordinates, self.numbers, strict=True)
+        return {c.parameter.name: c.outside(u) for c, u in pairs if not c.owner and c.run in {"", run}}
+
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Return the values of every effect and surface, by name and parameter."""
+        effects: dict[str, dict[str, float]] = {}
+        for coordinate, number in zip(self.coordinates, self.numbers, strict=True):
+            if coordinate.owner:
+                effects.setdefault(coordinate.owner, {})[coordinate.parameter.name] = coordinate.outside(
+                    number
+                )
+        return effects
+
+    def own(self, run: str) -> list[int]:
+        """Return the places of the coordinates that one run depends on."""
+        return [i for i, c in enumerate(self.coordinates) if c.run in {"", run}]
+
+    def place(self, coordinate: Coordinate) -> int:
+        """Return where a coordinate stands."""
+        return self.coordinates.index(coordinate)
+
+    def at(self, numbers: Array) -> Point:
+        """Return the point with other numbers, moved into the range of each."""
+        low, high = np.array([c.range for c in self.coordinates]).reshape(-1, 2).T
+        return replace(self, numbers=np.clip(numbers, low, high))
+
+    def with_(self, coordinates: Iterable[Coordinate], values: Iterable[float]) -> Point:
+        """Return the point with further coordinates at the given values (in their own units)."""
+        more = tuple(coordinates)
+        inside = [c.inside(v) for c, v in zip(more, values, strict=True)]
+        return Point((*self.coordinates, *more), np.concatenate((self.numbers, inside)))
+
+    def without(self, owner: str) -> Point:
+        """Return the point without an effect or surface."""
+        keep = [i for i, c in enumerate(self.coordinates) if c.owner != owner]
+        return Point(tuple(self.coordinates[i] for i in keep), self.numbers[keep])
+
+
+def base_point(nuisances: Iterable[Nuisance], runs: Iterable[str]) -> Point:
+    """Return the base model at its nominal values; a nuisance ``per_run`` has a coordinate in each run."""
+    names = tuple(runs)
+    coordinates = tuple(
+        Coordinate(nuisance, run=run)
+        for nuisance in nuisances
+        for run in (names if nuisance.per_run else ("",))
+    )
+    return Point(coordinates, np.zeros(len(coordinates)))
+
+
+def effect_coordinates(effect: Effect) -> tuple[Coordinate, ...]:
+    """Return amplitude and shapes of an effect; the data alone speak of the amplitude."""
+    return (
+        Coordinate(effect.amplitude, effect.name, believed=False),
+        *(Coordinate(shape, effect.name) for shape in effect.shapes),
+    )
+
+
+def surface_coordinates(surface: Surface) -> tuple[Coordinate, ...]:
+    """Return the coefficients of a surface; their priors are the ridge."""
+    return tuple(Coordinate(coefficient, surface.name) for coefficient in surface.coefficients)
+
+
+def neighbour(point: Point, place: int) -> tuple[Point, float]:
+    """Return the point one difference away along a coordinate, inside its range, and the signed distance."""
+    coordinate, number = point.coordinates[place], float(point.numbers[place])
+    low, high = coordinate.range
+    distance = coordinate.difference
+    if number + distance > high:
+        distance = -distance if number - distance >= low else max(high - number, low - number, key=abs)
+    numbers = point.numbers.copy()
+    numbers[place] += distance
+    return replace(point, numbers=numbers), distance

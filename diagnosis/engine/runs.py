@@ -1,0 +1,92 @@
+"""The runs of a dataset as the engine wants them: only channels that were measured, and a role for every run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.contracts import (
+    Array,
+    Channel,
+    Dataset,
+    DiagnosisError,
+    Effect,
+    Effects,
+    Experiment,
+    Nuisance,
+    Role,
+    Simulator,
+    Surface,
+)
+from diagnosis.engine.fit import counted
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A simulator of which only some channels were measured."""
+
+    whole: Simulator
+    channels: tuple[Channel, ...]
+    places: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        return self.whole.name
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        return self.whole.nuisances
+
+    @property
+    def catalogue(self) -> Mapping[str, Effect]:
+        return self.whole.catalogue
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        return self.whole.surfaces
+
+    def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
+        return self.whole.run(experiment, parameters, effects)[:, list(self.places)]
+
+
+def measured(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator]:
+    """Return data and simulator with the channels of the data that hold anything, as the data describe them.
+
+    Raises ``DiagnosisError`` for a channel that the simulator does not have, and where nothing was measured.
+    """
+    names = [channel.name for channel in simulator.channels]
+    for channel in dataset.channels:
+        if channel.name not in names:
+            raise DiagnosisError(
+                f"the data have a channel {channel.name!r} that {simulator.name} does not predict; it has "
+                + ", ".join(names)
+            )
+    keep = [i for i in range(len(dataset.channels)) if any(counted(run)[:, i].any() for run in dataset.runs)]
+    if not keep:
+        raise DiagnosisError("no run holds a single measured and scored sample: there is nothing to diagnose")
+    channels = tuple(dataset.channels[i] for i in keep)
+    runs = tuple(replace(run, outputs=run.outputs[:, keep]) for run in dataset.runs)
+    data = replace(dataset, channels=channels, runs=runs)
+    if channels == simulator.channels:
+        return data, simulator
+    return data, Measured(simulator, channels, tuple(names.index(channel.name) for channel in channels))
+
+
+def split(dataset: Dataset, seed: int) -> Dataset:
+    """Return the dataset with roles drawn by whole runs: about a fifth to select and a fifth to report.
+
+    Two runs are one to fit and one to report; of a single run nothing is left to be compared with.
+    """
+    count = len(dataset.runs)
+    if count == 0:
+        raise DiagnosisError("the dataset holds no runs")
+    part = max(1, round(count / 5)) if count >= 3 else 0
+    others: list[Role] = ["report"] * max(part, int(count == 2))
+    others += ["select"] * part
+    order = np.random.default_rng(seed).permutation(count)
+    roles: dict[int, Role] = dict(zip(order.tolist(), others, strict=False))
+    return replace(
+        dataset, runs=tuple(replace(run, role=roles.get(i, "fit")) for i, run in enumerate(dataset.runs))
+    )

@@ -1,0 +1,224 @@
+"""The screen: how well every candidate's footprint matches what the model leaves, and what chance alone would match."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, Effect, Surface
+from diagnosis.engine.fit import FittedModel, counted, filters, fit
+from diagnosis.engine.linear import Block, Linearisation, Projection, prior, solve
+from diagnosis.engine.noise import Filter, Noise, estimate, quietest, white
+from diagnosis.engine.point import Coordinate, Point, effect_coordinates, neighbour, surface_coordinates
+from diagnosis.engine.replay import Replay
+
+DRAWS: Final = 20_000  #: of the maximum of all scores under chance
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An effect with the shapes of one point of its grid."""
+
+    effect: Effect
+    shapes: tuple[float, ...]
+
+    def entered(self, point: Point) -> Point:
+        """Return a point with this effect in it, of no size yet."""
+        return point.with_(effect_coordinates(self.effect), (0.0, *self.shapes))
+
+    @property
+    def amplitude(self) -> Coordinate:
+        """The coordinate of the amplitude."""
+        return effect_coordinates(self.effect)[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Screen:
+    """Scores of all candidates m against a fitted model.
+
+    ``columns`` (n, c, m) of each run are whitened and not projected; ``inflation`` (m,) says how much more a score
+    scatters than whitened noise would let it.
+    """
+
+    candidates: tuple[Candidate, ...]
+    projection: Projection
+    columns: tuple[Array, ...]
+    inflation: Array
+    threshold: float
+
+    @property
+    def z(self) -> Array:
+        """Scores (m,): standard normal where the effect is absent; negative where the sign is not physical."""
+        return self.projection.z * self._signs / np.sqrt(self.inflation)
+
+    @property
+    def strength(self) -> Array:
+        """How well the data see a unit of amplitude (m,): λ per unit of the amplitude."""
+        scales = np.array([c.amplitude.scale for c in self.candidates])
+        return self.projection.norm / scales / np.sqrt(self.inflation)
+
+    @property
+    def amplitude(self) -> Array:
+        """The amplitude (m,) which the score estimates, in its own unit."""
+        norm = self.projection.norm
+        scales = np.array([c.amplitude.scale for c in self.candidates])
+        return scales * np.divide(self.projection.z, norm, out=np.zeros_like(norm), where=norm > 0.0)
+
+    def start(self, point: Point, i: int) -> Point:
+        """Return where a fit of a candidate may start: at the amplitude of its score, with what makes room for it."""
+        candidate = self.candidates[i]
+        entered = candidate.entered(point)
+        effect = candidate.effect.amplitude
+        inside = candidate.amplitude.inside(
+            float(np.clip(self.amplitude[i], 0.95 * effect.low, 0.95 * effect.high))
+        )
+        numbers = entered.numbers.copy()
+        numbers[: len(point.numbers)] -= inside * self.projection.shadow[:, i]
+        numbers[len(point.numbers)] = inside
+        return entered.at(numbers)
+
+    @property
+    def exceeding(self) -> list[int]:
+        """Return the best point of each effect's grid that passes the threshold, highest score first."""
+        best: dict[str, int] = {}
+        for i in np.argsort(-self.z, kind="stable"):
+            if self.z[i] > self.threshold:
+                best.setdefault(self.candidates[i].effect.name, int(i))
+        return list(best.values())
+
+    def best(self, effect: str) -> int:
+        """Return the best point of one effect's grid."""
+        mine = [i for i, c in enumerate(self.candidates) if c.effect.name == effect]
+        return max(mine, key=lambda i: float(self.z[i]))
+
+    @property
+    def _signs(self) -> Array:
+        return signs([c.effect for c in self.candidates], self.projection.score)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """A model fitted under its noise, the scores of all candidates, and each surface's columns (n, c, m) by run."""
+
+    model: FittedModel
+    screen: Screen
+    surfaces: tuple[tuple[Array, ...], ...]
+
+
+def signs(effects: Sequence[Effect], scores: Array) -> Array:
+    """Return ±1 (m,): what makes a score count as positive; only one sign is physical for a one-sided effect."""
+    physical = [0.0 if not e.one_sided else 1.0 if e.amplitude.low >= 0.0 else -1.0 for e in effects]
+    return np.where(np.array(physical) == 0.0, np.where(scores < 0.0, -1.0, 1.0), physical)
+
+
+def candidates(effects: Sequence[Effect]) -> tuple[Candidate, ...]:
+    """Return every effect at every point of its grid."""
+    return tuple(Candidate(effect, shapes) for effect in effects for shapes in effect.grid)
+
+
+def look(
+    replay: Replay,
+    start: Point,
+    entries: Sequence[Candidate],
+    surfaces: Sequence[Surface] = (),
+    *,
+    alpha: float,
+    seed: int,
+) -> Sight:
+    """Estimate the noise around a model, fit the model under it, and score every candidate against it.
+
+    Noise is what a linear model of everything leaves: of the model's own numbers, of all candidates and of the
+    coefficients of ``surfaces``. So it holds no effect that anybody will look for, whichever is there.
+    """
+    predictions = replay.predictions(start)
+    own = replay.sensitivities(start, predictions)
+    steps = [neighbour(c.entered(start), len(start.numbers)) for c in entries]
+    ends = [len(steps)]
+    for surface in surfaces:
+        flat = start.with_(surface_coordinates(surface), [p.nominal for p in surface.coefficients])
+        steps += [neighbour(flat, i) for i in range(len(start.numbers), len(flat.numbers))]
+        ends.append(len(steps))
+    more = replay.differences(predictions, [steps] * len(replay.runs))
+    residuals = replay.residuals(predictions)
+    noise = remaining_noise(replay, start, residuals, own, more)
+    whiten = filters(noise, replay)
+    model = fit(replay, noise, start, _around(replay.names, start, whiten, residuals, own))
+    columns = [f(x) for f, x in zip(whiten, more, strict=True)]
+    return Sight(
+        model,
+        screen(model.linearisation, entries, [x[:, :, : ends[0]] for x in columns], alpha=alpha, seed=seed),
+        tuple(tuple(x[:, :, a:b] for x in columns) for a, b in pairwise(ends)),
+    )
+
+
+def remaining_noise(
+    replay: Replay, point: Point, residuals: Sequence[Array], own: Sequence[Array], more: Sequence[Array]
+) -> Noise:
+    """Return the noise that a least-squares fit of all columns leaves: those of the point, and ``more`` (n, c, m)."""
+    channels = replay.simulator.channels
+    masks = [counted(run) for run in replay.runs]
+    rough = []
+    for i, channel in enumerate(channels):
+        errors = np.concatenate([r[m[:, i], i] for r, m in zip(residuals, masks, strict=True)])
+        rough.append(max(float(np.sqrt(np.mean(errors**2))), quietest(channel), 1e-150))
+    whiten = filters(white(rough), replay)
+    here = _around(replay.names, point, whiten, residuals, own)
+    projection = here.project([f(x) for f, x in zip(whiten, more, strict=True)])
+    seen = projection.norm > 0.0
+    others = np.zeros(len(seen))
+    others[seen] = solve(projection.gram[np.ix_(seen, seen)], projection.score[seen])
+    mine = here.step() - projection.shadow @ others
+    leftovers = [
+        residual - x @ mine[point.own(name)] - y @ others
+        for name, residual, x, y in zip(replay.names, residuals, own, more, strict=True)
+    ]
+    return estimate(
+        channels, leftovers, masks, spent=len(mine) + int(np.linalg.matrix_rank(projection.cosines))
+    )
+
+
+def _around(
+    names: Sequence[str],
+    point: Point,
+    whiten: Sequence[Filter],
+    residuals: Sequence[Array],
+    own: Sequence[Array],
+) -> Linearisation:
+    return Linearisation(
+        point,
+        prior(point),
+        tuple(
+            Block(name, f(r), f(x), tuple(point.own(name)))
+            for name, f, r, x in zip(names, whiten, residuals, own, strict=True)
+        ),
+    )
+
+
+def screen(
+    here: Linearisation, entries: Sequence[Candidate], columns: Sequence[Array], *, alpha: float, seed: int
+) -> Screen:
+    """Score candidates by their whitened columns (n, c, m) of each run."""
+    projection = here.project(columns)
+    one_sided = np.array([c.effect.one_sided for c in entries], dtype=bool)
+    return Screen(
+        tuple(entries),
+        projection,
+        tuple(columns),
+        np.ones(len(entries)),
+        threshold(projection.cosines, one_sided, alpha, seed),
+    )
+
+
+def threshold(cosines: Array, one_sided: np.ndarray, alpha: float, seed: int) -> float:
+    """Return the score that the largest of N(0, cosines) exceeds with probability alpha; two-sided ones by size."""
+    if len(cosines) == 0:
+        return float("inf")
+    values, vectors = np.linalg.eigh(cosines)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(seed).standard_normal((DRAWS, len(cosines))) @ root.T
+    draws[:, ~one_sided] = np.abs(draws[:, ~one_sided])
+    return float(np.quantile(draws.max(axis=1), 1.0 - alpha))

@@ -1,0 +1,141 @@
+"""The parts of a finding that the search for names supplies: causes, rivals, scores, and the sentence on top."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, Effect
+from diagnosis.engine.naming import Accepted, Naming
+from diagnosis.engine.point import Point, effect_coordinates
+from diagnosis.engine.screen import Screen
+from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, estimate, number
+
+SENTENCES: Final = {
+    Verdict.NO_EFFECT: "Nothing in these runs speaks against the simulation.",
+    Verdict.NAMED: "The simulation lacks {causes}.",
+    Verdict.AMBIGUOUS: "The simulation lacks {causes}; these runs would as well allow {rivals}.",
+    Verdict.UNRESOLVED: "The simulation is wrong somewhere, but no cause passes every test. {near}",
+    Verdict.UNKNOWN: "The simulation is wrong in a way that no known cause explains. {unknown}",
+    Verdict.REMAINDER: "The simulation lacks {causes}, and something else that has no name yet. {unknown}",
+}
+
+
+def estimates(effect: Effect, point: Point, covariance: Array) -> list[Estimate]:
+    """Return amplitude and shapes of an effect where a fit ended, in the units that people read."""
+    values = point.values()
+    found = []
+    for coordinate in effect_coordinates(effect):
+        i = point.place(coordinate)
+        deviation = float(np.sqrt(max(covariance[i, i], 0.0))) * coordinate.scale
+        found.append(estimate(coordinate.parameter, float(values[i]), deviation))
+    return found
+
+
+def cause(accepted: Accepted, effect: Effect, point: Point, covariance: Array) -> Cause:
+    """Tell an accepted effect."""
+    return Cause(
+        effect=effect.name,
+        title=effect.title,
+        family=effect.family,
+        parameters=estimates(effect, point, covariance),
+        strength=number(accepted.strength),
+        score=number(accepted.z),
+        bic_gain=number(accepted.bic_gain),
+        lpd_gain=number(accepted.lpd_gain),
+        equation=effect.equation,
+        source=effect.source,
+    )
+
+
+def rivals(naming: Naming, causes: Sequence[str], effects: Mapping[str, Effect], gap: float) -> list[Rival]:
+    """Tell which other effects explain the data as well as a cause does."""
+    first = naming.steps[0].screen
+    return [
+        Rival(
+            effect=trial.effect,
+            title=effects[trial.effect].title,
+            family=effects[trial.effect].family,
+            instead_of=accepted.effect,
+            parameters=estimates(effects[trial.effect], trial.point, trial.covariance),
+            bic_gap=number(trial.bic - naming.model.bic),
+            cosine=_cosine(first, accepted.effect, trial.effect),
+        )
+        for accepted, trial in naming.confused(gap)
+        if accepted.effect in causes
+    ]
+
+
+def scores(naming: Naming) -> list[Score]:
+    """Tell the score of every effect against the base model, and what became of it."""
+    first = naming.steps[0].screen
+    gates = {trial.effect: trial.failed for step in reversed(naming.steps) for trial in step.trials}
+    accepted = [a.effect for a in naming.accepted]
+    told = []
+    for name in dict.fromkeys(c.effect.name for c in first.candidates):
+        i = first.best(name)
+        candidate = first.candidates[i]
+        if name in accepted:
+            outcome = "accepted"
+        elif gates.get(name):
+            outcome = gates[name]
+        elif first.z[i] > first.threshold:
+            outcome = "another explains it better"
+        else:
+            outcome = "below the threshold"
+        told.append(
+            Score(
+                effect=name,
+                title=candidate.effect.title,
+                family=candidate.effect.family,
+                score=number(float(first.z[i])),
+                strength=number(float(abs(first.projection.z[i]))),
+                shape=", ".join(
+                    f"{p.name} = {v / p.scale:.4g} {p.display or p.unit}"
+                    for p, v in zip(candidate.effect.shapes, candidate.shapes, strict=True)
+                ),
+                outcome=outcome,
+            )
+        )
+    return sorted(told, key=lambda score: -(score.score or 0.0))
+
+
+def sentence(
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    others: Sequence[Rival],
+    unknowns: Sequence[Unknown],
+    naming: Naming,
+) -> str:
+    """Say the verdict in one or two sentences, for whoever reads nothing else."""
+    trials = naming.steps[-1].trials
+    near = f"{trials[0].effect} comes nearest but {trials[0].failed}." if trials and trials[0].failed else ""
+    return (
+        SENTENCES[verdict]
+        .format(
+            causes=" and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes),
+            rivals=" or ".join(
+                f"{r.title} ({_size(r.parameters)}) instead of {r.instead_of}" for r in others
+            ),
+            unknown=" ".join(u.sentence for u in unknowns),
+            near=near,
+        )
+        .strip()
+    )
+
+
+def _size(parameters: Sequence[Estimate]) -> str:
+    first = parameters[0]
+    if first.value is None:
+        return f"{first.name} unknown"
+    error = "" if first.sd is None else f" ± {1.96 * first.sd:.2g}"
+    return f"{first.value:.4g}{error} {first.unit}"
+
+
+def _cosine(screen: Screen, first: str, second: str) -> float | None:
+    places = {c.effect.name for c in screen.candidates}
+    if not {first, second} <= places:
+        return None
+    return number(abs(float(screen.projection.cosines[screen.best(first), screen.best(second)])))

@@ -1,0 +1,314 @@
+"""The drawings of a diagnosis: each function gives one SVG element, the same bytes for the same finding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench_records.plots import ALARM, HAIR, INK, PALETTE, SHADE, SOFT, heading, panel, style, svg
+from diagnosis.contracts import Array
+from diagnosis.finding import Confusability, Figure, Gain, PanelRow, Score, Series, Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BEFORE, AFTER, MEASURED = PALETTE[1], PALETTE[0], INK
+#: Rows and columns that a drawing has room for.
+MOST_SCORES = 24
+
+
+def values(numbers: Sequence[float | None]) -> Array:
+    """Numbers with NaN where there is none."""
+    return np.array([np.nan if n is None else n for n in numbers], dtype=np.float64)
+
+
+def trace_curves(name: str, trace: Trace) -> str:
+    """A few seconds of a report run: measured, and both models."""
+    with style():
+        figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
+        times = np.array(trace.times)
+        axes.plot(times, values(trace.measured), color=MEASURED, linewidth=2.2, alpha=0.35, label="measured")
+        axes.plot(times, values(trace.before), color=BEFORE, linewidth=1.1, dashes=(4, 1.6), label="before")
+        axes.plot(times, values(trace.after), color=AFTER, linewidth=1.0, label="after")
+        axes.margins(x=0.0, y=0.06)
+        heading(axes, trace.channel, trace.unit)
+        _foot(axes, "s")
+        _legend(axes)
+        return svg(figure, name)
+
+
+def trace_errors(name: str, trace: Trace) -> str:
+    """The errors over the whole run, between their extremes, and the noise as a band of two standard deviations."""
+    with style():
+        figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
+        times = np.array(trace.error_times)
+        if trace.noise is not None:
+            axes.axhspan(
+                -2.0 * trace.noise, 2.0 * trace.noise, color="#d3dae0", linewidth=0, label="noise ± 2σ"
+            )
+        axes.plot(times, values(trace.error_before), color=BEFORE, linewidth=0.8, label="before")
+        axes.plot(times, values(trace.error_after), color=AFTER, linewidth=0.8, label="after")
+        axes.margins(x=0.0, y=0.06)
+        heading(axes, "measured less predicted", trace.unit)
+        _foot(axes, f"s of {trace.run}")
+        _legend(axes)
+        return svg(figure, name)
+
+
+def gain_rows(name: str, gains: Sequence[Gain]) -> str:
+    """The error in each channel over its noise, before and after, on a logarithmic scale that ends at the noise."""
+    rows = [g for g in gains if g.noise_ratio_before is not None and g.noise_ratio is not None]
+    if not rows:
+        return ""
+    with style():
+        height = 0.235 * len(rows) + 0.80
+        figure, axes = panel(height, width=6.4, left=1.75, right=0.25, bottom=0.44, top=0.30)
+        for place, gain in enumerate(rows):
+            before, after = gain.noise_ratio_before or 1.0, gain.noise_ratio or 1.0
+            axes.plot([after, before], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
+            axes.plot(before, place, "D", color=BEFORE, markersize=5, label="before" if place == 0 else None)
+            axes.plot(after, place, "o", color=AFTER, markersize=5.5, label="after" if place == 0 else None)
+        axes.axvline(1.0, color=SOFT, linewidth=0.9, linestyle=(0, (3, 2)))
+        _log_axis(axes, "x", [n for g in rows for n in (g.noise_ratio_before, g.noise_ratio)])
+        axes.set_yticks(range(len(rows)), [gain.channel for gain in rows], color=INK)
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.grid(visible=False, axis="y")
+        heading(axes, "Error over noise", "", what="RMSE / noise floor")
+        _legend(axes)
+        return svg(figure, name)
+
+
+def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
+    """The score of every effect against the base model, and the threshold that chance keeps under."""
+    shown = sorted((s for s in scores if s.score is not None), key=lambda s: -(s.score or 0.0))[:MOST_SCORES]
+    if not shown:
+        return ""
+    with style():
+        height = 0.215 * len(shown) + 0.78
+        figure, axes = panel(height, width=6.4, left=2.25, right=0.75, bottom=0.44, top=0.30)
+        least = 0.3
+        for place, score in enumerate(shown):
+            value = score.score or 0.0
+            accepted, beyond = score.outcome == "accepted", value > threshold
+            color = AFTER if accepted else "#9db8cb" if beyond else "#d3dae0"
+            axes.barh(place, max(value, least) - least, left=least, height=0.72, color=color, linewidth=0)
+            label = f"{value:.3g}".replace("-", "\u2212")
+            axes.annotate(
+                label,
+                (max(value, least), place),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=7.5,
+                color=SOFT,
+            )
+        axes.axvline(threshold, color=ALARM, linewidth=1.0, linestyle=(0, (3, 2)))
+        axes.set_xscale("log")
+        largest = max(*(s.score or 0.0 for s in shown), 2.0 * threshold)
+        axes.set_xlim(least, 1.6 * largest)
+        _plain_log(axes, "x")
+        axes.set_yticks(range(len(shown)), [s.title for s in shown], color=INK)
+        axes.set_ylim(len(shown) - 0.4, -0.6)
+        axes.grid(visible=False, axis="y")
+        heading(axes, "Scores", "", what="z")
+        axes.annotate(
+            f"threshold {threshold:.2f}",
+            (threshold, len(shown) - 0.4),
+            (3, 4),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=ALARM,
+        )
+        return svg(figure, name)
+
+
+def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
+    """All tests over all channels: the darker, the less chance explains it; a dot where a test does not apply."""
+    tests = list(dict.fromkeys(row.title for row in rows if row.test != "parity"))
+    channels = list(dict.fromkeys(row.channel for row in rows if row.test != "parity"))
+    if not tests or not channels:
+        return ""
+    with style():
+        from matplotlib.colors import LinearSegmentedColormap
+
+        colors = LinearSegmentedColormap.from_list("alarm", [SHADE, "#f0c9a8", "#d55e00", "#7a2c00"])
+        labels = max(len(channel) for channel in channels) * 0.062 + 0.25
+        height = 0.25 * len(tests) + 0.15 + labels
+        width = min(9.6, 2.6 + 0.52 * len(channels))
+        figure, axes = panel(height, width=width, left=2.5, right=0.08, bottom=0.08, top=labels)
+        for row in rows:
+            if row.test == "parity":
+                continue
+            x, y = channels.index(row.channel), tests.index(row.title)
+            if row.q is None:
+                axes.plot(x, y, ".", color="#c3cad0", markersize=3)
+                continue
+            depth = min(-np.log10(max(row.q, 1e-12)), 12.0) / 12.0 if row.significant else 0.0
+            axes.add_patch(_cell(x, y, colors(depth)))
+            if row.significant:
+                axes.text(
+                    x, y, "×", ha="center", va="center", fontsize=8.5, color="white" if depth > 0.4 else INK
+                )
+        axes.set_xlim(-0.5, len(channels) - 0.5)
+        axes.set_ylim(len(tests) - 0.5, -0.5)
+        axes.set_yticks(range(len(tests)), tests, color=INK)
+        axes.set_xticks(range(len(channels)), channels, rotation=52, ha="left", color=INK)
+        axes.xaxis.tick_top()
+        axes.grid(visible=False)
+        for side in axes.spines.values():
+            side.set_visible(False)
+        return svg(figure, name)
+
+
+def cosine_map(name: str, confusability: Confusability) -> str:
+    """Cosines between the footprints of all effects; those above 0.9 are written out."""
+    effects = confusability.effects
+    if len(effects) < 2:
+        return ""
+    with style():
+        from matplotlib.colors import LinearSegmentedColormap
+
+        colors = LinearSegmentedColormap.from_list("alike", ["#ffffff", "#c6dcea", PALETTE[0], "#00334f"])
+        labels = max(len(name) for name in effects) * 0.066 + 0.25
+        side = min(7.4, 0.30 * len(effects))
+        figure, axes = panel(
+            side + labels + 0.1, width=side + labels + 0.9, left=labels, right=0.9, bottom=0.1, top=labels
+        )
+        for i, row in enumerate(confusability.cosines):
+            for j, cosine in enumerate(row):
+                if i == j or cosine is None:
+                    axes.add_patch(_cell(j, i, SHADE))
+                    continue
+                axes.add_patch(_cell(j, i, colors(min(cosine, 1.0) ** 2)))
+                if cosine > 0.9:
+                    text = f"{cosine:.2f}".lstrip("0")
+                    axes.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white")
+        axes.set_xlim(-0.5, len(effects) - 0.5)
+        axes.set_ylim(len(effects) - 0.5, -0.5)
+        axes.set_yticks(range(len(effects)), effects, color=INK)
+        axes.set_xticks(range(len(effects)), effects, rotation=52, ha="left", color=INK)
+        axes.xaxis.tick_top()
+        axes.grid(visible=False)
+        for edge in axes.spines.values():
+            edge.set_visible(False)
+        return svg(figure, name)
+
+
+def _cell(x: float, y: float, color: Any) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x - 0.47, y - 0.46), 0.94, 0.92, facecolor=color, linewidth=0)
+
+
+def panel_figure(name: str, title: str, figure: Figure) -> str:
+    """What a test of the panel, or a surface, drew."""
+    with style():
+        drawing, axes = panel(2.75, width=4.72, left=0.72, right=0.18, bottom=0.62, top=0.30)
+        for index, series in enumerate(figure.series):
+            _series(axes, figure, series, PALETTE[index % len(PALETTE)])
+        if figure.limit is not None:
+            for limit in {figure.limit, -figure.limit if not figure.logarithmic else figure.limit}:
+                axes.axhline(limit, color=ALARM, linewidth=0.8, linestyle=(0, (3, 2)))
+        if figure.logarithmic:
+            axes.set_yscale("log")
+            _plain_log(axes, "y")
+        heading(axes, title, "", what="")
+        axes.set_xlabel(figure.x_label, loc="right")
+        axes.set_ylabel(figure.y_label, loc="top")
+        if 1 < len(figure.series) <= 6 and figure.kind != "map":
+            _legend(axes)
+        return svg(drawing, name)
+
+
+def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
+    x, y = values(series.x), values(series.y)
+    if figure.kind == "bars":
+        base = 1.0 if figure.logarithmic else 0.0
+        axes.bar(np.arange(x.size), y - base, bottom=base, width=0.8, color=color)
+        step = max(1, x.size // 10)
+        axes.set_xticks(np.arange(x.size)[::step], [f"{n:.3g}" for n in x[::step]])
+    elif figure.kind == "lines":
+        axes.plot(x, y, color=color, linewidth=1.0, label=series.name)
+    elif figure.kind == "cloud":
+        axes.plot(x, y, ".", color=color, markersize=2.2, alpha=0.5, markeredgewidth=0)
+    elif figure.kind == "map":
+        z = values(series.z)
+        reach = float(np.nanmax(np.abs(z))) if z.size else 1.0
+        shown = axes.scatter(
+            x,
+            y,
+            c=z,
+            s=42,
+            marker="s",
+            cmap="RdBu_r",
+            vmin=-reach,
+            vmax=reach,
+            linewidths=0.3,
+            edgecolors=HAIR,
+        )
+        bar = axes.figure.colorbar(shown, ax=axes, pad=0.02, fraction=0.05)
+        bar.outline.set_visible(False)
+        bar.set_label(figure.z_label, fontsize=8)
+    else:
+        axes.plot(x, y, "o", color=color, markersize=4.5, markeredgecolor="white", label=series.name)
+
+
+def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
+    """How far parameters of the base model move, in standard deviations that it claimed for itself."""
+    with style():
+        height = 0.215 * len(rows) + 0.80
+        figure, axes = panel(height, width=6.4, left=2.25, right=0.6, bottom=0.46, top=0.30)
+        axes.axvspan(-1.96, 1.96, color=SHADE, linewidth=0)
+        for place, (_, sigmas) in enumerate(rows):
+            axes.plot([0, sigmas], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
+            axes.plot(sigmas, place, "o", color=AFTER if abs(sigmas) < 1.96 else BEFORE, markersize=5)
+        reach = max(3.0, 1.15 * max(abs(sigmas) for _, sigmas in rows))
+        axes.set_xscale("symlog", linthresh=3.0, linscale=1.2)
+        axes.set_xlim(-reach, reach)
+        ticks = [t for t in (-1000, -100, -10, -3, 0, 3, 10, 100, 1000) if abs(t) <= reach]
+        axes.set_xticks(ticks, [str(t).replace("-", "\u2212") for t in ticks])
+        axes.minorticks_off()
+        axes.set_yticks(range(len(rows)), [label for label, _ in rows], color=INK)
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.grid(visible=False, axis="y")
+        heading(axes, "Shift of the base parameters", "", what="σ that the base model claimed")
+        return svg(figure, name)
+
+
+def _foot(axes: Axes, text: str) -> None:
+    axes.set_xlabel(text, loc="right", labelpad=1)
+
+
+def _legend(axes: Axes) -> None:
+    axes.legend(
+        loc="upper left",
+        bbox_to_anchor=(-0.02, -0.07),
+        ncols=6,
+        frameon=False,
+        fontsize=8,
+        handlelength=1.3,
+        columnspacing=1.0,
+        borderpad=0.1,
+    )
+
+
+def _log_axis(axes: Axes, axis: str, shown: Sequence[float | None]) -> None:
+    numbers = [n for n in shown if n]
+    low, high = min([*numbers, 0.8]), max([*numbers, 2.0])
+    axes.set_xscale("log")
+    axes.set_xlim(0.9 * low, 1.2 * high)
+    _plain_log(axes, axis)
+
+
+def _plain_log(axes: Axes, axis: str) -> None:
+    """Ticks at 1, 2 and 5 (or at decades only, where there are many), written as plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    which = axes.xaxis if axis == "x" else axes.yaxis
+    low, high = sorted(axes.get_xlim() if axis == "x" else axes.get_ylim())
+    few = high / max(low, 1e-300) < 300.0
+    which.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    which.set_minor_locator(NullLocator())
+    which.set_major_formatter(FuncFormatter(lambda n, _: f"{n:,.10g}".replace(",", "\u2009")))

@@ -1,0 +1,176 @@
+"""The report of a diagnosis: one HTML page that stands alone, made from the finding and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
+from diagnosis.report.words import chance, percent, shown, with_unit
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+#: The page is for reading; whoever wants more has finding.json.
+TRACES, FIGURES, SENTENCES, SHIFTS, RUNS = 4, 6, 14, 16, 12
+TONES: Final = {
+    Verdict.NO_EFFECT: "calm",
+    Verdict.NAMED: "found",
+    Verdict.REMAINDER: "found",
+    Verdict.AMBIGUOUS: "open",
+    Verdict.UNRESOLVED: "open",
+    Verdict.UNKNOWN: "alarm",
+}
+HEADLINES: Final = {
+    Verdict.NO_EFFECT: "Nothing found that the simulation lacks",
+    Verdict.NAMED: "What the simulation lacks has a name",
+    Verdict.REMAINDER: "What the simulation lacks has a name, but not all of it",
+    Verdict.AMBIGUOUS: "More than one cause explains these runs",
+    Verdict.UNRESOLVED: "Something is wrong, too small to be named",
+    Verdict.UNKNOWN: "Something is wrong that no known cause explains",
+}
+
+
+class Curves(NamedTuple):
+    """The two drawings of one channel of a report run."""
+
+    trace: Trace
+    detail: str
+    errors: str
+
+
+def write_report(finding: Finding, path: Path | str) -> Path:
+    """Write the page of a finding; returns its path.  The bytes depend on the finding alone."""
+    target = Path(path)
+    target.write_text(render(finding), encoding="utf-8")
+    return target
+
+
+def render(finding: Finding) -> str:
+    """The page of a finding."""
+    from diagnosis.report import drawings
+
+    overall = next((gain for gain in finding.gains if gain.channel == "all"), None)
+    tested = [row for row in finding.panel if row.p is not None]
+    clear = sorted(
+        (row for row in tested if row.significant), key=lambda row: (row.q or 0.0, -(row.statistic or 0.0))
+    )
+    shifts = _shift_rows(finding.shifts)
+    return (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            finding=finding,
+            tone=TONES[finding.verdict],
+            headline=HEADLINES[finding.verdict],
+            overall=overall,
+            interval=interval,
+            shown=shown,
+            with_unit=with_unit,
+            percent=percent,
+            chance=chance,
+            gain_drawing=drawings.gain_rows("gains", finding.gains),
+            curves=[
+                Curves(t, drawings.trace_curves(f"trace{i}", t), drawings.trace_errors(f"error{i}", t))
+                for i, t in enumerate(finding.traces[:TRACES])
+            ],
+            score_drawing=drawings.score_bars("scores", finding.scores, finding.threshold),
+            rejected=[
+                s for s in finding.scores if (s.score or 0.0) > finding.threshold and s.outcome != "accepted"
+            ],
+            panel_drawing=drawings.panel_map("panel", finding.panel),
+            tested=len(tested),
+            clear=len(clear),
+            sentences=_told(clear),
+            figures=[
+                (row, drawings.panel_figure(f"panel{i}", f"{row.title}: {row.channel}", row.figure))
+                for i, row in enumerate([row for row in clear if row.figure][:FIGURES])
+                if row.figure
+            ],
+            unknowns=[
+                (
+                    unknown,
+                    drawings.panel_figure(f"unknown{i}", unknown.title, unknown.figure)
+                    if unknown.figure
+                    else "",
+                )
+                for i, unknown in enumerate(finding.unknowns)
+            ],
+            cosine_drawing=drawings.cosine_map("cosines", finding.confusability)
+            if finding.confusability
+            else "",
+            inseparable=[p for p in finding.confusability.pairs if not p.separable]
+            if finding.confusability
+            else [],
+            next_runs=finding.next_runs[:RUNS],
+            most=max((run.per_minute or 0.0 for run in finding.next_runs), default=0.0),
+            shifts=shifts,
+            shift_drawing=drawings.shift_rows("shifts", [(_label(s), s.sigmas or 0.0) for s in shifts])
+            if shifts
+            else "",
+            facts=_facts(finding),
+        )
+    )
+
+
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    import bench_records
+
+    # The look is that of the reports of the bench: one style sheet for both.
+    folders = [Path(__file__).parent, Path(bench_records.__path__[0])]
+    return Environment(
+        loader=FileSystemLoader(folders),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def interval(estimate: Estimate) -> str:
+    """The 95 % interval of a fitted number."""
+    if estimate.low is None or estimate.high is None:
+        return "not known"
+    return f"{shown(estimate.low)} to {shown(estimate.high)}"
+
+
+def _told(rows: Sequence[PanelRow]) -> list[PanelRow]:
+    """The clearest row of every test first, then others, each channel once in every test."""
+    first: dict[str, PanelRow] = {}
+    for row in rows:
+        first.setdefault(row.test, row)
+    best = list(first.values())
+    return [*best, *(row for row in rows if row not in best)][:SENTENCES]
+
+
+def _shift_rows(shifts: Sequence[Shift]) -> list[Shift]:
+    moved = [shift for shift in shifts if shift.sigmas is not None]
+    return sorted(moved, key=lambda shift: -abs(shift.sigmas or 0.0))[:SHIFTS]
+
+
+def _label(shift: Shift) -> str:
+    name = shift.name.replace("_", " ")
+    return f"{name} [{shift.run}]" if shift.run else name
+
+
+def _facts(finding: Finding) -> list[tuple[str, str]]:
+    source = finding.provenance
+    facts: dict[str, Any] = {
+        "simulator": source.simulator,
+        "fitted on": ", ".join(source.fit),
+        "chosen on": ", ".join(source.select),
+        "reported on": ", ".join(source.report),
+        "files": ", ".join(source.sources),
+        "hash of the data": source.digest,
+        "seed": source.seed,
+        **{f"version of {name}": number for name, number in source.versions.items()},
+        **{name.replace("_", " "): value for name, value in source.config.items() if name != "seed"},
+    }
+    return [(name, _plain(value)) for name, value in facts.items() if value not in {"", None} or value == 0]
+
+
+def _plain(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -1,0 +1,40 @@
+"""Numbers as a report prints them: three significant digits, thin spaces, true minus signs."""
+
+from __future__ import annotations
+
+import math
+
+from bench_records.report import MINUS, SUPERSCRIPT, THIN_SPACE
+
+DASH = "\u2013"
+
+
+def shown(value: float | None, digits: int = 3) -> str:
+    """A number in so many significant digits; far from 1 as a power of ten."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    if value == 0.0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -4 < exponent < 6:
+        mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
+        return f"{mantissa}·10{str(exponent).translate(SUPERSCRIPT)}".replace("-", MINUS)
+    text = f"{value:,.{max(digits - 1 - exponent, 0)}f}"
+    return text.replace(",", THIN_SPACE).replace("-", MINUS)
+
+
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    """A number and its unit."""
+    return shown(value, digits) + (f"{THIN_SPACE}{unit}" if unit and value is not None else "")
+
+
+def percent(value: float | None) -> str:
+    """A part of 1 as a percentage."""
+    return DASH if value is None else f"{100.0 * value:.3g}{THIN_SPACE}%".replace("-", MINUS)
+
+
+def chance(p: float | None) -> str:
+    """A p-value: no finer than anybody believes it."""
+    if p is None:
+        return DASH
+    return "<\u200910⁻⁹" if p < 1e-9 else shown(p, 2)

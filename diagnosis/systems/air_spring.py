@@ -1,0 +1,238 @@
+"""The bench of two air springs as a system to be diagnosed: the model replayed through the motion that was measured.
+
+Inputs of an experiment (SI, pressures gauge): ``left.height`` and ``right.height`` of the springs; ``shear``, the
+lateral displacement of their top plates against the platform; ``platform.vertical``, ``.lateral`` and ``.roll``; the
+valves as 0 … 1, ``left.leveling``, ``left.reservoir`` (and right), ``dpv``; ``supply.pressure``; of the bolster
+``lateral.acceleration``. Only the heights are required.
+
+Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
+the same chambers, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and ``start``, the s since the bench was
+switched on, from when sensors drift. Only the bellows' pressures are required.
+"""
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from threading import Lock
+from typing import Any, Final
+
+import numpy as np
+
+from bench_protocol.table import TABLE
+from bench_sim.model.effects import effect as bench
+from bench_sim.model.layout import INPUTS, SIDES, Input, Sensor
+from bench_sim.model.quantities import PARAMETERS
+from bench_sim.model.replay import STEP, Gas, Motion, replay
+from bench_sim.parameters import Parameters
+from diagnosis.contracts import (
+    Array,
+    Channel,
+    DiagnosisError,
+    Effect,
+    Effects,
+    Experiment,
+    Nuisance,
+    Surface,
+)
+from diagnosis.systems.air_spring_parameters import deviate, hypotheses, locate, nuisances
+
+_SIDE_NAMES: Final = bench.PLACES
+#: Everything that the model predicts from an imposed motion, by the name of its signal.
+OUTPUTS: Final[Mapping[str, Sensor]] = {
+    "left.bellows_pressure": Sensor.LEFT_BELLOWS_PRESSURE,
+    "right.bellows_pressure": Sensor.RIGHT_BELLOWS_PRESSURE,
+    "left.auxiliary_pressure": Sensor.LEFT_AUXILIARY_PRESSURE,
+    "right.auxiliary_pressure": Sensor.RIGHT_AUXILIARY_PRESSURE,
+    **{f"load_cell.{k + 1}": Sensor(Sensor.LOAD_CELL_1 + k) for k in range(6)},
+    "vertical_left.force": Sensor.VERTICAL_LEFT_FORCE,
+    "vertical_right.force": Sensor.VERTICAL_RIGHT_FORCE,
+    "lateral.force": Sensor.LATERAL_FORCE,
+    "vertical_left.displacement": Sensor.VERTICAL_LEFT_DISPLACEMENT,
+    "vertical_right.displacement": Sensor.VERTICAL_RIGHT_DISPLACEMENT,
+    "left.bellows_temperature": Sensor.LEFT_BELLOWS_TEMPERATURE,
+    "right.bellows_temperature": Sensor.RIGHT_BELLOWS_TEMPERATURE,
+    "left.auxiliary_temperature": Sensor.LEFT_AUXILIARY_TEMPERATURE,
+    "right.auxiliary_temperature": Sensor.RIGHT_AUXILIARY_TEMPERATURE,
+}
+#: kind of a channel, unit that people read, and its SI value, by SI unit
+_KINDS: Final = {
+    "Pa": ("pressure", "mbar", 100.0),
+    "N": ("force", "N", 1.0),
+    "m": ("displacement", "mm", 1e-3),
+    "K": ("temperature", "K", 1.0),
+}
+_SI: Final = {"bar": "Pa", "kN": "N", "mm": "m", "K": "K"}
+_VALVES: Final = {
+    "left.leveling": Input.LEFT_LEVELING,
+    "right.leveling": Input.RIGHT_LEVELING,
+    "left.reservoir": Input.LEFT_RESERVOIR_VALVE,
+    "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
+    "dpv": Input.DPV_CONNECTED,
+}
+#: As many experiments are kept ready, and as many readings of each: two let offsets be varied without a simulation.
+_READY, _KEPT = 64, 2
+
+
+def channels(parameters: Parameters) -> tuple[Channel, ...]:
+    """Return the outputs with the noise of their sensors and the coarser step of sensor and wire."""
+    record = parameters.record
+    steps = {field.signal: field.step for message in TABLE.messages for field in message.fields}
+    found = []
+    for name, sensor in OUTPUTS.items():
+        unit = _SI[TABLE[name].unit]
+        resolution = max(float(record.sensor_resolution[sensor]), steps[name] or TABLE[name].step)
+        kind, display, scale = _KINDS[unit]
+        found.append(
+            Channel(name, unit, float(record.sensor_noise[sensor]), resolution, kind, display, scale)
+        )
+    return tuple(found)
+
+
+class AirSpring:
+    """The bench with a parameter set and its catalogue of effects; steps of at most ``step`` s.
+
+    It may be called from several threads at once. ``only`` names the outputs that were measured (all).
+    """
+
+    name = "air springs on the bench"
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        *,
+        effects: Mapping[str, bench.Effect],
+        only: tuple[str, ...] = tuple(OUTPUTS),
+        step: float = STEP,
+    ) -> None:
+        self.parameters = parameters
+        self.step = step
+        self.channels: tuple[Channel, ...] = tuple(c for c in channels(parameters) if c.name in only)
+        self._sensors = [OUTPUTS[channel.name] for channel in self.channels]
+        self._effects = effects
+        self.catalogue: Mapping[str, Effect] = hypotheses(effects)
+        self.nuisances: tuple[Nuisance, ...] = nuisances(
+            parameters, tuple(zip(self.channels, self._sensors, strict=True))
+        )
+        self.surfaces: tuple[Surface, ...] = ()
+        self._lock = Lock()
+        self._ready: OrderedDict[int, _Ready] = OrderedDict()
+
+    def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
+        """Return the outputs (n, c): what noiseless sensors would have read."""
+        ready = self._prepare(experiment)
+        offsets = np.array([parameters.get(f"{channel.name}.offset", 0.0) for channel in self.channels])
+        pure = {
+            name: value
+            for name, value in parameters.items()
+            if not name.endswith(".offset") or name.endswith(".bellows_pressure.offset")
+        }
+        key = repr((sorted(pure.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
+        with self._lock:
+            known = ready.kept.get(key)
+        if known is None:
+            known = self._simulate(experiment, ready, pure, effects)
+            with self._lock:
+                ready.kept[key] = known
+                while len(ready.kept) > _KEPT:
+                    ready.kept.popitem(last=False)
+        return known + offsets
+
+    def record(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Any:
+        """Return the parameter record of a model: this set under the experiment's load, deviations and effects."""
+        record = np.array([self.parameters.record], PARAMETERS).view(np.recarray)[0]
+        for name in ("nominal_preload", "orifice_diameter", "pipe_length"):
+            if name in experiment.settings:
+                record[name][:] = experiment.settings[name]
+        deviate(record, parameters)
+        for name, values in effects.items():
+            effect, place = locate(name, self._effects)
+            effect.change(record, place, values)
+        return record
+
+    def _simulate(
+        self, experiment: Experiment, ready: "_Ready", parameters: Mapping[str, float], effects: Effects
+    ) -> Array:
+        record = self.record(experiment, parameters, effects)
+        gas = _gas(experiment, parameters, record)
+        start = experiment.settings.get("start", 0.0)
+        readings = replay(record, ready.motion, ready.inputs, ready.supply, gas, step=self.step, start=start)
+        return readings[:, self._sensors]
+
+    def _prepare(self, experiment: Experiment) -> "_Ready":
+        with self._lock:
+            found = self._ready.get(id(experiment))
+        if found is not None and found.experiment is experiment:
+            return found
+        made = _Ready(experiment, self.parameters.record)
+        with self._lock:
+            self._ready[id(experiment)] = made
+            while len(self._ready) > _READY:
+                self._ready.popitem(last=False)
+        return made
+
+
+class _Ready:
+    """An experiment made ready for replay, and the latest outputs that came of it."""
+
+    def __init__(self, experiment: Experiment, par: Any) -> None:
+        self.experiment = experiment
+        n = len(experiment.time)
+        self.motion = Motion.through(_motion(experiment, par), experiment.step)
+        if "lateral.acceleration" in experiment.inputs:
+            # An accelerometer is quieter than the second derivative of a displacement.
+            self.motion.acceleration[:, 0] = experiment.inputs["lateral.acceleration"]
+        self.inputs = np.zeros((n, INPUTS))
+        self.inputs[:, Input.SUPPLY] = 1.0
+        for name, place in _VALVES.items():
+            default = 1.0 if name.endswith("reservoir") else 0.0
+            self.inputs[:, place] = _input(experiment, name, default)
+        self.supply = (
+            _input(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure
+        )
+        self.kept: OrderedDict[str, Array] = OrderedDict()
+
+
+def _motion(experiment: Experiment, par: Any) -> Array:
+    """Displacements (n, 6) of bolster and platform: lateral, vertical, roll of each.
+
+    φ_B = (ζ_L − ζ_R)/2b + φ_P,  z_B = (ζ_L + ζ_R)/2 + z_P,  y_B = y − e φ_B + y_P − h φ_P
+    """
+    left, right = (_input(experiment, f"{side}.height") for side in _SIDE_NAMES)
+    z, y, phi = (_input(experiment, f"platform.{axis}", 0.0) for axis in ("vertical", "lateral", "roll"))
+    roll = 0.5 * (left - right) / par.spring_half_spacing + phi
+    lateral = _input(experiment, "shear", 0.0) - par.centre_height * roll + y - par.column_height * phi
+    return np.column_stack((lateral, 0.5 * (left + right) + z, roll, y, z, phi))
+
+
+def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
+    """The gas where a run begins. At rest a bellows and the chamber it is joined with have one pressure."""
+    settings = experiment.settings
+    pressure = np.empty(2 * SIDES)
+    temperature = np.empty(2 * SIDES)
+    for i, side in enumerate(_SIDE_NAMES):
+        name = f"{side}.bellows_pressure"
+        if name not in settings:
+            raise DiagnosisError(
+                f"run {experiment.name}: the setting {name} is missing: gauge pressure in Pa where the run begins"
+            )
+        bellows = settings[name] - parameters.get(f"{name}.offset", 0.0)
+        auxiliary = settings.get(f"{side}.auxiliary_pressure", bellows)
+        joined = _input(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
+        shift = parameters.get(f"{side}.initial_pressure", 0.0) + par.atmospheric_pressure
+        warmth = parameters.get(f"{side}.initial_temperature", 0.0)
+        for k, (chamber, gauge) in enumerate(
+            (("bellows", bellows), ("auxiliary", bellows if joined else auxiliary))
+        ):
+            pressure[SIDES * k + i] = gauge + shift
+            temperature[SIDES * k + i] = warmth + settings.get(
+                f"{side}.{chamber}_temperature", float(par.ambient_temperature)
+            )
+    return Gas(pressure, temperature)
+
+
+def _input(experiment: Experiment, name: str, default: float | None = None) -> Array:
+    values = experiment.inputs.get(name)
+    if values is not None:
+        return values
+    if default is None:
+        raise DiagnosisError(f"run {experiment.name} has no input {name}; without it nothing can be replayed")
+    return np.full(len(experiment.time), default)

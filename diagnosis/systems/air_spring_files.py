@@ -1,0 +1,135 @@
+"""The bench of two air springs as a system that can be mapped: what of a foreign rig's files its replay can use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import Parameters
+from diagnosis.contracts import Array, Channel
+from diagnosis.systems.air_spring import OUTPUTS, AirSpring, channels
+from diagnosis.systems.motion import motion_inputs
+from diagnosis.systems.signals import Setting, Signal, System
+
+#: A replay begins with these pressures.
+_BEGIN: Final = ("left.bellows_pressure", "right.bellows_pressure")
+_VALVES: Final = ("left.leveling", "right.leveling", "left.reservoir", "right.reservoir", "dpv")
+#: Slower than this (m/s, rad/s) for half a second is rest.
+_REST_SPEED: Final = 0.2e-3
+#: Where a run begins is read from the median of so many samples.
+_FIRST: Final = 5
+
+
+def air_spring_system(parameters: Parameters) -> System:
+    """Return the system of two air springs with a parameter set: heights drive it, pressures and forces come out."""
+    par = parameters.record
+
+    def simulator(settings: Mapping[str, float], measured: tuple[Channel, ...]) -> AirSpring:
+        return AirSpring(parameters, effects=CATALOGUE, only=tuple(channel.name for channel in measured))
+
+    def prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mapping[str, Array]:
+        inputs = motion_inputs(measured, step, parameters)
+        return inputs | {name: measured[name] for name in _VALVES if name in measured} | _supply(measured)
+
+    return System(
+        name="air_spring",
+        title="two air springs under a bolster: their motion is measured, pressures and forces are predicted",
+        inputs=(
+            Signal("left.height", "m", "change of the height of the left spring", display="mm", scale=1e-3),
+            Signal("right.height", "m", "change of the height of the right spring", display="mm", scale=1e-3),
+            Signal(
+                "lateral.displacement",
+                "m",
+                "lateral displacement of the bolster",
+                False,
+                display="mm",
+                scale=1e-3,
+            ),
+            Signal(
+                "platform.vertical",
+                "m",
+                "vertical displacement of the platform",
+                False,
+                display="mm",
+                scale=1e-3,
+            ),
+            Signal(
+                "platform.lateral",
+                "m",
+                "lateral displacement of the platform",
+                False,
+                display="mm",
+                scale=1e-3,
+            ),
+            Signal(
+                "platform.roll", "rad", "roll of the platform", required=False, display="mrad", scale=1e-3
+            ),
+            Signal("lateral.acceleration", "m/s2", "lateral acceleration of the bolster", required=False),
+            Signal("supply.pressure", "Pa", "pressure of the air supply", required=False, gauge=True),
+            *(Signal(name, "1", f"opening of the valve {name}", required=False) for name in _VALVES),
+        ),
+        outputs=tuple(
+            Signal(
+                channel.name,
+                channel.unit,
+                channel.name.replace(".", ", ").replace("_", " "),
+                required=channel.name in _BEGIN,
+                gauge=channel.unit == "Pa",
+                display=channel.display,
+                scale=channel.scale,
+            )
+            for channel in channels(parameters)
+        ),
+        settings=(
+            Setting("nominal_preload", "N", "load on a spring", 1e3, 1e6, float(par.nominal_preload[0])),
+            Setting(
+                "orifice_diameter", "m", "bore of the orifice", 1e-4, 0.2, float(par.orifice_diameter[0])
+            ),
+            Setting(
+                "pipe_length", "m", "length of the pipe, 0 without", 0.0, 20.0, float(par.pipe_length[0])
+            ),
+            Setting(
+                "ambient_pressure",
+                "Pa",
+                "pressure of the air around",
+                5e4,
+                1.2e5,
+                float(par.atmospheric_pressure),
+            ),
+        ),
+        simulator=simulator,
+        prepare=prepare,
+        rest=_rest,
+        begin=_begin,
+    )
+
+
+def _supply(measured: Mapping[str, Array]) -> dict[str, Array]:
+    return {name: measured[name] for name in ("supply.pressure",) if name in measured}
+
+
+def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """Where no height and no platform moves, judged by straight lines through half a second."""
+    half = max(round(0.25 / step), 1)
+    still = np.ones(len(clock), dtype=np.bool_)
+    for name, values in measured.items():
+        if name.endswith(".height") or name.startswith("platform."):
+            padded = np.pad(values, half, mode="edge")
+            drift = np.abs(padded[2 * half :] - padded[: -2 * half]) / (2 * half * step)
+            still &= drift < _REST_SPEED
+    return still
+
+
+def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
+    """Pressures and temperatures of the gas where a run begins."""
+    found = {}
+    for name in OUTPUTS:
+        if name.endswith(("_pressure", "_temperature")) and name in measured:
+            known = measured[name][np.isfinite(measured[name])]
+            if len(known):
+                found[name] = float(np.median(known[:_FIRST]))
+    return found

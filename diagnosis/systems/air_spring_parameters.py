@@ -1,0 +1,171 @@
+"""What may differ between an air spring bench and its parameter set, and what may be missing from the model of it."""
+
+from collections.abc import Mapping
+from math import log, sqrt
+from types import MappingProxyType
+from typing import Any, Final
+
+from bench_sim.model.effects import effect as bench
+from bench_sim.model.layout import Sensor
+from bench_sim.model.quantities import QUANTITIES
+from bench_sim.parameters import Parameters
+from diagnosis.contracts import Channel, Effect, Nuisance, Parameter
+
+#: Geometry and materials that no two springs share, with the standard deviation of a good delivery, relative. What
+#: load cells see of one spring only is told by side; the lateral cells see the sum of both.
+EACH_SIDE: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        "effective_area": 0.01,
+        "effective_area_slope": 0.1,
+        "bellows_volume": 0.01,
+        "auxiliary_volume": 0.005,
+        "discharge_coefficient": 0.015,
+        "shell_stiffness_vertical": 0.1,
+    }
+)
+BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
+    {"membrane_length": 0.05, "shell_stiffness_lateral": 0.1}
+)
+#: How well the gas is known where a run begins, from the readings of its first rest: noise, and what thermometers miss
+#: of gas that still moves.
+INITIAL_PRESSURE: Final = 50.0
+INITIAL_TEMPERATURE: Final = 0.2
+
+_SIDES: Final = bench.PLACES
+_UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
+
+
+def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ...]) -> tuple[Nuisance, ...]:
+    """Return what is fitted with every model: offsets of the sensors, then what the springs are like.
+
+    The data sheet's accuracy bounds an offset evenly: its standard deviation is the bound over √3. Offsets come
+    first because they need no simulation of their own.
+    """
+    accuracy = parameters.record.sensor_accuracy
+    return (
+        *(
+            Nuisance(
+                f"{channel.name}.offset",
+                channel.unit,
+                0.0,
+                float(accuracy[sensor]) / sqrt(3.0),
+                display=channel.display,
+                scale=channel.scale,
+            )
+            for channel, sensor in channels
+        ),
+        *(
+            Nuisance(f"{side}.initial_{what}", unit, 0.0, spread, display=display, scale=scale, per_run=True)
+            for what, unit, spread, display, scale in (
+                ("pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0),
+                ("temperature", "K", INITIAL_TEMPERATURE, "K", 1.0),
+            )
+            for side in _SIDES
+        ),
+        *(
+            _tolerance(parameters, name, f"{side}.{name}", place, share)
+            for name, share in EACH_SIDE.items()
+            for place, side in enumerate(_SIDES)
+        ),
+        *(_tolerance(parameters, name, name, 0, share) for name, share in BOTH_SIDES.items()),
+    )
+
+
+def _tolerance(parameters: Parameters, name: str, label: str, place: int, share: float) -> Nuisance:
+    entry = parameters.entries[name]
+    value = float(entry.value[place])
+    return Nuisance(
+        label,
+        _UNITS[name],
+        value,
+        share * abs(value),
+        float(entry.low[place]),
+        float(entry.high[place]),
+        display=entry.unit,
+        scale=entry.scale,
+    )
+
+
+def deviate(record: Any, values: Mapping[str, float]) -> None:
+    """Write the springs' own values among ``values`` into a parameter record."""
+    for name in EACH_SIDE:
+        for place, side in enumerate(_SIDES):
+            if f"{side}.{name}" in values:
+                record[name][place] = values[f"{side}.{name}"]
+    for name in BOTH_SIDES:
+        if name in values:
+            record[name][:] = values[name]
+
+
+def hypotheses(effects: Mapping[str, bench.Effect]) -> dict[str, Effect]:
+    """Return the bench's effects as causes that can be named: one for every place, like ``leak.left``."""
+    return {
+        name: _hypothesis(name, effect, place, effects)
+        for effect in effects.values()
+        if effect.diagnosable
+        for place in effect.places or ("",)
+        for name in (_label(effect.name, place),)
+    }
+
+
+def locate(name: str, effects: Mapping[str, bench.Effect]) -> tuple[bench.Effect, int | None]:
+    """Return the bench's effect behind a cause, and the side it sits on; KeyError for an unknown one."""
+    root, _, place = name.partition(".")
+    return effects[root], effects[root].places.index(place) if place else None
+
+
+def _label(name: str, place: str) -> str:
+    return f"{name}.{place}" if place else name
+
+
+def _hypothesis(name: str, effect: bench.Effect, place: str, effects: Mapping[str, bench.Effect]) -> Effect:
+    amplitude = effect.amplitude
+    return Effect(
+        name,
+        effect.family,
+        f"{effect.title}, {place}" if place else effect.title,
+        Parameter(
+            amplitude.name,
+            amplitude.unit,
+            amplitude.nominal,
+            amplitude.typical,
+            amplitude.low,
+            amplitude.high,
+            display=amplitude.display,
+            scale=amplitude.scale,
+        ),
+        tuple(_shape(shape) for shape in effect.shapes),
+        effect.grid,
+        effect.touches,
+        _there(effect.confusers, place, effects),
+        _there(effect.richer, place, effects),
+        effect.equation,
+        effect.source,
+    )
+
+
+def _shape(shape: bench.Quantity) -> Parameter:
+    """A quarter of what is possible counts as one standard deviation, of the logarithm where that is fitted."""
+    width = shape.nominal * log(shape.high / shape.low) if shape.logarithmic else shape.high - shape.low
+    return Parameter(
+        shape.name,
+        shape.unit,
+        shape.nominal,
+        0.25 * width,
+        shape.low,
+        shape.high,
+        logarithmic=shape.logarithmic,
+        display=shape.display,
+        scale=shape.scale,
+    )
+
+
+def _there(names: tuple[str, ...], place: str, effects: Mapping[str, bench.Effect]) -> tuple[str, ...]:
+    """Effects at the same place; one that has no such place wherever it can be."""
+    return tuple(
+        _label(name, where)
+        for name in names
+        if name in effects
+        for where in (effects[name].places or ("",))
+        if where in {place, ""} or not place
+    )

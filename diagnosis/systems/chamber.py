@@ -1,0 +1,203 @@
+"""A chamber of constant volume that is filled, closed and watched: its pressure and, where measured, its temperature.
+
+Sealed, with gas as warm as the wall, p stays as it was. Everything else is an effect of the catalogue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import ceil
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.compiled import compiled, compiled_entry
+from diagnosis.contracts import Array, Channel, Effect, Effects, Experiment, Nuisance, Surface
+from diagnosis.systems.chamber_effects import KAPPA, R_AIR, RHO_0, T_0, chamber_effects
+from diagnosis.systems.signals import Setting, Signal, System
+
+#: The gas is integrated in steps of at most this.
+_STEP: Final = 0.1
+
+_NUISANCES: Final = (
+    Nuisance("start_pressure_error", "Pa", 0.0, 2e3, step=1e-2, display="mbar", scale=1e2, per_run=True),
+    Nuisance("pressure_zero", "Pa", 0.0, 2e3, step=1e-2, display="mbar", scale=1e2),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chamber:
+    """The simulator: the only input is ``clock``, seconds since the start of the file. Settings and pressures in SI.
+
+    Each experiment has its measured gauge pressure at the start among its settings, as ``start_pressure``.
+    """
+
+    volume: float
+    ambient_pressure: float
+    wall_temperature: float
+    channels: tuple[Channel, ...]
+    catalogue: Mapping[str, Effect]
+
+    @property
+    def name(self) -> str:
+        return "chamber"
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        return _NUISANCES
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        return ()
+
+    def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
+        clock = experiment.inputs["clock"]
+        zero = parameters.get("pressure_zero", 0.0)
+        start = experiment.settings["start_pressure"] + parameters.get("start_pressure_error", 0.0) - zero
+        filling = effects.get("filling_heat", {})
+        warm = np.zeros(len(clock))
+        if filling:
+            warm = filling["excess_temperature"] * np.exp(-clock / filling["time_constant"])
+        pressure, temperature = _empty(
+            experiment.step,
+            ceil(experiment.step / _STEP),
+            start + self.ambient_pressure,
+            self.volume,
+            self.ambient_pressure,
+            self.wall_temperature,
+            _leaks(effects),
+            effects.get("heat_exchange", {}).get("time_constant", 0.0),
+            warm,
+        )
+        seen = pressure - self.ambient_pressure + zero
+        drift = effects.get("sensor_drift", {}).get("rate", 0.0)
+        columns = {"pressure": seen + drift * clock if drift else seen, "temperature": temperature}
+        return np.column_stack([columns[channel.name] for channel in self.channels])
+
+
+def _leaks(effects: Effects) -> Array:
+    """Return the numbers of the leak laws in the order of `_flow`; what is absent is 0."""
+    orifice = effects.get("leak_orifice", {})
+    crack = effects.get("leak_elastic", {})
+    porous = effects.get("leak_inertial", {})
+    return np.array(
+        [
+            orifice.get("conductance", 0.0),
+            orifice.get("critical_ratio", 0.5),
+            effects.get("leak_linear", {}).get("conductance", 0.0),
+            effects.get("leak_laminar", {}).get("conductance", 0.0),
+            porous.get("conductance", 0.0),
+            porous.get("transition", 1.0),
+            crack.get("conductance", 0.0),
+            crack.get("opening", 0.0),
+        ]
+    )
+
+
+@compiled
+def _orifice(p: float, T: float, p_a: float, b: float) -> float:
+    """Mass flow in kg/s of an orifice of conductance 1 m³/(s·Pa) by ISO 6358, from p to p_a."""
+    if p <= p_a:
+        return 0.0
+    r = p_a / p
+    subsonic = 1.0 if r <= b else np.sqrt(1.0 - ((r - b) / (1.0 - b)) ** 2)
+    return RHO_0 * p * np.sqrt(T_0 / T) * subsonic
+
+
+@compiled
+def _flow(p: float, T: float, p_a: float, k: Array) -> float:
+    """Mass flow in kg/s out of the chamber by all leaks; ``k`` as `_leaks` returns it."""
+    excess = p - p_a
+    squares = p * p - p_a * p_a
+    flow = k[2] * excess + k[3] * squares
+    if k[0] != 0.0:
+        flow += k[0] * _orifice(p, T, p_a, k[1])
+    if k[6] != 0.0:
+        flow += k[6] * (1.0 + k[7] * excess) * _orifice(p, T, p_a, 0.5)
+    if k[4] != 0.0:
+        laminar = k[4] * max(squares, 0.0)
+        flow += 2.0 * laminar / (1.0 + np.sqrt(1.0 + 4.0 * laminar / k[5]))
+    return flow
+
+
+@compiled_entry
+def _empty(
+    step: float, parts: int, p: float, V: float, p_a: float, T_w: float, k: Array, tau: float, warm: Array
+) -> tuple[Array, Array]:
+    """Return pressure in Pa and temperature in K (n,) of gas that leaks and exchanges heat, by the midpoint rule.
+
+        dm/dt = −G,   dθ/dt = −θ/τ − (κ−1)·T·G/m,   T = T_w + θ + warm,   p = m·R·T/V
+
+    θ is taken over each step exactly, for constant G/m: at τ = 0 it is 0, and it is linear in τ there.
+    """
+    n = warm.shape[0]
+    pressure, temperature = np.empty(n), np.empty(n)
+    h = step / parts
+    a, a_half = 0.0, 0.0
+    if tau > 0.0:
+        a, a_half = np.exp(-h / tau), np.exp(-0.5 * h / tau)
+    theta = 0.0
+    T = T_w + warm[0]
+    m = p * V / (R_AIR * T)
+    for i in range(n):
+        T = T_w + theta + warm[i]
+        pressure[i] = m * R_AIR * T / V
+        temperature[i] = T
+        slope = (warm[i + 1] - warm[i]) / parts if i + 1 < n else 0.0
+        for j in range(parts):
+            T = T_w + theta + warm[i] + j * slope
+            flow = _flow(m * R_AIR * T / V, T, p_a, k)
+            m_half = m - 0.5 * h * flow
+            theta_half = a_half * theta - tau * (1.0 - a_half) * (KAPPA - 1.0) * T * flow / m
+            T = T_w + theta_half + warm[i] + (j + 0.5) * slope
+            flow = _flow(m_half * R_AIR * T / V, T, p_a, k)
+            theta = a * theta - tau * (1.0 - a) * (KAPPA - 1.0) * T * flow / m_half
+            m -= h * flow
+            m = max(m, 1e-12)
+    return pressure, temperature
+
+
+def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mapping[str, Array]:
+    return {"clock": clock}
+
+
+def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
+    return np.zeros(len(clock), dtype=np.bool_)  # a chamber that leaks never rests
+
+
+def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
+    """The first sample: a mean over several would lie below the start of a fast blow-down."""
+    pressure = measured["pressure"]
+    return {"start_pressure": float(pressure[np.isfinite(pressure)][0])}
+
+
+def _simulator(settings: Mapping[str, float], channels: tuple[Channel, ...]) -> Chamber:
+    return Chamber(
+        settings["volume"],
+        settings["ambient_pressure"],
+        settings["ambient_temperature"],
+        channels,
+        chamber_effects(settings["volume"]),
+    )
+
+
+CHAMBER: Final = System(
+    name="chamber",
+    title="a closed chamber: its pressure is predicted",
+    inputs=(),
+    outputs=(
+        Signal("pressure", "Pa", "pressure in the chamber", gauge=True, display="bar", scale=1e5),
+        Signal("temperature", "K", "temperature of the gas", required=False, display="K"),
+    ),
+    settings=(
+        Setting("volume", "m3", "volume of the chamber", 1e-9, 1e3),
+        Setting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, default=101_325.0),
+        Setting("ambient_temperature", "K", "temperature of wall and air around", 200.0, 400.0, default=T_0),
+    ),
+    simulator=_simulator,
+    prepare=_prepare,
+    rest=_rest,
+    begin=_begin,
+)

@@ -1,0 +1,130 @@
+"""What a closed chamber can have: five laws of a leak, two of heat, and a sensor that drifts.
+
+p is the absolute pressure, p_a that of the air around, G the mass flow out of the chamber.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from diagnosis.contracts import Effect, Parameter
+
+R_AIR: Final = 287.05  #: J/(kg·K)
+KAPPA: Final = 1.4
+T_0: Final = 293.15  #: ISO 6358 reference temperature, K
+RHO_0: Final = 1.185  #: ISO 6358 reference density, kg/m³
+
+#: A chamber that empties within this time has an ordinary leak.
+_QUICK: Final = 30.0
+_BAR: Final = 1e5
+_LEAKS: Final = ("leak_orifice", "leak_linear", "leak_laminar", "leak_inertial", "leak_elastic")
+
+
+def chamber_effects(volume: float) -> Mapping[str, Effect]:
+    """Return the effects of a chamber of ``volume`` in m³ by name."""
+    mass_per_pressure = volume / (R_AIR * T_0)
+
+    def leak(
+        name: str, title: str, amplitude: Parameter, equation: str, source: str,
+        shapes: tuple[Parameter, ...] = (), grid: tuple[tuple[float, ...], ...] = ((),), richer: tuple[str, ...] = (),
+    ) -> Effect:  # fmt: skip
+        confusers = (*(other for other in _LEAKS if other != name), "sensor_drift")
+        return Effect(
+            name,
+            "leak",
+            title,
+            amplitude,
+            shapes,
+            grid,
+            frozenset({"gas"}),
+            confusers,
+            richer,
+            equation,
+            source,
+        )
+
+    def conductance(unit: str, typical: float, display: str, scale: float) -> Parameter:
+        return Parameter(
+            "conductance", unit, 0.0, typical, 0.0, step=1e-5 * typical, display=display, scale=scale
+        )
+
+    sonic = conductance(
+        "m3/(s*Pa)", mass_per_pressure / (RHO_0 * _QUICK), "litre/(min*bar)", 1e-3 / 60.0 / _BAR
+    )
+    linear = conductance("kg/(s*Pa)", mass_per_pressure / _QUICK, "mg/(s*bar)", 1e-6 / _BAR)
+    squares = conductance(
+        "kg/(s*Pa2)", mass_per_pressure / _QUICK / (4.0 * _BAR), "mg/(s*bar2)", 1e-6 / _BAR**2
+    )
+    usual_flow = mass_per_pressure * _BAR / _QUICK
+    effects = (
+        leak(
+            "leak_orifice", "Leak through an orifice", sonic,
+            "G = C·ρ_0·p·√(T_0/T)·q(p_a/p), q = 1 up to the critical ratio b, then an ellipse", "ISO 6358-1",
+            shapes=(Parameter("critical_ratio", "1", 0.4, 0.15, 0.05, 0.6, step=0.02, display="1"),),
+            grid=((0.2,), (0.5,)), richer=("leak_elastic",),
+        ),
+        leak(
+            "leak_linear", "Leak in proportion to the gauge pressure", linear, "G = k·(p − p_a)",
+            "a permeable wall",
+        ),
+        leak(
+            "leak_laminar", "Leak through a long narrow gap, laminar", squares, "G = k·(p² − p_a²)",
+            "Hagen-Poiseuille for an ideal gas at constant temperature", richer=("leak_inertial",),
+        ),
+        leak(
+            "leak_inertial", "Leak through pores, laminar at low and turbulent at high flow", squares,
+            "p² − p_a² = G/k + G²/(k·G_t)", "P. Forchheimer, 1901",
+            shapes=(
+                Parameter(
+                    "transition", "kg/s", usual_flow, 2.3, 1e-3 * usual_flow, 1e4 * usual_flow, step=0.01,
+                    logarithmic=True, display="mg/s", scale=1e-6,
+                ),
+            ),
+            grid=((0.3 * usual_flow,), (3.0 * usual_flow,)),
+        ),
+        leak(
+            "leak_elastic", "Leak through a crack that the pressure opens", sonic,
+            "G = C·(1 + s·(p − p_a))·ρ_0·p·√(T_0/T)·q(p_a/p), b = 0.5",
+            "ISO 6358-1 with an area that grows with the pressure",
+            shapes=(
+                Parameter("opening", "1/Pa", 0.3 / _BAR, 0.5 / _BAR, 0.0, 20.0 / _BAR, step=0.01, display="1/bar",
+                          scale=1.0 / _BAR),
+            ),
+            grid=((0.1 / _BAR,), (1.0 / _BAR,)),
+        ),
+        Effect(
+            name="heat_exchange",
+            family="heat",
+            title="Gas that cools as it expands, and takes heat from the wall in finite time",
+            amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
+            touches=frozenset({"gas"}),
+            confusers=_LEAKS,
+            equation="dT/dt = (T_w − T)/τ − (κ − 1)·T·G/m",
+            source="first law for a gas that leaves; τ = m·c_v/(hS)",
+        ),
+        Effect(
+            name="filling_heat",
+            family="heat",
+            title="Gas still warm from filling",
+            amplitude=Parameter("excess_temperature", "K", 0.0, 20.0, -60.0, 120.0, step=0.01, display="K"),
+            shapes=(Parameter("time_constant", "s", 20.0, 0.9, 1.0, 600.0, step=0.02, logarithmic=True, display="s"),),
+            grid=((5.0,), (20.0,), (60.0,)),
+            touches=frozenset({"gas"}),
+            confusers=_LEAKS,
+            equation="T = T_w + ΔT·exp(−t/τ), t since the start of the file",
+            source="compression while filling",
+        ),
+        Effect(
+            name="sensor_drift",
+            family="sensor",
+            title="Drift of the pressure sensor",
+            amplitude=Parameter("rate", "Pa/s", 0.0, 3.0, -1e3, 1e3, step=1e-3, display="mbar/min", scale=100.0 / 60.0),
+            touches=frozenset({"sensor"}),
+            confusers=_LEAKS,
+            equation="p_m = p + r·t, t since the start of the file",
+            source="data sheets of transducers",
+        ),
+    )  # fmt: skip
+    return MappingProxyType({effect.name: effect for effect in effects})

@@ -1,0 +1,70 @@
+"""From irregular samples to an equidistant grid, and from one long record to the runs in it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.contracts import Array
+
+
+def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Array:
+    """Return ``values`` (n,) at the times ``grid`` (m,), straight between neighbours.
+
+    NaN outside of the samples (nothing is extrapolated) and between neighbours more than ``longest_gap`` apart.
+    """
+    there = np.isfinite(values)
+    t, y = time[there], values[there]
+    if len(t) == 0:
+        return np.full(grid.shape, np.nan)
+    result = np.interp(grid, t, y, left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(t, grid, side="left"), 1, max(len(t) - 1, 1))
+    before = after - 1
+    if len(t) > 1:
+        on_sample = (grid == t[after]) | (grid == t[before])
+        result[(t[after] - t[before] > longest_gap) & ~on_sample] = np.nan
+    return result
+
+
+def bridge(values: Array) -> Array:
+    """Return ``values`` (n,) with straight lines over what is NaN: an input has to be something everywhere."""
+    there = np.isfinite(values)
+    index = np.arange(len(values))
+    return np.interp(index, index[there], values[there])
+
+
+def reversals(x: Array, least: float) -> NDArray[np.intp]:
+    """Return the indices of the turning points of ``x`` (n,) between which it moves by at least ``least``."""
+    turns: list[int] = []
+    highest = lowest = 0
+    rising: bool | None = None
+    for i, value in enumerate(x):
+        if value > x[highest]:
+            highest = i
+        if value < x[lowest]:
+            lowest = i
+        if rising is not False and x[highest] - value >= least:
+            if rising:
+                turns.append(highest)
+            rising, lowest = False, i
+        elif rising is not True and value - x[lowest] >= least:
+            if rising is False:
+                turns.append(lowest)
+            rising, highest = True, i
+    return np.array(turns, dtype=np.intp)
+
+
+def pieces_by_reversals(x: Array, least: float, strokes: int) -> list[tuple[int, int]]:
+    """Return (start, stop) of runs of ``strokes`` whole strokes of ``x``; what is no whole stroke belongs to none."""
+    turns = reversals(x, least)
+    return [(int(turns[i]), int(turns[i + strokes])) for i in range(0, len(turns) - strokes, strokes)]
+
+
+def pieces_by_length(samples: int, length: int) -> list[tuple[int, int]]:
+    """Return (start, stop) of runs of ``length`` samples; a rest shorter than half of that belongs to none."""
+    starts = range(0, samples, length)
+    return [
+        (start, min(start + length, samples))
+        for start in starts
+        if min(length, samples - start) * 2 >= length
+    ]

@@ -1,0 +1,160 @@
+"""The map file: which column of a foreign file is what, in which unit, and which of its runs is for what."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from bench_sim.parameters import ParameterError, load
+from diagnosis.contracts import Channel, DiagnosisError, Role
+from diagnosis.systems.chamber import CHAMBER
+from diagnosis.systems.piston import PISTON
+from diagnosis.systems.signals import System, conversion, difference, quantity
+from diagnosis.systems.tables import ColumnName, FileFormat, Source
+
+
+class TimeColumn(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``[time]``: where the clock is, the grid that is wanted, and the part of each file that counts."""
+
+    column: ColumnName = "time"
+    unit: str = "s"
+    step: str | None = None
+    longest_gap: str | None = None
+    start: str | None = None
+    end: str | None = None
+
+
+class Column(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``[columns.x]``: SI = sign · factor of the unit · value + offset."""
+
+    unit: str
+    reading: Literal["gauge", "absolute"] | None = None
+    sign: Literal[1, -1] = 1
+    offset: str | None = None
+    noise: str | None = None
+    resolution: str | None = None
+
+
+class RoleRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[[runs.role]]``: the first rule that matches file and run decides."""
+
+    role: Role
+    files: str = "*"
+    runs: list[int] | None = None
+
+
+class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[runs]``: how a file is cut into runs, what of each is not scored, and what each is for."""
+
+    cut: Literal["file", "strokes", "time"] = "file"
+    signal: str | None = None
+    reversal: str | None = None
+    strokes: int = 2
+    length: str | None = None
+    skip: int = 0
+    lead: str = "0 s"
+    role: list[RoleRule] = []
+
+
+class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A whole map file."""
+
+    system: str
+    parameters: str = "astb"  #: set of the air springs: a name, or a file beside the map
+    columns: dict[str, Column]
+    time: TimeColumn = TimeColumn()
+    file: FileFormat = FileFormat()
+    settings: dict[str, str] = {}
+    runs: Runs = Runs()
+
+
+def read_map(map_path: Path) -> tuple[Map, System]:
+    """Return the map and the system that it is for."""
+    try:
+        with map_path.open("rb") as file:
+            mapping = msgspec.convert(tomllib.load(file), Map)
+    except OSError as error:
+        raise DiagnosisError(f"{map_path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeError, msgspec.ValidationError) as error:
+        raise DiagnosisError(f"{map_path}: {error}") from None
+    return mapping, _system(mapping, map_path)
+
+
+def _system(mapping: Map, where: Path) -> System:
+    known = {system.name: system for system in (PISTON, CHAMBER)}
+    if mapping.system == "air_spring":
+        # For a piston, the whole bench would be much to load.
+        from diagnosis.systems.air_spring_files import air_spring_system
+
+        name = mapping.parameters
+        try:
+            return air_spring_system(load(where.parent / name if name.endswith(".toml") else name))
+        except ParameterError as error:
+            raise DiagnosisError(f"{where}: parameters: {error}") from None
+    if mapping.system not in known:
+        raise DiagnosisError(
+            f'{where}: system = "{mapping.system}" is unknown; right would be one of air_spring, {", ".join(known)}'
+        )
+    return known[mapping.system]
+
+
+def settings_of(mapping: Map, system: System, where: Path) -> dict[str, float]:
+    """Return every setting of the system in SI, as the map gives it or by its default."""
+    known = {setting.name: setting for setting in system.settings}
+    for name in mapping.settings:
+        if name not in known:
+            raise DiagnosisError(
+                f"{where}: settings.{name} is no setting of {system.name}; it has {', '.join(known)}"
+            )
+    values: dict[str, float] = {}
+    for name, setting in known.items():
+        text = mapping.settings.get(name)
+        if text is None:
+            if setting.default is None:
+                raise DiagnosisError(
+                    f"{where}: settings.{name} is missing: {setting.title}, in {setting.unit}"
+                )
+            values[name] = setting.default
+            continue
+        values[name] = quantity(text, setting.unit, f"{where}: settings.{name}")
+        if not setting.low <= values[name] <= setting.high:
+            raise DiagnosisError(
+                f"{where}: settings.{name} = {text} is outside of {setting.low:g} to {setting.high:g} {setting.unit}"
+            )
+    return values
+
+
+def channels_of(mapping: Map, system: System, where: Path) -> tuple[Channel, ...]:
+    """Return the outputs that the map gives; DiagnosisError if its columns do not suit the system."""
+    signals = system.signals
+    for name, column in mapping.columns.items():
+        signal = signals.get(name)
+        if signal is None:
+            raise DiagnosisError(
+                f"{where}: columns.{name} is no signal of {system.name}; it has {', '.join(signals)}"
+            )
+        conversion(column.unit, signal.unit, f"{where}: columns.{name}.unit")
+        if (signal.unit == "Pa") != (column.reading is not None):
+            right = '"gauge" or "absolute"' if signal.unit == "Pa" else "none: it is no pressure"
+            raise DiagnosisError(
+                f"{where}: columns.{name}.reading = {column.reading}; right would be {right}"
+            )
+    for name, signal in signals.items():
+        if signal.required and name not in mapping.columns:
+            raise DiagnosisError(
+                f"{where}: columns.{name} is missing: {system.name} needs the {signal.title}"
+            )
+    channels = []
+    for signal in system.outputs:
+        if signal.name in mapping.columns:
+            column = mapping.columns[signal.name]
+            key = f"{where}: columns.{signal.name}"
+            noise, resolution = (
+                0.0 if text is None else difference(text, signal.unit, f"{key}.{name}")
+                for name, text in (("noise", column.noise), ("resolution", column.resolution))
+            )
+            channels.append(signal.channel(noise, resolution))
+    return tuple(channels)

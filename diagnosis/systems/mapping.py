@@ -1,0 +1,191 @@
+"""A user's own files as a dataset to be diagnosed, cut, resampled and in SI, as a map file says."""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import (
+    Array,
+    Channel,
+    Dataset,
+    DiagnosisError,
+    Experiment,
+    MeasuredRun,
+    Role,
+    Simulator,
+)
+from diagnosis.systems.cutting import bridge, pieces_by_length, pieces_by_reversals, resample
+from diagnosis.systems.map_file import Column, Map, RoleRule, channels_of, read_map, settings_of
+from diagnosis.systems.signals import Signal, System, conversion, difference, quantity
+from diagnosis.systems.tables import read_columns
+
+#: What a gauge pressure is relative to if the system has no setting for it.
+_STANDARD_ATMOSPHERE: Final = 101_325.0
+
+
+def read_mapped(paths: Sequence[Path], map_path: Path) -> tuple[Simulator, Dataset]:
+    """Return the simulator that the map names and the runs in ``paths``, in SI on an equidistant grid.
+
+    Outputs that the map does not give are no channels of either. In a gap outputs are NaN and inputs are straight
+    lines. DiagnosisError names file, key, value with its unit, and what would be right.
+    """
+    mapping, system = read_map(map_path)
+    if not paths:
+        raise DiagnosisError(f"{map_path}: no data files were given")
+    settings = settings_of(mapping, system, map_path)
+    channels = channels_of(mapping, system, map_path)
+    simulator = system.simulator(settings, channels)
+    channels = tuple(
+        replace(own, noise=given.noise or own.noise, resolution=given.resolution or own.resolution)
+        for own, given in zip(simulator.channels, channels, strict=True)
+    )
+    digest = hashlib.sha256(map_path.read_bytes())
+    runs: list[MeasuredRun] = []
+    for path in paths:
+        runs += _read_file(path, mapping, system, settings, channels, map_path)
+        digest.update(path.read_bytes())
+    return simulator, Dataset(channels, tuple(runs), digest.hexdigest(), tuple(str(path) for path in paths))
+
+
+def _read_file(
+    path: Path,
+    mapping: Map,
+    system: System,
+    settings: Mapping[str, float],
+    channels: tuple[Channel, ...],
+    where: Path,
+) -> list[MeasuredRun]:
+    signals = system.signals
+    ambient = settings.get("ambient_pressure", _STANDARD_ATMOSPHERE)
+    columns = read_columns(path, mapping.file, {"time": mapping.time} | dict(mapping.columns))
+    time, grid, longest_gap = _clock(path, columns, mapping, where)
+    values = {
+        name: resample(time, _in_si(columns[name], column, signals[name], ambient, f"{where}: columns.{name}"),
+                       grid, longest_gap)
+        for name, column in mapping.columns.items()
+    }  # fmt: skip
+    for signal in system.inputs:
+        if signal.name in values and not np.isfinite(values[signal.name]).any():
+            raise DiagnosisError(f"{path}: column {signal.name} has no numbers in the part that counts")
+    driven = {signal.name: bridge(values[signal.name]) for signal in system.inputs if signal.name in values}
+    step = float(grid[1] - grid[0])
+    from_start = grid - grid[0]
+    measured = driven | {channel.name: values[channel.name] for channel in channels}
+    inputs = system.prepare(step, from_start, measured)
+    rest = system.rest(step, from_start, measured)
+    outputs = np.column_stack([values[channel.name] for channel in channels])
+    lead = round(difference(mapping.runs.lead, "s", f"{where}: runs.lead") / step)
+    runs = []
+    for number, (start, stop) in enumerate(_pieces(mapping, system, driven, len(grid), step, where), 1):
+        if number <= mapping.runs.skip:
+            continue
+        first = max(start - lead, 0)
+        part = slice(first, stop)
+        scored = np.arange(first, stop) >= start
+        experiment = Experiment(
+            name=path.stem if mapping.runs.cut == "file" else f"{path.stem} {number}",
+            time=grid[first:stop] - grid[first],
+            inputs={name: array[part] for name, array in inputs.items()},
+            settings=dict(settings)
+            | dict(system.begin({name: array[part] for name, array in measured.items()})),
+            minutes=(stop - first) * step / 60.0,
+        )
+        role = _role(path, number, mapping.runs.role, where)
+        runs.append(MeasuredRun(experiment, outputs[part], scored, rest[part] & scored, role))
+    if not runs:
+        raise DiagnosisError(
+            f"{path}: no run is left of {from_start[-1]:.3g} s; look at runs.cut, runs.reversal, runs.length and "
+            f"runs.skip = {mapping.runs.skip} in {where}"
+        )
+    return runs
+
+
+def _in_si(values: Array, column: Column, signal: Signal, ambient: float, where: str) -> Array:
+    factor, zero = conversion(column.unit, signal.unit, f"{where}.unit")
+    offset = 0.0 if column.offset is None else difference(column.offset, signal.unit, f"{where}.offset")
+    si = column.sign * (factor * values + zero) + offset
+    if column.reading is None or (column.reading == "gauge") == signal.gauge:
+        return si
+    return si - ambient if signal.gauge else si + ambient
+
+
+def _clock(path: Path, columns: Mapping[str, Array], mapping: Map, where: Path) -> tuple[Array, Array, float]:
+    """Return the times of the samples, the grid on which all columns are there, and the longest gap, in s."""
+    factor = conversion(mapping.time.unit, "s", f"{where}: time.unit")[0]
+    time = columns["time"] * factor
+    wrong = np.flatnonzero(~(np.diff(time) > 0.0))
+    if len(time) < 3:
+        raise DiagnosisError(f"{path}: {len(time)} rows are too few")
+    if len(wrong):
+        row = int(wrong[0]) + 2
+        raise DiagnosisError(
+            f"{path}: time.column = {mapping.time.column!r}: row {row} lies at {time[row - 1]:.9g} s, the row before "
+            f"at {time[row - 2]:.9g} s; times must increase (file.decimal, time.thousands and time.unit may be wrong)"
+        )
+    usual = float(np.median(np.diff(time)))
+    step = usual if mapping.time.step is None else quantity(mapping.time.step, "s", f"{where}: time.step")
+    gap = (
+        3.0 * usual
+        if mapping.time.longest_gap is None
+        else quantity(mapping.time.longest_gap, "s", f"{where}: time.longest_gap")
+    )
+    first, last = _common(time, columns)
+    if mapping.time.start is not None:
+        first = max(first, time[0] + quantity(mapping.time.start, "s", f"{where}: time.start"))
+    if mapping.time.end is not None:
+        last = min(last, time[0] + quantity(mapping.time.end, "s", f"{where}: time.end"))
+    if not step > 0.0 or last - first < 10.0 * step:
+        raise DiagnosisError(
+            f"{path}: from {first:.6g} to {last:.6g} s there are fewer than ten steps of {step:.6g} s; look at "
+            f"time.step, time.start and time.end in {where}"
+        )
+    grid: Array = first + step * np.arange(int((last - first) / step + 1e-9) + 1, dtype=np.float64)
+    return time, grid, gap
+
+
+def _common(time: Array, columns: Mapping[str, Array]) -> tuple[float, float]:
+    """Return when the last column has begun and when the first one ends."""
+    there = [time[np.isfinite(values)] for name, values in columns.items() if name != "time"]
+    there = [times for times in there if len(times)]
+    if not there:
+        return float(time[0]), float(time[0])
+    return float(max(times[0] for times in there)), float(min(times[-1] for times in there))
+
+
+def _pieces(
+    mapping: Map, system: System, driven: Mapping[str, Array], samples: int, step: float, where: Path
+) -> list[tuple[int, int]]:
+    runs = mapping.runs
+    if runs.cut == "file":
+        return [(0, samples)]
+    if runs.cut == "time":
+        if runs.length is None:
+            raise DiagnosisError(f'{where}: runs.cut = "time" needs runs.length, such as "10 s"')
+        return pieces_by_length(
+            samples, max(round(quantity(runs.length, "s", f"{where}: runs.length") / step), 2)
+        )
+    if runs.signal is None or runs.signal not in driven or runs.reversal is None or runs.strokes < 1:
+        raise DiagnosisError(
+            f'{where}: runs.cut = "strokes" needs runs.signal (one of {", ".join(driven)}), runs.reversal (the motion '
+            f'that makes a reversal, such as "2 mm") and runs.strokes >= 1'
+        )
+    least = difference(runs.reversal, system.signals[runs.signal].unit, f"{where}: runs.reversal")
+    return pieces_by_reversals(driven[runs.signal], least, runs.strokes)
+
+
+def _role(path: Path, number: int, rules: Sequence[RoleRule], where: Path) -> Role:
+    if not rules:
+        return "fit"
+    for rule in rules:
+        if fnmatch.fnmatch(path.name, rule.files) and (rule.runs is None or number in rule.runs):
+            return rule.role
+    raise DiagnosisError(
+        f"{where}: no [[runs.role]] matches run {number} of {path.name}; end with a rule for all"
+    )

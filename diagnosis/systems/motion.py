@@ -1,0 +1,144 @@
+"""The motion of the bench as its displacement sensors tell it, without their noise and their lag.
+
+A replay follows every sample that it is given, and friction takes each reversal for one. So the samples are smoothed
+by Whittaker's method: the motion x minimises
+
+    Σ (y_n − x_n)²/σ² + Σ (Δ³x_n)²/q_n
+
+over all samples y_n that there are, and bridges the others. σ is the noise of the sensor; q_n, the size of the third
+difference around sample n, is that of the motion itself: small at rest, large where it turns.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_protocol.table import TABLE
+from bench_sim.model.layout import LATERAL, Sensor
+from bench_sim.parameters import Parameters
+from diagnosis.contracts import Array, DiagnosisError
+
+#: Half of the window over which neighbouring third differences are taken to have one size, in samples.
+_REACH: Final = 8
+#: Rounds in which the motion and its q come to agree.
+_ROUNDS: Final = 8
+#: q/σ² to begin with (25 Hz of 200 Hz), and its bounds (1 Hz and all there is).
+_FIRST, _SMALLEST, _LARGEST = 0.25, 1e-9, 20.0
+#: Coefficients of the third difference.
+_THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
+_LEAST: Final = 8
+
+#: The sensors that say where bolster and platform are.
+SENSORS: Final[Mapping[str, Sensor]] = {
+    "left.height": Sensor.LEFT_HEIGHT,
+    "right.height": Sensor.RIGHT_HEIGHT,
+    "lateral.displacement": Sensor.LATERAL_DISPLACEMENT,
+    "platform.vertical": Sensor.PLATFORM_VERTICAL,
+    "platform.lateral": Sensor.PLATFORM_LATERAL,
+    "platform.roll": Sensor.PLATFORM_ROLL,
+}
+#: What else is known of the motion where the bench has it.
+BESIDE: Final = ("lateral.force", "lateral.acceleration")
+
+
+def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parameters) -> dict[str, Array]:
+    """Return the inputs of `AirSpring` that tell the motion, each (n,), from readings (n,) every ``step`` s.
+
+    ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample.
+    Without ``lateral.force`` the give of the lateral actuator's frame stays in the shear. With the transducer
+    d = y_B − h_a φ_B + F/k of that actuator and φ_B = (ζ_L − ζ_R)/2b + φ_P the springs are sheared by
+
+        y = d − F/k + (h_a + e) φ_B − y_P + h φ_P
+    """
+    par = parameters.record
+    seen = {
+        name: without_lag(
+            smooth(measured[name], sensor_noise(name, par)), float(par.sensor_lag[sensor]), step
+        )
+        for name, sensor in SENSORS.items()
+        if name in measured
+    }
+    inputs = {name: values for name, values in seen.items() if name != "lateral.displacement"}
+    if "lateral.acceleration" in measured:
+        inputs["lateral.acceleration"] = _bridged(measured["lateral.acceleration"])
+    if "lateral.displacement" in seen:
+        zero = np.zeros(len(seen["left.height"]))
+        force = measured.get("lateral.force", zero)
+        platform = seen.get("platform.roll", zero)
+        roll = 0.5 * (seen["left.height"] - seen["right.height"]) / par.spring_half_spacing + platform
+        inputs["shear"] = (
+            seen["lateral.displacement"]
+            - _bridged(force) / par.frame_stiffness[LATERAL]
+            + (par.lateral_actuator_height + par.centre_height) * roll
+            - seen.get("platform.lateral", zero)
+            + par.column_height * platform
+        )
+    return inputs
+
+
+def sensor_noise(name: str, par: Any) -> float:
+    """Return the standard deviation of one sample of `SENSORS`: its noise, and the rounding of sensor and wire."""
+    sensor = SENSORS[name]
+    steps = float(par.sensor_resolution[sensor]), TABLE[name].step
+    return float(np.sqrt(par.sensor_noise[sensor] ** 2 + sum(step**2 for step in steps) / 12.0))
+
+
+def _bridged(values: Array) -> Array:
+    index = np.arange(len(values))
+    known = np.isfinite(values)
+    return np.interp(index, index[known], values[known])
+
+
+def smooth(values: Array, noise: float) -> Array:
+    """Return ``values`` (n,) without their ``noise`` (its standard deviation); NaN are bridged.
+
+    What never leaves its mean by more than noise explains stands still. Raises DiagnosisError where fewer than eight
+    samples were measured.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    known = np.isfinite(values)
+    if known.sum() < _LEAST:
+        raise DiagnosisError(f"{known.sum()} samples of a motion were measured; at least {_LEAST} are needed")
+    ratio = np.full(len(values) - 3, _FIRST)
+    for _ in range(_ROUNDS):
+        square = (np.diff(_whittaker(values, known, ratio), 3) / noise) ** 2
+        ratio = np.clip(uniform_filter1d(square, 2 * _REACH + 1, mode="nearest"), _SMALLEST, _LARGEST)
+    motion = _whittaker(values, known, ratio)
+    if np.ptp(motion) < noise:
+        return np.full(len(values), np.mean(values[known]))
+    return motion
+
+
+def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
+    """Return where a smooth ``motion`` (n,) turns within a few samples, so that nobody knows its acceleration.
+
+    There its third difference is more than twice the ``noise`` of the sensor.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    third = np.pad(np.abs(np.diff(motion, 3)), (1, 2), mode="edge")
+    return np.asarray(maximum_filter1d(third, 2 * _REACH + 1, mode="nearest") > 2.0 * noise)
+
+
+def without_lag(values: Array, lag: float, step: float) -> Array:
+    """Return what a sensor with a first-order ``lag`` (s) saw, x = y + τ dy/dt, from its smooth signal (n,)."""
+    from scipy.interpolate import CubicSpline
+
+    time = step * np.arange(len(values))
+    return values + lag * CubicSpline(time, values)(time, 1)
+
+
+def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
+    """Solve (W + Δ³ᵀ diag(σ²/q) Δ³) x = W y, a band of seven diagonals; ``ratio`` (n−3,) is q/σ²."""
+    from scipy.linalg import solveh_banded
+
+    band = np.zeros((4, len(values)))
+    band[0] = known
+    for i, first in enumerate(_THIRD):
+        for j, second in enumerate(_THIRD[: i + 1]):
+            band[i - j, j : j + len(ratio)] += first * second / ratio
+    solution: Array = solveh_banded(band, np.where(known, values, 0.0), lower=True)
+    return solution

@@ -1,0 +1,251 @@
+"""What a pneumatic actuator can have beside F = p·A: friction of its seal, an uneven bore, lags, its drive.
+
+x is the displacement that compresses the gas, v its speed, p the gauge pressure, F the force that holds the piston.
+α, between −1 and 1, is the normalised friction state of Berg: it has the sign of the motion, and after a reversal it
+turns over a presliding displacement x_2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import pi
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from diagnosis.contracts import Array, Effect, Parameter
+from diagnosis.systems.friction import friction_state
+
+#: Gauge pressure at which the friction of a seal is told: the middle of what an actuator sees.
+REFERENCE_PRESSURE: Final = 4e5
+#: Presliding of friction that is said to have none: far below what a sampled motion can show.
+SHARP: Final = 1e-6
+
+_BERG: Final = "M. Berg, Vehicle System Dynamics 33 (S1), 1999"
+_STRIBECK: Final = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (7), 1994"
+_SEALS: Final = "G. Belforte, N. D'Alfio, T. Raparelli, J. Fluid Control 20, 1989: affine in the pressure"
+
+
+def _force(name: str, low: float, spread: float = 10.0, step: float = 1e-3) -> Parameter:
+    return Parameter(name, "N", 0.0, spread, low=low, step=step * spread, display="N")
+
+
+def _presliding() -> Parameter:
+    # Of a logarithm: one standard deviation is a factor of three.
+    return Parameter(
+        "presliding", "m", 0.3e-3, 1.1, 10e-6, 10e-3, step=0.02, logarithmic=True, display="mm", scale=1e-3
+    )
+
+
+def _share() -> Parameter:
+    return Parameter("pressure_share", "1", 0.7, 0.4, low=0.0, high=1.3, step=0.01, display="%", scale=0.01)
+
+
+def _lag() -> Parameter:
+    return Parameter("lag", "s", 0.0, 0.05, low=0.0, high=0.5, step=2e-4, display="ms", scale=1e-3)
+
+
+_EFFECTS: Final = (
+    Effect(
+        name="coulomb",
+        family="friction",
+        title="Coulomb friction",
+        amplitude=_force("force", 0.0),
+        touches=frozenset({"force"}),
+        confusers=("viscous",),
+        richer=("seal_friction", "seal_presliding"),
+        equation="F = p·A + F_c·sign(v)",
+        source="C. A. de Coulomb, 1785",
+    ),
+    Effect(
+        name="seal_friction",
+        family="friction",
+        title="Seal friction, growing with the pressure",
+        amplitude=_force("force_at_4_bar", 0.0),
+        shapes=(_share(),),
+        grid=((0.4,), (0.7,), (1.0,)),
+        touches=frozenset({"force"}),
+        confusers=("viscous",),
+        richer=("seal_presliding",),
+        equation="F = p·A + F_4·(1 − w + w·p/4 bar)·sign(v)",
+        source=_SEALS,
+    ),
+    Effect(
+        name="seal_presliding",
+        family="friction",
+        title="Seal friction, growing with the pressure, that builds up over a presliding displacement",
+        amplitude=_force("force_at_4_bar", 0.0),
+        shapes=(_share(), _presliding()),
+        grid=tuple((w, x_2) for w in (0.4, 0.7, 1.0) for x_2 in (0.05e-3, 0.15e-3, 0.5e-3)),
+        touches=frozenset({"force"}),
+        confusers=("force_lag",),
+        equation="F = p·A + F_4·(1 − w + w·p/4 bar)·α(x; x_2)",
+        source=f"{_SEALS}; presliding: {_BERG}",
+    ),
+    Effect(
+        name="stribeck",
+        family="friction",
+        title="Friction that falls with the speed (Stribeck)",
+        amplitude=_force("force", 0.0),
+        shapes=(
+            Parameter(
+                "speed",
+                "m/s",
+                5e-3,
+                0.7,
+                0.5e-3,
+                0.1,
+                step=0.02,
+                logarithmic=True,
+                display="mm/s",
+                scale=1e-3,
+            ),
+        ),
+        grid=((2e-3,), (5e-3,), (10e-3,)),
+        touches=frozenset({"force"}),
+        confusers=("coulomb", "viscous"),
+        equation="F = p·A + F_s·exp(−(v/v_s)²)·sign(v)",
+        source=_STRIBECK,
+    ),
+    Effect(
+        name="friction_gradient",
+        family="friction",
+        title="Friction that grows along the stroke",
+        amplitude=Parameter("force_per_length", "N/m", 0.0, 100.0, step=0.1, display="N/mm", scale=1e3),
+        touches=frozenset({"force"}),
+        confusers=("spring",),
+        equation="F = p·A + G·(x − x_m)·sign(v), x_m the middle of the stroke",
+        source="a bore that is not cylindrical, a guide that is not straight",
+    ),
+    Effect(
+        name="viscous",
+        family="lubrication",
+        title="Viscous friction",
+        amplitude=Parameter("damping", "N*s/m", 0.0, 500.0, low=0.0, step=0.5, display="N*s/m"),
+        touches=frozenset({"force"}),
+        confusers=("coulomb",),
+        equation="F = p·A + d·v",
+        source=_STRIBECK,
+    ),
+    Effect(
+        name="spring",
+        family="geometry",
+        title="A spring beside the piston, such as a hose or a cable",
+        amplitude=Parameter("stiffness", "N/m", 0.0, 100.0, step=0.1, display="N/mm", scale=1e3),
+        touches=frozenset({"force"}),
+        confusers=("area_gradient",),
+        equation="F = p·A + k·(x − x_m)",
+        source="Hooke",
+    ),
+    Effect(
+        name="area_gradient",
+        family="geometry",
+        title="An effective area that changes along the stroke",
+        amplitude=Parameter("relative_per_length", "1/m", 0.0, 1.0, step=1e-3, display="%/mm", scale=10.0),
+        touches=frozenset({"force"}),
+        confusers=("spring",),
+        equation="F = p·A·(1 + g·(x − x_m))",
+        source="a conical bore",
+    ),
+    Effect(
+        name="drive_ripple",
+        family="drive",
+        title="Force that repeats with each turn of the drive's spindle",
+        amplitude=_force("force", -20.0, spread=1.0, step=1e-3),
+        shapes=(
+            Parameter(
+                "pitch", "m", 3e-3, 0.3, 1e-3, 10e-3, step=5e-4, logarithmic=True, display="mm", scale=1e-3
+            ),
+            Parameter(
+                "phase",
+                "rad",
+                0.0,
+                1.8,
+                low=-3.2,
+                high=3.2,
+                step=0.01,
+                display="deg",
+                scale=0.017453292519943295,
+            ),
+        ),
+        # Half a turn is the other sign. Along a stroke of 40 mm, pitches 3 % apart are a different ripple.
+        grid=tuple(
+            (pitch * 1e-3, phase) for pitch in (2.0, 2.5, 2.9, 3.0, 3.1, 4.0, 5.0) for phase in (0.0, 1.5708)
+        ),
+        touches=frozenset({"force"}),
+        equation="F = p·A + R·sin(2π·x/λ + φ)",
+        source="a spindle out of line presses on the guide once in a turn",
+    ),
+    Effect(
+        name="force_lag",
+        family="sensor",
+        title="A lag of the force signal",
+        amplitude=_lag(),
+        touches=frozenset({"sensor"}),
+        confusers=("seal_presliding",),
+        equation="τ·Ḟ_m + F_m = F, exact for a straight line between samples",
+        source="first-order filter of the amplifier",
+    ),
+    Effect(
+        name="pressure_lag",
+        family="sensor",
+        title="A lag of the pressure signal",
+        amplitude=_lag(),
+        touches=frozenset({"sensor"}),
+        equation="p = p_m + τ·ṗ_m",
+        source="first-order filter of the amplifier",
+    ),
+    Effect(
+        name="force_drift",
+        family="sensor",
+        title="A drift of the force signal",
+        amplitude=Parameter("rate", "N/s", 0.0, 0.02, step=2e-5, display="N/s"),
+        touches=frozenset({"sensor"}),
+        equation="F_m = F + r·t, t since the start of the file",
+        source="warming of the amplifier",
+    ),
+)
+
+#: Effects of the actuator by name.
+PISTON_EFFECTS: Final[Mapping[str, Effect]] = MappingProxyType({effect.name: effect for effect in _EFFECTS})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stroke:
+    """What the force terms act on; arrays (n,) in SI, ``area`` in m²."""
+
+    x: Array
+    v: Array
+    p: Array
+    clock: Array
+    from_middle: Array
+    area: float
+
+    def direction(self) -> Array:
+        """The sign of the motion, kept while it rests."""
+        return friction_state(self.x, SHARP)
+
+    def seal(self, values: Mapping[str, float]) -> Array:
+        """The friction of a seal under pressure, in N."""
+        return values["force_at_4_bar"] * (
+            1.0 + values["pressure_share"] * (self.p / REFERENCE_PRESSURE - 1.0)
+        )
+
+
+#: The force that each effect adds, in N (n,). The lags are no forces: the simulator applies them to the signals.
+FORCES: Final[Mapping[str, Callable[[Stroke, Mapping[str, float]], Array]]] = MappingProxyType(
+    {
+        "coulomb": lambda s, k: k["force"] * s.direction(),
+        "seal_friction": lambda s, k: s.seal(k) * s.direction(),
+        "seal_presliding": lambda s, k: s.seal(k) * friction_state(s.x, k["presliding"]),
+        "stribeck": lambda s, k: k["force"] * np.exp(-((s.v / k["speed"]) ** 2)) * s.direction(),
+        "friction_gradient": lambda s, k: k["force_per_length"] * s.from_middle * s.direction(),
+        "viscous": lambda s, k: k["damping"] * s.v,
+        "spring": lambda s, k: k["stiffness"] * s.from_middle,
+        "area_gradient": lambda s, k: k["relative_per_length"] * s.from_middle * s.area * s.p,
+        "drive_ripple": lambda s, k: k["force"] * np.sin(2.0 * pi * s.x / k["pitch"] + k["phase"]),
+        "force_drift": lambda s, k: k["rate"] * s.clock,
+    }
+)

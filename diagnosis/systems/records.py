@@ -1,0 +1,242 @@
+"""Records of the bench as measured runs: every phase named ``replay …`` of a plan is one.
+
+What a run's phases say: ``condition …``, up to which nothing is scored, for it is there to wipe out what rubber
+remembers of earlier motions; ``rest``, in which nothing moves. Which valves were open follows from the settings that
+the record keeps as events.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_protocol.table import AIR_MODES, FAST_RATE, TICK
+from bench_records.layout import Phase
+from bench_records.record import Record, read
+from bench_sim.parameters import Parameters
+from diagnosis.contracts import Array, Dataset, DiagnosisError, Experiment, MeasuredRun
+from diagnosis.systems.air_spring import OUTPUTS, AirSpring
+from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise
+
+REPLAY: Final = "replay "
+CONDITION: Final = "condition"
+REST: Final = "rest"
+#: Sampling interval of what travels on CAN at its full rate.
+STEP: Final = 1.0 / FAST_RATE
+#: The state at the beginning of a run is read from so much of its first rest (s).
+_FIRST: Final = 1.0
+_SIDES: Final = ("left", "right")
+#: A pipe is fitted with this length: the bench has one pair.
+_PIPE: Final = 1.5
+
+
+def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
+    """Return every run in records of the bench, in SI on the grid of their samples; all of role ``fit``.
+
+    Raises DiagnosisError where a record holds nothing to be replayed, RecordError where it is none.
+    """
+    digest = hashlib.sha256()
+    runs: list[tuple[Path, MeasuredRun]] = []
+    for directory in directories:
+        record = read(directory)
+        digest.update(record.path.read_bytes())
+        found = [_run(record, phase, simulator) for phase in _phases(record)]
+        if not found:
+            raise DiagnosisError(
+                f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
+                "plan `screening` makes such a record"
+            )
+        runs += [(Path(directory), run) for run in found]
+    return Dataset(
+        simulator.channels,
+        tuple(_named_apart(runs)),
+        digest.hexdigest(),
+        tuple(str(directory) for directory in directories),
+    )
+
+
+def _phases(record: Record) -> Iterable[Phase]:
+    return (phase for phase in record.phases if phase.name.startswith(REPLAY))
+
+
+def _named_apart(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:
+    """Runs of one name, from several records of one plan, bear the path of their record too."""
+    from dataclasses import replace
+
+    count = Counter(run.experiment.name for _, run in runs)
+    for directory, run in runs:
+        name = run.experiment.name
+        if count[name] > 1:
+            experiment = replace(run.experiment, name=f"{name} ({directory})")
+            yield replace(run, experiment=experiment)
+        else:
+            yield run
+
+
+def _run(record: Record, phase: Phase, simulator: AirSpring) -> MeasuredRun:
+    grid = _grid(record, phase)
+    measured = {name: _sampled(record, name, grid) for name in (*SENSORS, *BESIDE)}
+    measured = {name: values for name, values in measured.items() if np.isfinite(values).any()}
+    for side in _SIDES:
+        if f"{side}.height" not in measured:
+            raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
+    settings = _Settings(record)
+    inputs = motion_inputs(measured, STEP, simulator.parameters) | settings.valves(grid)
+    outputs = _outputs(record, grid, inputs, simulator)
+    inputs["supply.pressure"] = _held(_sampled(record, "supply.pressure", grid), simulator.parameters)
+    inside = [p for p in record.phases if phase.start <= p.start and p.end <= phase.end and p is not phase]
+    conditioned = max((p.end for p in inside if p.name.startswith(CONDITION)), default=phase.start)
+    rest = np.zeros(len(grid), np.bool_)
+    for p in inside:
+        if p.name == REST:
+            rest |= (grid >= p.start) & (grid < p.end)
+    experiment = Experiment(
+        phase.name.removeprefix(REPLAY),
+        grid - grid[0],
+        inputs,
+        {
+            "start": _switched_on(record, grid[0]),
+            **settings.constants(grid[0]),
+            **_beginning(record, grid, rest, simulator.parameters),
+        },
+        phase.duration / 60.0,
+    )
+    return MeasuredRun(experiment, outputs, (grid >= conditioned) & settings.predictable(grid), rest)
+
+
+def _outputs(record: Record, grid: Array, inputs: Mapping[str, Array], simulator: AirSpring) -> Array:
+    """The channels (n, c). Where an acceleration is not known, nobody knows what an actuator had to do for it."""
+    par = simulator.parameters.record
+    outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
+    unknown = {
+        name: abrupt(inputs[motion], sensor_noise(sensor, par))
+        for name, motion, sensor in (
+            ("vertical_left.force", "left.height", "left.height"),
+            ("vertical_right.force", "right.height", "right.height"),
+            ("lateral.force", "shear", "lateral.displacement"),
+        )
+        if motion in inputs
+    }
+    for k, channel in enumerate(simulator.channels):
+        if channel.name in unknown:
+            outputs[unknown[channel.name], k] = np.nan
+    return outputs
+
+
+def _grid(record: Record, phase: Phase) -> Array:
+    """Times (n,) of the samples of a phase, equidistant: jitter of the stamps is taken out of them."""
+    times, _ = record.series("left.height")
+    times = times[(times >= phase.start) & (times <= phase.end)]
+    if len(times) < 2:
+        raise DiagnosisError(f"{record.path}: no samples in {phase.name!r}")
+    # The mean direction on the circle of one interval does not mind where the circle is cut.
+    turn = np.angle(np.mean(np.exp(2j * np.pi * times / STEP))) / (2.0 * np.pi) * STEP
+    first, last = (round((time - turn) / STEP) for time in (times[0], times[-1]))
+    return turn + STEP * np.arange(first, last + 1)
+
+
+def _switched_on(record: Record, time: float) -> float:
+    """How long the bench has been on at a ``time`` of the record (s), by its own count of ticks."""
+    times, ticks = record.series("rig.tick") if "rig.tick" in record.signals else (np.empty(0), np.empty(0))
+    return time + (float(np.median(ticks * TICK - times)) if len(times) else 0.0)
+
+
+def _sampled(record: Record, name: str, grid: Array) -> Array:
+    """The samples of a signal at their places on the grid, NaN where there is none."""
+    result = np.full(len(grid), np.nan)
+    if name in record.signals:
+        times, values = record.series(name)
+        place = np.rint((times - grid[0]) / STEP).astype(np.int64)
+        inside = (place >= 0) & (place < len(grid))
+        result[place[inside]] = values[inside]
+    return result
+
+
+def _held(values: Array, parameters: Parameters) -> Array:
+    """A slow signal between its samples; before the first one, the first one."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(len(values), float(parameters.record.supply_pressure))
+    index = np.arange(len(values))
+    return np.interp(index, index[known], values[known])
+
+
+def _beginning(
+    record: Record, grid: Array, rest: NDArray[np.bool_], parameters: Parameters
+) -> dict[str, float]:
+    """Pressures and temperatures of the gas at the first sample, from what sensors read in the first rest.
+
+    Gas may still cool: the line through the readings is followed back, and ahead by the lag of the sensor.
+    """
+    still = int(np.argmin(rest)) if rest[0] and not rest.all() else len(grid)
+    first = slice(0, max(min(still, round(_FIRST / STEP)), 2))
+    found = {}
+    for name, sensor in OUTPUTS.items():
+        if not name.endswith(("_pressure", "_temperature")):
+            continue
+        values = _sampled(record, name, grid)[first]
+        known = np.isfinite(values)
+        if known.sum() >= 2:
+            line = np.polynomial.Polynomial.fit(STEP * np.flatnonzero(known), values[known], 1)
+            found[name] = float(line(float(parameters.record.sensor_lag[sensor])))
+        elif known.any():
+            found[name] = float(values[known][0])
+    return found
+
+
+class _Settings:
+    """The settings in force over a record."""
+
+    def __init__(self, record: Record) -> None:
+        self._changes: dict[str, list[tuple[float, Any]]] = {}
+        for event in record.events:
+            if event.kind == "setting":
+                for name, value in event.data.items():
+                    self._changes.setdefault(name, []).append((record.time_of(event), value))
+
+    def _over(self, name: str, grid: Array, default: Any) -> list[Any]:
+        """What a setting was at each time of the grid."""
+        changes = self._changes.get(name, [])
+        times = np.array([time for time, _ in changes])
+        values = [default, *(value for _, value in changes)]
+        return [values[k] for k in np.searchsorted(times, grid, side="right")]
+
+    def valves(self, grid: Array) -> dict[str, Array]:
+        """Return the inputs of `AirSpring` that tell which valves were open."""
+
+        def open_where(name: str, word: str, default: str) -> Array:
+            return np.array([float(value == word) for value in self._over(name, grid, default)])
+
+        return {
+            **{f"{side}.leveling": open_where(f"air.{side}_mode", "level", "hold") for side in _SIDES},
+            **{f"{side}.reservoir": open_where(f"air.{side}_reservoir", "on", "on") for side in _SIDES},
+            "dpv": open_where("air.dpv", "on", "on"),
+        }
+
+    def constants(self, time: float) -> dict[str, float]:
+        """Return the settings of a run: its load and what is fitted."""
+
+        def at(name: str) -> Any:
+            return self._over(name, np.array([time]), None)[0]
+
+        found = {}
+        if (preload := at("rig.nominal_preload")) is not None:
+            found["nominal_preload"] = float(preload)
+        if (bore := at("rig.orifice_diameter")) is not None:
+            found["orifice_diameter"] = float(bore)
+        if at("rig.pipe") == "on":
+            found["pipe_length"] = _PIPE
+        return found
+
+    def predictable(self, grid: Array) -> NDArray[np.bool_]:
+        """Return where the air is known: the opening of the service valves is on no wire."""
+        unknown = np.zeros(len(grid), np.bool_)
+        for side in _SIDES:
+            unknown |= np.isin(self._over(f"air.{side}_mode", grid, "hold"), AIR_MODES[2:])
+        return ~np.maximum.accumulate(unknown)

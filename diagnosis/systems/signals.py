@@ -1,0 +1,120 @@
+"""What a system takes from a user's files: its signals and its settings, and how "25 mm" becomes 0.025 m."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.parameters.units import UNITS
+from diagnosis.contracts import Array, Channel, DiagnosisError, Simulator
+
+#: unit as people write it -> (SI unit, factor to SI, what 0 of that unit is in SI)
+_UNITS: Final[Mapping[str, tuple[str, float, float]]] = {
+    **{unit: (si, factor, 0.0) for unit, (si, factor) in UNITS.items()},
+    "us": ("s", 1e-6, 0.0),
+    "ns": ("s", 1e-9, 0.0),
+    "min": ("s", 60.0, 0.0),
+    "h": ("s", 3600.0, 0.0),
+    "um": ("m", 1e-6, 0.0),
+    "cm": ("m", 1e-2, 0.0),
+    "cm2": ("m2", 1e-4, 0.0),
+    "mm2": ("m2", 1e-6, 0.0),
+    "cm3": ("m3", 1e-6, 0.0),
+    "mN": ("N", 1e-3, 0.0),
+    "kPa": ("Pa", 1e3, 0.0),
+    "MPa": ("Pa", 1e6, 0.0),
+    "psi": ("Pa", 6894.757293168361, 0.0),
+    "degC": ("K", 1.0, 273.15),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One measured quantity that a system can use: an input that drives it, or an output that it predicts."""
+
+    name: str
+    unit: str  #: SI
+    title: str
+    required: bool = True
+    gauge: bool = False  #: of a pressure: what the system wants; a map says what the file holds
+    display: str = ""  #: unit that people read, with ``scale`` SI per unit
+    scale: float = 1.0
+
+    def channel(self, noise: float, resolution: float) -> Channel:
+        """Return the output channel of this signal; ``noise`` and ``resolution`` in SI, 0: unknown."""
+        kind = {"N": "force", "Pa": "pressure", "K": "temperature", "m": "displacement"}.get(self.unit, "")
+        return Channel(self.name, self.unit, noise, resolution, kind, self.display, self.scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One constant of a rig, such as the bore; without ``default`` (SI) the map must give it."""
+
+    name: str
+    unit: str  #: SI
+    title: str
+    low: float
+    high: float
+    default: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """What can be diagnosed from mapped files: what it needs, and how its simulator and its inputs are made."""
+
+    name: str
+    title: str
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    settings: tuple[Setting, ...]
+    #: (settings in SI, measured channels) -> the simulator of exactly these channels
+    simulator: Callable[[Mapping[str, float], tuple[Channel, ...]], Simulator]
+    #: (step in s, seconds since the start of the file (n,), inputs and outputs (n,) by name) -> inputs of the simulator
+    prepare: Callable[[float, Array, Mapping[str, Array]], Mapping[str, Array]]
+    #: the same arguments -> (n,) stretches without motion, which show the noise alone
+    rest: Callable[[float, Array, Mapping[str, Array]], NDArray[np.bool_]]
+    #: what one run measured (n,) by name -> settings that only this run has
+    begin: Callable[[Mapping[str, Array]], Mapping[str, float]] = lambda measured: {}
+
+    @property
+    def signals(self) -> Mapping[str, Signal]:
+        """Every signal by name."""
+        return {signal.name: signal for signal in (*self.inputs, *self.outputs)}
+
+
+def conversion(unit: str, si: str, where: str) -> tuple[float, float]:
+    """Return (factor, zero) with SI = factor·value + zero; DiagnosisError if ``unit`` is no unit of ``si``."""
+    found = _UNITS.get(unit)
+    if found is None or found[0] != si:
+        known = ", ".join(sorted(name for name, (base, _, _) in _UNITS.items() if base == si))
+        raise DiagnosisError(f'{where}: "{unit}" is no unit of this quantity; right would be one of {known}')
+    return found[1], found[2]
+
+
+def quantity(text: str, si: str, where: str) -> float:
+    """Return "25 mm" in SI; DiagnosisError names ``where`` it stands and what would be right."""
+    number, _, unit = text.strip().partition(" ")
+    try:
+        value = float(number)
+    except ValueError:
+        raise DiagnosisError(
+            f'{where} = "{text}" begins with no number; right would be such as "12.5 {_example(si)}"'
+        ) from None
+    factor, zero = conversion(unit.strip() or "1", si, f'{where} = "{text}"')
+    if not np.isfinite(value):
+        raise DiagnosisError(f'{where} = "{text}" is no finite number')
+    return factor * value + zero
+
+
+def difference(text: str, si: str, where: str) -> float:
+    """As `quantity`, for what is a difference or a width: 1 degC is 1 K."""
+    value = quantity(text, si, where)
+    return value - conversion(text.strip().partition(" ")[2].strip() or "1", si, where)[1]
+
+
+def _example(si: str) -> str:
+    return {"m": "mm", "Pa": "bar", "s": "ms", "m3": "litre"}.get(si, si)

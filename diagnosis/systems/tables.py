@@ -1,0 +1,151 @@
+"""Columns of numbers from a file that somebody else wrote: CSV, Parquet or MDF 4."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+import numpy as np
+
+from diagnosis.contracts import Array, DiagnosisError
+
+#: How a column is named in a map: by its name, or by its number from 1 where the file has no header.
+ColumnName = str | int
+
+_SUFFIXES: Final[Mapping[str, Literal["csv", "parquet", "mdf"]]] = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".tsv": "csv",
+    ".dat": "csv",
+    ".parquet": "parquet",
+    ".mf4": "mdf",
+    ".mdf": "mdf",
+}
+
+
+class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where a column is, and what stands between its digits in threes."""
+
+    column: ColumnName
+    thousands: str = ""
+
+
+class FileFormat(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[file]`` of a map: what the suffix does not say."""
+
+    format: Literal["csv", "parquet", "mdf"] | None = None
+    delimiter: str = ","
+    header: bool = True
+    decimal: str = "."
+    skip_rows: int = 0
+    encoding: str = "utf-8-sig"
+
+
+def read_columns(path: Path, form: FileFormat, wanted: Mapping[str, Source]) -> dict[str, Array]:
+    """Return the ``wanted`` columns (n,) by the name that the map gives them, NaN where a cell is empty.
+
+    DiagnosisError names file, key and column, and the columns that are there.
+    """
+    kind = form.format or _SUFFIXES.get(path.suffix.lower())
+    if not path.is_file():
+        raise DiagnosisError(f"{path}: no such file")
+    if kind is None:
+        raise DiagnosisError(
+            f'{path}: the suffix "{path.suffix}" says no format; give file.format = "csv", "parquet" or "mdf"'
+        )
+    if kind == "mdf":
+        return _read_mdf(path, wanted)
+    frame = _read_csv(path, form) if kind == "csv" else _read_parquet(path)
+    return {key: _numbers(frame, source, f"{path}: {key}.column", form) for key, source in wanted.items()}
+
+
+def _read_csv(path: Path, form: FileFormat) -> Any:
+    """Read a table of text: what is a decimal point in one column may part thousands in the next."""
+    import pandas as pd
+
+    try:
+        return pd.read_csv(
+            path,
+            sep=form.delimiter,
+            header=0 if form.header else None,
+            skiprows=form.skip_rows,
+            encoding=form.encoding,
+            dtype=str,
+            skipinitialspace=True,
+        )
+    except (ValueError, pd.errors.ParserError) as error:
+        raise DiagnosisError(f"{path}: not a table as [file] describes it: {error}") from None
+
+
+def _read_parquet(path: Path) -> Any:
+    import pandas as pd
+    import pyarrow as pa
+
+    try:
+        return pd.read_parquet(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DiagnosisError(f"{path}: not a Parquet file: {error}") from None
+
+
+def _numbers(frame: Any, source: Source, where: str, form: FileFormat) -> Array:
+    import pandas as pd
+
+    column = source.column
+    names = [str(name) for name in frame.columns]
+    if isinstance(column, int):
+        if not 1 <= column <= len(names):
+            raise DiagnosisError(f"{where} = {column}: the file has the columns 1 to {len(names)}")
+        series = frame.iloc[:, column - 1]
+    elif column in names:
+        series = frame.iloc[:, names.index(column)]
+    else:
+        raise DiagnosisError(f'{where} = "{column}": the file has the columns {", ".join(names)}')
+    if series.dtype.kind == "M":  # a calendar: seconds from its first row on
+        return np.asarray((series - series.iloc[0]).dt.total_seconds(), dtype=np.float64)
+    if series.dtype.kind not in "iufb":
+        text = series.astype(str).str.strip()
+        if source.thousands:
+            text = text.str.replace(source.thousands, "", regex=False)
+        if form.decimal != ".":
+            text = text.str.replace(form.decimal, ".", regex=False)
+        number = pd.to_numeric(text, errors="coerce")
+        wrong = np.flatnonzero(number.isna() & ~series.isna() & ~text.str.lower().isin(("", "nan")))
+        if len(wrong):
+            raise DiagnosisError(
+                f'{where} = {column!r}: "{series.iloc[wrong[0]]}" in row {wrong[0] + 1} of the table is no number; '
+                f'file.decimal is "{form.decimal}", file.delimiter "{form.delimiter}", thousands "{source.thousands}"'
+            )
+        series = number
+    return np.asarray(series.to_numpy(dtype=np.float64, na_value=np.nan), dtype=np.float64)
+
+
+def _read_mdf(path: Path, wanted: Mapping[str, Source]) -> dict[str, Array]:
+    """Read channels by name on the union of their time stamps; the key ``time`` is the file's own clock."""
+    try:
+        from asammdf import MDF
+    except ImportError:
+        raise DiagnosisError(
+            f"{path}: MDF files need asammdf, which is not installed: pip install 'astb[mdf]'"
+        ) from None
+    channels = {key: source.column for key, source in wanted.items() if key != "time"}
+    try:
+        mdf = MDF(path)
+    except Exception as error:  # asammdf has an exception of its own and raises others, too
+        raise DiagnosisError(f"{path}: not an MDF file: {error}") from None
+    with mdf:
+        there = sorted(name for name in mdf.channels_db if name not in mdf.masters_db)
+        for key, column in channels.items():
+            if column not in mdf.channels_db:
+                raise DiagnosisError(
+                    f"{path}: {key}.column = {column!r}: the file has the channels {', '.join(there)}"
+                )
+        signals = {key: mdf.get(column) for key, column in channels.items()}
+    time = np.unique(np.concatenate([signal.timestamps for signal in signals.values()]))
+    columns: dict[str, Array] = {"time": time}
+    for key, signal in signals.items():
+        values = np.full(time.shape, np.nan)
+        values[np.searchsorted(time, signal.timestamps)] = signal.samples
+        columns[key] = values
+    return columns
