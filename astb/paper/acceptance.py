@@ -36,8 +36,8 @@ from bench_sim.model.experiments import (
     first_harmonic,
     impose,
 )
+from bench_sim.model.iso6358 import ISO_DENSITY
 from bench_sim.model.layout import Input, Mode, State
-from bench_sim.model.orifice import ISO_DENSITY
 from bench_sim.model.paper import (
     amplitude_damping,
     combined,

@@ -107,8 +107,9 @@ def lateness(mem: Any, par: Any, sensor: int) -> float:
     if Sensor.LEFT_BELLOWS_PRESSURE <= sensor <= Sensor.SUPPLY_PRESSURE:
         age = 0.0
         if par.pressure_hold > 0.0:
-            # Time is a sum of steps: a microsecond more puts the start of a period on its right side.
-            age = (mem.time + 1e-6) % par.pressure_hold_period
+            # Time is a sum of steps: a microsecond more puts it on the right side of the start of a period.
+            begun = floor((mem.time + 1e-6) / par.pressure_hold_period)
+            age = max(mem.time - begun * par.pressure_hold_period, 0.0)
         return par.pressure_latency + par.pressure_clock_skew * mem.time + par.pressure_hold * age
     transducer = Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE
     if transducer or Sensor.LOAD_CELL_1 <= sensor <= Sensor.LOAD_CELL_6:
