@@ -81,10 +81,13 @@ class Parameters:
         return replace(self, entries=entries, load_case=load_case)
 
     def as_built(self, seed: int) -> "Parameters":
-        """Return the set of one rig as built: each sensor's bias drawn evenly within its accuracy, from ``seed``."""
-        accuracy = self.entries["sensor_accuracy"].value
-        draw = np.random.default_rng(seed).uniform(-1.0, 1.0, accuracy.shape)
-        return self.with_values(sensor_bias=accuracy * draw)
+        """Return the set of one rig as built: each sensor's bias drawn evenly within its accuracy, from ``seed``.
+
+        A bias that the set gives is known and stays.
+        """
+        accuracy, bias = (self.entries[f"sensor_{name}"].value for name in ("accuracy", "bias"))
+        draw = accuracy * np.random.default_rng(seed).uniform(-1.0, 1.0, accuracy.shape)
+        return self.with_values(sensor_bias=np.where(bias == 0.0, draw, bias))
 
     def digest(self) -> str:
         """SHA-256 over every value of the record, for the head of a measurement record."""

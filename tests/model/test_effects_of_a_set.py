@@ -103,7 +103,7 @@ def test_every_copy_has_the_effects_once():
         with_effects(BASE, effect).as_built(5),
         with_effects(BASE.as_built(5), effect),
         with_effects(BASE, effect).as_built(5).under("AW0"),
-        with_effects(BASE, effect).as_built(4).as_built(5).with_values(orifice_diameter=0.013),
+        with_effects(BASE, effect).as_built(5).with_values(orifice_diameter=0.013),
     ):
         change = np.zeros(len(Sensor))
         change[Sensor.LEFT_BELLOWS_PRESSURE] = 900.0
