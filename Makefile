@@ -5,13 +5,14 @@ ARGS ?=
 BIN := .venv/bin
 READY := .venv/.ready
 PYTEST := $(BIN)/python -m pytest
+COMPILE := $(BIN)/python -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation())'
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 
 .PHONY: help
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .PHONY: run
 run: $(READY)  ## run AW0 and AW3 on the virtual rig, in real time over real sockets
@@ -19,7 +20,10 @@ run: $(READY)  ## run AW0 and AW3 on the virtual rig, in real time over real soc
 
 .PHONY: test
 test: $(READY)  ## the ordinary suite (ARGS="-k leak" narrows it)
-	$(PYTEST) -m "not slow" $(ARGS)
+# What only computes shares the processors; what holds deadlines runs alone. 5 says: nothing of that kind was chosen.
+	@$(PYTEST) -n auto --maxprocesses 4 --dist loadfile -m "not slow and not real_time" $(ARGS); computed=$$?; \
+	$(PYTEST) -m "not slow and real_time" $(ARGS); timed=$$?; \
+	case $$computed-$$timed in 0-0 | 0-5 | 5-0) ;; *) exit 1 ;; esac
 
 .PHONY: test-slow
 test-slow: $(READY)  ## only the tests that the ordinary suite leaves out for their length
@@ -31,6 +35,8 @@ test-all: $(READY)  ## the ordinary suite and the slow tests
 
 .PHONY: test-vcan
 test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mode Linux
+# A changed model is compiled here, where no test waits for its rig meanwhile.
+	@$(COMPILE)
 	tools/with_vcan.sh -- $(PYTEST) -m vcan $(ARGS)
 
 .PHONY: check
@@ -54,6 +60,10 @@ generate: $(READY)  ## write the files that come from the table of signals and o
 bench: $(READY)  ## measure speed and lateness, each beside a control of the same minute
 	$(BIN)/python -m benchmarks $(ARGS)
 
+.PHONY: benchmark-diagnosis
+benchmark-diagnosis: $(READY)  ## hide, diagnose and judge many times (ARGS="--cases 100"); resumes where it stopped
+	$(BIN)/python -m benchmarks.diagnosis $(ARGS)
+
 .PHONY: clean
 clean:  ## remove the environment, caches and demo runs
 	rm -rf .venv build dist *.egg-info runs .pytest_cache .mypy_cache .ruff_cache .hypothesis \
@@ -69,5 +79,5 @@ $(READY): pyproject.toml
 		{ echo "$(PYTHON) cannot make environments: on Debian and Ubuntu, apt-get install python3-venv" >&2; exit 2; }
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --editable '.[dev]'
 	@echo "compiling the model (again after each change of it, about half a minute)"
-	@$(BIN)/python -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation())'
+	@$(COMPILE)
 	@touch $@

@@ -314,6 +314,7 @@ def diagnose_command(
     DIR/finding.json, report.html and, for the bench, extended.toml: a model that `astb run --model` takes. Ends with 0
     whatever the verdict, 2 for misuse.
     """
+    _keep_algebra_to_one_core()
     from rich.console import Console
 
     from astb.diagnose import Request, diagnose_data, tell
@@ -351,6 +352,7 @@ def investigate_command(
     Writes DIR/investigation.json, the log of decisions; a directory for each record; finding, report and extended
     model as `astb diagnose` does. Ends with 0 whatever the verdict, 2 for misuse, 3 if the rig keeps it from one.
     """
+    _keep_algebra_to_one_core()
     import signal
 
     from astb.investigate import investigate_rig
@@ -398,6 +400,16 @@ def paper_command(quick: bool, seed: int, out: Path) -> None:
         misuse(error)
     except OSError as error:
         misuse(f"{out} cannot be written: {error.strerror or error}")
+
+
+def _keep_algebra_to_one_core() -> None:
+    """Let a diagnosis use its cores itself; numpy reads this when it is loaded.
+
+    On a machine that has other work, two threads of OpenBLAS wait for each other: a product takes fifty times as long.
+    """
+    import os
+
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _when_stdin_ends(call: Callable[[], None]) -> None:

@@ -7,9 +7,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Simulator
+from astb.menu import experiments
+from diagnosis.contracts import Dataset, DiagnosisError, Simulator
 from diagnosis.finding import Cause, Estimate, Finding
 from test_plans.screening import SCREENING
+from test_plans.separating import MENU
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,6 +43,7 @@ def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
     DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
     """
     from bench_sim.parameters import load
+    from diagnosis.engine.config import Config
 
     for path in request.data:
         if not path.exists():
@@ -51,22 +54,32 @@ def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
         progress("read the data", 0.0)
         simulator, dataset = read_data(request.data, request.map_path, parameters, request.seed)
         config = Config(seed=request.seed, effects=chosen_effects(request.effects, simulator))
-        return conclude(simulator, dataset, config, out, progress)
+        return conclude(simulator, dataset, config, request.model, out, progress)
 
 
 def conclude(
     simulator: Simulator,
     dataset: Dataset,
     config: "Config",
+    model: str,
     out: Path,
     progress: Progress,
-    menu: Sequence[Experiment] = (),
 ) -> Finding:
-    """Diagnose, and write finding and report into ``out``; ``menu`` are the runs that may be ranked."""
-    from diagnosis.engine.diagnose import diagnose
+    """Diagnose, and write finding, report and, for the bench, the extended ``model`` into ``out``.
 
-    finding = diagnose(dataset, simulator, config, progress, menu)
+    Of a bench the finding ranks the menu of separating runs.
+    """
+    from astb.extend import write_extended
+    from diagnosis.engine.diagnose import diagnose
+    from diagnosis.report.page import write_report
+    from diagnosis.systems.air_spring import AirSpring
+
+    bench = isinstance(simulator, AirSpring)
+    finding = diagnose(dataset, simulator, config, progress, experiments(MENU) if bench else ())
     (out / FINDING).write_bytes(finding.to_json())
+    write_report(finding, out / REPORT)
+    if bench and finding.models.effects:
+        write_extended(out / EXTENDED, finding, model)
     return finding
 
 

@@ -3,32 +3,31 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench_protocol.table import SIDES
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
+from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.model_file import Model, write_model
 from diagnosis.finding import Finding
-
-if TYPE_CHECKING:
-    from bench_sim.parameters import Parameters
 
 _OFFSET = ".offset"
 
 
-def write_extended(path: Path, finding: Finding, based_on: str, parameters: "Parameters") -> None:
-    """Write the extended model of ``finding`` to ``path``: ``based_on`` is the model in doubt, ``parameters`` its set.
+def write_extended(path: Path, finding: Finding, based_on: str) -> None:
+    """Write the extended model of ``finding`` to ``path``; ``based_on`` is the model in doubt, a set or a file.
 
     Raises OSError.
     """
+    parameters = load(based_on)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
     write_model(
         path, Model(base, _changes(finding.models.after, parameters), _effects(finding), _told(finding))
     )
 
 
-def _changes(values: Mapping[str, float], parameters: "Parameters") -> dict[str, Any]:
+def _changes(values: Mapping[str, float], parameters: Parameters) -> dict[str, Any]:
     """Parameters in the shape that the set has them: by side, for both sides alike, and offsets by sensor."""
     changes: dict[str, Any] = {}
     for name, value in values.items():

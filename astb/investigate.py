@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import msgspec
 
-from astb.menu import Offer, experiments, offers
+from astb.menu import Offer, offers
 from astb.run import Screen, connected, describe, prepare, undisturbed
 from astb.session import Session
 from bench_protocol.units import minutes, s
@@ -105,7 +105,7 @@ def investigate_rig(
             screen.begin("diagnosis")
             simulator, dataset = read_data(records, None, parameters, drawn)
             config = Config(seed=drawn)
-            last = conclude(simulator, dataset, config, out, screen.follow, experiments(MENU))
+            last = conclude(simulator, dataset, config, model, out, screen.follow)
             return last
 
         log = investigate(

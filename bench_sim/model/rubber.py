@@ -11,7 +11,7 @@ from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_FRICTIONS, State
 
 #: A loop over less than this share of x₂ is small.
-SMALL_LOOP: Final = 0.02
+SMALL_LOOP: Final = 0.04
 
 
 @compiled
@@ -158,8 +158,8 @@ def turn_friction(
     The level kept is F/F_max, not F: the limit moves with pressure, and a kept force could exceed it.
 
     Berg's law begins a new curve at every reversal and forgets the old one, so that a tremble of a nanometre would
-    change what follows by a tenth of the friction. Rubber remembers: a small loop, back over less than x₂/50, ends
-    where it began, and the curve before it goes on (Madelung's rule). Its own force has then changed by 1/2500.
+    change what follows by a tenth of the friction. Rubber remembers: a small loop, back over less than x₂/25, ends
+    where it began, and the curve before it goes on (Madelung's rule). Its own force has then changed by 1/600.
     """
     last = mem.friction_last[direction, side]
     if abs(position - last) < 1e-12:  # rounding is no motion

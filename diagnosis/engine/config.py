@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class Config:
     """The defaults are those under which the false-alarm and naming rates of the reference were measured."""
 
-    alpha: float = 0.005  #: chance of a score above the threshold in data that hold nothing
-    alpha_unknown: float = 0.005  #: the same of the omnibus test for what has no name
+    alpha: float = 0.003  #: chance of a score above the threshold in data that hold nothing
+    alpha_unknown: float = 0.002  #: the same of the omnibus test for what has no name
     seed: int = 1
     workers: int = 2
     max_effects: int = 3

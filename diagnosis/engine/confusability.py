@@ -85,7 +85,7 @@ def _unseen(screen: Screen, here: Linearisation, place: int) -> Unseen:
     # What of the model imitates the footprint best, by the size of its part.
     parts = np.abs(screen.projection.shadow[:, place]) * np.sqrt(np.diagonal(here.gram))
     hidden_by = here.point.coordinates[int(np.argmax(parts))].label if visible < HIDDEN and parts.size else ""
-    unit = amplitude.display or amplitude.unit
+    unit = _unit(amplitude)
     if raw == 0.0:
         sentence = "leaves no trace in these runs"
     elif smallest > most:
@@ -109,4 +109,10 @@ def _unseen(screen: Screen, here: Linearisation, place: int) -> Unseen:
 
 
 def _said(parameter: Parameter, value: float) -> str:
-    return f"{parameter.name} {value / parameter.scale:.3g} {parameter.display or parameter.unit}".rstrip()
+    return f"{parameter.name} {value / parameter.scale:.3g} {_unit(parameter)}".rstrip()
+
+
+def _unit(parameter: Parameter) -> str:
+    """The unit that people read; nothing for a pure number."""
+    unit = parameter.display or parameter.unit
+    return "" if unit == "1" else unit

@@ -18,9 +18,9 @@ from diagnosis.engine.panel import panel
 from diagnosis.engine.point import Point
 from diagnosis.engine.replay import Replay
 from diagnosis.engine.runs import measured, split
-from diagnosis.engine.screen import Sight, candidates, look
+from diagnosis.engine.screen import Sight, candidates, look, surface_columns
 from diagnosis.engine.telling import cause, rivals, scores, sentence
-from diagnosis.engine.verdict import Judgement, judge
+from diagnosis.engine.verdict import Judgement, judge, suspicious
 from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
 
 Progress = Callable[[str, float], None]
@@ -66,15 +66,23 @@ def _chosen(catalogue: Mapping[str, Effect], config: Config) -> dict[str, Effect
 
 
 def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tuple[Sight, Judgement, Naming]:
-    """Judge the result of the search under noise that holds no surface; what is doubtful leaves the model."""
+    """Judge the result of the search.
+
+    Where a surface sees something, the noise is estimated anew without it, and what is doubtful leaves the model.
+    """
     select = naming.prediction.replay.runs if naming.prediction else ()
-    point = naming.model.point
+    model = naming.model
+    surfaces = model.replay.simulator.surfaces
+    sight = Sight(model, naming.screen, surface_columns(model, surfaces))
+    if not suspicious(sight, config):
+        return sight, judge(naming, sight, select, config), naming
+    point = model.point
     while True:
         sight = look(
-            naming.model.replay,
+            model.replay,
             point,
             candidates([e for name, e in effects.items() if name not in point.owners]),
-            naming.model.replay.simulator.surfaces,
+            surfaces,
             alpha=config.alpha,
             seed=config.seed,
         )

@@ -42,12 +42,14 @@ class Errors:
     def partner(self, c: int, start: int = 0, stop: int | None = None) -> str:
         """The input that a channel follows best, by its correlation with value and slope; "" where none moves."""
         inside = slice(start, stop)
-        y = np.nan_to_num(self.measured[inside, c] - np.nanmean(self.measured[inside, c]))
+        known = self.measured[inside, c]
+        if not np.isfinite(known).any():
+            return ""
+        y = np.nan_to_num(known - np.nanmean(known))
         best, found = 0.0, ""
         for name, u in self.inputs.items():
-            basis = np.column_stack((np.ones(y.size), u[inside], np.gradient(u[inside])))
-            left = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-            explained = float(np.vdot(y, y) - np.vdot(left, left))
+            columns = np.column_stack((np.ones(y.size), u[inside], np.gradient(u[inside])))
+            explained, _ = wald(columns, y, slice(1, 3))
             if explained > best:
                 best, found = explained, name
         return found

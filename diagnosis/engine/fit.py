@@ -15,11 +15,15 @@ from diagnosis.engine.noise import Filter, Mask, Noise
 from diagnosis.engine.point import Coordinate, Point
 from diagnosis.engine.replay import Replay
 
-ITERATIONS: Final = 40  #: steps that a fit may take
+ITERATIONS: Final = 30  #: steps that a fit may take
 FAIR: Final = 0.75  #: a step that gains less than this part of its promise was taken with poor columns
 ENOUGH: Final = 0.01  #: a fit ends where the next step promises less than this, in units of χ²
 HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to a better model is the last one
+ROUGH: Final = 4.0  #: so much χ² may lie below a fit that comes to no better: two standard deviations
 FLAT: Final = 1e-6  #: weight of a prior that says nothing, in units of the parameter's scale
+
+#: Where the columns of a fit come from: an earlier point, differences at this point, central differences.
+BORROWED, FRESH, CENTRAL = range(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,11 +55,16 @@ class FittedModel:
     def bic(self) -> float:
         """χ² and priors at the optimum, and ln N for each parameter of an effect; only differences mean something."""
         extra = sum(1 for c in self.point.coordinates if c.owner)
-        return self.linearisation.cost + extra * math.log(self.samples)
+        return self.cost + extra * math.log(self.samples)
+
+    @property
+    def cost(self) -> float:
+        """χ² of the data, as far as they count, and of the priors."""
+        return self.linearisation.cost / self.noise.dispersion
 
     def covariance(self) -> Array:
         """Return the covariance (k, k) of the numbers of the point, by Laplace's approximation."""
-        return self.linearisation.covariance()
+        return self.noise.dispersion * self.linearisation.covariance()
 
     def deviation(self, coordinate: Coordinate) -> float:
         """Return the standard deviation of a parameter in its own unit; of its logarithm where it is fitted as such."""
@@ -93,6 +102,8 @@ def linearise(
     predictions: Sequence[Array],
     belief: Belief,
     known: Linearisation | None = None,
+    *,
+    central: bool = False,
 ) -> Linearisation:
     """Linearise a model; nuisances' columns that ``known`` has (whitened alike) are taken over from there."""
     held = {
@@ -107,7 +118,7 @@ def linearise(
         replay.names,
         whiten,
         replay.residuals(predictions),
-        replay.sensitivities(point, predictions, missing),
+        replay.sensitivities(point, predictions, missing, central=central),
         strict=True,
     ):
         places = tuple(point.own(run))
@@ -134,25 +145,29 @@ def fit(
 
     The nuisances' columns are those of ``known`` (whitened by the same noise) if it is given. All columns follow the
     steps by Broyden's rule. Those of the effects are computed anew where a step does not keep its promise, all of them
-    where it fails and, on ``refresh``, at the end. A fit that stays far above the cost ``target`` of another model is
-    not carried to the last digit. Raises ``DiagnosisError`` where the model fails at the start.
+    where it fails and, on ``refresh``, at the end; where it fails again, by central differences. A fit that stays far
+    above the cost ``target`` of another model is not carried to the last digit. Raises ``DiagnosisError`` where the
+    model fails at the start.
     """
     whiten = filters(noise, replay)
     predictions = replay.predictions(start)
     _check(replay, predictions, start)
-    belief = belief or prior(start)
+    belief = (belief or prior(start)).times(noise.dispersion)
     here = linearise(replay, whiten, start, predictions, belief, known)
-    exact, damping, converged = known is None, 0.0, False
+    columns = BORROWED if known else FRESH
+    damping, converged = 0.0, False
     for _ in range(ITERATIONS):
-        step = here.step(damping)
-        trial = here.point.at(here.point.numbers + step)
+        trial = here.point.at(here.point.numbers + here.step(damping))
         promise = here.promise(trial.numbers - here.point.numbers)
-        if promise < max(ENOUGH, HOPELESS * (here.cost - target)):
-            if damping == 0.0 and (exact or not refresh):
+        if promise < max(ENOUGH, HOPELESS * (here.cost - noise.dispersion * target)):
+            if damping > 0.0:
+                # No step is short enough: the model is rougher than its differences. As good as it gets.
+                converged = here.promise(here.step()) < ROUGH
+                break
+            if columns >= FRESH or not refresh:
                 converged = True
                 break
-            here = linearise(replay, whiten, here.point, predictions, belief)
-            exact, damping = True, 0.0
+            here, columns = linearise(replay, whiten, here.point, predictions, belief), FRESH
             continue
         tried = replay.predictions(trial)
         there = _follow(here, trial, whiten, replay, tried)
@@ -160,14 +175,13 @@ def fit(
         if gain > 0.01:
             if gain < FAIR:
                 there = linearise(replay, whiten, trial, tried, belief, there)
-            here, predictions, exact = there, tried, False
+            here, predictions, columns = there, tried, BORROWED
             damping = damping / 10.0 if damping > 1e-4 else 0.0
-        elif not exact:
-            here, exact = linearise(replay, whiten, here.point, predictions, belief), True
+        elif columns < CENTRAL:
+            columns += 1
+            here = linearise(replay, whiten, here.point, predictions, belief, central=columns == CENTRAL)
         else:
             damping = max(10.0 * damping, 1e-3)
-            if damping > 1e6:
-                break
     return FittedModel(replay, noise, here, tuple(predictions), converged)
 
 
@@ -182,8 +196,9 @@ def predict(
     point, belief = _transferred(fitted, fitted.replay.of(runs))
     again = fit(fitted.replay.of(runs), fitted.noise, point, known, belief=belief)
     here = again.linearisation
-    evidence = np.linalg.slogdet(belief.precision)[1] - np.linalg.slogdet(here.gram)[1]
-    return Prediction(again.replay, 0.5 * float(evidence - here.cost), again.predictions, here)
+    gram = here.gram / fitted.noise.dispersion
+    evidence = np.linalg.slogdet(belief.precision)[1] - np.linalg.slogdet(gram)[1]
+    return Prediction(again.replay, 0.5 * float(evidence - again.cost), again.predictions, here)
 
 
 def _transferred(fitted: FittedModel, replay: Replay) -> tuple[Point, Belief]:
@@ -191,7 +206,7 @@ def _transferred(fitted: FittedModel, replay: Replay) -> tuple[Point, Belief]:
     old = fitted.point
     shared = [i for i, c in enumerate(old.coordinates) if not c.run]
     own = [i for i, c in enumerate(old.coordinates) if c.run]
-    gram = fitted.linearisation.gram
+    gram = fitted.linearisation.gram / fitted.noise.dispersion
     known = gram[np.ix_(shared, shared)] - gram[np.ix_(shared, own)] @ solve(
         gram[np.ix_(own, own)], gram[np.ix_(own, shared)]
     )

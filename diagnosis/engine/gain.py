@@ -20,7 +20,7 @@ BOOTSTRAPS: Final = 2000
 ENOUGH_RUNS: Final = 6
 BLOCKS: Final = 24
 #: A misfit that exceeds the noise by less than this leaves nothing to explain.
-EXPLAINABLE: Final = 1.02
+EXPLAINABLE: Final = 1.05
 #: Channels that are drawn, bins and points of their drawings.
 DRAWN, BINS, POINTS = 6, 250, 400
 

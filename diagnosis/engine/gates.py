@@ -49,7 +49,11 @@ def unphysical(model: FittedModel, effect: str, base: FittedModel) -> str:
         outwards = (number <= low and push < 0.0) or (number >= high and push > 0.0)
         value = f"{coordinate.outside(number) / coordinate.parameter.scale:.4g} "
         value += coordinate.parameter.display or coordinate.parameter.unit
-        if coordinate.owner == effect and outwards and push**2 > PUSH * here.gram[i, i]:
+        if (
+            coordinate.owner == effect
+            and outwards
+            and push**2 > PUSH * model.noise.dispersion * here.gram[i, i]
+        ):
             return f"{coordinate.label} runs into the end of its range, {value}"
         if coordinate.weight and abs(number) > max(STRAIN, strained.get(coordinate, 0.0)):
             return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from what is believed"

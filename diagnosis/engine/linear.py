@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from diagnosis.contracts import Array
 from diagnosis.engine.point import Point
+
+SEEN: Final = 1e-13  #: eigenvalues below this part of the largest are rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +72,10 @@ class Belief:
     mean: Array
     precision: Array
 
+    def times(self, factor: float) -> Belief:
+        """Return the belief that outweighs data by a factor."""
+        return Belief(self.mean, factor * self.precision)
+
 
 def prior(point: Point) -> Belief:
     """Return what the parameters themselves say: nominal value and spread."""
@@ -112,20 +119,18 @@ class Linearisation:
         A number that would leave its range goes to the end of it, and the others make the best of that.
         """
         damped = self.gram + damping * np.diag(np.diagonal(self.gram))
-        low, high = (
-            np.array([c.range for c in self.point.coordinates]).reshape(-1, 2) - self.point.numbers[:, None]
-        ).T
-        step, free = np.zeros(len(low)), np.ones(len(low), dtype=bool)
-        while free.any():
-            rest = self.gradient[free] - damped[np.ix_(free, ~free)] @ step[~free]
-            step[free] = solve(damped[np.ix_(free, free)], rest)
-            inside = np.clip(step, low, high)
-            beyond = free & (step != inside)
-            if not beyond.any():
-                break
-            step[beyond] = inside[beyond]
-            free &= ~beyond
-        return step
+        ranges = np.array([c.range for c in self.point.coordinates]).reshape(-1, 2)
+        low, high = (ranges - self.point.numbers[:, None]).T
+        step = solve(damped, self.gradient)
+        if ((step >= low) & (step <= high)).all():
+            return step
+        from scipy.optimize import lsq_linear
+
+        scale, values, vectors = _spectrum(damped)
+        keep = values > SEEN * values.max(initial=0.0)
+        root = vectors[:, keep] * np.sqrt(values[keep])
+        right = vectors[:, keep].T @ (scale * self.gradient) / np.sqrt(values[keep])
+        return scale * lsq_linear(root.T, right, (low / scale, high / scale), method="bvls").x
 
     def promise(self, step: Array) -> float:
         """Return how much a step would lower the cost if the model were linear."""
@@ -160,7 +165,7 @@ class Linearisation:
 def solve(gram: Array, right: Array) -> Array:
     """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0."""
     scale, values, vectors = _spectrum(gram)
-    keep = values > 1e-13 * max(1.0, values[-1]) if len(values) else values > 0.0
+    keep = values > SEEN * values.max(initial=0.0)
     basis = vectors[:, keep] / np.sqrt(values[keep])
     return (scale * (basis @ (basis.T @ (scale * right.T).T)).T).T
 
@@ -179,4 +184,4 @@ def _spectrum(gram: Array) -> tuple[Array, Array, Array]:
 
 def _flat(columns: Array) -> Array:
     """Return (n, c, k) as (n c, k) without a copy."""
-    return columns.reshape(-1, columns.shape[2])
+    return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])

@@ -193,7 +193,7 @@ class Search:
             effect,
             model.point,
             model.covariance(),
-            model.linearisation.cost,
+            model.cost,
             model.bic,
             prediction.lpd if prediction else float("nan"),
             failed,
@@ -243,7 +243,7 @@ class Search:
                         name,
                         _replaced(state.model.point, old, self.effects[name], starts[name]),
                         state,
-                        target=state.model.linearisation.cost,
+                        target=state.model.cost,
                     )
                     for name in [n for n in pool[old] if n not in state.model.effects][:RIVALS]
                 ]
@@ -282,7 +282,7 @@ class Search:
             Accepted(
                 name,
                 scores[name],
-                float(np.sqrt(max(without[name].cost - model.linearisation.cost, 0.0))),
+                float(np.sqrt(max(without[name].cost - model.cost, 0.0))),
                 without[name].bic - model.bic,
                 lpd - without[name].lpd,
                 rivals[name],

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from functools import lru_cache
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,43 +71,39 @@ class ChannelNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filter:
-    """What whitens the channels of one run: ``taps`` (c, m + 1, n) weigh each sample and its m predecessors.
+    """What whitens one run: for each channel a sparse matrix (n, n) that weighs a sample and its predecessors."""
 
-    ``counted`` (n, c) marks the samples that are measured and scored.
-    """
-
-    taps: Array
-    counted: Mask
+    matrices: tuple[Any, ...]
 
     def __call__(self, values: Array) -> Array:
         """Whiten (n, c) or (n, c, k); what does not count becomes 0."""
         columns = values.reshape(*values.shape[:2], -1)
-        white = np.zeros_like(columns)
-        for channel, taps in enumerate(self.taps):
-            counted = self.counted[:, channel]
-            signal = np.where(counted[:, None], columns[:, channel], 0.0)
-            total = taps[0][:, None] * signal
-            for lag in range(1, len(taps)):
-                if taps[lag].any():
-                    total[lag:] += taps[lag, lag:, None] * signal[:-lag]
-            white[:, channel] = total
+        white = np.empty(columns.shape)
+        for channel, matrix in enumerate(self.matrices):
+            white[:, channel] = matrix @ np.ascontiguousarray(columns[:, channel])
         return white.reshape(values.shape)
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """The noise of every channel."""
+    """The noise of every channel.
+
+    ``dispersion`` φ ≥ 1 is by how much scores scatter more than this noise allows, because the model is not exact:
+    χ² and precisions count 1/φ of what they would. Filters leave it out, so that single samples stay white.
+    """
 
     channels: tuple[ChannelNoise, ...]
+    dispersion: float = 1.0
 
     def filter(self, counted: Mask) -> Filter:
         """Return the whitening filter of a run in which the samples ``counted`` (n, c) count."""
-        lags = max(c.order for c in self.channels)
-        lags += BRIDGE if lags and not counted.all() else 0
-        taps = np.zeros((counted.shape[1], lags + 1, len(counted)))
-        for channel, noise in enumerate(self.channels):
-            taps[channel] = _taps(noise, counted[:, channel], lags)
-        return Filter(taps, counted)
+        return _filter(self.channels, counted.shape, counted.tobytes())
+
+
+@lru_cache(maxsize=32)  # every fit under the same noise whitens the same runs
+def _filter(channels: tuple[ChannelNoise, ...], shape: tuple[int, int], mask: bytes) -> Filter:
+    counted = np.frombuffer(mask, dtype=bool).reshape(shape)
+    return Filter(tuple(_whitener(channel, counted[:, i]) for i, channel in enumerate(channels)))
 
 
 def white(deviations: Sequence[float]) -> Noise:
@@ -144,13 +141,18 @@ def quietest(channel: Channel) -> float:
 def _autoregression(
     errors: Sequence[Array], counted: Sequence[Mask], freedom: float, least: float
 ) -> ChannelNoise:
-    pairs, products = np.zeros(ORDER + 1), np.zeros(ORDER + 1)
+    pairs, products, squares = np.zeros(ORDER + 1), np.zeros(ORDER + 1), np.zeros(ORDER + 1)
     for error, mask in zip(errors, counted, strict=True):
         for lag in range(min(ORDER + 1, len(error))):
-            pairs[lag] += np.count_nonzero(mask[lag:] & mask[: len(mask) - lag])
-            products[lag] += error[lag:] @ error[: len(error) - lag]
-    covariance = freedom * products / np.maximum(pairs, 1.0)
-    covariance[0] = max(covariance[0], least**2, 1e-300)
+            both = mask[lag:] & mask[: len(mask) - lag]
+            late, early = error[lag:][both], error[: len(error) - lag][both]
+            pairs[lag] += len(late)
+            products[lag] += late @ early
+            squares[lag] += 0.5 * (late @ late + early @ early)
+    power = max(freedom * squares[0] / max(pairs[0], 1.0), least**2, 1e-300)
+    # Correlations over the power of the very samples in each pair: what is missing scatters both alike.
+    covariance = power * np.divide(products, squares, out=np.zeros(ORDER + 1), where=squares > 0.0)
+    covariance[0] = power
     # Levinson and Durbin; stops where the next reflection would not be one (too few pairs, or a perfect line).
     best, order = 0.0, 0
     coefficients, variance = np.zeros(0), float(covariance[0])
@@ -166,18 +168,21 @@ def _autoregression(
     return ChannelNoise(tuple(float(value) for value in covariance[: order + 1]))
 
 
-def _taps(noise: ChannelNoise, counted: Mask, lags: int) -> Array:
-    """Return the weights (lags + 1, n) of a sample and its predecessors."""
-    past = np.zeros((lags, len(counted)), bool)
-    for lag in range(1, lags + 1):
-        past[lag - 1, lag:] = counted[:-lag]
-    if counted.all():
-        past[noise.order :] = False
-    taps = np.zeros((lags + 1, len(counted)))
-    patterns, which = np.unique(past, axis=1, return_inverse=True)
-    for number, pattern in enumerate(patterns.T):
-        weights, variance = noise.predictor(pattern)
-        here = which.ravel() == number
-        taps[:, here] = (np.concatenate(([1.0], -weights)) / np.sqrt(variance))[:, None]
-    taps[:, ~counted] = 0.0
-    return taps
+def _whitener(noise: ChannelNoise, counted: Mask) -> Any:
+    """Return the matrix (n, n) that whitens one channel of a run; rows of what does not count are empty."""
+    from scipy.sparse import csr_array
+
+    n, lags = len(counted), noise.order
+    lags += BRIDGE if lags and not counted.all() else 0
+    rows = np.flatnonzero(counted)
+    places = rows[:, None] - np.arange(lags + 1)
+    past = counted[places[:, 1:]] & (places[:, 1:] >= 0)
+    codes, first, which = np.unique(past @ (1 << np.arange(lags)), return_index=True, return_inverse=True)
+    table = np.empty((len(codes), lags + 1))
+    for i, row in enumerate(first):
+        weights, variance = noise.predictor(past[row])
+        table[i] = np.concatenate(([1.0], -weights)) / np.sqrt(variance)
+    entries = table[which.ravel()]
+    used = entries != 0.0
+    at = np.broadcast_to(rows[:, None], places.shape)
+    return csr_array((entries[used], (at[used], places[used])), shape=(n, n))

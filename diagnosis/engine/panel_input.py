@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,9 @@ POINTS_TO = {
     "even": "area curve, asymmetric orifice, one-sided stop",
     "odd": "friction, bump stop, orifice",
 }
+#: Columns of ``regressors`` that each kind tests beyond all others.
+TESTED = {"linear": slice(2, 4), "even": slice(4, 6), "odd": slice(6, 8)}
+ALL_HARMONICS = (1, 2, 3, 4, 5, 6, 7)
 FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
 #: Bins along each side of a surface, and how many samples a bin needs.
 SIDE, LEAST_IN_BIN = 7, 30
@@ -26,7 +29,8 @@ SIDE, LEAST_IN_BIN = 7, 30
 def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
     """Regression of the error on an input: linear (u, u̇), and beyond that even (u², u u̇) and odd (sgn u̇, u³).
 
-    Each kind comes with its slope, so that a whitening filter, which turns phases, does not hide it.
+    A drift in time is taken out first.  Each kind comes with its slope, so that a whitening filter, which turns
+    phases, does not hide it.
     """
 
     def test(errors: Errors, c: int) -> Hit | Mute:
@@ -37,8 +41,8 @@ def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
         y = white[known]
         best: tuple[float, float, str] | None = None
         for name, u in errors.inputs.items():
-            columns, tested = _regressors(u, errors.step, parity)
-            value, freedom = wald(columns[known], y, tested)
+            columns = regressors(u, errors.step)[:, : 4 if parity == "linear" else 8]
+            value, freedom = wald(columns[known], y, TESTED[parity])
             p = chi_square(value, freedom)
             if best is None or (p, -value) < (best[0], -best[1]):
                 best = (p, value, name)
@@ -57,14 +61,13 @@ def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
     return test
 
 
-def _regressors(u: Array, step: float, parity: Parity) -> tuple[Array, slice]:
+def regressors(u: Array, step: float) -> Array:
+    """Columns (n, 8) of an input and of time: 1, t, u, u̇, u², u u̇, sgn u̇ (smooth), u³."""
     x = (u - np.median(u)) / u.std()
     v = np.gradient(x, step)
     v = v / (v.std() or 1.0)
-    columns = [np.ones_like(x), x, v]
-    if parity != "linear":
-        columns += [x * x, x * v, np.tanh(2.0 * v), x**3]
-    return np.column_stack(columns), {"linear": slice(1, 3), "even": slice(3, 5), "odd": slice(5, 7)}[parity]
+    time = np.linspace(-1.0, 1.0, x.size)
+    return np.column_stack((np.ones_like(x), time, x, v, x * x, x * v, np.tanh(2.0 * v), x**3))
 
 
 def _over_input(errors: Errors, c: int, name: str) -> Figure:
@@ -89,13 +92,15 @@ def rings(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
 
     def test(errors: Errors, c: int) -> Hit | Mute:
         orders = FIRST_HARMONICS[parity]
-        sines = [s for s in errors.swings if s.sine and orders[-1] * s.frequency < 0.45 / errors.step]
+        sines = [
+            s for s in distinct(errors.swings) if s.sine and orders[-1] * s.frequency < 0.45 / errors.step
+        ]
         sines = [s for s in sines if np.isfinite(errors.white[s.start : s.stop, c]).sum() > 50]
         if not sines:
             return Mute("no input is a sine")
         hits = [(*_ringing(errors, c, sine, orders), sine) for sine in sines]
-        value, freedom, sizes, sine = min(hits, key=lambda hit: (chi_square(hit[0], hit[1]), -hit[0]))
-        channel = errors.channels[c]
+        value, freedom, sine = min(hits, key=lambda hit: (chi_square(hit[0], hit[1]), -hit[0]))
+        channel, sizes = errors.channels[c], _amplitudes(errors, c, sine)[np.array(orders) - 1]
         unit, largest = channel.display or channel.unit, int(np.argmax(sizes))
         return Hit(
             statistic=value,
@@ -109,32 +114,47 @@ def rings(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
     return test
 
 
-def _ringing(errors: Errors, c: int, sine: Swing, orders: tuple[int, ...]) -> tuple[float, int, Array]:
-    """χ², its degrees of freedom, and the amplitudes in SI of harmonics of the error."""
+def distinct(swings: Sequence[Swing]) -> list[Swing]:
+    """One of all swings that several inputs make together."""
+    kept: list[Swing] = []
+    for swing in swings:
+        period = (swing.stop - swing.start) / (len(swing.edges) - 1)
+        if not any(
+            abs(swing.start - other.start) < period
+            and abs(swing.stop - other.stop) < period
+            and abs(swing.frequency - other.frequency) < 0.02 * other.frequency
+            for other in kept
+        ):
+            kept.append(swing)
+    return kept
+
+
+def _ringing(errors: Errors, c: int, sine: Swing, orders: tuple[int, ...]) -> tuple[float, int]:
+    """χ² of some harmonics of the error, and its degrees of freedom."""
     inside = slice(sine.start, sine.stop)
     known = np.isfinite(errors.white[inside, c])
     n, u = sine.stop - sine.start, errors.inputs[sine.signal][inside]
     x = (u - u.mean()) / u.std()
     base = [np.ones((n, 1)), np.linspace(-1.0, 1.0, n)[:, None], x[:, None], np.gradient(x)[:, None]]
-    every = (1, *FIRST_HARMONICS["even"], *FIRST_HARMONICS["odd"])
-    base += [harmonics(n, errors.step, sine.frequency, k) for k in every if k not in orders]
+    base += [harmonics(n, errors.step, sine.frequency, k) for k in ALL_HARMONICS if k not in orders]
     tested = [harmonics(n, errors.step, sine.frequency, k) for k in orders]
     columns = np.hstack([*base, *tested])[known]
-    first = columns.shape[1] - 2 * len(orders)
-    value, freedom = wald(columns, errors.white[inside, c][known], slice(first, None))
-    raw = np.linalg.lstsq(columns, errors.error[inside, c][known], rcond=1e-9)[0][first:]
-    return value, freedom, np.hypot(raw[0::2], raw[1::2])
+    return wald(columns, errors.white[inside, c][known], slice(columns.shape[1] - 2 * len(orders), None))
 
 
-def _spectrum(errors: Errors, c: int, sine: Swing) -> Figure:
-    channel, orders = errors.channels[c], (1, 2, 3, 4, 5, 6, 7)
+def _amplitudes(errors: Errors, c: int, sine: Swing) -> Array:
+    """The amplitudes (7,) in SI of the harmonics of the error."""
     inside = slice(sine.start, sine.stop)
     known = np.isfinite(errors.error[inside, c])
     n = sine.stop - sine.start
-    columns = np.hstack([np.ones((n, 1)), *(harmonics(n, errors.step, sine.frequency, k) for k in orders)])[
-        known
-    ]
+    waves = [harmonics(n, errors.step, sine.frequency, k) for k in ALL_HARMONICS]
+    columns = np.hstack([np.ones((n, 1)), *waves])[known]
     raw = np.linalg.lstsq(columns, errors.error[inside, c][known], rcond=None)[0][1:]
+    return np.hypot(raw[0::2], raw[1::2])
+
+
+def _spectrum(errors: Errors, c: int, sine: Swing) -> Figure:
+    channel = errors.channels[c]
     return Figure(
         kind="bars",
         x_label=f"harmonic of {sine.frequency:.3g} Hz",
@@ -142,8 +162,8 @@ def _spectrum(errors: Errors, c: int, sine: Swing) -> Figure:
         series=[
             Series(
                 name=channel.name,
-                x=numbers(orders),
-                y=numbers(np.hypot(raw[0::2], raw[1::2]) / channel.scale),
+                x=numbers(ALL_HARMONICS),
+                y=numbers(_amplitudes(errors, c, sine) / channel.scale),
             )
         ],
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from diagnosis.contracts import Array
 from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, chi_square
+from diagnosis.engine.panel_input import regressors
 from diagnosis.finding import Figure, Series, numbers
 
 BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
@@ -86,10 +87,13 @@ def _self_products(values: Array, lags: int) -> Array:
 
 
 def drift(errors: Errors, c: int) -> Hit | Mute:
-    """Means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ²."""
-    white = errors.white[:, c]
-    if int(np.isfinite(white).sum()) < FEWEST:
+    """Means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ².
+
+    What follows the input is taken out first, or the means of slow cycles would look like a drift.
+    """
+    if int(np.isfinite(errors.white[:, c]).sum()) < FEWEST:
         return Mute("too few samples")
+    white = _unmoved(errors, c, errors.white[:, c])
     best: tuple[float, float, int] | None = None
     for blocks in BLOCKS:
         sums, counts = _blocks(white, blocks)
@@ -101,7 +105,7 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
     assert best is not None  # there is at least one scale
     value, p, blocks = best
     channel, seconds = errors.channels[c], white.size * errors.step / blocks
-    sums, counts = _blocks(errors.error[:, c], blocks)
+    sums, counts = _blocks(_unmoved(errors, c, errors.error[:, c]), blocks)
     means = np.divide(sums, counts, out=np.full(blocks, np.nan), where=counts > 0) / channel.scale
     unit = channel.display or channel.unit
     return Hit(
@@ -119,6 +123,17 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
             ],
         ),
     )
+
+
+def _unmoved(errors: Errors, c: int, values: Array) -> Array:
+    """Values (n,) without what follows the input that the channel follows best."""
+    name = errors.partner(c)
+    if not name:
+        return values
+    columns, known = regressors(errors.inputs[name], errors.step), np.isfinite(values)
+    found = np.linalg.lstsq(columns[known], values[known], rcond=1e-9)[0]
+    found[1] = 0.0  # the line in time is what is looked for
+    return values - columns @ found
 
 
 def _blocks(values: Array, blocks: int) -> tuple[Array, Array]:

@@ -169,3 +169,12 @@ def neighbour(point: Point, place: int) -> tuple[Point, float]:
     numbers = point.numbers.copy()
     numbers[place] += distance
     return replace(point, numbers=numbers), distance
+
+
+def opposite(point: Point, to: Point, distance: float) -> tuple[Point, float]:
+    """Return the neighbour on the other side and its signed distance; the same one where the range ends before it."""
+    numbers = 2.0 * point.numbers - to.numbers
+    low, high = np.array([c.range for c in point.coordinates]).reshape(-1, 2).T
+    if ((numbers < low) | (numbers > high)).any():
+        return to, distance
+    return replace(point, numbers=numbers), -distance

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -12,10 +12,11 @@ import numpy as np
 from diagnosis.contracts import Array, Effect, Surface
 from diagnosis.engine.fit import FittedModel, counted, filters, fit
 from diagnosis.engine.linear import Block, Linearisation, Projection, prior, solve
-from diagnosis.engine.noise import Filter, Noise, estimate, quietest, white
+from diagnosis.engine.noise import Filter, Mask, Noise, estimate, quietest, white
 from diagnosis.engine.point import Coordinate, Point, effect_coordinates, neighbour, surface_coordinates
 from diagnosis.engine.replay import Replay
 
+BLOCKS: Final = 256  #: of all runs together, to see how scores scatter
 DRAWS: Final = 20_000  #: of the maximum of all scores under chance
 
 
@@ -139,8 +140,7 @@ def look(
     steps = [neighbour(c.entered(start), len(start.numbers)) for c in entries]
     ends = [len(steps)]
     for surface in surfaces:
-        flat = start.with_(surface_coordinates(surface), [p.nominal for p in surface.coefficients])
-        steps += [neighbour(flat, i) for i in range(len(start.numbers), len(flat.numbers))]
+        steps += _roughened(start, surface)
         ends.append(len(steps))
     more = replay.differences(predictions, [steps] * len(replay.runs))
     residuals = replay.residuals(predictions)
@@ -148,11 +148,92 @@ def look(
     whiten = filters(noise, replay)
     model = fit(replay, noise, start, _around(replay.names, start, whiten, residuals, own))
     columns = [f(x) for f, x in zip(whiten, more, strict=True)]
+    del own, more
+    inflation = overdispersion(model.linearisation, columns)
+    noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
+    model = fit(replay, noise, model.point, model.linearisation)
+    entry = [x[:, :, : ends[0]] for x in columns]
     return Sight(
         model,
-        screen(model.linearisation, entries, [x[:, :, : ends[0]] for x in columns], alpha=alpha, seed=seed),
+        screen(model.linearisation, entries, entry, inflation[: ends[0]], alpha=alpha, seed=seed),
         tuple(tuple(x[:, :, a:b] for x in columns) for a, b in pairwise(ends)),
     )
+
+
+def surface_columns(model: FittedModel, surfaces: Sequence[Surface]) -> tuple[tuple[Array, ...], ...]:
+    """Return what each coefficient of each surface would change: whitened (n, c, m) for each run."""
+    replay, whiten = model.replay, filters(model.noise, model.replay)
+    found = []
+    for surface in surfaces:
+        steps = [_roughened(model.point, surface)] * len(replay.runs)
+        quotients = replay.differences(model.predictions, steps)
+        found.append(tuple(f(q) for f, q in zip(whiten, quotients, strict=True)))
+    return tuple(found)
+
+
+def _roughened(point: Point, surface: Surface) -> list[tuple[Point, float]]:
+    """Return the neighbours of a point along the coefficients of a surface."""
+    flat = point.with_(surface_coordinates(surface), [p.nominal for p in surface.coefficients])
+    return [neighbour(flat, i) for i in range(len(point.numbers), len(flat.numbers))]
+
+
+def overdispersion(here: Linearisation, columns: Sequence[Array]) -> Array:
+    """Return by how much the scores of columns (n, c, m) scatter more than whitened noise allows (m,), at least 1.
+
+    The sandwich of robust statistics: the variance of a score is the sum of squares of what blocks of a run add to
+    it, each far longer than the noise remembers. It sees what no whitening of single channels can: errors of the
+    model and the inputs that last, or that several channels share. What the columns explain together counts as no
+    error, so an effect does not hide itself.
+    """
+    projection = here.project(columns)
+    seen = projection.norm > 0.0
+    explained = np.zeros(len(seen))
+    explained[seen] = solve(projection.gram[np.ix_(seen, seen)], projection.score[seen])
+    length = max(1, sum(len(block.residual) for block in here.blocks) // BLOCKS)
+    meat, count = np.zeros(len(seen)), 0
+    for block, more in zip(here.blocks, columns, strict=True):
+        shadow = projection.shadow[list(block.places)]
+        error = block.residual - more @ explained + block.sensitivities @ (shadow @ explained)
+        scores = np.einsum("tcm,tc->tm", more, error)
+        scores -= np.einsum("tcm,tc->tm", block.sensitivities, error) @ shadow
+        starts = np.arange(0, len(scores), length)
+        meat += np.sum(np.add.reduceat(scores, starts) ** 2, axis=0)
+        count += len(starts)
+    square = projection.norm**2
+    ratio = np.divide(meat, square, out=np.ones_like(meat), where=seen)
+    return np.maximum(ratio * count / max(count - 1, 1), 1.0)
+
+
+def screen(
+    here: Linearisation,
+    entries: Sequence[Candidate],
+    columns: Sequence[Array],
+    inflation: Array,
+    *,
+    alpha: float,
+    seed: int,
+) -> Screen:
+    """Score candidates by their whitened columns (n, c, m) of each run."""
+    projection = here.project(columns)
+    one_sided = np.array([c.effect.one_sided for c in entries], dtype=bool)
+    return Screen(
+        tuple(entries),
+        projection,
+        tuple(columns),
+        inflation,
+        threshold(projection.cosines, one_sided, alpha, seed),
+    )
+
+
+def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float:
+    """Return the score that the largest of N(0, cosines) exceeds with probability alpha; two-sided ones by size."""
+    if len(cosines) == 0:
+        return float("inf")
+    values, vectors = np.linalg.eigh(cosines)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(seed).standard_normal((DRAWS, len(cosines))) @ root.T
+    draws[:, ~one_sided] = np.abs(draws[:, ~one_sided])
+    return float(np.quantile(draws.max(axis=1), 1.0 - alpha))
 
 
 def remaining_noise(
@@ -196,29 +277,3 @@ def _around(
             for name, f, r, x in zip(names, whiten, residuals, own, strict=True)
         ),
     )
-
-
-def screen(
-    here: Linearisation, entries: Sequence[Candidate], columns: Sequence[Array], *, alpha: float, seed: int
-) -> Screen:
-    """Score candidates by their whitened columns (n, c, m) of each run."""
-    projection = here.project(columns)
-    one_sided = np.array([c.effect.one_sided for c in entries], dtype=bool)
-    return Screen(
-        tuple(entries),
-        projection,
-        tuple(columns),
-        np.ones(len(entries)),
-        threshold(projection.cosines, one_sided, alpha, seed),
-    )
-
-
-def threshold(cosines: Array, one_sided: np.ndarray, alpha: float, seed: int) -> float:
-    """Return the score that the largest of N(0, cosines) exceeds with probability alpha; two-sided ones by size."""
-    if len(cosines) == 0:
-        return float("inf")
-    values, vectors = np.linalg.eigh(cosines)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = np.random.default_rng(seed).standard_normal((DRAWS, len(cosines))) @ root.T
-    draws[:, ~one_sided] = np.abs(draws[:, ~one_sided])
-    return float(np.quantile(draws.max(axis=1), 1.0 - alpha))

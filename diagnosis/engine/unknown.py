@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun, Surface
-from diagnosis.engine.errors import at_most_one, chi_square
-from diagnosis.engine.fit import FittedModel, filters, fit, predict
+from diagnosis.engine.errors import chi_square
+from diagnosis.engine.fit import FittedModel, fit, predict
 from diagnosis.engine.linear import Linearisation, solve
-from diagnosis.engine.point import neighbour, surface_coordinates
+from diagnosis.engine.point import surface_coordinates
 from diagnosis.engine.screen import Screen
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
 
-#: A surface acts where a coefficient is so many standard deviations from 0, and such a part of the largest one.
-CLEAR, LARGE = 2.0, 0.1
+#: A surface acts where its coefficients are so many standard deviations from 0, and such a part of the largest ones.
+CLEAR, LARGE = 2.0, 0.25
 #: A coefficient was seen where the data halve the standard deviation that was believed.
 SEEN = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Omnibus:
-    """The score test of one surface: χ² of its coefficients together, ``p`` for all surfaces that were tested.
+    """The score test of one surface: χ² of its coefficients together, and the chance of one as large.
 
     ``start`` (m,) are the coefficients that the score estimates, in units of their prior spread.
     """
@@ -34,26 +34,6 @@ class Omnibus:
     freedom: int
     p: float
     start: Array
-
-
-def omnibus(model: FittedModel, surfaces: Sequence[Surface]) -> list[Omnibus]:
-    """Test every surface of a simulator against what a fitted model leaves; the clearest comes first.
-
-    The p-value is exact for Gaussian noise, and Bonferroni's over the surfaces.
-    """
-    tests = [score_test(model.linearisation, surface, columns(model, surface)) for surface in surfaces]
-    shared = [replace(test, p=at_most_one(test.p, len(tests))) for test in tests]
-    return sorted(shared, key=lambda test: (test.p, -test.statistic))
-
-
-def columns(model: FittedModel, surface: Surface) -> tuple[Array, ...]:
-    """What each coefficient of a surface would change: whitened (n, c, m) for each run, per prior spread."""
-    point = model.point
-    flat = point.with_(surface_coordinates(surface), [p.nominal for p in surface.coefficients])
-    steps = [neighbour(flat, i) for i in range(len(point.numbers), len(flat.numbers))]
-    replay = model.replay
-    quotients = replay.differences(model.predictions, [steps] * len(replay.runs))
-    return tuple(f(q) for f, q in zip(filters(model.noise, replay), quotients, strict=True))
 
 
 def score_test(here: Linearisation, surface: Surface, columns: Sequence[Array]) -> Omnibus:
@@ -126,45 +106,54 @@ def resemblance(here: Linearisation, test: Omnibus, screen: Screen, most: int = 
 
 
 def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[Region]:
-    """Where the surface differs from 0 along each coordinate; coefficients are in units of their prior spread."""
+    """Stretches of each coordinate on which the surface differs from 0; coefficients are in units of their spread."""
     if not surface.centres:
         return []
-    centres = np.array(surface.centres)
-    size = np.abs(coefficients)
-    clear = (size > CLEAR * deviations) & (size > LARGE * size.max())
-    seen = deviations < SEEN
-    return [
-        Region(
-            coordinate=name,
-            low=_edge(axis[clear], np.min),
-            high=_edge(axis[clear], np.max),
-            visited_low=_edge(axis[seen], np.min),
-            visited_high=_edge(axis[seen], np.max),
-        )
-        for name, axis in zip(surface.coordinates, centres.T, strict=True)
-    ]
-
-
-def _edge(values: Array, which: Callable[[Array], float]) -> float | None:
-    return float(which(values)) if values.size else None
+    found = []
+    for name, axis in zip(surface.coordinates, np.array(surface.centres).T, strict=True):
+        places = np.unique(axis)
+        at = [axis == place for place in places]
+        size = np.array([np.sqrt(np.mean(coefficients[here] ** 2)) for here in at])
+        sure = np.array([np.any(np.abs(coefficients[here]) > CLEAR * deviations[here]) for here in at])
+        seen = places[[bool(np.any(deviations[here] < SEEN)) for here in at]]
+        acts = sure & (size > LARGE * size.max())
+        borders = np.flatnonzero(np.diff(np.concatenate(([0], acts.astype(np.int8), [0]))))
+        for start, stop in borders.reshape(-1, 2):
+            found.append(
+                Region(
+                    coordinate=name,
+                    low=float(places[start]),
+                    high=float(places[stop - 1]),
+                    visited_low=float(seen.min()) if seen.size else None,
+                    visited_high=float(seen.max()) if seen.size else None,
+                )
+            )
+    return found
 
 
 def _sentence(surface: Surface, regions: Sequence[Region], nearest: Sequence[Nearest], kept: bool) -> str:
-    acts = [f"{r.coordinate} from {r.low:.3g} to {r.high:.3g}" for r in regions if r.low is not None]
-    seen = [
-        f"{r.coordinate} from {r.visited_low:.3g} to {r.visited_high:.3g}"
-        for r in regions
-        if r.visited_low is not None
-    ]
-    parts = [surface.title[:1].upper() + surface.title[1:] + (f", on {' and '.join(acts)}" if acts else "")]
+    acts, seen = [], []
+    for name in surface.coordinates:
+        mine = [r for r in regions if r.coordinate == name]
+        if mine:
+            first, unit = mine[0], name.rpartition(" in ")[2] if " in " in name else ""
+            what = name.rpartition(" in ")[0] or name
+            seen.append(f"{what} {_span(first.visited_low, first.visited_high)} {unit}".rstrip())
+            if (mine[0].low, mine[-1].high) != (first.visited_low, first.visited_high) or len(mine) > 1:
+                acts.append(f"{what} {' and '.join(_span(r.low, r.high) for r in mine)} {unit}".rstrip())
+    parts = [surface.title[:1].upper() + surface.title[1:] + (f", at {', '.join(acts)}" if acts else "")]
     if nearest:
         parts.append(
             "nearest named: " + ", ".join(f"{n.effect} (cosine {n.cosine or 0.0:.2f})" for n in nearest)
         )
-    parts.append("valid only inside " + (" and ".join(seen) if seen else "what the runs visited"))
+    parts.append("valid only inside " + (", ".join(seen) if seen else "what the runs visited"))
     if not kept:
         parts.append("not kept: it does not predict the select runs better")
     return "; ".join(parts) + "."
+
+
+def _span(low: float | None, high: float | None) -> str:
+    return f"{low or 0.0:.3g} to {high or 0.0:.3g}" if low != high else f"{low or 0.0:.3g}"
 
 
 def _map(surface: Surface, values: Array, deviations: Array) -> Figure | None:

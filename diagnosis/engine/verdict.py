@@ -10,21 +10,20 @@ import numpy as np
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import Config
-from diagnosis.engine.errors import at_most_one
-from diagnosis.engine.fit import FittedModel
+from diagnosis.engine.errors import at_most_one, chi_square
+from diagnosis.engine.fit import FittedModel, fit, predict
 from diagnosis.engine.linear import inverse
 from diagnosis.engine.naming import Naming
-from diagnosis.engine.screen import Screen, Sight
+from diagnosis.engine.point import surface_coordinates
+from diagnosis.engine.screen import Screen, Sight, overdispersion
 from diagnosis.engine.unknown import Omnibus, explain, score_test
 from diagnosis.finding import Unknown, Verdict
 
 REMAINDER: Final = 0.01  #: part of the explained χ² from which on a significant rest belongs to the verdict
-EXCHANGEABLE: Final = (
-    3.0  #: so many standard deviations of its amplitude a cause keeps beside a surface, if it is one
+LIKENESS: Final = (
+    0.9  #: part of an effect's footprint that a surface must be able to imitate to make it doubtful
 )
-
 GENEROUS: Final = 10.0  #: beside a cause, a surface may be so many times as large as is believed
-STEADY: Final = 2.0  #: the amplitude of a true cause changes by no more than this factor beside a surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,30 +39,47 @@ class Judgement:
     doubtful: tuple[str, ...]
 
 
-def judge(naming: Naming, sight: Sight, select: Sequence[MeasuredRun], config: Config) -> Judgement:
-    """Judge what the search found, and what the simulator's surfaces see beyond it in the last sight."""
-    model, surfaces = sight.model, sight.model.replay.simulator.surfaces
+def suspicious(sight: Sight, config: Config) -> bool:
+    """Return whether any surface sees anything, even if the noise was estimated as though there were none."""
+    surfaces = sight.model.replay.simulator.surfaces
     tests = [
-        score_test(model.linearisation, surface, columns)
+        score_test(sight.model.linearisation, surface, columns)
         for surface, columns in zip(surfaces, sight.surfaces, strict=True)
     ]
-    tests = [replace(test, p=at_most_one(test.p, len(tests))) for test in tests]
+    return any(at_most_one(test.p, len(tests)) < config.alpha_unknown for test in tests)
+
+
+def _seen(naming: Naming, sight: Sight, config: Config) -> list[Omnibus]:
+    """Return the tests of surfaces that see a good part of what the named causes explain, the clearest first.
+
+    Their χ² counts as much less as their scores scatter more than the noise allows (Rao and Scott).
+    """
+    here, surfaces = sight.model.linearisation, sight.model.replay.simulator.surfaces
     explained = sum(accepted.strength**2 for accepted in naming.accepted)
-    clear = [
-        test
-        for test in sorted(tests, key=lambda test: (test.p, -test.statistic))
-        if test.p < config.alpha_unknown and test.statistic - test.freedom > REMAINDER * explained
-    ]
+    tests = []
+    for surface, columns in zip(surfaces, sight.surfaces, strict=True):
+        test = score_test(here, surface, columns)
+        statistic = test.statistic / float(np.mean(overdispersion(here, columns)))
+        p = at_most_one(chi_square(statistic, test.freedom), len(surfaces))
+        if p < config.alpha_unknown and statistic - test.freedom > REMAINDER * explained:
+            tests.append(replace(test, statistic=statistic, p=p))
+    return sorted(tests, key=lambda test: (test.p, -test.statistic))
+
+
+def judge(naming: Naming, sight: Sight, select: Sequence[MeasuredRun], config: Config) -> Judgement:
+    """Judge what the search found, and what the simulator's surfaces see beyond it in the last sight."""
+    model = sight.model
+    clear = _seen(naming, sight, config)
     unknowns: tuple[Unknown, ...] = ()
     doubtful: tuple[str, ...] = ()
     if clear:
         test = clear[0]
-        doubtful = tuple(a.effect for a in naming.accepted if _exchangeable(model, test, a.effect))
+        likenesses = tuple(a.effect for a in naming.accepted if _imitable(model, test, a.effect))
+        if likenesses and _inferior(model, test, likenesses, select):
+            doubtful = likenesses
         model, unknown = explain(model, test, sight.screen, select)
         unknowns = (unknown,)
-    return Judgement(
-        _verdict(naming, sight.screen, unknowns, doubtful, explained, config), model, unknowns, doubtful
-    )
+    return Judgement(_verdict(naming, sight.screen, unknowns, doubtful, config), model, unknowns, doubtful)
 
 
 def _verdict(
@@ -71,9 +87,9 @@ def _verdict(
     screen: Screen,
     unknowns: Sequence[Unknown],
     doubtful: Sequence[str],
-    explained: float,
     config: Config,
 ) -> Verdict:
+    explained = sum(accepted.strength**2 for accepted in naming.accepted)
     rest = [i for i in screen.exceeding if screen.z[i] ** 2 > REMAINDER * explained]
     kept = any(unknown.kept for unknown in unknowns)
     if len(doubtful) == len(naming.accepted):
@@ -85,13 +101,33 @@ def _verdict(
     return Verdict.REMAINDER if unknowns or rest else Verdict.NAMED
 
 
-def _exchangeable(model: FittedModel, test: Omnibus, effect: str) -> bool:
-    """Return whether an effect is superfluous, or another one, beside a surface: then it names nothing of its own."""
+def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
+    """Return whether a surface can do what an effect does: beside it, most of what the data say of the amplitude goes.
+
+    A cubic spring and a stop are both forces over a displacement.
+    """
     here = model.linearisation
+    covariance = here.covariance()
     place = next(i for i, c in enumerate(here.point.coordinates) if c.owner == effect)
     projection = here.project(test.columns)
-    ridge = inverse(projection.gram + np.eye(len(test.start)) / GENEROUS**2)
-    alone = here.point.numbers[place]
-    beside = alone - projection.shadow[place] @ ridge @ projection.score
-    variance = here.covariance()[place, place] + projection.shadow[place] @ ridge @ projection.shadow[place]
-    return bool(abs(beside) < EXCHANGEABLE * np.sqrt(variance) or not 1.0 / STEADY < beside / alone < STEADY)
+    shadow = projection.shadow[place]
+    more = shadow @ inverse(projection.gram + np.eye(len(test.start)) / GENEROUS**2) @ shadow
+    return bool(covariance[place, place] < (1.0 - LIKENESS) * (covariance[place, place] + more))
+
+
+def _inferior(
+    model: FittedModel, test: Omnibus, effects: Sequence[str], select: Sequence[MeasuredRun]
+) -> bool:
+    """Return whether a surface in the place of effects predicts better than they do: then they are likenesses only.
+
+    A true cause is right where no run has been yet, which no surface is.
+    """
+    start = model.point
+    for effect in effects:
+        start = start.without(effect)
+    coefficients = surface_coordinates(test.surface)
+    start = start.with_(coefficients, [c.parameter.nominal for c in coefficients])
+    other = fit(model.replay, model.noise, start, model.linearisation)
+    if not select:
+        return other.linearisation.cost < model.linearisation.cost
+    return predict(other, select).lpd > predict(model, select).lpd

@@ -64,7 +64,7 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
         return ""
     with style():
         height = 0.235 * len(rows) + 0.80
-        figure, axes = panel(height, width=6.4, left=1.75, right=0.25, bottom=0.44, top=0.30)
+        figure, axes = panel(height, width=6.4, left=1.75, right=0.25, bottom=0.50, top=0.30)
         for place, gain in enumerate(rows):
             before, after = gain.noise_ratio_before or 1.0, gain.noise_ratio or 1.0
             axes.plot([after, before], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
@@ -77,7 +77,7 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
         axes.grid(visible=False, axis="y")
         heading(axes, "Error over noise", "", what="RMSE / noise floor")
         _legend(axes)
-        return svg(figure, name)
+        return _sized(svg(figure, name), 6.4)
 
 
 def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
@@ -121,7 +121,7 @@ def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
             fontsize=7.5,
             color=ALARM,
         )
-        return svg(figure, name)
+        return _sized(svg(figure, name), 6.4)
 
 
 def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
@@ -159,7 +159,7 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
         axes.grid(visible=False)
         for side in axes.spines.values():
             side.set_visible(False)
-        return svg(figure, name)
+        return _sized(svg(figure, name), width)
 
 
 def cosine_map(name: str, confusability: Confusability) -> str:
@@ -173,9 +173,8 @@ def cosine_map(name: str, confusability: Confusability) -> str:
         colors = LinearSegmentedColormap.from_list("alike", ["#ffffff", "#c6dcea", PALETTE[0], "#00334f"])
         labels = max(len(name) for name in effects) * 0.066 + 0.25
         side = min(7.4, 0.30 * len(effects))
-        figure, axes = panel(
-            side + labels + 0.1, width=side + labels + 0.9, left=labels, right=0.9, bottom=0.1, top=labels
-        )
+        width = side + labels + 0.9
+        figure, axes = panel(side + labels + 0.1, width=width, left=labels, right=0.9, bottom=0.1, top=labels)
         for i, row in enumerate(confusability.cosines):
             for j, cosine in enumerate(row):
                 if i == j or cosine is None:
@@ -193,7 +192,7 @@ def cosine_map(name: str, confusability: Confusability) -> str:
         axes.grid(visible=False)
         for edge in axes.spines.values():
             edge.set_visible(False)
-        return svg(figure, name)
+        return _sized(svg(figure, name), width)
 
 
 def _cell(x: float, y: float, color: Any) -> Any:
@@ -205,7 +204,9 @@ def _cell(x: float, y: float, color: Any) -> Any:
 def panel_figure(name: str, title: str, figure: Figure) -> str:
     """What a test of the panel, or a surface, drew."""
     with style():
-        drawing, axes = panel(2.75, width=4.72, left=0.72, right=0.18, bottom=0.62, top=0.30)
+        drawing, axes = panel(
+            2.75, width=4.72, left=0.72, right=0.55 if figure.kind == "map" else 0.18, bottom=0.62, top=0.30
+        )
         for index, series in enumerate(figure.series):
             _series(axes, figure, series, PALETTE[index % len(PALETTE)])
         if figure.limit is not None:
@@ -240,7 +241,7 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
             x,
             y,
             c=z,
-            s=42,
+            s=min(160.0, 5000.0 / max(x.size, 1)),
             marker="s",
             cmap="RdBu_r",
             vmin=-reach,
@@ -264,7 +265,7 @@ def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
         for place, (_, sigmas) in enumerate(rows):
             axes.plot([0, sigmas], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
             axes.plot(sigmas, place, "o", color=AFTER if abs(sigmas) < 1.96 else BEFORE, markersize=5)
-        reach = max(3.0, 1.15 * max(abs(sigmas) for _, sigmas in rows))
+        reach = max(3.0, 1.4 * max(abs(sigmas) for _, sigmas in rows))
         axes.set_xscale("symlog", linthresh=3.0, linscale=1.2)
         axes.set_xlim(-reach, reach)
         ticks = [t for t in (-1000, -100, -10, -3, 0, 3, 10, 100, 1000) if abs(t) <= reach]
@@ -274,7 +275,7 @@ def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
         heading(axes, "Shift of the base parameters", "", what="σ that the base model claimed")
-        return svg(figure, name)
+        return _sized(svg(figure, name), 6.4)
 
 
 def _foot(axes: Axes, text: str) -> None:
@@ -282,9 +283,10 @@ def _foot(axes: Axes, text: str) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    axes.legend(
-        loc="upper left",
-        bbox_to_anchor=(-0.02, -0.07),
+    """The names of the lines, at the foot of the figure."""
+    axes.figure.legend(
+        loc="lower left",
+        bbox_to_anchor=(axes.get_position().x0 - 0.012, -0.015),
         ncols=6,
         frameon=False,
         fontsize=8,
@@ -292,6 +294,11 @@ def _legend(axes: Axes) -> None:
         columnspacing=1.0,
         borderpad=0.1,
     )
+
+
+def _sized(drawing: str, width: float) -> str:
+    """A drawing that keeps its size on the page, where type must not grow with the room."""
+    return drawing.replace('class="plot"', f'class="plot" style="max-width:{6.04 * width:.1f}rem"', 1)
 
 
 def _log_axis(axes: Axes, axis: str, shown: Sequence[float | None]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
-from diagnosis.report.words import chance, percent, shown, with_unit
+from diagnosis.report.words import chance, percent, prose, shown, typeset, unit
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -65,9 +65,12 @@ def render(finding: Finding) -> str:
             tone=TONES[finding.verdict],
             headline=HEADLINES[finding.verdict],
             overall=overall,
+            extended=bool(finding.causes) or any(unknown.kept for unknown in finding.unknowns),
             interval=interval,
             shown=shown,
-            with_unit=with_unit,
+            prose=prose,
+            typeset=typeset,
+            unit=unit,
             percent=percent,
             chance=chance,
             gain_drawing=drawings.gain_rows("gains", finding.gains),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from bench_records.report import MINUS, SUPERSCRIPT, THIN_SPACE
 
@@ -23,11 +24,6 @@ def shown(value: float | None, digits: int = 3) -> str:
     return text.replace(",", THIN_SPACE).replace("-", MINUS)
 
 
-def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
-    """A number and its unit."""
-    return shown(value, digits) + (f"{THIN_SPACE}{unit}" if unit and value is not None else "")
-
-
 def percent(value: float | None) -> str:
     """A part of 1 as a percentage."""
     return DASH if value is None else f"{100.0 * value:.3g}{THIN_SPACE}%".replace("-", MINUS)
@@ -38,3 +34,25 @@ def chance(p: float | None) -> str:
     if p is None:
         return DASH
     return "<\u200910⁻⁹" if p < 1e-9 else shown(p, 2)
+
+
+def unit(name: str) -> str:
+    """A unit as it is printed: nothing for a pure number."""
+    return "" if name == "1" else name
+
+
+def typeset(text: str) -> str:
+    """A text of the finding with its powers of ten and minus signs set."""
+    powers = re.sub(
+        r"(\d)e([+-]?)0*(\d+)\b",
+        lambda m: f"{m[1]}·10{(m[2].strip('+') + m[3]).translate(SUPERSCRIPT)}",
+        text,
+    )
+    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, powers)
+
+
+def prose(sentence: str) -> str:
+    """A sentence of the finding, typeset, with a capital unless it begins with the name of a channel."""
+    text = typeset(sentence)
+    named = "." in text.split(" ", 1)[0].rstrip(".,:")
+    return text if named else text[:1].upper() + text[1:]

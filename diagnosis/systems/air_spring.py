@@ -34,6 +34,8 @@ from diagnosis.contracts import (
     Surface,
 )
 from diagnosis.systems.air_spring_parameters import deviate, hypotheses, locate, nuisances
+from diagnosis.systems.air_spring_parity import parity
+from diagnosis.systems.air_spring_surfaces import TERMS
 
 _SIDE_NAMES: Final = bench.PLACES
 #: Everything that the model predicts from an imposed motion, by the name of its signal.
@@ -112,7 +114,7 @@ class AirSpring:
         self.nuisances: tuple[Nuisance, ...] = nuisances(
             parameters, tuple(zip(self.channels, self._sensors, strict=True))
         )
-        self.surfaces: tuple[Surface, ...] = ()
+        self.surfaces: tuple[Surface, ...] = tuple(term.surface for term in TERMS.values())
         self._lock = Lock()
         self._ready: OrderedDict[int, _Ready] = OrderedDict()
 
@@ -144,9 +146,22 @@ class AirSpring:
                 record[name][:] = experiment.settings[name]
         deviate(record, parameters)
         for name, values in effects.items():
+            if name in TERMS:
+                TERMS[name].write(record, values)
+                continue
             effect, place = locate(name, self._effects)
             effect.change(record, place, values)
         return record
+
+    def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
+        """Return signals (n,) of ``outputs`` (n, c) that one subsystem alone can move, NaN where an output is.
+
+        The force of a spring less p_g A_e(ζ) moves with rubber and load cells, its mass of air with leaks, an actuator
+        less the lasers with its frame.
+        """
+        return parity(
+            experiment, dict(zip((c.name for c in self.channels), outputs.T, strict=True)), self.parameters
+        )
 
     def _simulate(
         self, experiment: Experiment, ready: "_Ready", parameters: Mapping[str, float], effects: Effects
@@ -204,28 +219,32 @@ def _motion(experiment: Experiment, par: Any) -> Array:
 
 
 def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
-    """The gas where a run begins. At rest a bellows and the chamber it is joined with have one pressure."""
+    """The gas where a run begins, from what its sensors read there with the biases that the model gives them.
+
+    At rest a bellows and the chamber it is joined with have one pressure.
+    """
+
+    def true(name: str) -> float:
+        sensor = OUTPUTS[name]
+        return float((experiment.settings[name] - par.sensor_bias[sensor]) / (1.0 + par.sensor_gain[sensor]))
+
     settings = experiment.settings
     pressure = np.empty(2 * SIDES)
     temperature = np.empty(2 * SIDES)
     for i, side in enumerate(_SIDE_NAMES):
-        name = f"{side}.bellows_pressure"
-        if name not in settings:
+        bellows, auxiliary = (f"{side}.{chamber}_pressure" for chamber in ("bellows", "auxiliary"))
+        if bellows not in settings:
             raise DiagnosisError(
-                f"run {experiment.name}: the setting {name} is missing: gauge pressure in Pa where the run begins"
+                f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
             )
-        bellows = settings[name] - parameters.get(f"{name}.offset", 0.0)
-        auxiliary = settings.get(f"{side}.auxiliary_pressure", bellows)
-        joined = _input(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
+        gauge = true(bellows) - parameters.get(f"{bellows}.offset", 0.0)
+        joined = auxiliary not in settings or _input(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
         shift = parameters.get(f"{side}.initial_pressure", 0.0) + par.atmospheric_pressure
-        warmth = parameters.get(f"{side}.initial_temperature", 0.0)
-        for k, (chamber, gauge) in enumerate(
-            (("bellows", bellows), ("auxiliary", bellows if joined else auxiliary))
-        ):
-            pressure[SIDES * k + i] = gauge + shift
-            temperature[SIDES * k + i] = warmth + settings.get(
-                f"{side}.{chamber}_temperature", float(par.ambient_temperature)
-            )
+        pressure[i] = gauge + shift
+        pressure[SIDES + i] = shift + (gauge if joined else true(auxiliary))
+        for k, name in ((i, f"{side}.bellows_temperature"), (SIDES + i, f"{side}.auxiliary_temperature")):
+            start = true(name) if name in settings else float(par.ambient_temperature)
+            temperature[k] = start + parameters.get(f"{side}.initial_temperature", 0.0)
     return Gas(pressure, temperature)
 
 

@@ -31,6 +31,9 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 INITIAL_PRESSURE: Final = 50.0
 INITIAL_TEMPERATURE: Final = 0.2
 
+#: Steps of finite differences, in standard deviations and typical sizes. Where friction turns depends on its history,
+#: and a reversal that comes or goes is a jump: the larger the step, the less it counts.
+_STEP: Final = 0.1
 _SIDES: Final = bench.PLACES
 _UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
 
@@ -49,13 +52,23 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
                 channel.unit,
                 0.0,
                 float(accuracy[sensor]) / sqrt(3.0),
+                step=_STEP * float(accuracy[sensor]) / sqrt(3.0),
                 display=channel.display,
                 scale=channel.scale,
             )
             for channel, sensor in channels
         ),
         *(
-            Nuisance(f"{side}.initial_{what}", unit, 0.0, spread, display=display, scale=scale, per_run=True)
+            Nuisance(
+                f"{side}.initial_{what}",
+                unit,
+                0.0,
+                spread,
+                step=_STEP * spread,
+                display=display,
+                scale=scale,
+                per_run=True,
+            )
             for what, unit, spread, display, scale in (
                 ("pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0),
                 ("temperature", "K", INITIAL_TEMPERATURE, "K", 1.0),
@@ -81,6 +94,7 @@ def _tolerance(parameters: Parameters, name: str, label: str, place: int, share:
         share * abs(value),
         float(entry.low[place]),
         float(entry.high[place]),
+        _STEP * share * abs(value),
         display=entry.unit,
         scale=entry.scale,
     )
@@ -131,6 +145,7 @@ def _hypothesis(name: str, effect: bench.Effect, place: str, effects: Mapping[st
             amplitude.typical,
             amplitude.low,
             amplitude.high,
+            _STEP * amplitude.typical,
             display=amplitude.display,
             scale=amplitude.scale,
         ),

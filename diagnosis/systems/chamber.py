@@ -14,15 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_sim.model.compiled import compiled, compiled_entry
-from diagnosis.contracts import Array, Channel, Effect, Effects, Experiment, Nuisance, Surface
+from diagnosis.contracts import Array, Channel, DiagnosisError, Effect, Effects, Experiment, Nuisance, Surface
 from diagnosis.systems.chamber_effects import KAPPA, R_AIR, RHO_0, T_0, chamber_effects
 from diagnosis.systems.signals import Setting, Signal, System
 
 #: The gas is integrated in steps of at most this.
 _STEP: Final = 0.1
+#: The pressure at the start is read from so many samples.
+_FIRST: Final = 10
 
 _NUISANCES: Final = (
-    Nuisance("start_pressure_error", "Pa", 0.0, 2e3, step=1e-2, display="mbar", scale=1e2, per_run=True),
+    Nuisance("start_pressure_error", "Pa", 0.0, 2e2, step=1e-2, display="mbar", scale=1e2, per_run=True),
     Nuisance("pressure_zero", "Pa", 0.0, 2e3, step=1e-2, display="mbar", scale=1e2),
 )
 
@@ -80,7 +82,7 @@ class Chamber:
 def _leaks(effects: Effects) -> Array:
     """Return the numbers of the leak laws in the order of `_flow`; what is absent is 0."""
     orifice = effects.get("leak_orifice", {})
-    crack = effects.get("leak_elastic", {})
+    opening = effects.get("leak_opening", {})
     porous = effects.get("leak_inertial", {})
     return np.array(
         [
@@ -90,8 +92,8 @@ def _leaks(effects: Effects) -> Array:
             effects.get("leak_laminar", {}).get("conductance", 0.0),
             porous.get("conductance", 0.0),
             porous.get("transition", 1.0),
-            crack.get("conductance", 0.0),
-            crack.get("opening", 0.0),
+            opening.get("conductance", 0.0),
+            opening.get("opening", 0.0),
         ]
     )
 
@@ -111,14 +113,12 @@ def _flow(p: float, T: float, p_a: float, k: Array) -> float:
     """Mass flow in kg/s out of the chamber by all leaks; ``k`` as `_leaks` returns it."""
     excess = p - p_a
     squares = p * p - p_a * p_a
-    flow = k[2] * excess + k[3] * squares
+    flow = k[2] * excess + k[3] * squares + k[6] * excess * (1.0 + k[7] * excess)
     if k[0] != 0.0:
         flow += k[0] * _orifice(p, T, p_a, k[1])
-    if k[6] != 0.0:
-        flow += k[6] * (1.0 + k[7] * excess) * _orifice(p, T, p_a, 0.5)
     if k[4] != 0.0:
-        laminar = k[4] * max(squares, 0.0)
-        flow += 2.0 * laminar / (1.0 + np.sqrt(1.0 + 4.0 * laminar / k[5]))
+        squares = max(squares, 0.0)
+        flow += 2.0 * k[4] * squares / (1.0 + np.sqrt(1.0 + 4.0 * squares / k[5] ** 2))
     return flow
 
 
@@ -168,9 +168,14 @@ def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[n
 
 
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
-    """The first sample: a mean over several would lie below the start of a fast blow-down."""
-    pressure = measured["pressure"]
-    return {"start_pressure": float(pressure[np.isfinite(pressure)][0])}
+    """The pressure where a run begins, by a straight line through the first samples: it may be falling fast."""
+    pressure = measured["pressure"][:_FIRST]
+    known = np.flatnonzero(np.isfinite(pressure))
+    if len(known) < 2:
+        raise DiagnosisError(
+            f"of the first {_FIRST} samples of the pressure {len(known)} are there; two must be"
+        )
+    return {"start_pressure": float(np.polynomial.Polynomial.fit(known, pressure[known], 1)(0.0))}
 
 
 def _simulator(settings: Mapping[str, float], channels: tuple[Channel, ...]) -> Chamber:

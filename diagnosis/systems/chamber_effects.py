@@ -19,7 +19,7 @@ RHO_0: Final = 1.185  #: ISO 6358 reference density, kg/m³
 #: A chamber that empties within this time has an ordinary leak.
 _QUICK: Final = 30.0
 _BAR: Final = 1e5
-_LEAKS: Final = ("leak_orifice", "leak_linear", "leak_laminar", "leak_inertial", "leak_elastic")
+_LEAKS: Final = ("leak_orifice", "leak_linear", "leak_laminar", "leak_inertial", "leak_opening")
 
 
 def chamber_effects(volume: float) -> Mapping[str, Effect]:
@@ -57,47 +57,46 @@ def chamber_effects(volume: float) -> Mapping[str, Effect]:
     squares = conductance(
         "kg/(s*Pa2)", mass_per_pressure / _QUICK / (4.0 * _BAR), "mg/(s*bar2)", 1e-6 / _BAR**2
     )
-    usual_flow = mass_per_pressure * _BAR / _QUICK
     effects = (
         leak(
-            "leak_orifice", "Leak through an orifice", sonic,
+            "leak_orifice", "leak through an orifice", sonic,
             "G = C·ρ_0·p·√(T_0/T)·q(p_a/p), q = 1 up to the critical ratio b, then an ellipse", "ISO 6358-1",
             shapes=(Parameter("critical_ratio", "1", 0.4, 0.15, 0.05, 0.6, step=0.02, display="1"),),
-            grid=((0.2,), (0.5,)), richer=("leak_elastic",),
+            grid=((0.2,), (0.5,)),
         ),
         leak(
-            "leak_linear", "Leak in proportion to the gauge pressure", linear, "G = k·(p − p_a)",
-            "a permeable wall",
+            "leak_linear", "leak in proportion to the gauge pressure", linear, "G = k·(p − p_a)",
+            "a permeable wall", richer=("leak_opening",),
         ),
         leak(
-            "leak_laminar", "Leak through a long narrow gap, laminar", squares, "G = k·(p² − p_a²)",
-            "Hagen-Poiseuille for an ideal gas at constant temperature", richer=("leak_inertial",),
+            "leak_laminar", "laminar leak through a narrow gap", squares, "G = k·(p² − p_a²)",
+            "Hagen-Poiseuille for an ideal gas at constant temperature", richer=("leak_inertial", "leak_opening"),
         ),
         leak(
-            "leak_inertial", "Leak through pores, laminar at low and turbulent at high flow", squares,
-            "p² − p_a² = G/k + G²/(k·G_t)", "P. Forchheimer, 1901",
+            "leak_inertial", "leak through pores, turbulent at high flow", squares,
+            "p² − p_a² = G/k + G²/(k·p_t)²", "P. Forchheimer, 1901",
             shapes=(
                 Parameter(
-                    "transition", "kg/s", usual_flow, 2.3, 1e-3 * usual_flow, 1e4 * usual_flow, step=0.01,
-                    logarithmic=True, display="mg/s", scale=1e-6,
+                    "transition", "Pa", 3.0 * _BAR, 4.0 * _BAR, 0.02 * _BAR, 200.0 * _BAR, logarithmic=True,
+                    display="bar", scale=_BAR,
                 ),
             ),
-            grid=((0.3 * usual_flow,), (3.0 * usual_flow,)),
+            grid=((0.5 * _BAR,), (2.0 * _BAR,), (8.0 * _BAR,)),
         ),
         leak(
-            "leak_elastic", "Leak through a crack that the pressure opens", sonic,
-            "G = C·(1 + s·(p − p_a))·ρ_0·p·√(T_0/T)·q(p_a/p), b = 0.5",
-            "ISO 6358-1 with an area that grows with the pressure",
+            "leak_opening", "leak through pores that the pressure opens", linear,
+            "G = k·(p − p_a)·(1 + s·(p − p_a)); s = 0 is a fixed permeable wall, s = 1/(2 p_a) a fixed laminar gap",
+            "first order of a conductance that grows with the load on the wall",
             shapes=(
-                Parameter("opening", "1/Pa", 0.3 / _BAR, 0.5 / _BAR, 0.0, 20.0 / _BAR, step=0.01, display="1/bar",
-                          scale=1.0 / _BAR),
+                Parameter("opening", "1/Pa", 0.3 / _BAR, 0.5 / _BAR, 0.0, 20.0 / _BAR, step=1e-3 / _BAR,
+                          display="1/bar", scale=1.0 / _BAR),
             ),
             grid=((0.1 / _BAR,), (1.0 / _BAR,)),
         ),
         Effect(
             name="heat_exchange",
             family="heat",
-            title="Gas that cools as it expands, and takes heat from the wall in finite time",
+            title="heat that the wall gives in finite time",
             amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
             touches=frozenset({"gas"}),
             confusers=_LEAKS,
@@ -107,9 +106,9 @@ def chamber_effects(volume: float) -> Mapping[str, Effect]:
         Effect(
             name="filling_heat",
             family="heat",
-            title="Gas still warm from filling",
-            amplitude=Parameter("excess_temperature", "K", 0.0, 20.0, -60.0, 120.0, step=0.01, display="K"),
-            shapes=(Parameter("time_constant", "s", 20.0, 0.9, 1.0, 600.0, step=0.02, logarithmic=True, display="s"),),
+            title="gas still warm from filling",
+            amplitude=Parameter("excess_temperature", "K", 0.0, 10.0, -40.0, 40.0, step=0.01, display="K"),
+            shapes=(Parameter("time_constant", "s", 20.0, 20.0, 1.0, 600.0, logarithmic=True, display="s"),),
             grid=((5.0,), (20.0,), (60.0,)),
             touches=frozenset({"gas"}),
             confusers=_LEAKS,
@@ -119,7 +118,7 @@ def chamber_effects(volume: float) -> Mapping[str, Effect]:
         Effect(
             name="sensor_drift",
             family="sensor",
-            title="Drift of the pressure sensor",
+            title="drift of the pressure sensor",
             amplitude=Parameter("rate", "Pa/s", 0.0, 3.0, -1e3, 1e3, step=1e-3, display="mbar/min", scale=100.0 / 60.0),
             touches=frozenset({"sensor"}),
             confusers=_LEAKS,

@@ -102,15 +102,14 @@ def lagged(signal: Array, lag: float, step: float) -> Array:
 
     It starts settled, and is linear in the lag at 0, where exp(−step/lag) alone would have no slope.
     """
-    from scipy.signal import lfilter, lfiltic
+    from scipy.signal import lfilter
 
     if lag <= 0.0:
         return signal
     a = np.exp(-step / lag)
     mean = lag / step * (1.0 - a)  # what the interval forgets, averaged over it
     b = np.array([1.0 - mean, mean - a])
-    start = lfiltic(b, [1.0, -a], signal[:1], signal[:1])
-    return lfilter(b, [1.0, -a], signal, zi=start)[0]
+    return lfilter(b, [1.0, -a], signal, zi=mean * signal[:1])[0]
 
 
 def _smooth(step: float, values: Array, derivative: int) -> Array:

@@ -33,9 +33,8 @@ def _force(name: str, low: float, spread: float = 10.0, step: float = 1e-3) -> P
 
 
 def _presliding() -> Parameter:
-    # Of a logarithm: one standard deviation is a factor of three.
     return Parameter(
-        "presliding", "m", 0.3e-3, 1.1, 10e-6, 10e-3, step=0.02, logarithmic=True, display="mm", scale=1e-3
+        "presliding", "m", 0.1e-3, 0.15e-3, 5e-6, 10e-3, logarithmic=True, display="mm", scale=1e-3
     )
 
 
@@ -62,7 +61,7 @@ _EFFECTS: Final = (
     Effect(
         name="seal_friction",
         family="friction",
-        title="Seal friction, growing with the pressure",
+        title="seal friction growing with pressure",
         amplitude=_force("force_at_4_bar", 0.0),
         shapes=(_share(),),
         grid=((0.4,), (0.7,), (1.0,)),
@@ -75,7 +74,7 @@ _EFFECTS: Final = (
     Effect(
         name="seal_presliding",
         family="friction",
-        title="Seal friction, growing with the pressure, that builds up over a presliding displacement",
+        title="seal friction growing with pressure, with presliding",
         amplitude=_force("force_at_4_bar", 0.0),
         shapes=(_share(), _presliding()),
         grid=tuple((w, x_2) for w in (0.4, 0.7, 1.0) for x_2 in (0.05e-3, 0.15e-3, 0.5e-3)),
@@ -87,17 +86,16 @@ _EFFECTS: Final = (
     Effect(
         name="stribeck",
         family="friction",
-        title="Friction that falls with the speed (Stribeck)",
+        title="friction falling with speed (Stribeck)",
         amplitude=_force("force", 0.0),
         shapes=(
             Parameter(
                 "speed",
                 "m/s",
                 5e-3,
-                0.7,
+                4e-3,
                 0.5e-3,
                 0.1,
-                step=0.02,
                 logarithmic=True,
                 display="mm/s",
                 scale=1e-3,
@@ -112,7 +110,7 @@ _EFFECTS: Final = (
     Effect(
         name="friction_gradient",
         family="friction",
-        title="Friction that grows along the stroke",
+        title="friction growing along the stroke",
         amplitude=Parameter("force_per_length", "N/m", 0.0, 100.0, step=0.1, display="N/mm", scale=1e3),
         touches=frozenset({"force"}),
         confusers=("spring",),
@@ -122,7 +120,7 @@ _EFFECTS: Final = (
     Effect(
         name="viscous",
         family="lubrication",
-        title="Viscous friction",
+        title="viscous friction",
         amplitude=Parameter("damping", "N*s/m", 0.0, 500.0, low=0.0, step=0.5, display="N*s/m"),
         touches=frozenset({"force"}),
         confusers=("coulomb",),
@@ -132,7 +130,7 @@ _EFFECTS: Final = (
     Effect(
         name="spring",
         family="geometry",
-        title="A spring beside the piston, such as a hose or a cable",
+        title="spring beside the piston (hose, cable)",
         amplitude=Parameter("stiffness", "N/m", 0.0, 100.0, step=0.1, display="N/mm", scale=1e3),
         touches=frozenset({"force"}),
         confusers=("area_gradient",),
@@ -142,7 +140,7 @@ _EFFECTS: Final = (
     Effect(
         name="area_gradient",
         family="geometry",
-        title="An effective area that changes along the stroke",
+        title="area changing along the stroke",
         amplitude=Parameter("relative_per_length", "1/m", 0.0, 1.0, step=1e-3, display="%/mm", scale=10.0),
         touches=frozenset({"force"}),
         confusers=("spring",),
@@ -152,11 +150,11 @@ _EFFECTS: Final = (
     Effect(
         name="drive_ripple",
         family="drive",
-        title="Force that repeats with each turn of the drive's spindle",
+        title="ripple of the drive's spindle",
         amplitude=_force("force", -20.0, spread=1.0, step=1e-3),
         shapes=(
             Parameter(
-                "pitch", "m", 3e-3, 0.3, 1e-3, 10e-3, step=5e-4, logarithmic=True, display="mm", scale=1e-3
+                "pitch", "m", 3e-3, 1e-3, 1e-3, 10e-3, step=1.5e-6, logarithmic=True, display="mm", scale=1e-3
             ),
             Parameter(
                 "phase",
@@ -181,7 +179,7 @@ _EFFECTS: Final = (
     Effect(
         name="force_lag",
         family="sensor",
-        title="A lag of the force signal",
+        title="lag of the force signal",
         amplitude=_lag(),
         touches=frozenset({"sensor"}),
         confusers=("seal_presliding",),
@@ -191,7 +189,7 @@ _EFFECTS: Final = (
     Effect(
         name="pressure_lag",
         family="sensor",
-        title="A lag of the pressure signal",
+        title="lag of the pressure signal",
         amplitude=_lag(),
         touches=frozenset({"sensor"}),
         equation="p = p_m + τ·ṗ_m",
@@ -200,7 +198,7 @@ _EFFECTS: Final = (
     Effect(
         name="force_drift",
         family="sensor",
-        title="A drift of the force signal",
+        title="drift of the force signal",
         amplitude=Parameter("rate", "N/s", 0.0, 0.02, step=2e-5, display="N/s"),
         touches=frozenset({"sensor"}),
         equation="F_m = F + r·t, t since the start of the file",

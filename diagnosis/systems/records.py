@@ -126,13 +126,29 @@ def _outputs(record: Record, grid: Array, inputs: Mapping[str, Array], simulator
     for k, channel in enumerate(simulator.channels):
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan
+        if channel.resolution > 2.0 * channel.noise:
+            outputs[:, k] = _stepped(outputs[:, k])
     return outputs
+
+
+def _stepped(values: Array) -> Array:
+    """What a signal (n,) says that is rounded more coarsely than it is noisy: where it was when it stepped.
+
+    Half-way between two readings that differ, in time and in value. As long as a reading stays, its error stays with
+    it: a hundred of the same are no better than one.
+    """
+    result = np.full(len(values), np.nan)
+    there = np.flatnonzero(np.isfinite(values))
+    steps = np.flatnonzero(np.diff(values[there]) != 0.0)
+    before, after = there[steps], there[steps + 1]
+    result[(before + after) // 2] = 0.5 * (values[before] + values[after])
+    return result
 
 
 def _grid(record: Record, phase: Phase) -> Array:
     """Times (n,) of the samples of a phase, equidistant: jitter of the stamps is taken out of them."""
     times, _ = record.series("left.height")
-    times = times[(times >= phase.start) & (times <= phase.end)]
+    times = times[(times >= phase.start) & (times < phase.end)]
     if len(times) < 2:
         raise DiagnosisError(f"{record.path}: no samples in {phase.name!r}")
     # The mean direction on the circle of one interval does not mind where the circle is cut.

@@ -169,6 +169,7 @@ def test_a_lost_bus_ends_the_stream_and_is_remembered():
     assert isinstance(line.commander.failure, LinkLost)
 
 
+@pytest.mark.real_time
 def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
     clock, stamps = RealClock(), []
     port = InMemoryCan(lambda block: stamps.append((int(block["time"][0]), clock.now())))

@@ -14,6 +14,7 @@ from drivers.can_port import open_can
 from drivers.errors import LinkLost
 from drivers.modbus_port import open_modbus
 
+pytestmark = pytest.mark.real_time
 HEIGHT = TABLE.index["left.height"]
 
 

@@ -25,7 +25,7 @@ class FakeBench:
     def __init__(self):
         self.clock, self.table = VirtualClock(), TABLE
         self.receiver = SimpleNamespace(sink=None)
-        self.settings = SimpleNamespace(snapshot=self.snapshot)
+        self.settings = SimpleNamespace(snapshot=self.snapshot, in_force=dict)
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
 

@@ -45,6 +45,7 @@ def test_a_cancelled_beat_does_not_come() -> None:
     assert beats == [MS, 2 * MS]
 
 
+@pytest.mark.real_time
 def test_real_beats_stand_on_absolute_deadlines() -> None:
     clock = RealClock()
     beats: list[int] = []
@@ -65,6 +66,7 @@ def test_real_beats_stand_on_absolute_deadlines() -> None:
     assert all(time - start >= (k + 1) * 10 * MS for k, time in enumerate(beats[:20]))
 
 
+@pytest.mark.real_time
 def test_a_scaled_clock_runs_at_its_pace() -> None:
     fast, wall = RealClock(scale=50.0), RealClock()
     fast.sleep_until(fast.now() + NS // 2)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from astb.cli import main as astb_main
+from astb.run import undisturbed
 from bench_protocol.can_codec import Decoder
 from bench_protocol.clock import RealClock, VirtualClock, wall_time_ns
 from bench_protocol.frames import Block, join
@@ -264,7 +265,8 @@ def start_rig(rig_file) -> Iterator[Callable[..., RigProcess]]:
 TRANSPORTS = ("memory", "tcp", pytest.param("socketcan", marks=pytest.mark.vcan))
 
 
-@pytest.fixture(scope="session", params=TRANSPORTS)
+# Not of the session: a SocketCAN bus is everybody's, and a rig that stays on it talks into the tests of the wires.
+@pytest.fixture(scope="package", params=TRANSPORTS)
 def site(request, rig_file) -> Iterator[Site]:
     """A running rig that all tests of a transport share, as people do; each leaves it disarmed."""
     if request.param == "memory":
@@ -276,8 +278,11 @@ def site(request, rig_file) -> Iterator[Site]:
     rig = RigProcess("--can", door, "--can-port", "0", "--modbus-port", "0", rig_file=rig_file)
     try:
         site = LiveSite(request.param, rig)
-        yield site
-        site.close_shared()
+        # With a thousand collected tests in memory a full garbage collection takes some 200 ms, in which the
+        # commander in this process is silent and the rig rightly holds. `astb run` takes the same precaution.
+        with undisturbed():
+            yield site
+            site.close_shared()
     finally:
         complaints = rig.stop()
     assert complaints == "", "the rig complained"

@@ -67,6 +67,7 @@ def test_light_commands_import_nothing_heavy(command):
     assert imported.isdisjoint(HEAVY)
 
 
+@pytest.mark.real_time
 def test_help_comes_at_once():
     """Beside an interpreter that does nothing, in the same minute: two to three times as long is usual."""
 
@@ -104,6 +105,7 @@ def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
         socket.create_server(("127.0.0.1", port)).close()  # the next one gets the port at once
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("door", ["CAN", "Modbus"])
 def test_a_port_in_use_is_named(cli, rig_file, door):
     with socket.create_server(("127.0.0.1", 0)) as other:
@@ -261,6 +263,7 @@ def no_process(monkeypatch):
     monkeypatch.setattr(subprocess, "Popen", refuse)
 
 
+@pytest.mark.real_time
 def test_a_real_rig_that_does_not_answer_blocks_and_nothing_is_started(
     cli, tmp_path, closed_port, no_process
 ):
@@ -278,6 +281,7 @@ def test_a_real_rig_that_does_not_answer_blocks_and_nothing_is_started(
     assert is_one_sentence(err)
 
 
+@pytest.mark.real_time
 def test_a_device_that_accepts_and_says_nothing_blocks(cli, tmp_path, no_process):
     with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as mute:
         ports = {"modbus": silent.getsockname()[1], "can": mute.getsockname()[1]}

@@ -35,26 +35,26 @@ WEAK_SUPPLY = VIRTUAL + '[simulation.change]\nsupply_pressure = "1.2 bar"\n'
 
 
 class Done:
-    """A run of plans that has ended: what it said, its exit code, its files."""
+    """A run of a plan that has ended: what it said, its exit code, its files."""
 
-    def __init__(self, directory: Path, said: str = "", code: int = -1) -> None:
-        self.directory, self.said, self.code = directory, said, code
+    def __init__(self, directory: Path, plan: str, said: str = "", code: int = -1) -> None:
+        self.directory, self.plan, self.said, self.code = directory, plan, said, code
 
-    def files(self, plan: str = "aw0") -> dict[str, bytes]:
-        return {path.name: path.read_bytes() for path in (self.directory / "runs" / plan).iterdir()}
+    def files(self) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in (self.directory / "runs" / self.plan).iterdir()}
 
-    def result(self, plan: str = "aw0") -> dict:
-        return json.loads(self.files(plan)["result.json"])
+    def result(self) -> dict:
+        return json.loads(self.files()["result.json"])
 
-    def phases(self, plan: str = "aw0") -> list[str]:
-        return [phase["name"] for phase in self.result(plan)["phases"]]
+    def phases(self) -> list[str]:
+        return [phase["name"] for phase in self.result()["phases"]]
 
 
 class Started(Done):
     """`astb run` in the background."""
 
-    def __init__(self, command: list[str], directory: Path, **environment: str) -> None:
-        super().__init__(directory)
+    def __init__(self, command: list[str], directory: Path, plan: str, **environment: str) -> None:
+        super().__init__(directory, plan)
         pipe = subprocess.PIPE
         environment = {**os.environ, "COLUMNS": "200", **environment}
         # A session of its own, so that nothing but the test ends it.
@@ -80,12 +80,11 @@ def launch(tmp_path_factory, astb_command) -> Iterator[Callable[..., Started]]:
     """Start `astb run` in a directory of its own; what still runs at the end is killed."""
     launched: list[Started] = []
 
-    def start(*arguments: str, rig: str, **environment: str) -> Started:
+    def start(plan: str, *arguments: str, rig: str, **environment: str) -> Started:
         directory = tmp_path_factory.mktemp("run")
         (directory / "rig.toml").write_text(rig)
-        launched.append(
-            Started([*astb_command, "run", "--rig", "rig.toml", *arguments], directory, **environment)
-        )
+        command = [*astb_command, "run", "--rig", "rig.toml", plan, *arguments]
+        launched.append(Started(command, directory, plan, **environment))
         return launched[-1]
 
     yield start
@@ -101,23 +100,24 @@ def launch(tmp_path_factory, astb_command) -> Iterator[Callable[..., Started]]:
 def run_here(tmp_path_factory, astb_here) -> Callable[..., Done]:
     """Run `astb run` in this process."""
 
-    def run(*arguments: str, rig: str) -> Done:
+    def run(plan: str, *arguments: str, rig: str) -> Done:
         directory = tmp_path_factory.mktemp("run")
         (directory / "rig.toml").write_text(rig)
-        code, out, err = astb_here(directory, "run", "--rig", "rig.toml", *arguments)
-        return Done(directory, out + err, code)
+        code, out, err = astb_here(directory, "run", "--rig", "rig.toml", plan, *arguments)
+        return Done(directory, plan, out + err, code)
 
     return run
 
 
-@pytest.fixture(scope="module")
-def seeded(launch, run_here) -> dict[str, Done]:
+@pytest.fixture(scope="module", params=["leak_down", pytest.param("aw0", marks=pytest.mark.slow)])
+def seeded(request, launch, run_here) -> dict[str, Done]:
     """A plan with seed 3 here and in another process, whose sets have another order; and one with seed 4."""
-    away = launch("aw0", "--virtual", "--seed", "3", rig=VIRTUAL, PYTHONHASHSEED="1")
+    plan = request.param
+    away = launch(plan, "--virtual", "--seed", "3", rig=VIRTUAL, PYTHONHASHSEED="1")
     runs = {
-        "here": run_here("aw0", "--virtual", "--seed", "3", rig=VIRTUAL),
+        "here": run_here(plan, "--virtual", "--seed", "3", rig=VIRTUAL),
         "away": away,
-        "other": run_here("aw0", "--virtual", "--seed", "4", rig=VIRTUAL),
+        "other": run_here(plan, "--virtual", "--seed", "4", rig=VIRTUAL),
     }
     away.end()
     for run in runs.values():
@@ -187,11 +187,11 @@ def test_a_link_that_breaks_blocks(run_here, monkeypatch):
 
 def test_the_report_can_be_made_anew(seeded, astb_here):
     run = seeded["here"]
-    directory = run.directory / "runs" / "aw0"
+    directory = run.directory / "runs" / run.plan
     before = run.files()
     (directory / "report.html").unlink()
-    code, out, err = astb_here(run.directory, "report", "runs/aw0")
-    assert (code, out, err) == (PASS, "runs/aw0/report.html\n", "")
+    code, out, err = astb_here(run.directory, "report", f"runs/{run.plan}")
+    assert (code, out, err) == (PASS, f"runs/{run.plan}/report.html\n", "")
     assert run.files() == before
 
 
@@ -290,6 +290,7 @@ def test_a_rig_outlives_nobody_who_started_it(launch, ports, eventually):
     eventually(lambda: state(ports) == "", what="the end of the rig")
 
 
+@pytest.mark.real_time
 def test_a_rig_that_cannot_be_started_blocks(run_here, ports):
     with socket.create_server(("127.0.0.1", ports["can"])):
         run = run_here("aw0", rig=LIVE.format(**ports))

@@ -1,0 +1,135 @@
+"""Many sealed cases, one after another in as many processes as are asked for; each leaves one line of JSON at once."""
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from benchmarks.diagnosis.judge import Judged, failed, judge
+from benchmarks.diagnosis.truth import Condition, Kind, Truth
+
+KEPT: Final = Path(__file__).parents[2] / "runs" / "diagnosis"
+#: What is drawn, over and over: half of it ordinary, the rest what a diagnosis may stumble over.
+ROUND: Final[tuple[tuple[Kind, Condition], ...]] = (
+    ("single", "white"),
+    ("null", "white"),
+    ("single", "white"),
+    ("outside", "white"),
+    ("single", "AR 0.6"),
+    ("near", "white"),
+    ("single", "white"),
+    ("pair", "white"),
+    ("single", "frames lost"),
+    ("null", "AR 0.6"),
+    ("single", "white"),
+    ("outside", "white"),
+    ("single", "12 bits"),
+    ("null", "AR 0.9"),
+    ("single", "white"),
+    ("near", "white"),
+    ("single", "AR 0.9"),
+    ("null", "12 bits"),
+    ("single", "white"),
+    ("null", "frames lost"),
+)
+
+
+class Case(msgspec.Struct, frozen=True):
+    """What names a case for good: the same one is hidden again whenever it is asked for."""
+
+    system: str
+    kind: Kind
+    condition: Condition
+    seed: int
+
+
+def cases(system: str, count: int) -> list[Case]:
+    """Return the first so many cases of a system."""
+    return [Case(system, *ROUND[i % len(ROUND)], seed=1000 + i) for i in range(count)]
+
+
+def nulls(system: str, count: int, condition: Condition) -> list[Case]:
+    """Return cases in which nothing is hidden."""
+    return [Case(system, "null", condition, seed=100_000 + i) for i in range(count)]
+
+
+def file_of(system: str) -> Path:
+    """Where the lines of a system are kept."""
+    return KEPT / f"{system}.jsonl"
+
+
+def done(system: str) -> list[Judged]:
+    """Return what is kept of a system."""
+    path = file_of(system)
+    if not path.exists():
+        return []
+    return [msgspec.json.decode(line, type=Judged) for line in path.read_bytes().splitlines() if line]
+
+
+def carry_out(case: Case, stretches: int = 3, effects: tuple[str, ...] | None = None) -> Judged:
+    """Hide, measure, diagnose and judge one case; a failure is a result too.
+
+    On the bench with so many ``stretches`` under each load; ``effects`` are the candidates, None stands for all.
+    """
+    from diagnosis.engine.config import Config
+    from diagnosis.engine.diagnose import diagnose
+
+    start = time.perf_counter()
+    config = Config(seed=case.seed, workers=1, effects=effects)
+    truth: Truth | None = None
+    try:
+        if case.system == "oscillator":
+            from benchmarks.diagnosis.small import Small
+
+            small = Small()
+            truth = small.draw(case.seed, case.kind, case.condition)
+            finding = diagnose(small.data(truth), small.simulator, config)
+            simulator = small.simulator
+        else:
+            from benchmarks.diagnosis.big import Bench, in_a_room
+
+            bench = Bench(stretches=stretches)
+            with in_a_room() as room:
+                sealed = bench.measure(case.seed, case.kind, case.condition, Path(room))
+                start = time.perf_counter()
+                finding = diagnose(sealed.dataset, bench.simulator, config)
+                truth = sealed.open()
+            simulator = bench.simulator
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        why = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}: {error}"
+        truth = truth or Truth(seed=case.seed, kind=case.kind, condition=case.condition)
+        return failed(truth, why, system=case.system, elapsed=time.perf_counter() - start)
+    return judge(finding, truth, simulator, system=case.system, elapsed=time.perf_counter() - start)
+
+
+def run(wanted: Sequence[Case], processes: int, tell: Callable[[Judged, int], None]) -> None:
+    """Carry out what is not kept yet, and keep each case as soon as it is judged."""
+    kept = {
+        (j.system, j.kind, j.condition, j.seed) for system in {c.system for c in wanted} for j in done(system)
+    }
+    left = [c for c in wanted if (c.system, c.kind, c.condition, c.seed) not in kept]
+    KEPT.mkdir(parents=True, exist_ok=True)
+    for number, judged in enumerate(_carried_out(left, processes)):
+        with file_of(judged.system).open("ab") as file:
+            file.write(msgspec.json.encode(judged) + b"\n")
+        tell(judged, len(left) - number - 1)
+
+
+def _carried_out(left: Sequence[Case], processes: int) -> Iterator[Judged]:
+    if processes == 1:
+        yield from map(carry_out, left)
+        return
+    # Each process has its own matrices: threads of the algebra library would only be in each other's way.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ[name] = "1"
+    import multiprocessing
+
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for future in as_completed([pool.submit(carry_out, case) for case in left]):
+            yield future.result()

@@ -1,0 +1,145 @@
+"""The drawings of the page of rates: confusion, power over λ, and how far intervals hold what they promise."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_records.plots import INK, PALETTE, SOFT, style
+from benchmarks.diagnosis.judge import LEVELS, Judged, covered
+from benchmarks.diagnosis.statistics import Rate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Edges of the classes of λ.
+EDGES: Final = (4.0, 6.0, 10.0, 20.0, 50.0, 150.0, 500.0, 4000.0)
+NOTHING, OPEN, SHAPE = "no effect", "unresolved", "unknown"
+
+
+def confusion(path: Path, judged: Sequence[Judged]) -> None:
+    """What was hidden (rows), by family of causes for the bench, against what was said (columns)."""
+    single = [j for j in judged if len(j.hidden) <= 1]
+    rows = sorted({_one(j.hidden) for j in single}, key=lambda name: (name == NOTHING, name))
+    said = {name: [_said(j) for j in single if _one(j.hidden) == name] for name in rows}
+    extra = sorted({word for words in said.values() for word in words} - {*rows, NOTHING, OPEN, SHAPE})
+    columns = [*(row for row in rows if row != NOTHING), *extra, OPEN, SHAPE, NOTHING]
+    shares = np.zeros((len(rows), len(columns)))
+    for i, row in enumerate(rows):
+        for word in said[row]:
+            shares[i, columns.index(word)] += 1.0 / len(said[row])
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(1.9 + 0.30 * len(columns), 1.7 + 0.24 * len(rows)), layout="constrained")
+        axes = figure.subplots()
+        axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+        axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(len(rows)), [f"{row}  ({len(said[row])})" for row in rows])
+        axes.grid(visible=False)
+        axes.tick_params(length=0)
+        for i, j in zip(*np.nonzero(shares), strict=True):
+            colour = "white" if shares[i, j] > 0.55 else INK
+            axes.text(j, i, f"{100 * shares[i, j]:.0f}", ha="center", va="center", color=colour, fontsize=6.5)
+        axes.set_xlabel("said first, % of the row")
+        axes.set_ylabel("hidden (cases)")
+        _save(figure, path)
+
+
+def power(path: Path, judged: Sequence[Judged]) -> None:
+    """Rates over λ of single effects: seen, among what is reported, named exactly."""
+    single = [j for j in judged if j.kind == "single"]
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(6.4, 3.4), layout="constrained")
+        axes = figure.subplots()
+        series = (
+            ("seen", lambda j: j.detected, "o", PALETTE[4]),
+            ("in what is reported", lambda j: j.reported, "s", PALETTE[2]),
+            ("named exactly", lambda j: j.exact, "D", PALETTE[0]),
+        )
+        for k, (label, hit, marker, colour) in enumerate(series):
+            places, rates = [], []
+            for low, high in pairwise(EDGES):
+                inside = [j for j in single if low <= j.strength < high]
+                if inside:
+                    places.append(np.sqrt(low * high) * 1.05 ** (k - 1))
+                    rates.append(Rate.of([hit(j) for j in inside]))
+            values = np.array([rate.value for rate in rates])
+            ends = np.array([rate.interval for rate in rates]).reshape(-1, 2).T
+            axes.errorbar(
+                places,
+                values,
+                np.abs(ends - values) if places else None,
+                label=label,
+                color=colour,
+                marker=marker,
+                markersize=4.5,
+                linewidth=1.1,
+                elinewidth=0.8,
+                capsize=2,
+            )
+        axes.set_xscale("log")
+        axes.set_xlabel("λ of what is hidden")
+        axes.set_ylabel("part of the cases, with 95 % interval")
+        axes.set_ylim(-0.03, 1.03)
+        axes.legend(frameon=False, loc="lower right", labelcolor=SOFT)
+        _save(figure, path)
+
+
+def reliability(path: Path, judged: Sequence[Judged]) -> None:
+    """How often intervals hold the truth, against what they promise: amplitudes, and the parameters of the base."""
+    named = [j for j in judged if j.exact and j.hidden]
+    series = (
+        ("amplitudes", [d for j in named for d in j.deviations], "o", PALETTE[0]),
+        ("parameters of the base model", [d for j in named for d in j.base], "s", PALETTE[1]),
+    )
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(3.9, 3.6), layout="constrained")
+        axes = figure.subplots()
+        axes.plot((0.45, 1.0), (0.45, 1.0), color=SOFT, linewidth=0.8, linestyle=(0, (4, 2)))
+        for k, (label, deviations, marker, colour) in enumerate(series):
+            if deviations:
+                rates = [Rate(covered(deviations, level), len(deviations)) for level in LEVELS]
+                values = np.array([rate.value for rate in rates])
+                ends = np.array([rate.interval for rate in rates]).T
+                axes.errorbar(
+                    np.array(LEVELS) + 0.006 * (2 * k - 1),
+                    values,
+                    np.abs(ends - values),
+                    label=f"{label} ({len(deviations)})",
+                    color=colour,
+                    marker=marker,
+                    markersize=4.5,
+                    linewidth=1.0,
+                    elinewidth=0.8,
+                    capsize=2,
+                )
+        axes.set_xlabel("promised")
+        axes.set_ylabel("held")
+        axes.legend(frameon=False, loc="lower right", labelcolor=SOFT)
+        _save(figure, path)
+
+
+def _one(names: Sequence[str]) -> str:
+    return names[0].partition(".")[0] if names else NOTHING
+
+
+def _said(judged: Judged) -> str:
+    """The first cause, the right one if it is among them; else the verdict."""
+    for name in judged.causes:
+        if name in judged.hidden:
+            return _one([name])
+    if judged.causes:
+        return _one(judged.causes)
+    return judged.verdict
+
+
+def _save(figure: "Figure", path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, format="svg", metadata={"Date": None}, facecolor="white")

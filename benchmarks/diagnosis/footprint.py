@@ -1,0 +1,61 @@
+"""λ of something hidden: the norm of its footprint once the base model is refitted, in the noise of the data sheets."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from diagnosis.contracts import Array, Effects, Experiment, MeasuredRun, Simulator
+from diagnosis.engine.fit import filters
+from diagnosis.engine.linear import Block, Linearisation, prior
+from diagnosis.engine.noise import white
+from diagnosis.engine.point import base_point, neighbour
+from diagnosis.engine.replay import Replay
+from diagnosis.engine.screen import Candidate
+
+#: Columns that are held at once.
+_BATCH = 12
+
+
+class Ground:
+    """The base model at its nominal values on some runs, on which footprints stand."""
+
+    def __init__(self, simulator: Simulator, runs: Sequence[MeasuredRun]) -> None:
+        self._replay = Replay(simulator, tuple(runs))
+        deviations = [float(np.hypot(c.noise, c.resolution / 12**0.5)) for c in simulator.channels]
+        self._whiten = filters(white(deviations), self._replay)
+        self._point = base_point(simulator.nuisances, self._replay.names)
+        self._predictions = self._replay.predictions(self._point)
+        own = self._replay.sensitivities(self._point, self._predictions)
+        self._here = Linearisation(
+            self._point,
+            prior(self._point),
+            tuple(
+                Block(name, np.zeros_like(predicted), f(x), tuple(self._point.own(name)))
+                for name, f, predicted, x in zip(
+                    self._replay.names, self._whiten, self._predictions, own, strict=True
+                )
+            ),
+        )
+
+    def strengths(self, entries: Sequence[Candidate]) -> list[float]:
+        """Return λ per unit of amplitude of each candidate."""
+        found: list[float] = []
+        for k in range(0, len(entries), _BATCH):
+            batch = entries[k : k + _BATCH]
+            steps = [neighbour(c.entered(self._point), len(self._point.numbers)) for c in batch]
+            norms = self._norms(self._replay.differences(self._predictions, [steps] * len(self._predictions)))
+            found += [norm / c.amplitude.scale for c, norm in zip(batch, norms, strict=True)]
+        return found
+
+    def strength(self, run: Callable[[Experiment, Effects], Array], effects: Effects) -> float:
+        """Return λ of ``effects``, as ``run`` predicts them; the base model is refitted as if it were linear."""
+        columns = [
+            (run(one.experiment, effects) - predicted)[:, :, None]
+            for one, predicted in zip(self._replay.runs, self._predictions, strict=True)
+        ]
+        return self._norms(columns)[0]
+
+    def _norms(self, columns: Sequence[Array]) -> list[float]:
+        white_columns = [f(x) for f, x in zip(self._whiten, columns, strict=True)]
+        norms: list[float] = self._here.project(white_columns).norm.tolist()
+        return norms

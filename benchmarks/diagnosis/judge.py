@@ -1,0 +1,167 @@
+"""The judge: opens the truth after the diagnosis and says how the finding stands to it."""
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import Final
+
+import msgspec
+
+from benchmarks.diagnosis.truth import NEAR, Truth
+from diagnosis.contracts import Simulator
+from diagnosis.finding import Estimate, Finding, Verdict
+
+#: From this λ on, what is hidden must be seen.
+CLEAR: Final = 10.0
+#: No honest interval is missed by so many standard deviations.
+FAR: Final = 4.5
+#: Levels of the intervals that are checked.
+LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
+
+
+class Judged(msgspec.Struct, frozen=True, kw_only=True):
+    """One case: what was hidden, what was said, and how right that was.
+
+    ``strength`` is λ of the weakest of what was hidden. ``errors`` are those of the amplitudes of rightly named causes,
+    relative to the truth; ``deviations`` the same in standard deviations as the finding tells them, ``base`` those of
+    the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
+    """
+
+    system: str
+    seed: int
+    kind: str
+    condition: str
+    strength: float
+    hidden: list[str]
+    verdict: str
+    causes: list[str]
+    rivals: list[str]
+    near: list[str] = []
+    errors: list[float] = []
+    deviations: list[float] = []
+    base: list[float] = []
+    fraction: float | None = None
+    noise_ratio: float | None = None
+    elapsed: float = 0.0
+    failure: str = ""  #: why there is no finding: the case counts as neither right nor wrong, and is told
+
+    @property
+    def detected(self) -> bool:
+        """Whether anything was seen."""
+        return self.verdict != Verdict.NO_EFFECT.value
+
+    @property
+    def exact(self) -> bool:
+        """Whether exactly what was hidden was named, and nothing else was left possible."""
+        return sorted(self.causes) == sorted(self.hidden) and not self.rivals
+
+    @property
+    def reported(self) -> bool:
+        """Whether all that was hidden stands in the finding, as a cause or as what may be one instead."""
+        return set(self.hidden) <= {*self.causes, *self.rivals}
+
+    @property
+    def wrong(self) -> list[str]:
+        """Causes that are named, are not there, and for which the finding offers no right one instead.
+
+        Next of kin of what is hidden do not count: one relaxation time in the place of two is no lie about the cause.
+        """
+        free = set(self.rivals) & set(self.hidden)
+        strange = [c for c in self.causes if c not in self.hidden and c not in self.near]
+        return [] if free and len(strange) <= len(free) else strange
+
+    @property
+    def amiss(self) -> str:
+        """What an honest diagnosis would not have said, in a few words; "" if nothing."""
+        said = f"{self.verdict}: {', '.join(self.causes)}" if self.causes else self.verdict
+        if self.rivals:
+            said += f" or {', '.join(self.rivals)}"
+        if self.failure:
+            return f"no finding: {self.failure}"
+        if self.kind == "null":
+            return f"false alarm: {said}" if self.detected else ""
+        if self.wrong:
+            return f"wrong cause: {said}"
+        if self.strength < CLEAR:
+            return ""
+        if not self.detected:
+            return "not seen"
+        if self.kind != "outside" and not self.reported:
+            return f"not reported: {said}"
+        far = [d for d in self.deviations if abs(d) > FAR]
+        return f"{said}, off by {far[0]:.3g} standard deviations" if far else ""
+
+
+def judge(
+    finding: Finding, truth: Truth, simulator: Simulator, *, system: str, elapsed: float = 0.0
+) -> Judged:
+    """Compare a finding with the truth."""
+    right = [cause for cause in finding.causes if cause.effect in truth.effects]
+    errors, deviations = [], []
+    for cause in right:
+        parameter = simulator.catalogue[cause.effect].amplitude
+        told = next(one for one in cause.parameters if one.name == parameter.name)
+        value = truth.effects[cause.effect][parameter.name] / parameter.scale
+        if told.value is not None:
+            errors.append(told.value / value - 1.0)
+        deviations += _deviation(told, value)
+    scales = {nuisance.name: nuisance.scale for nuisance in simulator.nuisances}
+    base = [
+        (shift.after - truth.base[shift.name] / scales[shift.name]) / shift.sd_after
+        for shift in finding.shifts
+        if shift.name in truth.base and not shift.run and shift.after is not None and shift.sd_after
+    ]
+    total = next((gain for gain in finding.gains if gain.channel == "all"), None)
+    return Judged(
+        system=system,
+        seed=truth.seed,
+        kind=truth.kind,
+        condition=truth.condition,
+        strength=truth.strength,
+        hidden=[*truth.effects, *truth.outside],
+        verdict=finding.verdict.value,
+        causes=list(finding.names),
+        rivals=[rival.effect for rival in finding.ambiguous_with],
+        near=sorted(kin for name in truth.effects for kin in _kin(name)),
+        errors=errors,
+        deviations=deviations,
+        base=base,
+        fraction=total.fraction if total else None,
+        noise_ratio=total.noise_ratio if total else None,
+        elapsed=elapsed,
+    )
+
+
+def failed(truth: Truth, why: str, *, system: str, elapsed: float = 0.0) -> Judged:
+    """Return the case that came to no finding."""
+    return Judged(
+        system=system,
+        seed=truth.seed,
+        kind=truth.kind,
+        condition=truth.condition,
+        strength=truth.strength,
+        hidden=[*truth.effects, *truth.outside],
+        verdict="",
+        causes=[],
+        rivals=[],
+        elapsed=elapsed,
+        failure=why,
+    )
+
+
+def covered(deviations: Sequence[float], level: float) -> int:
+    """How many of the deviations lie within the interval of a level."""
+    half = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    return sum(abs(one) <= half for one in deviations)
+
+
+def _kin(name: str) -> list[str]:
+    """The next of kin of an effect at the same place."""
+    kind, _, place = name.partition(".")
+    return [f"{other}.{place}" if place else other for other in NEAR.get(kind, ())]
+
+
+def _deviation(told: Estimate, value: float) -> list[float]:
+    if told.value is None or not told.sd or not math.isfinite(told.sd):
+        return []
+    return [(told.value - value) / told.sd]

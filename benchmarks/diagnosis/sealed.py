@@ -1,0 +1,159 @@
+"""``python -m benchmarks.diagnosis.sealed``: a bench with something hidden in it is measured; only files come out.
+
+The rig integrates the free bolster under its actuators every millisecond, the diagnosis replays an imposed motion every
+2.5 ms. Every reading crosses the rig's own CAN and Modbus encoders. The record says nothing of what is hidden; the
+truth goes into a file of its own.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final, get_args
+
+import click
+import numpy as np
+
+from bench_protocol.clock import VirtualClock
+from bench_protocol.frames import Block, join
+from bench_protocol.table import FAST_RATE, SIDES, TICK
+from bench_sim.model.effects.channels import FORCES, PRESSURES
+from bench_sim.parameters import Parameters, load
+from bench_sim.parameters.effects import with_effects
+from bench_sim.rig.rig import Rig
+from bench_sim.rig.tick import TICK_NS
+from benchmarks.diagnosis.outside import OUTSIDE, roughness, together
+from benchmarks.diagnosis.strengths import Strengths
+from benchmarks.diagnosis.truth import Condition, Kind, Truth, draw
+from drivers.bench import Bench
+from drivers.memory import Faults, FaultyCan, InMemoryCan
+from drivers.modbus_port import InMemoryModbus
+from test_plans import PLANS
+from test_plans.motions import Part, Programme
+from test_plans.perform import programme_plan
+from test_plans.plan import Plan
+from test_plans.run import execute
+from test_plans.screening import SCREENING
+
+FAST: Final = round(1.0 / (FAST_RATE * TICK))
+#: What is measured, beside what tells the motion: these sensors have noise of a colour.
+COLOURED: Final = [*FORCES, *PRESSURES]
+COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
+BITS: Final = 2.0**-12
+LOST: Final = 0.1
+
+
+class NotMeasured(RuntimeError):
+    """The rig did not get through the plan: there is no record to diagnose."""
+
+
+def parameters_of(truth: Truth) -> Parameters:
+    """Return the bench of a truth: its springs, its effects, what is outside, its roughness and its noise."""
+    bench = load()
+    springs = {
+        name: [truth.base.get(f"{side}.{name}", truth.base.get(name)) for side in SIDES]
+        for name in {label.rpartition(".")[2] for label in truth.base}
+    }
+    bench = bench.with_values(**springs)
+    terms = [OUTSIDE[name](size) for name, size in truth.outside.items()]
+    if truth.roughness:
+        terms.append(roughness(truth.seed, truth.roughness / Strengths.read().roughness))
+    bench = with_effects(bench.with_values(**together(*terms)), truth.effects)
+    if truth.condition == "12 bits":
+        span = bench.entries["sensor_high"].value - bench.entries["sensor_low"].value
+        coarse = bench.entries["sensor_resolution"].value.copy()
+        coarse[COLOURED] = np.maximum(coarse[COLOURED], BITS * span[COLOURED])
+        bench = bench.with_values(sensor_resolution=coarse)
+    return bench
+
+
+class Coloured:
+    """Runs a rig whose output sensors have autoregressive noise: each sample remembers a part of the one before."""
+
+    def __init__(self, rig: Rig, colour: float, seed: int) -> None:
+        par = rig.plant.parameter_array
+        self._run: Callable[[int], Block] = rig.run
+        self._bias = par["sensor_bias"][0]
+        self._built = self._bias[COLOURED].copy()
+        noise = par["sensor_noise"][0]
+        self._innovation = noise[COLOURED] * np.sqrt(1.0 - colour**2)
+        noise[COLOURED] = 0.0
+        self._colour = colour
+        self._rng = np.random.default_rng([seed, 5])
+        self._noise = np.zeros(len(COLOURED))
+        self._tick = 0
+
+    def run(self, ticks: int) -> Block:
+        """Run so many ticks; readings are taken at every fifth, each with its own noise."""
+        blocks = []
+        while ticks > 0:
+            piece = min(ticks, FAST - self._tick % FAST)
+            if self._tick % FAST + piece == FAST:
+                fresh = self._innovation * self._rng.standard_normal(len(COLOURED))
+                self._noise = self._colour * self._noise + fresh
+                self._bias[COLOURED] = self._built + self._noise
+            blocks.append(self._run(piece))
+            self._tick += piece
+            ticks -= piece
+        return join(blocks)
+
+
+@contextlib.contextmanager
+def bench_of(truth: Truth) -> Iterator[Bench]:
+    """Yield a connected bench on the rig of a truth, in memory and virtual time."""
+    rig = Rig(parameters_of(truth), seed=truth.seed)
+    run: Callable[[int], Block] = rig.run
+    if truth.condition in COLOURS:
+        run = Coloured(rig, COLOURS[truth.condition], truth.seed).run
+    can = InMemoryCan(lambda block: rig.receive(block, "memory"))
+    clock, done = VirtualClock(), 0
+
+    def advance(until: int) -> None:
+        nonlocal done
+        ticks = until // TICK_NS - done
+        if ticks > 0:
+            done += ticks
+            can.deliver(run(ticks))
+
+    clock.attach(advance)
+    port: Any = can
+    if truth.condition == "frames lost":
+        port = FaultyCan(can, Faults(lose=LOST), truth.seed)
+    bench = Bench(port, InMemoryModbus(lambda request: rig.answer(request, "memory")), clock)
+    bench.connect()
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+def shortened(stretches: int) -> Plan:
+    """Return the screening with only so many stretches under each load."""
+    parts = tuple(Part(part.load, part.stretches[:stretches]) for part in SCREENING.parts)
+    return programme_plan(Programme(SCREENING.name, SCREENING.title, parts, SCREENING.purpose))
+
+
+def measure(truth: Truth, out: Path, stretches: int = 3) -> None:
+    """Screen the bench of ``truth`` and leave an ordinary record in ``out``. Raises NotMeasured."""
+    plan = shortened(stretches) if stretches < 3 else PLANS[SCREENING.name]
+    with bench_of(truth) as bench:
+        result = execute(plan, bench, out, rig="virtual", seed=0)
+    if result.verdict not in {"pass", "fail"}:
+        raise NotMeasured(f"{plan.name}: {result.verdict}: {result.reason}")
+
+
+@click.command()
+@click.option("--seed", type=int, required=True)
+@click.option("--kind", type=click.Choice(get_args(Kind)), required=True)
+@click.option("--condition", type=click.Choice(get_args(Condition)), default="white", show_default=True)
+@click.option("--stretches", type=click.IntRange(1, 3), default=3, show_default=True, help="Under each load.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Directory of the record.")
+@click.option("--truth", "sealed", type=click.Path(path_type=Path), required=True, help="File for the judge.")
+def main(seed: int, kind: Kind, condition: Condition, stretches: int, out: Path, sealed: Path) -> None:
+    """Hide something in a bench, drawn from SEED, and screen it."""
+    truth = draw(seed, kind, condition)
+    truth.write(sealed)
+    measure(truth, out, stretches)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,32 @@
+"""How sure a rate is: exact binomial intervals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Rate:
+    """``hits`` of ``count``, with the 95 % interval of Clopper and Pearson."""
+
+    hits: int
+    count: int
+
+    @classmethod
+    def of(cls, hits: Sequence[bool]) -> "Rate":
+        """Count."""
+        return cls(sum(hits), len(hits))
+
+    @property
+    def value(self) -> float:
+        """The rate; NaN of nothing."""
+        return self.hits / self.count if self.count else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The exact 95 % interval: beyond its ends, what was seen would have a chance of at most 2.5 %."""
+        from scipy.stats import beta
+
+        k, n = self.hits, self.count
+        low = float(beta.ppf(0.025, k, n - k + 1)) if k > 0 else 0.0
+        high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
+        return low, high

@@ -1,0 +1,176 @@
+"""What is hidden in a bench before it is measured: drawn from a seed, written to a file that only the judge opens."""
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Final, Literal, get_args
+
+import msgspec
+import numpy as np
+
+from bench_protocol.table import SIDES
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.parameters import Parameters, load
+from bench_sim.parameters.effects import find_effect
+from benchmarks.diagnosis.outside import OUTSIDE
+from benchmarks.diagnosis.strengths import Strengths
+from diagnosis.systems.air_spring_parameters import BOTH_SIDES, EACH_SIDE
+
+Kind = Literal["null", "single", "pair", "outside", "near"]
+Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost"]
+KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+CONDITIONS: Final[tuple[Condition, ...]] = get_args(Condition)
+
+#: Sizes are drawn evenly in the logarithm of λ; ordinary faults of the bench reach 500 to 10 000.
+LAMBDA: Final = (4.0, 4000.0)
+#: Outside the catalogue, and near it, only what is seen for certain can be asked for a cause.
+LAMBDA_CLEAR: Final = (20.0, 400.0)
+#: Springs beyond so many standard deviations of a delivery are sent back.
+DELIVERED: Final = 2.5
+#: λ of what is in no model, as a part of the λ of what is hidden, and where nothing is.
+ROUGH: Final = 0.02
+ROUGH_ALONE: Final = 0.2
+#: A truth that is nearly something else, and what else may be said of it without accusing anybody wrongly.
+NEAR: Final[Mapping[str, frozenset[str]]] = {
+    "maxwell_two": frozenset({"maxwell", "fractional"}),
+    "friction_distributed": frozenset({"friction"}),
+    "fractional": frozenset({"maxwell", "maxwell_two"}),
+    "leak_laminar": frozenset({"leak"}),
+    "leak": frozenset({"leak_laminar"}),
+    "force_lag": frozenset({"force_latency"}),
+    "force_latency": frozenset({"force_lag"}),
+    "pressure_lag": frozenset({"pressure_latency", "sample_and_hold"}),
+}
+
+
+class Truth(msgspec.Struct, frozen=True, kw_only=True):
+    """One specimen: its effects with their values (SI) and λ, the parameters of its base model, its noise.
+
+    ``roughness`` is the λ of a smooth random term that nobody models; ``outside`` the term that is in no catalogue,
+    with its size.
+    """
+
+    seed: int
+    kind: Kind
+    condition: Condition
+    effects: dict[str, dict[str, float]] = {}
+    strengths: dict[str, float] = {}
+    base: dict[str, float] = {}
+    roughness: float = 0.0
+    outside: dict[str, float] = {}
+
+    @property
+    def strength(self) -> float:
+        """λ of the weakest of what is hidden; 0 where nothing is."""
+        return min(self.strengths.values(), default=0.0)
+
+    def write(self, path: Path) -> None:
+        """Seal it."""
+        path.write_bytes(msgspec.json.encode(self))
+
+    @staticmethod
+    def read(path: Path) -> "Truth":
+        """Open what was sealed; for the judge, after the diagnosis."""
+        return msgspec.json.decode(path.read_bytes(), type=Truth)
+
+
+def draw(seed: int, kind: Kind, condition: Condition = "white") -> Truth:
+    """Draw a bench; the same seed, kind and condition give the same bench."""
+    rng = np.random.default_rng([seed, KINDS.index(kind), CONDITIONS.index(condition)])
+    strengths = Strengths.read()
+    effects: dict[str, dict[str, float]] = {}
+    lambdas: dict[str, float] = {}
+    outside: dict[str, float] = {}
+    if kind == "outside":
+        name = str(rng.choice(sorted(OUTSIDE)))
+        lam = even_in_logarithm(rng, LAMBDA_CLEAR)
+        outside = {name: lam / strengths.outside[name]}
+        lambdas = {name: lam}
+    elif kind != "null":
+        for name in _names(rng, kind, strengths):
+            values, lam = _effect(rng, name, strengths, LAMBDA if kind == "single" else LAMBDA_CLEAR)
+            effects[name], lambdas[name] = values, lam
+    return Truth(
+        seed=seed,
+        kind=kind,
+        condition=condition,
+        effects=effects,
+        strengths=lambdas,
+        base=_springs(rng),
+        roughness=ROUGH * min(lambdas.values()) if lambdas else ROUGH_ALONE,
+        outside=outside,
+    )
+
+
+def visible(effect: Effect, strengths: Strengths) -> bool:
+    """Return whether a screening would show an effect: valves that stay shut leave no trace in it at any size."""
+    if not effect.diagnosable:
+        return False
+    name = f"{effect.name}.{effect.places[0]}" if effect.places else effect.name
+    largest = 0.5 * max(abs(effect.amplitude.low), effect.amplitude.high)
+    return largest * strengths.of(name, [shape.nominal for shape in effect.shapes]) > LAMBDA_CLEAR[0]
+
+
+def _names(rng: np.random.Generator, kind: Kind, strengths: Strengths) -> list[str]:
+    if kind == "near":
+        return [_placed(rng, CATALOGUE[str(rng.choice(sorted(NEAR)))])]
+    kinds = sorted(name for name, effect in CATALOGUE.items() if visible(effect, strengths))
+    if kind == "single":
+        return [_placed(rng, CATALOGUE[str(rng.choice(kinds))])]
+    while True:
+        first, second = (CATALOGUE[str(name)] for name in rng.choice(kinds, 2, replace=False))
+        # Two of one family are a near miss, and two that cannot be told apart are one.
+        if first.family != second.family and first.name not in second.confusers:
+            return [_placed(rng, first), _placed(rng, second)]
+
+
+def _placed(rng: np.random.Generator, effect: Effect) -> str:
+    return f"{effect.name}.{rng.choice(effect.places)}" if effect.places else effect.name
+
+
+def _effect(
+    rng: np.random.Generator, name: str, strengths: Strengths, sizes: tuple[float, float]
+) -> tuple[dict[str, float], float]:
+    effect, _ = find_effect(name)
+    shapes = {shape.name: _shape(rng, shape) for shape in effect.shapes}
+    lam = even_in_logarithm(rng, sizes)
+    amplitude = lam / strengths.of(name, tuple(shapes.values()))
+    low, high = effect.amplitude.low, effect.amplitude.high
+    if low < 0.0 and rng.random() < 0.5:
+        amplitude = -amplitude
+    kept = float(np.clip(amplitude, 0.5 * low, 0.5 * high))
+    return {effect.amplitude.name: kept, **shapes}, lam * abs(kept / amplitude)
+
+
+def _shape(rng: np.random.Generator, shape: Quantity) -> float:
+    """Between the middle of what is possible and half of the way to its ends."""
+    if shape.logarithmic:
+        low, high = np.sqrt(shape.nominal * shape.low), np.sqrt(shape.nominal * shape.high)
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return float(rng.uniform(0.5 * (shape.nominal + shape.low), 0.5 * (shape.nominal + shape.high)))
+
+
+def even_in_logarithm(rng: np.random.Generator, sizes: tuple[float, float]) -> float:
+    """Draw evenly in the logarithm."""
+    return float(np.exp(rng.uniform(*np.log(sizes))))
+
+
+def _springs(rng: np.random.Generator) -> dict[str, float]:
+    """What the springs of a delivery are like, each within its tolerance; by the names under which they are fitted."""
+
+    def drawn(value: float, share: float) -> float:
+        return value * (1.0 + share * float(np.clip(rng.standard_normal(), -DELIVERED, DELIVERED)))
+
+    nominal = {name: _designed().entries[name].value.tolist() for name in (*EACH_SIDE, *BOTH_SIDES)}
+    each = {
+        f"{side}.{name}": drawn(nominal[name][place], share)
+        for name, share in EACH_SIDE.items()
+        for place, side in enumerate(SIDES)
+    }
+    return each | {name: drawn(nominal[name][0], share) for name, share in BOTH_SIDES.items()}
+
+
+@cache
+def _designed() -> Parameters:
+    return load()

@@ -1,0 +1,108 @@
+"""The terms without a name that the model of the bench can carry: where each lies, and how large it may be."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from bench_protocol.units import K, bar, mm
+from bench_sim.model.layout import SURFACE
+from diagnosis.contracts import Array, Parameter, Surface
+
+#: Speed at which the force over displacement and speed changes from linear to logarithmic.
+_UNIT_SPEED: Final = 10 * mm
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """One coordinate of a surface: its field in the parameter record, its ends, and how people read it."""
+
+    field: str
+    low: float
+    high: float
+    title: str
+    scale: float  #: SI per unit in the title
+    compressed: bool = False  #: even in asinh(v/v₀) instead of v
+
+    def centres(self, count: int) -> Array:
+        """Return where the quadratic B-splines are largest (count,), in the unit of the title."""
+        ends = np.array([self.low, self.high])
+        if self.compressed:
+            ends = np.arcsinh(ends / _UNIT_SPEED)
+        cell = (ends[1] - ends[0]) / (count - 2)
+        places = np.clip(ends[0] + cell * (np.arange(count) - 0.5), *ends)
+        return places if self.compressed else places / self.scale
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One surface of the model; every coefficient is believed to be within ``spread`` of 0."""
+
+    name: str
+    title: str
+    unit: str
+    spread: float
+    first: Span
+    second: Span
+    touches: frozenset[str]
+
+    @property
+    def surface(self) -> Surface:
+        """The surface as the engine knows it."""
+        return Surface(
+            self.name,
+            self.title,
+            (self.first.title, self.second.title),
+            tuple(
+                Parameter(f"c_{i}_{j}", self.unit, 0.0, self.spread, step=0.1 * self.spread)
+                for i, j in product(*(range(count) for count in SURFACE))
+            ),
+            self.touches,
+            tuple(
+                (float(a), float(b))
+                for a, b in product(self.first.centres(SURFACE[0]), self.second.centres(SURFACE[1]))
+            ),
+        )
+
+    def write(self, record: Any, coefficients: Mapping[str, float]) -> None:
+        """Put the surface into a parameter record; what is missing among the ``coefficients`` is 0."""
+        for span in (self.first, self.second):
+            record[span.field][:] = span.low, span.high
+        for i, j in product(*(range(count) for count in SURFACE)):
+            record[self.name][i, j] = coefficients.get(f"c_{i}_{j}", 0.0)
+
+
+_TERMS: Final = (
+    Term(
+        "force_surface",
+        "unknown force over displacement and speed",
+        "N",
+        50.0,
+        Span("force_surface_displacement", -20 * mm, 20 * mm, "displacement in mm", mm),
+        Span("force_surface_speed", -200 * mm, 200 * mm, "asinh of the speed over 10 mm/s", 1.0, True),
+        frozenset({"force"}),
+    ),
+    Term(
+        "flow_surface",
+        "unknown flow over pressure difference and pressure",
+        "kg/s",
+        5e-4,
+        Span("flow_surface_difference", -0.3 * bar, 0.3 * bar, "pressure difference in bar", bar),
+        Span("flow_surface_pressure", 2 * bar, 8 * bar, "absolute pressure in bar", bar),
+        frozenset({"gas", "flow"}),
+    ),
+    Term(
+        "heat_surface",
+        "unknown heat over pressure and temperature difference",
+        "W",
+        5.0,
+        Span("heat_surface_pressure", 2 * bar, 8 * bar, "absolute pressure in bar", bar),
+        Span("heat_surface_temperature", -15 * K, 15 * K, "gas over hall temperature in K", K),
+        frozenset({"gas"}),
+    ),
+)
+#: Every term by its name, which is also the name of its coefficients in the parameter record.
+TERMS: Final[Mapping[str, Term]] = MappingProxyType({term.name: term for term in _TERMS})

@@ -1,0 +1,243 @@
+"""The air spring as a system: a healthy rig is recognised down to its noise, and a hidden effect by its own name."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bench_protocol.units import Hz, mm, mrad
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import load
+from diagnosis.contracts import DiagnosisError, Experiment
+from diagnosis.engine.fit import counted, fit
+from diagnosis.engine.noise import white
+from diagnosis.engine.point import base_point, effect_coordinates
+from diagnosis.engine.replay import Replay
+from diagnosis.systems.air_spring import OUTPUTS, AirSpring
+from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.records import read_records
+from test_plans.motions import Stand, Stretch, Wave
+
+MEDLEY = (
+    Stretch(
+        (
+            Wave("vertical", 5 * mm, 0.5 * Hz, 3, "triangle"),
+            Wave("vertical", 5 * mm, 1.2 * Hz, 4),
+            Wave("vertical", 1 * mm, 5.0 * Hz, 10),
+            Stand(height=6 * mm, rest=6.0),
+            Stand(),
+            Wave("lateral", 6 * mm, 0.5 * Hz, 3, "triangle"),
+            Wave("roll", 4 * mrad, 0.7 * Hz, 3),
+        )
+    ),
+)
+DIRECT = [name for name in OUTPUTS if "pressure" in name or "load_cell" in name]
+
+
+def system(record, effects=CATALOGUE):
+    """Simulator and runs of a record."""
+    simulator = AirSpring(record.parameters, effects=effects)
+    return simulator, read_records([record.directory], simulator).runs
+
+
+def fitted(simulator, runs, cause=None, start=0.0):
+    """The base model at its best fit, with one effect if its name is given."""
+    point = base_point(simulator.nuisances, [run.experiment.name for run in runs])
+    if cause:
+        effect = simulator.catalogue[cause]
+        point = point.with_(effect_coordinates(effect), (start, *effect.grid[0]))
+    noise = white([np.hypot(c.noise, c.resolution / np.sqrt(12.0)) for c in simulator.channels])
+    return fit(Replay(simulator, runs, 2), noise, point)
+
+
+def leftover(model, runs):
+    """Whitened residuals of the first run by channel, only what counts."""
+    whole = model.linearisation.blocks[0].residual
+    mask = counted(runs[0])
+    return {c.name: whole[mask[:, k], k] for k, c in enumerate(model.replay.simulator.channels)}
+
+
+@pytest.fixture(scope="module")
+def healthy(bench_record):
+    simulator, runs = system(bench_record("healthy medley", MEDLEY))
+    return SimpleNamespace(simulator=simulator, runs=runs, model=fitted(simulator, runs))
+
+
+# -- a healthy rig -----------------------------------------------------------------------------------------------------
+
+
+def test_a_healthy_rig_leaves_nothing_but_noise(healthy):
+    """χ²/N is 1, neighbours do not resemble each other, and no block of a twentieth of the run lies apart."""
+    for name, error in leftover(healthy.model, healthy.runs).items():
+        if name not in DIRECT:
+            continue
+        n = len(error)
+        assert np.mean(error**2) == pytest.approx(1.0, abs=0.12), name
+        assert abs(np.corrcoef(error[:-1], error[1:])[0, 1]) < 0.08, name
+        blocks = np.array([block.mean() for block in np.array_split(error, 20)]) * np.sqrt(n / 20)
+        assert np.std(blocks) < 2.2, name
+
+
+def test_a_healthy_rig_has_healthy_springs(healthy):
+    """The rig has exactly the springs of its parameter set: every fitted value is within its own uncertainty of it."""
+    covariance = healthy.model.covariance()
+    for k, coordinate in enumerate(healthy.model.point.coordinates):
+        name = coordinate.parameter.name
+        if ".offset" in name or "initial" in name:
+            continue
+        assert abs(healthy.model.point.numbers[k]) < 5.0 * np.sqrt(covariance[k, k]), name
+
+
+def test_the_biases_that_the_rig_was_built_with_are_found(healthy):
+    """Both lateral cells carry one force: what they differ by is what the rig drew for them from its seed."""
+    drawn = load("astb").as_built(1).record.sensor_bias
+    found = dict(
+        zip(
+            (c.parameter.name for c in healthy.model.point.coordinates),
+            healthy.model.point.values(),
+            strict=True,
+        )
+    )
+    difference = found["load_cell.5.offset"] - found["load_cell.6.offset"]
+    expected = drawn[OUTPUTS["load_cell.5"]] - drawn[OUTPUTS["load_cell.6"]]
+    assert difference == pytest.approx(expected, abs=2.0)
+
+
+# -- hidden effects ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cause", "amplitude"),
+    [
+        ("leak.left", {"area": 1e-7}),
+        ("pressure_lag", {"lag": 2e-3}),
+        ("asymmetric_orifice", None),
+        ("crosstalk", None),
+    ],
+)
+def test_a_hidden_effect_is_measured_by_the_right_candidate(bench_record, healthy, cause, amplitude):
+    effect = CATALOGUE[cause.partition(".")[0]]
+    values = amplitude or {effect.amplitude.name: 0.5 * effect.amplitude.typical}
+    simulator, runs = system(bench_record(f"hidden {cause}", MEDLEY, effects={cause: values}))
+    without = fitted(simulator, runs)
+    within = fitted(simulator, runs, cause)
+    truth = values[effect.amplitude.name]
+    place = within.point.place(effect_coordinates(simulator.catalogue[cause])[0])
+    deviation = within.deviation(within.point.coordinates[place])
+    assert within.point.values()[place] == pytest.approx(truth, abs=5.0 * deviation)
+    assert deviation < 0.3 * truth
+    # The base model cannot explain it away, and with the effect the residual is as small as a healthy one.
+    assert without.linearisation.cost - within.linearisation.cost > 50.0
+    assert within.linearisation.misfit < 1.02 * healthy.model.linearisation.misfit
+
+
+# -- contracts ---------------------------------------------------------------------------------------------------------
+
+
+def short(name="made", seconds=3.0, **settings):
+    """Both springs shaken by 3 mm at 1 Hz for a few seconds."""
+    time = 5e-3 * np.arange(round(200 * seconds))
+    height = 3 * mm * np.sin(2 * np.pi * time) * np.clip(time, 0.0, 1.0)
+    begin = {"left.bellows_pressure": 2.06e5, "right.bellows_pressure": 2.06e5, **settings}
+    return Experiment(name, time, {"left.height": height, "right.height": height}, begin)
+
+
+@pytest.fixture(scope="module")
+def made():
+    simulator = AirSpring(load("astb"), effects=CATALOGUE)
+    experiment = short()
+    return SimpleNamespace(simulator=simulator, experiment=experiment, base=simulator.run(experiment, {}, {}))
+
+
+@pytest.mark.parametrize("name", [name for name, effect in CATALOGUE.items() if effect.diagnosable])
+def test_an_absent_effect_changes_nothing(made, name):
+    for label, effect in made.simulator.catalogue.items():
+        if label.partition(".")[0] != name:
+            continue
+        for point in effect.grid:
+            values = {effect.amplitude.name: 0.0}
+            values |= {shape.name: value for shape, value in zip(effect.shapes, point, strict=True)}
+            assert np.array_equal(made.simulator.run(made.experiment, {}, {label: values}), made.base)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_an_absent_surface_changes_nothing_and_a_flat_one_is_a_constant(made, name):
+    surface = next(surface for surface in made.simulator.surfaces if surface.name == name)
+    assert len(surface.coefficients) == len(surface.centres) == 32
+    assert np.array_equal(made.simulator.run(made.experiment, {}, {name: {}}), made.base)
+    flat = {c.name: 10.0 for c in surface.coefficients}
+    moved = made.simulator.run(made.experiment, {}, {"force_surface": flat}) - made.base
+    cells = [
+        k for k, c in enumerate(made.simulator.channels) if c.name in {f"load_cell.{n}" for n in range(1, 5)}
+    ]
+    # Ten newtons on each of two springs, less what the emergency spring gives to the gas.
+    assert moved[:, cells].sum(axis=1) == pytest.approx(20.0, rel=0.35)
+
+
+def test_every_cause_refers_to_causes_that_there_are(made):
+    catalogue = made.simulator.catalogue
+    assert {"leak.left", "leak.right", "maxwell", "force_lag"} <= set(catalogue)
+    assert "quantisation" not in catalogue
+    for name, effect in catalogue.items():
+        assert effect.name == name
+        assert set(effect.confusers) | set(effect.richer) <= set(catalogue)
+        assert all(len(point) == len(effect.shapes) for point in effect.grid)
+        place = name.partition(".")[2]
+        if place:
+            other = {"left": ".right", "right": ".left"}[place]
+            assert not any(confuser.endswith(other) for confuser in effect.confusers)
+
+
+def test_offsets_add_and_springs_differ_by_side(made):
+    names = [channel.name for channel in made.simulator.channels]
+    offset = made.simulator.run(made.experiment, {"load_cell.2.offset": 7.0}, {})
+    assert np.delete(offset - made.base, names.index("load_cell.2"), axis=1).any() == False  # noqa: E712
+    assert offset[:, names.index("load_cell.2")] == pytest.approx(
+        made.base[:, names.index("load_cell.2")] + 7.0
+    )
+    wider = made.simulator.run(made.experiment, {"left.effective_area": 0.27}, {})
+    assert np.abs(wider - made.base)[:, names.index("left.bellows_pressure")].max() > 100.0
+    assert np.abs(wider - made.base)[:, names.index("right.bellows_pressure")].max() < 1e-6
+    # What was varied in between is not remembered in its stead.
+    assert np.array_equal(made.simulator.run(made.experiment, {}, {}), made.base)
+
+
+def test_a_bias_that_the_set_knows_does_not_move_the_gas():
+    """A transducer that reads 10 mbar too much at the beginning reads 10 mbar too much all the time: no more."""
+    biased = load("astb").with_values(sensor_bias={OUTPUTS["left.bellows_pressure"]: 1000.0})
+    true = AirSpring(load("astb"), effects={}).run(short(), {}, {})
+    read = AirSpring(biased, effects={}).run(short(**{"left.bellows_pressure": 2.07e5}), {}, {})
+    difference = read - true
+    assert difference[:, 0] == pytest.approx(1000.0, abs=1e-6)
+    assert np.abs(difference[:, 1:]).max() < 1e-6
+
+
+def test_parity_signals_move_with_their_subsystem_alone(made):
+    def moved(effects):
+        now = made.simulator.run(made.experiment, {}, effects)
+        before = made.simulator.parity(made.experiment, made.base)
+        after = made.simulator.parity(made.experiment, now)
+        return {name: float(np.abs(after[name] - before[name]).max()) for name in before}
+
+    leak = moved({"leak.left": {"area": 2e-7}})
+    assert leak["left mass of air, g"] > 0.1
+    assert leak["right mass of air, g"] < 1e-6
+    rubber = moved({"maxwell": {"ratio": 0.5, "time": 0.3}})
+    assert rubber["left force less pressure times area, N"] > 10.0
+    assert rubber["left mass of air, g"] < 0.02
+    frame = CATALOGUE["frame_compliance"].amplitude
+    give = moved({"frame_compliance": {frame.name: frame.typical}})
+    assert give["left actuator less laser, mm"] > 1e-3
+    assert give["left mass of air, g"] < 1e-9
+
+
+def test_what_is_missing_is_named(made):
+    lone = Experiment(
+        "lone", made.experiment.time, {"left.height": made.experiment.inputs["left.height"]}, {}
+    )
+    with pytest.raises(DiagnosisError, match=r"run lone has no input right\.height"):
+        made.simulator.run(lone, {}, {})
+    dry = Experiment("dry", made.experiment.time, made.experiment.inputs, {})
+    with pytest.raises(DiagnosisError, match=r"run dry: the setting left\.bellows_pressure is missing"):
+        made.simulator.run(dry, {}, {})

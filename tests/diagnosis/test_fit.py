@@ -1,0 +1,170 @@
+"""Fits of models that are linear and Gaussian, where everything has a closed form, and of an oscillator that is not."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from diagnosis.contracts import Channel, DiagnosisError, Effect, Experiment, MeasuredRun, Nuisance, Parameter
+from diagnosis.engine.fit import fit, predict
+from diagnosis.engine.naming import Search
+from diagnosis.engine.noise import white
+from diagnosis.engine.point import base_point, effect_coordinates
+from diagnosis.engine.replay import Replay
+
+N = 60
+SD = (0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class Straight:
+    """y = offset + slope t in both channels, plus an effect t²: linear in everything."""
+
+    name: str = "line"
+    channels: tuple = (Channel("a", "V"), Channel("b", "V"))
+    nuisances: tuple = (
+        Nuisance("slope", "V/s", 1.0, 0.3),
+        Nuisance("offset", "V", 0.0, 1.0, per_run=True),
+    )
+    catalogue: dict = field(
+        default_factory=lambda: {
+            "bend": Effect("bend", "shape", "a bend", Parameter("amplitude", "V/s²", 0.0, 0.5))
+        }
+    )
+    surfaces: tuple = ()
+
+    def run(self, experiment, parameters, effects):
+        t = experiment.time
+        line = parameters.get("offset", 0.0) + parameters.get("slope", 1.0) * t
+        line = line + effects.get("bend", {}).get("amplitude", 0.0) * t**2
+        return np.column_stack((line, 0.5 * line))
+
+
+def measured(name, seed, bend=0.0, role="fit"):
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 2.0, N)
+    model = Straight()
+    experiment = Experiment(name, t, {})
+    truth = model.run(
+        experiment, {"slope": 1.2, "offset": rng.standard_normal()}, {"bend": {"amplitude": bend}}
+    )
+    full = np.ones(N, bool)
+    return MeasuredRun(experiment, truth + np.array(SD) * rng.standard_normal((N, 2)), full, ~full, role)
+
+
+def posterior(runs, bend):
+    """Mean and covariance of (slope − 1)/0.3, each offset, and the amplitude/0.5, by the textbook."""
+    t = runs[0].experiment.time
+    size = 1 + len(runs) + bend
+    rows, y = [], []
+    for r, run in enumerate(runs):
+        for c, half in enumerate((1.0, 0.5)):
+            X = np.zeros((N, size))
+            X[:, 0], X[:, 1 + r] = 0.3 * half * t, half
+            if bend:
+                X[:, -1] = 0.5 * half * t**2
+            rows.append(X / SD[c])
+            y.append((run.outputs[:, c] - half * t) / SD[c])
+    X, y = np.vstack(rows), np.concatenate(y)
+    W = np.diag([1.0] * (1 + len(runs)) + [0.0] * bend)
+    cov = np.linalg.inv(X.T @ X + W)
+    return cov @ X.T @ y, cov, X, y
+
+
+@pytest.mark.parametrize("bend", [False, True])
+def test_mean_covariance_cost_and_bic_of_a_linear_gaussian_model(bend):
+    runs = [measured("one", 1), measured("two", 2)]
+    replay = Replay(Straight(), tuple(runs), 1)
+    start = base_point(replay.simulator.nuisances, replay.names)
+    if bend:
+        start = start.with_(effect_coordinates(replay.simulator.catalogue["bend"]), (0.1,))
+    model = fit(replay, white(SD), start)
+    mean, cov, X, y = posterior(runs, bend)
+    assert model.converged
+    assert model.point.numbers == pytest.approx(mean, abs=1e-6)
+    assert model.covariance() == pytest.approx(cov, rel=1e-6, abs=1e-12)
+    cost = np.sum((y - X @ mean) ** 2) + np.sum(mean[: 1 + len(runs)] ** 2)
+    assert model.linearisation.cost == pytest.approx(cost, rel=1e-9)
+    assert model.bic == pytest.approx(cost + bend * math.log(len(y)), rel=1e-9)
+
+
+def test_the_predictive_density_is_that_of_the_joint_normal():
+    """log p(new | old) with slope and offset integrated out, up to what is the same for every model."""
+    old, new = [measured("one", 1), measured("two", 2)], measured("new", 3)
+    t = new.experiment.time
+    shape = np.concatenate([half / sd * np.ones(N) for half, sd in zip((1.0, 0.5), SD, strict=True)])
+    ramp = np.concatenate([0.3 * half / sd * t for half, sd in zip((1.0, 0.5), SD, strict=True)])
+    square = np.concatenate([0.5 * half / sd * t**2 for half, sd in zip((1.0, 0.5), SD, strict=True)])
+    y = np.concatenate([(new.outputs[:, c] - half * t) / SD[c] for c, half in enumerate((1.0, 0.5))])
+    lpds, exact = [], []
+    for bend in (False, True):
+        replay = Replay(Straight(), tuple(old), 1)
+        start = base_point(replay.simulator.nuisances, replay.names)
+        if bend:
+            start = start.with_(effect_coordinates(replay.simulator.catalogue["bend"]), (0.0,))
+        lpds.append(predict(fit(replay, white(SD), start), [new]).lpd)
+        mean, cov, _, _ = posterior(old, bend)
+        shared = [0, -1] if bend else [0]
+        X = np.column_stack([ramp, square][: len(shared)])
+        total = np.eye(2 * N) + np.outer(shape, shape) + X @ cov[np.ix_(shared, shared)] @ X.T
+        exact.append(multivariate_normal(X @ mean[shared], total).logpdf(y))
+    assert lpds[1] - lpds[0] == pytest.approx(exact[1] - exact[0], abs=2e-3)
+    assert lpds[0] + 0.5 * len(y) * -math.log(2.0 * math.pi) == pytest.approx(exact[0], abs=1e-3)
+
+
+def test_columns_of_a_neighbour_lead_to_the_same_fit(laboratory):
+    """A fit that borrows all nuisance columns ends where one with its own columns ends."""
+    lab = laboratory()
+    data = lab.measure(3, {"cubic": {"amplitude": 2e5}})
+    replay = Replay(lab.simulator, data.of("fit"), 1)
+    noise = white([c.noise for c in lab.simulator.channels])
+    base = fit(replay, noise, base_point(lab.simulator.nuisances, replay.names))
+    start = base.point.with_(effect_coordinates(lab.simulator.catalogue["cubic"]), (1e5,))
+    borrowed = fit(replay, noise, start, base.linearisation)
+    own = fit(replay, noise, start, refresh=True)
+    assert borrowed.converged
+    assert own.converged
+    assert borrowed.linearisation.cost == pytest.approx(own.linearisation.cost, abs=0.1)
+    sd = np.sqrt(np.diagonal(own.covariance()))
+    assert np.all(np.abs(borrowed.point.numbers - own.point.numbers) < 0.1 * sd)
+
+
+def test_workers_do_not_change_a_bit(laboratory):
+    lab = laboratory()
+    data = lab.measure(4)
+    noise = white([c.noise for c in lab.simulator.channels])
+    models = []
+    for workers in (1, 2):
+        replay = Replay(lab.simulator, data.of("fit"), workers)
+        models.append(fit(replay, noise, base_point(lab.simulator.nuisances, replay.names)))
+    assert np.array_equal(models[0].point.numbers, models[1].point.numbers)
+
+
+def test_a_model_that_fails_at_its_start_is_named():
+    class Broken(Straight):
+        def run(self, experiment, parameters, effects):
+            return np.full((N, 2), np.nan)
+
+    replay = Replay(Broken(), (measured("one", 1),), 1)
+    with pytest.raises(DiagnosisError, match=r"line returns NaN or infinity for the run one at .*slope"):
+        fit(replay, white(SD), base_point(Straight().nuisances, replay.names))
+
+
+def test_two_runs_of_the_same_name_are_refused():
+    with pytest.raises(DiagnosisError, match="two runs of the same name"):
+        Replay(Straight(), (measured("one", 1), measured("one", 2)), 1)
+
+
+def test_the_whole_search_is_right_about_a_line():
+    data = [measured(n, s, 0.8) for n, s in (("one", 1), ("two", 2))]
+    select = (measured("three", 3, 0.8),)
+    from diagnosis.engine.config import Config
+
+    replay = Replay(Straight(), tuple(data), 1)
+    naming = Search(replay, select, Straight().catalogue, Config(), lambda *_: None).run()
+    assert [a.effect for a in naming.accepted] == ["bend"]
+    found = naming.model.point.effects()["bend"]["amplitude"]
+    sd = naming.model.deviation(naming.model.point.coordinates[-1])
+    assert abs(found - 0.8) < 3.5 * sd

@@ -1,0 +1,129 @@
+"""The motion from its sensors: noise goes, the motion stays, and geometry gives back what the bench did."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench_sim.model.layout import Input, Mode, Sensor
+from bench_sim.model.plant import Plant
+from bench_sim.parameters import load
+from diagnosis.contracts import DiagnosisError
+from diagnosis.systems.motion import SENSORS, abrupt, motion_inputs, sensor_noise, smooth, without_lag
+
+STEP = 5e-3
+NOISE = 10e-6
+
+
+def course(n=4000):
+    """Rest, a slow triangle, a sine of 1.2 Hz, one of 8 Hz, a step within 0.2 s, rest: (n,) m, and where each is."""
+    t = STEP * np.arange(n)
+    x = np.zeros(n)
+    parts = {
+        "rest": (0.0, 3.0),
+        "triangle": (3.0, 8.0),
+        "slow sine": (8.5, 12.0),
+        "fast sine": (12.5, 15.0),
+        "hold": (17.0, 20.0),
+    }
+    where = {name: (t >= a) & (t < b) for name, (a, b) in parts.items()}
+    phase = (t - 3.0) * 0.4
+    x[where["triangle"]] = (5e-3 * (1.0 - 4.0 * np.abs((phase + 0.75) % 1.0 - 0.5)))[where["triangle"]]
+    x[where["slow sine"]] = (5e-3 * np.sin(2 * np.pi * 1.2 * (t - 8.5)))[where["slow sine"]]
+    x[where["fast sine"]] = (5e-4 * np.sin(2 * np.pi * 8.0 * (t - 12.5)))[where["fast sine"]]
+    late = np.clip((t - 16.0) / 0.2, 0.0, 1.0)
+    x += 4e-3 * late * late * (3.0 - 2.0 * late)
+    return x, where
+
+
+def test_noise_goes_and_the_motion_stays():
+    motion, where = course()
+    measured = motion + NOISE * np.random.default_rng(1).standard_normal(len(motion))
+    error = smooth(measured, NOISE) - motion
+    # Of white noise, the part of the band that the motion needs is left.
+    for name, limit in (("rest", 2.5e-6), ("slow sine", 5e-6), ("fast sine", 7e-6), ("hold", 2.5e-6)):
+        inside = where[name].copy()
+        inside &= np.roll(inside, 40) & np.roll(inside, -40)
+        assert np.std(error[inside]) < limit, name
+    # At its corners a triangle is rounded by a few micrometres, not by the width of a filter.
+    assert np.abs(error[where["triangle"]]).max() < 5 * NOISE
+
+
+@given(
+    coefficients=st.lists(st.floats(-1e-3, 1e-3), min_size=3, max_size=3),
+    missing=st.sets(st.integers(1, 198), max_size=60),
+)
+@settings(max_examples=30, deadline=None)
+def test_a_parabola_comes_back_exactly_through_gaps(coefficients, missing):
+    """Its third difference is nothing: no penalty, whatever is missing."""
+    s = np.linspace(-1.0, 1.0, 200)
+    x = coefficients[0] + coefficients[1] * s + coefficients[2] * s * s
+    measured = x.copy()
+    measured[list(missing)] = np.nan
+    tolerance = 1e-8 if np.ptp(x) >= NOISE else NOISE
+    assert np.abs(smooth(measured, NOISE) - x).max() < tolerance
+
+
+def test_what_only_trembles_stands_still():
+    measured = 1e-3 + 3e-6 * np.random.default_rng(2).standard_normal(1000)
+    assert np.ptp(smooth(measured, 5e-6)) == 0.0
+
+
+def test_too_few_samples_are_refused():
+    with pytest.raises(DiagnosisError, match="at least 8"):
+        smooth(np.array([0.0, *[np.nan] * 20, 1.0]), NOISE)
+
+
+def test_the_lag_of_a_sensor_is_taken_back():
+    """y = |H| sin(ωt − φ) with H = 1/(1 + iωτ) was sin ωt."""
+    time = STEP * np.arange(2000)
+    omega, lag = 2 * np.pi * 3.0, 2e-3
+    H = 1.0 / (1.0 + 1j * omega * lag)
+    read = abs(H) * np.sin(omega * time + np.angle(H))
+    assert np.abs(without_lag(read, lag, STEP) - np.sin(omega * time))[10:-10].max() < 1e-5
+
+
+def test_abrupt_marks_corners_and_nothing_else():
+    time = STEP * np.arange(1000)
+    corner = 0.04 * np.clip(time - 2.5, 0.0, None)
+    found = np.flatnonzero(abrupt(corner, NOISE))
+    assert 0.0 < len(found) < 30
+    assert np.abs(time[found] - 2.5).max() < 0.06
+    assert not abrupt(5e-3 * np.sin(2 * np.pi * 1.2 * time), NOISE).any()
+
+
+def test_the_springs_were_where_the_sensors_say():
+    """Heights and shear come back within half a step of the wire, though the platform rolls and the frame gives way."""
+    parameters = load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0)
+    plant = Plant.at_rest(parameters.record)
+    plant.inputs[Input.VERTICAL_LEFT_MODE : Input.LATERAL_MODE + 1] = Mode.DISPLACEMENT
+    stand = plant.ideal()[Sensor.VERTICAL_LEFT_DISPLACEMENT : Sensor.LATERAL_DISPLACEMENT + 1]
+    rows, readings = [], []
+    for k in range(8000):
+        t = 1e-3 * k
+        if k >= 2000 and k % 5 == 0:
+            readings.append(plant.measure())
+            truth = plant.truth()
+            rows.append((truth["height[0]"], truth["lateral[0]"]))
+        swing = np.array([3e-3 * np.sin(4.0 * t), -2e-3 * np.sin(4.0 * t), 4e-3 * np.sin(3.0 * t)])
+        plant.inputs[Input.VERTICAL_LEFT_COMMAND : Input.LATERAL_COMMAND + 1] = stand + swing
+        plant.inputs[Input.PLATFORM_ROLL] = 3e-3 * np.sin(2.0 * t)
+        plant.inputs[Input.PLATFORM_LATERAL] = 1e-3 * np.sin(2.5 * t)
+        plant.step()
+    read = np.array(readings)
+    measured = {name: read[:, sensor] for name, sensor in SENSORS.items()}
+    measured["lateral.force"] = read[:, Sensor.LATERAL_FORCE]
+    inputs = motion_inputs(measured, STEP, load("astb"))
+    was = np.array(rows)
+    inner = slice(100, -100)  # a run begins and ends at rest, and this one does not
+    assert np.abs(inputs["left.height"] - was[:, 0])[inner].max() < 5e-6
+    assert np.abs(inputs["shear"] - was[:, 1])[inner].max() < 5e-6
+    # Without the give of the frame the shear would be off by F/k: the force matters.
+    stiff = motion_inputs({name: measured[name] for name in SENSORS}, STEP, load("astb"))
+    assert np.abs(stiff["shear"] - was[:, 1])[inner].max() > 1e-5
+
+
+def test_the_noise_of_a_sample_includes_its_roundings():
+    record = load("astb").record
+    laser = sensor_noise("left.height", record)
+    assert laser == pytest.approx(np.sqrt(10e-6**2 + (5e-6**2 + 10e-6**2) / 12.0))

@@ -1,0 +1,152 @@
+"""Records of the virtual rig as runs to be replayed: what the phases, the settings and the samples of a record say."""
+
+import numpy as np
+import pytest
+
+from bench_protocol.table import TICK
+from bench_protocol.units import Hz, mm
+from bench_records.layout import Event
+from bench_records.record import read
+from diagnosis.contracts import DiagnosisError
+from diagnosis.systems.air_spring import OUTPUTS, AirSpring
+from diagnosis.systems.records import STEP, _Settings, read_records
+from drivers.memory import Faults
+from test_plans.motions import Stand, Stretch, Valves, Wave
+
+SHORT = (
+    Stretch((Wave("vertical", 3 * mm, 1.0 * Hz, 4), Wave("lateral", 3 * mm, 1.0 * Hz, 3))),
+    Stretch((Stand(height=2 * mm, rest=2.0), Stand()), valves=Valves(air="level", reservoirs="on", dpv="on")),
+)
+
+
+@pytest.fixture(scope="module")
+def recorded(bench_record):
+    """Two short stretches on a healthy rig, and its parameter set."""
+    return bench_record("healthy", SHORT)
+
+
+@pytest.fixture(scope="module")
+def dataset(recorded):
+    return read_records([recorded.directory], AirSpring(recorded.parameters, effects={}))
+
+
+def test_every_replay_phase_is_a_run(dataset):
+    names = [run.experiment.name for run in dataset.runs]
+    assert names == ["short 1 AW0", "short 2 AW0"]
+    assert [channel.name for channel in dataset.channels] == list(OUTPUTS)
+    assert {run.role for run in dataset.runs} == {"fit"}
+    for run in dataset.runs:
+        n = len(run.experiment.time)
+        assert np.diff(run.experiment.time) == pytest.approx(STEP, abs=1e-12)
+        assert run.outputs.shape == (n, len(OUTPUTS))
+        assert all(
+            values.shape == (n,) and np.isfinite(values).all() for values in run.experiment.inputs.values()
+        )
+        assert run.experiment.minutes == pytest.approx(n * STEP / 60.0, rel=1e-3)
+
+
+def test_samples_stand_where_the_rig_took_them(recorded, dataset):
+    record = read(recorded.directory)
+    times, values = record.series("left.bellows_pressure")
+    phase = next(phase for phase in record.phases if phase.name.startswith("replay"))
+    inside = (times >= phase.start) & (times < phase.end)
+    assert dataset.runs[0].outputs[:, 0] == pytest.approx(values[inside], abs=0.0)
+    # Thermometers travel at 10 Hz: nineteen places out of twenty hold nothing.
+    warm = dataset.runs[0].outputs[:, [c.name for c in dataset.channels].index("left.bellows_temperature")]
+    assert np.isfinite(warm).mean() == pytest.approx(1 / 20, rel=0.02)
+
+
+def test_what_conditions_is_not_scored_and_what_rests_is_told(dataset):
+    run = dataset.runs[0]
+    height = run.experiment.inputs["left.height"]
+    first = int(np.argmax(run.scored))
+    assert run.scored[first:].all()
+    # One second of rest, three cycles vertically and three laterally: six seconds and what the generator takes.
+    assert 7.0 < first * STEP < 7.3
+    assert np.ptp(height[:first]) > 15 * mm
+    assert np.ptp(height[run.rest & (run.experiment.time > first * STEP)]) < 0.2 * mm
+    assert run.rest[0] and run.rest[-1] and not run.rest.all()
+
+
+def test_settings_in_force_become_constants_and_valves(recorded, dataset):
+    locked, leveled = (run.experiment for run in dataset.runs)
+    for experiment in (locked, leveled):
+        assert experiment.settings["nominal_preload"] == pytest.approx(53.5e3)
+        assert experiment.settings["orifice_diameter"] == pytest.approx(13e-3, rel=1e-6)
+        assert "pipe_length" not in experiment.settings
+        assert (experiment.inputs["left.reservoir"] == 1.0).all()
+    assert (locked.inputs["right.leveling"] == 0.0).all()
+    assert (locked.inputs["dpv"] == 0.0).all()
+    assert (leveled.inputs["right.leveling"] == 1.0).all()
+    assert (leveled.inputs["dpv"] == 1.0).all()
+
+
+def test_a_run_knows_how_long_the_rig_has_been_on(recorded, dataset):
+    record = read(recorded.directory)
+    times, ticks = record.series("rig.tick")
+    phase = next(phase for phase in record.phases if phase.name.startswith("replay"))
+    began = np.interp(phase.start, times, ticks * TICK)
+    assert dataset.runs[0].experiment.settings["start"] == pytest.approx(began, abs=2 * STEP)
+
+
+def test_a_run_begins_with_what_its_sensors_read(dataset):
+    run = dataset.runs[0]
+    for name in ("left.bellows_pressure", "right.auxiliary_pressure"):
+        first = run.outputs[:100, [c.name for c in dataset.channels].index(name)]
+        assert abs(run.experiment.settings[name] - first.mean()) < 100.0
+
+
+def test_lost_frames_are_gaps_in_outputs_and_bridges_in_inputs(recorded, dataset, bench_record):
+    lossy = bench_record("lossy", SHORT[:1], faults=Faults(lose=0.1))
+    run = read_records([lossy.directory], AirSpring(lossy.parameters, effects={})).runs[0]
+    assert 0.05 < np.isnan(run.outputs[:, 0]).mean() < 0.15
+    assert np.isfinite(run.experiment.inputs["left.height"]).all()
+    scored = run.scored
+    still = dataset.runs[0].scored
+    span = min(scored.sum(), still.sum()) - 100
+    difference = (
+        run.experiment.inputs["left.height"][scored][:span]
+        - dataset.runs[0].experiment.inputs["left.height"][still][:span]
+    )
+    # The two rigs stand some micrometres apart and were shaken alike.
+    assert np.std(difference) < 0.2 * mm
+
+
+def test_runs_of_one_name_are_told_apart_by_their_records(recorded):
+    twice = read_records([recorded.directory, recorded.directory], AirSpring(recorded.parameters, effects={}))
+    assert len(twice.runs) == 4
+    assert all(str(recorded.directory) in run.experiment.name for run in twice.runs)
+
+
+def test_a_record_without_anything_to_replay_is_refused(bench_record):
+    empty = bench_record("empty", ())
+    with pytest.raises(DiagnosisError, match=r"no phase whose name begins with 'replay '.*screening"):
+        read_records([empty.directory], AirSpring(empty.parameters, effects={}))
+
+
+class Told:
+    """A record of events alone."""
+
+    def __init__(self, *events):
+        self.events = [Event(round(time * 1e9), "setting", "", data) for time, data in events]
+
+    def time_of(self, event):
+        return event.time_ns / 1e9
+
+
+def test_after_a_service_valve_was_at_work_nothing_is_scored():
+    settings = _Settings(
+        Told(
+            (0.0, {"air.left_mode": "hold"}),
+            (2.0, {"air.left_mode": "fill"}),
+            (3.0, {"air.left_mode": "hold"}),
+        )
+    )
+    grid = np.array([0.5, 1.5, 2.5, 3.5])
+    assert settings.predictable(grid).tolist() == [True, True, False, False]
+
+
+def test_a_pipe_that_is_fitted_has_its_length():
+    settings = _Settings(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
+    assert settings.constants(1.0) == {"nominal_preload": 145e3, "pipe_length": 1.5}
+    assert settings.constants(-1.0) == {}

@@ -1,0 +1,133 @@
+"""The report page: it stands alone, shows every part of the finding, and is the same for the same finding."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from diagnosis.engine.diagnose import diagnose
+from diagnosis.finding import Finding, Verdict
+from diagnosis.report.page import HEADLINES, TONES, render, write_report
+from diagnosis.report.words import chance, percent, prose, shown
+
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+
+class Balance(HTMLParser):
+    """Counts what is opened and closed, and collects the text."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.text = [], []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        pass
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture(scope="module")
+def found(laboratory, force_surface):
+    lab = laboratory()
+    menu = [replace(e, name=f"again {e.name}", minutes=2.0) for e in lab.experiments()]
+    return diagnose(lab.measure(3, {"coulomb": {"amplitude": 0.3}}), lab.simulator, menu=menu)
+
+
+@pytest.fixture(scope="module")
+def nothing(laboratory):
+    lab = laboratory()
+    return diagnose(lab.measure(4), lab.simulator)
+
+
+def text_of(page):
+    parser = Balance()
+    parser.feed(page)
+    assert parser.open == []
+    return re.sub(r"\s+", " ", " ".join(parser.text))
+
+
+def test_the_page_tells_the_finding(found):
+    text = text_of(render(found))
+    assert prose(found.sentence) in text
+    for part in (
+        "The cause",
+        "What it gains",
+        "What was looked for",
+        "What would have been seen",
+        "tell apart",
+    ):
+        assert part in text
+    for cause in found.causes:
+        assert cause.title in text and shown(cause.parameters[0].value, 4) in text
+    for gain in found.gains:
+        assert gain.channel in text and shown(gain.rmse_after) in text
+    assert found.provenance.fit[0] in text
+
+
+def test_the_page_of_nothing_says_what_would_have_been_seen(nothing):
+    assert nothing.verdict is Verdict.NO_EFFECT
+    text = text_of(render(nothing))
+    assert text.index("What would have been seen") < text.index("How well the model predicts")
+    assert "The cause" not in text
+
+
+def test_the_page_stands_alone(found):
+    page = render(found)
+    assert not re.search(r'(src|href)="(?!#|data:)', page) and "@import" not in page and "<script" not in page
+
+
+def test_drawings_are_sound(found):
+    drawings = re.findall(r"<svg class=\"plot\".*?</svg>", render(found), flags=re.DOTALL)
+    assert len(drawings) >= 8
+    for drawing in drawings:
+        root = ElementTree.fromstring(drawing.replace("xlink:href", "href"))
+        x, y, width, height = map(float, root.get("viewBox").split())
+        assert (x, y) == (0, 0) and 100 < width < 800 and 50 < height < 1200
+    ids = re.findall(r'\bid="([^"]+)"', " ".join(drawings))
+    assert len(ids) == len(set(ids))
+
+
+def test_the_same_finding_gives_the_same_bytes(found, tmp_path):
+    one = write_report(found, tmp_path / "one.html").read_bytes()
+    again = write_report(Finding.from_json(found.to_json()), tmp_path / "two.html").read_bytes()
+    assert one == again
+
+
+def test_every_verdict_has_a_headline_and_a_tone():
+    assert set(HEADLINES) == set(TONES) == set(Verdict)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (1234.5, "1\u2009234"),
+        (-0.012345, "\u22120.0123"),
+        (9.996, "10.0"),
+        (1.5e-7, "1.50·10⁻⁷"),
+        (-2.5e12, "\u22122.50·10¹²"),
+        (None, "–"),
+        (np.nan, "–"),
+    ],
+)
+def test_numbers_are_printed_to_three_digits(value, text):
+    assert shown(value) == text
+
+
+def test_sentences_are_typeset():
+    assert prose("falls by -1.5e-07 bar") == "Falls by −1.5·10⁻⁷ bar"
+    assert prose("left.force is off; AW-3 is not") == "left.force is off; AW-3 is not"
+    assert percent(0.1234) == "12.3\u2009%" and chance(0.0) == "<\u200910⁻⁹"

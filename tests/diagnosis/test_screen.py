@@ -1,0 +1,98 @@
+"""The screen: its threshold against brute force, its scores under chance, its estimates where the truth is known."""
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, norm
+
+from diagnosis.engine.fit import fit
+from diagnosis.engine.point import base_point
+from diagnosis.engine.replay import Replay
+from diagnosis.engine.screen import candidates, look, signs, threshold
+
+
+def test_threshold_of_independent_scores_is_that_of_the_largest_of_them():
+    m, alpha = 30, 0.01
+    exact = norm.isf(0.5 * (1.0 - (1.0 - alpha) ** (1.0 / m)))
+    assert threshold(np.eye(m), np.zeros(m, bool), alpha, 1) == pytest.approx(exact, abs=0.06)
+    one_sided = norm.isf(1.0 - (1.0 - alpha) ** (1.0 / m))
+    assert threshold(np.eye(m), np.ones(m, bool), alpha, 1) == pytest.approx(one_sided, abs=0.06)
+
+
+def test_threshold_of_identical_scores_is_that_of_one():
+    assert threshold(np.ones((40, 40)), np.zeros(40, bool), 0.01, 1) == pytest.approx(
+        norm.isf(0.005), abs=0.05
+    )
+
+
+def test_threshold_of_correlated_scores_against_brute_force():
+    """Scores of random data on random columns, none of the formulas used."""
+    rng = np.random.default_rng(2)
+    columns = rng.standard_normal((50, 6)) @ rng.standard_normal((6, 8))
+    columns /= np.linalg.norm(columns, axis=0)
+    one_sided = np.arange(8) % 2 == 0
+    z = rng.standard_normal((200_000, 50)) @ columns
+    z[:, ~one_sided] = np.abs(z[:, ~one_sided])
+    brute = np.quantile(z.max(axis=1), 0.99)
+    assert threshold(columns.T @ columns, one_sided, 0.01, 3) == pytest.approx(brute, abs=0.05)
+
+
+def test_no_candidate_no_alarm():
+    assert threshold(np.zeros((0, 0)), np.zeros(0, bool), 0.01, 1) == np.inf
+
+
+def test_only_the_physical_sign_scores(oscillator):
+    catalogue = oscillator().catalogue
+    effects = [catalogue[name] for name in ("coulomb", "coulomb", "cubic", "cubic")]
+    assert signs(effects, np.array([2.0, -2.0, 2.0, -2.0])) == pytest.approx([1.0, 1.0, 1.0, -1.0])
+
+
+def sight(lab, data, **settings):
+    replay = Replay(lab.simulator, data.of("fit"), 1)
+    start = base_point(lab.simulator.nuisances, replay.names)
+    noise = look(replay, start, (), alpha=0.01, seed=1).model.noise
+    near = fit(replay, noise, start).point
+    return look(replay, near, candidates(list(lab.simulator.catalogue.values())), alpha=0.01, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_scores_of_nulls_are_standard_normal(laboratory, colour):
+    lab = laboratory(samples=800)
+    z = []
+    for seed in range(120):
+        found = sight(lab, lab.measure(seed, colour=colour))
+        z.append(found.screen.projection.z)
+    for column in np.transpose(z):
+        assert kstest(column, "norm").pvalue > 1e-3
+        assert np.var(column) < 1.5
+
+
+def test_a_score_estimates_the_amplitude(laboratory):
+    lab = laboratory()
+    truth = 0.05
+    screen = sight(lab, lab.measure(5, {"force_gain": {"amplitude": truth}})).screen
+    i = screen.best("force_gain")
+    # An offset and a stiffness hide most of a gain, and the noise estimate is that of the linear model.
+    assert screen.amplitude[i] == pytest.approx(truth, rel=0.1)
+    assert screen.exceeding[0] == max(range(len(screen.z)), key=lambda k: screen.z[k])
+
+
+def test_noise_of_a_large_effect_in_the_library_is_still_noise(laboratory):
+    """An effect thirty times the noise must not be called noise."""
+    lab = laboratory()
+    model = sight(lab, lab.measure(6, {"drift": {"amplitude": 3.0}})).model
+    assert model.linearisation.misfit > 2.0 * model.samples
+    assert model.noise.channels[1].deviation == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_fit_starts_near_its_end(laboratory):
+    """The start makes room for the effect: its cost is below that of the model without it."""
+    lab = laboratory()
+    found = sight(lab, lab.measure(7, {"maxwell": {"amplitude": 40.0, "tau": 0.1}}))
+    i = found.screen.best("maxwell")
+    start = found.screen.start(found.model.point, i)
+    replay = found.model.replay
+    errors = replay.residuals(replay.predictions(start))
+    whiten = [found.model.noise.filter(np.ones_like(e, bool)) for e in errors]
+    cost = sum(np.sum(f(e) ** 2) for f, e in zip(whiten, errors, strict=True))
+    assert cost < found.model.linearisation.misfit

@@ -1,0 +1,73 @@
+"""The unknown: a surface sees what is in no catalogue, is silent where nothing is, and is never a cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from diagnosis.engine.fit import fit
+from diagnosis.engine.noise import white
+from diagnosis.engine.point import base_point
+from diagnosis.engine.replay import Replay
+from diagnosis.engine.screen import candidates, look
+from diagnosis.engine.unknown import explain, score_test
+
+
+@pytest.fixture(scope="module")
+def surface(force_surface):
+    x = np.clip(-0.04 + 0.08 / 6 * (np.arange(8) - 0.5), -0.04, 0.04)
+    v = np.clip(-2.0 + 4.0 / 2 * (np.arange(4) - 0.5), -2.0, 2.0)
+    return replace(force_surface, centres=tuple((float(a), float(b)) for a in x for b in v))
+
+
+def fitted(laboratory, surface, seed, effects=None, **noise):
+    lab = laboratory()
+    data = lab.measure(seed, effects, **noise)
+    replay = Replay(replace(lab.simulator, surfaces=(surface,)), data.of("fit"), 1)
+    entries = candidates(list(lab.simulator.catalogue.values()))
+    near = fit(
+        replay, white([c.noise for c in data.channels]), base_point(lab.simulator.nuisances, replay.names)
+    )
+    sight = look(replay, near.point, entries, (surface,), alpha=0.01, seed=0)
+    test = score_test(sight.model.linearisation, surface, sight.surfaces[0])
+    return data, sight.model, sight.screen, test
+
+
+STOP = {"stop": {"amplitude": 300.0, "gap": 0.012}}
+
+
+@pytest.mark.slow
+def test_omnibus_is_silent_on_nulls(laboratory, surface):
+    p = [fitted(laboratory, surface, seed)[3].p for seed in range(16)]
+    assert np.mean(np.array(p) < 0.05) <= 0.2
+    assert kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_a_stop_that_no_catalogue_knows_is_seen_fitted_and_located(laboratory, surface):
+    data, model, screen, test = fitted(laboratory, surface, 3, STOP)
+    assert test.p < 1e-6
+    extended, unknown = explain(model, test, screen, data.of("select"))
+    assert unknown.kept and unknown.lpd_gain > 10
+    assert extended.effects == ("force",)
+    assert "not kept" not in unknown.sentence and "valid only inside" in unknown.sentence
+
+
+@pytest.mark.slow
+def test_a_surface_of_noise_is_not_kept(laboratory, surface):
+    kept = []
+    for seed in range(4):
+        data, model, screen, test = fitted(laboratory, surface, seed)
+        same, unknown = explain(model, test, screen, data.of("select"))
+        kept.append(unknown.kept)
+        assert unknown.kept or same is model
+    assert np.mean(kept) < 0.5
+
+
+def test_a_named_effect_is_the_nearest_of_its_own_surface(laboratory, surface):
+    data, model, screen, test = fitted(laboratory, surface, 1, {"cubic": {"amplitude": 3e5}})
+    _, unknown = explain(model, test, screen, data.of("select"))
+    assert test.p < 1e-6
+    assert unknown.nearest[0].effect == "cubic" and unknown.nearest[0].cosine > 0.9

@@ -1,0 +1,11 @@
+"""Something is hidden, measured, diagnosed and judged, in one call."""
+
+import pytest
+
+from benchmarks.diagnosis.campaign import Case, carry_out
+
+
+@pytest.fixture
+def judged():
+    """Carry out the case of a system, kind, condition and seed: what was said and how right it was."""
+    return lambda *case, **given: carry_out(Case(*case), **given)

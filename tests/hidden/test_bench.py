@@ -1,0 +1,76 @@
+"""What another process hides in the bench, and measures through its wires, is found or is called by no wrong name."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench_records.record import read
+from bench_sim.model.effects import CATALOGUE
+from benchmarks.diagnosis.truth import draw
+
+ROOT = Path(__file__).parents[2]
+#: A few candidates of every family; the whole catalogue is the benchmark's.
+FEW = (
+    "maxwell",
+    "friction",
+    "creep",
+    "leak.left",
+    "leak.right",
+    "heat",
+    "asymmetric_orifice",
+    "pressure_lag",
+    "force_gain",
+    "pressure_drift.left",
+    "pressure_drift.right",
+)
+GASEOUS = ("leak.left", "leak.right", "heat", "pressure_drift.right")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_leak_is_found_on_its_side(judged):
+    found = judged("bench", "single", "white", 23, stretches=1, effects=GASEOUS)
+    assert found.hidden == ["leak.right"]
+    assert not found.amiss
+    assert found.reported
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("kind", "condition", "seed"),
+    [
+        ("null", "white", 1),
+        ("single", "white", 14),
+        ("single", "AR 0.9", 9),
+        ("single", "frames lost", 24),
+        ("outside", "white", 2),
+    ],
+)
+def test_an_honest_answer(judged, kind, condition, seed):
+    hidden = draw(seed, kind, condition).effects
+    assert hidden.keys() <= set(FEW)
+    found = judged("bench", kind, condition, seed, stretches=2, effects=FEW)
+    assert not found.amiss
+
+
+def test_a_sealed_record_says_nothing_of_what_is_hidden(tmp_path):
+    record, truth = tmp_path / "record", tmp_path / "truth.json"
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.diagnosis.sealed",
+        "--seed=23",
+        "--kind=single",
+        "--stretches=1",
+    ]
+    subprocess.run([*command, f"--out={record}", f"--truth={truth}"], check=True, cwd=ROOT, timeout=100)
+    assert b"leak.right" in truth.read_bytes()
+    known = read(record)
+    texts = [path.read_text() for path in record.rglob("*") if path.suffix in {".json", ".xml"}]
+    texts += [str(known.meta), *(f"{event.text} {event.data}" for event in known.events)]
+    assert len(texts) > 20
+    for word in ("effect", "leak", "sealed", "roughness", *(name for name in CATALOGUE if "_" in name)):
+        assert not [text for text in texts if word in text], word

@@ -1,0 +1,150 @@
+"""The judge's own judgement: what counts as right, wrong and missed, and what a sealed bench gives away."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from benchmarks.diagnosis.judge import Judged, covered
+from benchmarks.diagnosis.outside import OUTSIDE, roughness, together
+from benchmarks.diagnosis.sealed import COLOURED, Coloured, parameters_of
+from benchmarks.diagnosis.statistics import Rate
+from benchmarks.diagnosis.strengths import Strengths
+from benchmarks.diagnosis.truth import CONDITIONS, KINDS, NEAR, Truth, draw, visible
+from diagnosis.finding import Verdict
+
+NAMED, NONE = Verdict.NAMED.value, Verdict.NO_EFFECT.value
+
+
+def said(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), strength=50.0, **more):
+    return Judged(
+        system="test",
+        seed=0,
+        kind=kind,
+        condition="white",
+        strength=strength,
+        hidden=list(hidden),
+        verdict=verdict,
+        causes=list(causes),
+        rivals=list(rivals),
+        near=list(near),
+        **more,
+    )
+
+
+@pytest.mark.parametrize(
+    ("case", "exact", "reported", "wrong", "amiss"),
+    [
+        (said(["leak.left"], ["leak.left"]), True, True, [], ""),
+        (said(["leak.left"], ["heat"]), False, False, ["heat"], "wrong cause"),
+        (said(["leak.left"], ["leak.right"]), False, False, ["leak.right"], "wrong cause"),
+        (said(["leak.left"], ["leak.left", "heat"]), False, True, ["heat"], "wrong cause"),
+        (said(["leak.left"], ["heat"], rivals=["leak.left"]), False, True, [], ""),
+        (said(["leak.left"], ["leak.left"], rivals=["heat"]), False, True, [], ""),
+        (
+            said(["leak.left"], ["heat", "creep"], rivals=["leak.left"]),
+            False,
+            True,
+            ["heat", "creep"],
+            "wrong",
+        ),
+        (said(["maxwell_two"], ["maxwell"], near=["maxwell"]), False, False, [], "not reported"),
+        (said(["leak.left"], [], verdict=NONE), False, False, [], "not seen"),
+        (said(["leak.left"], [], verdict=NONE, strength=5.0), False, False, [], ""),
+        (said(["leak.left"], [], verdict=Verdict.UNRESOLVED.value), False, False, [], "not reported"),
+        (said(["snag"], [], verdict=Verdict.UNKNOWN.value, kind="outside"), False, False, [], ""),
+        (said(["snag"], ["maxwell"], kind="outside"), False, False, ["maxwell"], "wrong cause"),
+        (said([], [], verdict=NONE, kind="null", strength=0.0), True, True, [], ""),
+        (
+            said([], [], verdict=Verdict.UNKNOWN.value, kind="null", strength=0.0),
+            True,
+            True,
+            [],
+            "false alarm",
+        ),
+        (said([], ["heat"], kind="null", strength=0.0), False, True, ["heat"], "false alarm"),
+        (said(["leak.left"], ["leak.left"], deviations=[5.0]), True, True, [], "off by 5"),
+    ],
+)
+def test_what_counts_as_what(case, exact, reported, wrong, amiss):
+    assert (case.exact, case.reported, case.wrong) == (exact, reported, wrong)
+    assert case.amiss.startswith(amiss) if amiss != "off by 5" else "off by 5" in case.amiss
+    assert bool(case.amiss) == bool(amiss)
+
+
+@given(st.integers(0, 40), st.integers(1, 40))
+@settings(deadline=None)
+def test_an_exact_interval_has_tails_of_two_and_a_half_per_cent(hits, count):
+    hits = min(hits, count)
+    low, high = Rate(hits, count).interval
+
+    def at_least(k, p):
+        return sum(math.comb(count, i) * p**i * (1 - p) ** (count - i) for i in range(k, count + 1))
+
+    assert low <= hits / count <= high
+    assert low == 0.0 if hits == 0 else at_least(hits, low) == pytest.approx(0.025, abs=1e-9)
+    assert high == 1.0 if hits == count else 1 - at_least(hits + 1, high) == pytest.approx(0.025, abs=1e-9)
+
+
+def test_intervals_of_normal_deviations_hold_what_they_promise():
+    deviations = np.random.default_rng(1).standard_normal(20_000).tolist()
+    for level in (0.5, 0.8, 0.9, 0.95):
+        assert covered(deviations, level) / len(deviations) == pytest.approx(level, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_hides_the_same_again_and_another_something_else(kind, tmp_path):
+    drawn = [draw(seed, kind) for seed in range(4)]
+    assert drawn == [draw(seed, kind) for seed in range(4)]
+    assert len({json.dumps(one.base) for one in drawn}) == 4
+    for one in drawn:
+        parameters_of(one)  # all of it fits into the ranges of the bench
+        one.write(tmp_path / "truth")
+        assert Truth.read(tmp_path / "truth") == one
+        assert len(one.effects) == {"null": 0, "outside": 0, "pair": 2}.get(kind, 1)
+        assert bool(one.outside) == (kind == "outside")
+
+
+def test_every_visible_effect_is_hidden_by_some_seed_and_fits_the_bench():
+    first: dict[str, Truth] = {}
+    for seed in range(300):
+        one = draw(seed, "single", CONDITIONS[seed % len(CONDITIONS)])
+        for name in one.effects:
+            first.setdefault(name.partition(".")[0], one)
+    strengths = Strengths.read()
+    assert first.keys() == {name for name, effect in CATALOGUE.items() if visible(effect, strengths)}
+    assert first.keys() >= NEAR.keys()
+    assert not first.keys() & {"leveling_delay", "quantisation"}
+    for one in first.values():
+        parameters_of(one)
+
+
+def test_terms_outside_are_linear_in_their_size_and_add_up():
+    one, two = (together(OUTSIDE["snag"](size), roughness(3, 1.0)) for size in (1.0, 2.0))
+    snag = OUTSIDE["snag"](1.0)["force_surface"]
+    assert np.allclose(two["force_surface"] - one["force_surface"], snag)
+    assert 0.5 < snag.max() <= 1.0
+    for name, term in OUTSIDE.items():
+        load().with_values(**term(1e-6 if name == "flap" else 1.0))
+
+
+def test_coloured_noise_has_its_colour_and_the_size_of_the_data_sheet():
+    rig = Rig(load(), seed=1)
+    par = rig.plant.parameter_array
+    noise = par["sensor_noise"][0][COLOURED].copy()
+    built = par["sensor_bias"][0][COLOURED].copy()
+    coloured = Coloured(rig, 0.9, seed=4)
+    assert not par["sensor_noise"][0][COLOURED].any()
+    samples = []
+    for _ in range(4000):
+        coloured.run(5)
+        samples.append((par["sensor_bias"][0][COLOURED] - built) / noise)
+    series = np.array(samples)[100:]
+    assert series.std() == pytest.approx(1.0, abs=0.1)
+    assert np.mean(series[1:] * series[:-1]) / np.mean(series**2) == pytest.approx(0.9, abs=0.02)

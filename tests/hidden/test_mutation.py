@@ -1,0 +1,93 @@
+"""A diagnosis whose guards are taken away is caught: the judge goes red, so that green means something."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from benchmarks.diagnosis.judge import judge
+from benchmarks.diagnosis.small import Small
+from benchmarks.diagnosis.truth import Truth
+from diagnosis.engine import naming, noise, screen
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
+
+WHITE = [("white", seed) for seed in (21, 22)]
+COLOURED = [("AR 0.9", seed) for seed in (24, 25)]
+
+
+@pytest.fixture
+def alarms(judged):
+    """Diagnose oscillators in which nothing is hidden; return what is amiss."""
+    return lambda cases: [
+        one.amiss for one in (judged("oscillator", "null", *case) for case in cases) if one.amiss
+    ]
+
+
+def test_with_all_guards_nothing_is_amiss(alarms):
+    assert not alarms([*WHITE, *COLOURED])
+
+
+def test_without_the_threshold_chance_is_accused(alarms, monkeypatch):
+    monkeypatch.setattr(screen, "threshold", lambda *_: 0.0)
+    assert alarms(WHITE)
+
+
+def test_without_whitening_coloured_noise_is_accused(alarms, monkeypatch):
+    def as_if_white(channels, leftovers, counted, spent=0.0):
+        errors = [
+            np.concatenate([left[mask[:, i], i] for left, mask in zip(leftovers, counted, strict=True)])
+            for i in range(len(channels))
+        ]
+        return noise.white([float(np.std(error)) for error in errors])
+
+    monkeypatch.setattr(screen, "estimate", as_if_white)
+    assert alarms(COLOURED)
+
+
+def with_effects(seed, effects):
+    small = Small()
+    return small.data(msgspec.structs.replace(small.draw(seed, "null", "white"), effects=effects))
+
+
+def said(data, simulator, what):
+    """Judge what is said of something that is in no catalogue."""
+    finding = diagnose(data, simulator, Config(seed=31, workers=1))
+    sealed = Truth(seed=31, kind="outside", condition="white", strengths={what: 50.0}, outside={what: 1.0})
+    return judge(finding, sealed, simulator, system="oscillator")
+
+
+def said_of_a_push(simulator):
+    """Friction that pushes instead of dragging: no physical cause of the catalogue does."""
+    return said(with_effects(31, {"coulomb": {"amplitude": -0.4}}), simulator, "push")
+
+
+def said_of_an_incident():
+    """A force that crept away while the fitted runs were made and never again: no property of the oscillator."""
+    crept, healthy = (with_effects(32, effects) for effects in ({"drift": {"amplitude": 0.1}}, {}))
+    runs = tuple(a if a.role == "fit" else b for a, b in zip(crept.runs, healthy.runs, strict=True))
+    return said(replace(crept, runs=runs), Small().simulator, "incident")
+
+
+def test_a_push_is_not_called_friction():
+    found = said_of_a_push(Small().simulator)
+    assert found.detected
+    assert not found.amiss
+
+
+def test_without_physical_signs_a_push_is_called_friction():
+    simulator = Small().simulator
+    coulomb = simulator.catalogue["coulomb"]
+    free = replace(coulomb, amplitude=replace(coulomb.amplitude, low=-np.inf))
+    simulator = replace(simulator, catalogue={**simulator.catalogue, "coulomb": free})
+    assert "coulomb" in said_of_a_push(simulator).wrong
+
+
+def test_an_incident_is_not_called_a_property():
+    assert not said_of_an_incident().amiss
+
+
+def test_without_gates_an_incident_is_called_a_property(monkeypatch):
+    monkeypatch.setattr(naming, "failing", lambda *_: "")
+    assert "drift" in said_of_an_incident().wrong

@@ -1,0 +1,52 @@
+"""What a seed hides in an oscillator is found, or is not accused of being something else."""
+
+import pytest
+
+from benchmarks.diagnosis.truth import CONDITIONS
+from diagnosis.finding import Verdict
+
+SINGLES = [("white", 1), ("AR 0.6", 2), ("12 bits", 3), ("frames lost", 4)]
+
+
+@pytest.mark.parametrize(("condition", "seed"), SINGLES)
+def test_one_effect(judged, condition, seed):
+    found = judged("oscillator", "single", condition, seed)
+    assert found.hidden
+    assert not found.amiss
+    assert found.exact or found.strength < 10
+
+
+def test_two_effects_of_two_families(judged):
+    found = judged("oscillator", "pair", "white", 6)
+    assert len(found.hidden) == 2
+    assert not found.amiss
+    assert found.exact
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_nothing(judged, condition):
+    found = judged("oscillator", "null", condition, 11)
+    assert found.verdict == Verdict.NO_EFFECT
+    assert not found.amiss
+
+
+def test_what_is_in_no_catalogue_is_called_unknown(judged):
+    found = judged("oscillator", "outside", "white", 3)
+    assert found.verdict == Verdict.UNKNOWN
+    assert not found.causes
+
+
+def test_two_relaxation_times_are_not_called_friction(judged):
+    found = judged("oscillator", "near", "white", 5)
+    assert found.hidden == ["maxwell_two"]
+    assert not found.amiss
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("kind", ["single", "pair", "outside", "near", "null"])
+def test_hardly_ever_amiss(judged, kind):
+    """Of twelve of each kind under changing conditions, at most one may be amiss, and no null."""
+    found = [judged("oscillator", kind, CONDITIONS[k % len(CONDITIONS)], 50 + k) for k in range(12)]
+    amiss = [(one.seed, one.condition, one.hidden, one.amiss) for one in found if one.amiss]
+    assert len(amiss) <= (0 if kind == "null" else 1), amiss

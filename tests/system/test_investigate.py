@@ -1,0 +1,196 @@
+"""The closed loop: what is run next and why, on the virtual rig, with a diagnosis that says what it is told to say."""
+
+import json
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from astb.investigate import LOG, WORTH, choose, investigate
+from astb.menu import experiments, offers
+from astb.rig_file import RigFile, Simulation
+from astb.run import Screen
+from astb.session import build_rig, virtual_session
+from bench_protocol.units import bar, minutes, mm, s
+from bench_records.layout import RecordError
+from bench_records.record import read
+from diagnosis.finding import Cause, Finding, Models, NextRun, Provenance, Rival, Verdict
+from test_plans.loads import AW0
+from test_plans.motions import Part, Programme, Stand, Stretch, Wave
+from test_plans.perform import lasts
+from test_plans.separating import MENU
+
+
+def programme(name, *stretches):
+    return Programme(name, f"{name}.", (Part(AW0, stretches),), "For this test.")
+
+
+LOOK = programme("look", Stretch((Wave("vertical", 4 * mm, 1.0, 3),)))
+QUICK = programme("quick", Stretch((Wave("vertical", 2 * mm, 5.0, 10),)))
+TWICE = programme("twice", *(Stretch((Stand(h * mm, rest=2 * s),)) for h in (3, -3)))
+SMALL_MENU = {one.name: one for one in (QUICK, TWICE)}
+
+
+def cause(name):
+    return Cause(
+        effect=name,
+        title=name,
+        family="gas",
+        parameters=[],
+        strength=9.0,
+        score=9.0,
+        bic_gain=70.0,
+        lpd_gain=30.0,
+    )
+
+
+def finding(verdict, causes=(), rivals=(), runs=()):
+    return Finding(
+        verdict=verdict,
+        sentence=f"the finding is {verdict}",
+        causes=[cause(name) for name in causes],
+        threshold=4.0,
+        alpha=0.01,
+        provenance=Provenance(simulator="", seed=1, fit=[], select=[], report=[]),
+        models=Models(before={}, after={}),
+        ambiguous_with=[
+            Rival(
+                effect=name,
+                title=name,
+                family="gas",
+                instead_of=causes[0],
+                parameters=[],
+                bic_gap=3.0,
+                cosine=0.99,
+            )
+            for name in rivals
+        ],
+        next_runs=[NextRun(experiment=name, minutes=1.0, bic_gap=gap, per_minute=gap) for name, gap in runs],
+    )
+
+
+def ambiguous(*runs):
+    return finding(Verdict.AMBIGUOUS, ["leak.left"], ["heat.left"], runs)
+
+
+NAMED = finding(Verdict.NAMED, ["leak.left"])
+
+
+def test_gaps_of_a_plans_runs_add_up_and_the_most_per_minute_comes_first():
+    told = ambiguous(
+        ("twice 1 AW0", 30.0), ("twice 2 AW0", 40.0), ("quick 1 AW0", 65.0), ("elsewhere 1", 1e6)
+    )
+    ranked = offers(told, SMALL_MENU)
+    assert [one.plan for one in ranked] == ["quick", "twice"]
+    assert [one.bic_gap for one in ranked] == [65.0, 70.0]
+    assert ranked[1].minutes == pytest.approx(lasts(TWICE) / minutes)
+
+
+def test_what_decides_most_per_minute_is_run_unless_it_was_or_costs_too_much():
+    told = ambiguous(("quick 1 AW0", 65.0), ("twice 1 AW0", 70.0))
+    assert choose(told, SMALL_MENU, 20.0, set())[0].plan == "quick"
+    assert choose(told, SMALL_MENU, 20.0, {"quick"})[0].plan == "twice"
+    short = (lasts(QUICK) + lasts(TWICE)) / 2 / minutes
+    assert lasts(QUICK) < lasts(TWICE)
+    offer, why = choose(told, SMALL_MENU, short, {"quick"})
+    assert offer is None
+    assert "budget is spent" in why
+    assert "leak.left and heat.left" in why
+    # What decides more per minute but does not fit leaves room for what does.
+    told = ambiguous(("twice 1 AW0", 700.0), ("quick 1 AW0", 65.0))
+    assert choose(told, SMALL_MENU, short, set())[0].plan == "quick"
+
+
+def test_a_run_that_would_not_decide_is_not_run():
+    offer, why = choose(ambiguous(("quick 1 AW0", WORTH - 0.1)), SMALL_MENU, 20.0, set())
+    assert offer is None
+    assert "no run on the menu would decide between leak.left and heat.left" in why
+    assert "promises a BIC gap of 9.9" in why
+    assert choose(ambiguous(("quick 1 AW0", WORTH)), SMALL_MENU, 20.0, set())[0].plan == "quick"
+
+
+@pytest.mark.parametrize("verdict", [Verdict.NO_EFFECT, Verdict.NAMED, Verdict.REMAINDER, Verdict.UNKNOWN])
+def test_a_verdict_ends_the_investigation(verdict):
+    causes = ["leak.left"] if verdict in {Verdict.NAMED, Verdict.REMAINDER} else []
+    told = finding(verdict, causes, runs=[("quick 1 AW0", 1e3)])
+    assert choose(told, SMALL_MENU, 1e3, set()) == (None, f"verdict: the finding is {verdict}")
+
+
+@contextmanager
+def virtual(seed=3, **change):
+    simulation = Simulation(seed=seed, change=change)
+    with virtual_session(build_rig(simulation), simulation) as session:
+        yield session, RigFile(name="virtual", simulation=simulation)
+
+
+def loop(out, told, budget=20.0, seed=3, **change):
+    """Investigate on a virtual rig; the k-th diagnosis says ``told[k]``. Returns the log and what each was given."""
+    seen = []
+
+    def diagnose(records):
+        seen.append([record.name for record in records])
+        return told[len(seen) - 1]
+
+    with virtual(seed, **change) as (session, rig), Screen(Console(quiet=True)) as screen:
+        log = investigate(
+            session, rig, out, first=LOOK, menu=SMALL_MENU, budget=budget, diagnose=diagnose, screen=screen
+        )
+        pressure = max(session.bench.left.bellows_pressure, session.bench.right.bellows_pressure)
+    return log, seen, pressure
+
+
+def test_the_loop_runs_what_decides_and_diagnoses_all_data_again(tmp_path):
+    log, seen, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0)), NAMED])
+    assert seen == [["01-look"], ["01-look", "02-quick"]]
+    assert [step.plan for step in log.steps] == ["look", "quick"]
+    assert log.steps[0].rivals == ["heat.left"]
+    assert "to decide between leak.left and heat.left" in log.steps[1].why
+    assert log.ended == "verdict: the finding is named"
+    assert log.spent == pytest.approx((lasts(LOOK) + lasts(QUICK)) / minutes, rel=0.1)
+    told = json.loads((tmp_path / LOG).read_text())
+    assert [step["verdict"] for step in told["steps"]] == ["ambiguous", "named"]
+    assert told["ended"] == log.ended
+    assert (tmp_path / "02-quick" / "report.html").exists()
+    # One rig all along: its noise goes on, where a second rig of the same seed would repeat it.
+    first, second = (read(tmp_path / name).series("left.height")[1][:200] for name in ("01-look", "02-quick"))
+    assert not np.allclose(first - first.mean(), second - second.mean(), atol=0.5e-5)
+
+
+def test_the_budget_is_the_benchs_time(tmp_path):
+    budget = (lasts(LOOK) + 0.9 * lasts(QUICK)) / minutes
+    log, seen, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0))], budget)
+    assert len(seen) == 1
+    assert log.spent < budget
+    assert "the budget is spent" in log.ended
+
+
+def test_a_budget_below_the_first_run_is_refused_before_anything_moves(tmp_path):
+    with pytest.raises(RecordError, match=r"budget = 0.5 min: look alone takes 1.\d min of the bench"):
+        loop(tmp_path, [], budget=0.5)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_rig_that_breaks_ends_the_investigation_with_its_reason(tmp_path):
+    log, seen, pressure = loop(tmp_path, [NAMED], supply_pressure="1.5 bar")
+    assert seen == []
+    assert log.ended.startswith("look blocked: the rig: ")
+    assert [step.outcome for step in log.steps] == ["blocked"]
+    assert json.loads((tmp_path / LOG).read_text())["ended"] == log.ended
+    assert pressure < 0.5 * bar
+
+
+def test_the_menu_is_told_run_by_run_with_what_each_costs():
+    told = experiments(MENU)
+    assert len({one.name for one in told}) == len(told)
+    for name, programme in MENU.items():
+        runs = [one for one in told if one.name.partition(" ")[0] == name]
+        assert len(runs) == sum(len(part.stretches) for part in programme.parts)
+        assert sum(one.minutes for one in runs) == pytest.approx(lasts(programme) / minutes)
+    for one in told:
+        assert all(values.shape == one.time.shape for values in one.inputs.values())
+        assert all(np.isfinite(values).all() for values in one.inputs.values())
+    assert {one.name for one in told if one.inputs["left.leveling"].any()} == {"leveling_on 1 AW0"}
+    assert {one.name for one in told if not one.inputs["left.reservoir"].all()} == {
+        "isolated_reservoirs 1 AW0"
+    }
