@@ -1,4 +1,4 @@
-"""Writes the files that are generated from the table of signals and the table of states, or checks them.
+"""Writes the files that are generated from the tables of signals, states, parameters and effects, or checks them.
 
 python -m astb.generate           write
 python -m astb.generate --check   exit 1 if a checked-in file differs from what would be written
@@ -18,6 +18,8 @@ from astb.dbc import dbc
 from bench_protocol.signals import Kind, Protection, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import in_unit
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.quantities import QUANTITIES
 from bench_sim.rig.states import FAULTS, TRANSITIONS
 
 ROOT: Final = Path(__file__).parent.parent
@@ -178,7 +180,60 @@ def parameters_page() -> str:
             cells = (_shown(row["value"]), row["unit"], f"{_shown(row['min'])} to {_shown(row['max'])}")
             print(f"| `{name}` | {' | '.join(cells)} | {row['provenance']} | {row['source']} |", file=out)
         print(file=out)
+    print("## What a healthy bench does not have\n", file=out)
+    print(
+        "Left out of the file, where each has the value that makes its term vanish; [effects](effects.md) and unnamed\n"
+        "surfaces set them. SI units.\n",
+        file=out,
+    )
+    print("| parameter | value | unit | range |\n|---|---|---|---|", file=out)
+    for one in QUANTITIES:
+        if one.default is not None:
+            print(f"| `{one.name}` | {one.default:g} | {one.unit} | {one.low:g} to {one.high:g} |", file=out)
+    print(file=out)
     return out.getvalue()
+
+
+def effects_page() -> str:
+    """Return the reference page of the effects, family by family."""
+    out = io.StringIO()
+    print(_NOTE.replace("table of signals", "catalogue of effects"), file=out)
+    print("# The catalogue of effects\n", file=out)
+    print(
+        "What a simulated rig can have and a diagnosis can name. The first quantity of each is its amplitude: at 0\n"
+        "the effect is absent to the last bit, and the bench is smooth in it from there. *Usual* is the size of an\n"
+        "ordinary fault, and of a shape its middle; both are chosen by us unless the source says otherwise. The terms\n"
+        "of the equations, assumptions and literature stand in `bench_sim/model/effects`, one file for each.\n",
+        file=out,
+    )
+    for family in dict.fromkeys(effect.family for effect in CATALOGUE.values()):
+        print(f"## {family.capitalize()}\n", file=out)
+        for effect in (one for one in CATALOGUE.values() if one.family == family):
+            print(f"### `{effect.name}`\n", file=out)
+            places = f" At {' or '.join(f'`{effect.name}.{place}`' for place in effect.places)}."
+            print(f"{_sentence(effect.title)}{places if effect.places else ''}\n", file=out)
+            print(f"```\n{effect.equation}\n```\n", file=out)
+            print("| quantity | unit | range | usual |\n|---|---|---|---|", file=out)
+            for one in effect.parameters:
+                low, high, usual = (f"{value / one.scale:.4g}" for value in (one.low, one.high, one.typical))
+                print(f"| `{one.name}` | {one.display} | {low} to {high} | {usual} |", file=out)
+            print(file=out)
+            if effect.confusers:
+                print(f"Mistaken for {_listed(effect.confusers)}.", end=" ", file=out)
+            if effect.richer:
+                print(f"Contained in {_listed(effect.richer)}.", end=" ", file=out)
+            if not effect.diagnosable:
+                print("No replay of a measured motion can tell it.", end=" ", file=out)
+            print(f"Told by: {effect.separated_by}. Source: {effect.source}.\n", file=out)
+    return out.getvalue()
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(f"[`{name}`](#{name})" for name in names)
 
 
 def _parameter_tables(file: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -219,6 +274,7 @@ def files() -> dict[Path, str]:
         ROOT / "docs" / "reference" / "signals.md": signals_page(),
         ROOT / "docs" / "reference" / "states.md": states_page(),
         ROOT / "docs" / "reference" / "parameters.md": parameters_page(),
+        ROOT / "docs" / "reference" / "effects.md": effects_page(),
         ROOT / "docs" / "reference" / "command-line.md": commands_page(),
     }
 

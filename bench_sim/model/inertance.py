@@ -8,9 +8,9 @@ solved for a G_s that is linear in between,
 
     D = e^(−z) D₀ + (1 − e^(−z))/z · (G_s − G_s0),   z = h R/I
 
-so that no step is too long for a small inertance: D → I/R · dG_s/dt, linear in I down to zero. The integrator sees a
-missing flow that changes within a step and is remembered only at its start. The loss is that of the orifice:
-``bench_sim.model.pipe`` has that of a long pipe beside it, at the price of shorter steps.
+so that no step is too long for a small inertance: D → I/R · dG_s/dt, linear in I down to zero. R belongs to the steady
+flow now and the flow at the start of the step; of what the inertia of 1 m does, 0.5 % is lost at 1 ms and 3 % at
+2.5 ms. The loss is that of the orifice: `bench_sim.model.pipe` has that of a long pipe beside it, for shorter steps.
 """
 
 from math import exp, expm1, sqrt
@@ -18,29 +18,32 @@ from typing import Any
 
 from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.orifice import nozzle_function
-from bench_sim.model.pipe import expansion
 
 
-@compiled_once
+@compiled
+def loss(flow: float, laminar: float, k: float) -> float:
+    """Δp_loss in Pa: that of the orifice, quadratic with ``k``, or linear with ``laminar`` where that is more."""
+    return flow * max(laminar, k * abs(flow))
+
+
+@compiled
 def loss_secant(
     steady: float, flow: float, p_b: float, T_b: float, p_a: float, T_a: float, area: float, par: Any
 ) -> float:
-    """R in Pa·s/kg between ``flow`` and the ``steady`` flow of the present pressures; ``area`` is C_d A in m².
-
-    Quadratic, Δp = k G|G|, on top of the slope that the orifice has in its laminar zone.
-    """
-    drop = p_b - p_a
+    """R in Pa·s/kg between ``flow`` and the ``steady`` flow of the present pressures; ``area`` is C_d A in m²."""
     p_up = max(p_b, p_a)
-    p_down = min(p_b, p_a)
-    T_up = T_b if drop > 0.0 else T_a
-    RT = par.gas_constant * T_up
-    k = 0.5 * RT / (p_up * expansion(p_down / p_up, par.heat_capacity_ratio) * area * area)
-    limit = par.laminar_limit
-    laminar = sqrt(RT) * (1.0 - limit) / (area * nozzle_function(limit, par.heat_capacity_ratio))
-    slope = laminar if steady == 0.0 else max(abs(drop / steady), laminar)
-    if steady * flow >= 0.0:
-        return slope + k * abs(flow)
-    return (slope * abs(steady) + k * flow * flow) / (abs(steady) + abs(flow)) + laminar
+    T_up = T_b if p_b > p_a else T_a
+    # the orifice is linear up to this flow
+    edge = area * p_up / sqrt(par.gas_constant * T_up)
+    edge *= nozzle_function(par.laminar_limit, par.heat_capacity_ratio)
+    laminar = p_up * (1.0 - par.laminar_limit) / edge
+    k = laminar / edge
+    if abs(steady) > edge:
+        k = abs(p_b - p_a) / (steady * steady)
+    apart = steady - flow
+    if abs(apart) < 1e-6 * edge:
+        return max(laminar, 2.0 * k * abs(steady) if abs(steady) > edge else 0.0)
+    return (loss(steady, laminar, k) - loss(flow, laminar, k)) / apart
 
 
 @compiled
@@ -49,3 +52,23 @@ def held_back(ahead: float, missing: float, rise: float, rate: float) -> float:
     z = rate * ahead
     ramp = -expm1(-z) / z if z > 1e-12 else 1.0
     return exp(-z) * missing + ramp * rise
+
+
+@compiled_once
+def flow_with_inertia(
+    t: float,
+    mem: Any,
+    par: Any,
+    side: int,
+    steady: float,
+    p_b: float,
+    T_b: float,
+    p_a: float,
+    T_a: float,
+    area: float,
+) -> float:
+    """G in kg/s at ``t``, within the step that began at the remembered instant."""
+    before = mem.steady_flow[side] - mem.missing_flow[side]
+    rate = loss_secant(steady, before, p_b, T_b, p_a, T_a, area, par) / par.flow_inertance[side]
+    rise = steady - mem.steady_flow[side]
+    return steady - held_back(t - mem.solved_time, mem.missing_flow[side], rise, rate)

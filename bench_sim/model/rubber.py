@@ -7,7 +7,7 @@ position w_j = x − q_j as the state, dw_j/dt = (x − w_j)/τ_j needs no speed
 from typing import Any, Final
 
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.compiled import compiled, compiled_once
+from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_FRICTIONS, State
 
 #: A loop over less than this share of x₂ is small.
@@ -51,7 +51,7 @@ def maxwell_pull(x: Any, par: Any, first: int, stiffness: float, displacement: f
     return force, total
 
 
-@compiled_once
+@compiled
 def extra_pull(
     x: Any, mem: Any, par: Any, direction: int, side: int, stiffness: float, displacement: float
 ) -> tuple[float, float]:

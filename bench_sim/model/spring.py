@@ -125,7 +125,10 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
 def energy_kept(par: Any, side: int, out: Any) -> float:
     """−dp/dV = p/(V + C_V p) in Pa/m³ at constant internal energy."""
     p = out[Algebraic.PRESSURE + side]
-    return p / (out[Algebraic.VOLUME + side] + par.bellows_compliance[side] * p)
+    V = out[Algebraic.VOLUME + side]
+    if par.bellows_compliance[side] > 0.0:
+        V += par.bellows_compliance[side] * p
+    return p / V
 
 
 @compiled
@@ -178,7 +181,9 @@ def carry_over(par: Any, side: int, step_z: float, step_y: float, out: Any) -> N
         + out[Algebraic.STIFFNESS_YY + side] * step_y
         + out[Algebraic.LATERAL_PER_PRESSURE + side] * p_step
     )
-    out[Algebraic.VOLUME + side] += V_step + par.bellows_compliance[side] * p_step
+    if par.bellows_compliance[side] > 0.0:
+        V_step += par.bellows_compliance[side] * p_step
+    out[Algebraic.VOLUME + side] += V_step
     out[Algebraic.PRESSURE + side] += p_step
     out[Algebraic.AREA + side] += par.effective_area_slope[side] * step_z
 
@@ -266,7 +271,9 @@ def work_term(par: Any, out: Any, dx: Any) -> None:
     kappa = par.heat_capacity_ratio
     for i in range(2):
         p = out[Algebraic.PRESSURE + i]
-        V = out[Algebraic.VOLUME + i] + kappa * par.bellows_compliance[i] * p
+        V = out[Algebraic.VOLUME + i]
+        if par.bellows_compliance[i] > 0.0:
+            V += kappa * par.bellows_compliance[i] * p
         heating = (kappa - 1.0) * dx[State.BELLOWS_ENERGY + i]
         z_speed = out[Algebraic.HEIGHT_SPEED + i] + dx[State.CREEP + i]
         y_speed = out[Algebraic.LATERAL_SPEED + i]

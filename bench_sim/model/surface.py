@@ -10,7 +10,7 @@ from math import asinh
 from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.compiled import compiled
+from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.gas import transfer
 from bench_sim.model.layout import Input, State
 
@@ -25,7 +25,7 @@ def spline_weights(value: float, low: float, high: float, count: int) -> tuple[i
     return first, 0.5 * (1.0 - u) * (1.0 - u), 0.5 + u * (1.0 - u), 0.5 * u * u
 
 
-@compiled
+@compiled_once
 def surface(coefficients: Any, a: float, a_span: Any, b: float, b_low: float, b_high: float) -> float:
     """Value of the surface with ``coefficients`` (8, 4) at (a, b)."""
     j, v_0, v_1, v_2 = spline_weights(a, a_span[0], a_span[1], coefficients.shape[0])

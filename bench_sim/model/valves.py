@@ -5,7 +5,7 @@ from typing import Any, Final
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import transfer
-from bench_sim.model.inertance import held_back, loss_secant
+from bench_sim.model.inertance import flow_with_inertia
 from bench_sim.model.layout import Input, State
 from bench_sim.model.orifice import (
     effective_flow_area,
@@ -56,10 +56,7 @@ def orifice_term(t: float, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> Non
                     flow *= reynolds_factor(flow, par.orifice_diameter[i], par.orifice_reynolds[i])
                 steady = flow
                 if par.flow_inertance[i] > 0.0:
-                    before = mem.steady_flow[i] - mem.missing_flow[i]
-                    rate = loss_secant(flow, before, p_b, T_b, p_a, T_a, area, par) / par.flow_inertance[i]
-                    rise = flow - mem.steady_flow[i]
-                    flow -= held_back(t - mem.solved_time, mem.missing_flow[i], rise, rate)
+                    flow = flow_with_inertia(t, mem, par, i, steady, p_b, T_b, p_a, T_a, area)
             transfer(
                 dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, c_p * (T_b if flow > 0.0 else T_a)
             )

@@ -7,7 +7,7 @@ model's own slope is assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 
@@ -16,11 +16,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.effective_area_slope[:] += values["slope"]
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="area_slope",
     family="gas",
     title="slope of the effective area",
-    amplitude=Quantity("slope", "m", "m", 1.0, 0.0, 0.1, -0.2, 0.2),
+    amplitude=Quantity("slope", "m", "m", 1.0, nominal=0.0, typical=0.1, low=-0.2, high=0.2),
     change=_change,
     touches=frozenset({"force", "gas"}),
     confusers=("compliance", "force_gain", "bellows_volume"),

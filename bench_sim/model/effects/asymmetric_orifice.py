@@ -2,12 +2,13 @@
 
     C_d ← (1 + e) C_d out of the bellows, (1 − e) C_d into it
 
-in both springs. Oscillating, the chambers part: with equal masses out and in, the mean of p_b − p_a is negative for
-e > 0, as is the second harmonic's size changed. Source: one edge sharp, the other rounded or burred; sizes assumed.
+in both springs. Oscillating, the chambers part: as much mass must flow out as in, so the mean of p_b − p_a moves
+against e, in proportion to the square of the motion, and its even harmonics change. Source: one edge sharp, the other
+rounded or burred; sizes assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 
@@ -16,11 +17,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.orifice_asymmetry[:] += values["asymmetry"]
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="asymmetric_orifice",
     family="flow",
     title="orifice with a direction",
-    amplitude=Quantity("asymmetry", "1", "%", 0.01, 0.0, 0.08, -0.8, 0.8),
+    amplitude=Quantity("asymmetry", "1", "%", 0.01, nominal=0.0, typical=0.08, low=-0.8, high=0.8),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("pressure_offset", "discharge"),

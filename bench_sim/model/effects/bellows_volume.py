@@ -6,7 +6,7 @@ in both springs. Source: the base model's own volume, which is assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 
@@ -15,11 +15,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.bellows_volume[:] *= 1.0 + values["change"]
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="bellows_volume",
     family="gas",
     title="volume of the bellows",
-    amplitude=Quantity("change", "1", "%", 0.01, 0.0, 0.1, -0.5, 1.0),
+    amplitude=Quantity("change", "1", "%", 0.01, nominal=0.0, typical=0.1, low=-0.5, high=1.0),
     change=_change,
     touches=frozenset({"gas"}),
     confusers=("auxiliary_volume", "compliance", "discharge"),

@@ -10,7 +10,7 @@ area that grows with pressure, a related effect that is not this one.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 
@@ -19,11 +19,13 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.bellows_compliance[:] += values["compliance"]
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="compliance",
     family="gas",
     title="radial compliance of the bellows",
-    amplitude=Quantity("compliance", "m3/Pa", "litre/bar", 1e-8, 0.0, 0.25e-8, 0.0, 4e-8),
+    amplitude=Quantity(
+        "compliance", "m3/Pa", "litre/bar", 1e-8, nominal=0.0, typical=0.25e-8, low=0.0, high=4e-8
+    ),
     change=_change,
     touches=frozenset({"gas"}),
     confusers=("bellows_volume", "area_slope"),

@@ -7,7 +7,7 @@ coefficient, which is assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 
@@ -16,11 +16,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.discharge_coefficient[:] *= 1.0 + values["change"]
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="discharge",
     family="flow",
     title="discharge coefficient of the orifice",
-    amplitude=Quantity("change", "1", "%", 0.01, 0.0, 0.05, -0.5, 0.6),
+    amplitude=Quantity("change", "1", "%", 0.01, nominal=0.0, typical=0.05, low=-0.5, high=0.6),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("discharge_reynolds", "auxiliary_volume", "bellows_volume"),

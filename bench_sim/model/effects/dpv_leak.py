@@ -7,7 +7,7 @@ zero. Source: ISO 6358-1; sizes assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 from bench_sim.model.effects.leak import sonic_conductance
@@ -17,11 +17,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.dpv_leak += sonic_conductance(values["area"], float(par.gas_constant))
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="dpv_leak",
     family="flow",
     title="leaking differential pressure valve",
-    amplitude=Quantity("area", "m2", "mm2", 1e-6, 0.0, 1e-6, 0.0, 50e-6),
+    amplitude=Quantity("area", "m2", "mm2", 1e-6, nominal=0.0, typical=1e-6, low=0.0, high=50e-6),
     change=_change,
     touches=frozenset({"gas", "flow"}),
     confusers=("leak", "leak_laminar"),

@@ -38,13 +38,13 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
         add_branch(par, values["ratio"] * float(stiffness), float(time))
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="fractional",
     family="rubber",
     title="fractional Kelvin-Voigt rubber",
-    amplitude=Quantity("ratio", "1", "1", 1.0, 0.0, 0.3, 0.0, 5.0),
+    amplitude=Quantity("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
     change=_change,
-    shapes=(Quantity("order", "1", "1", 1.0, 0.3, 0.3, 0.1, 0.7),),
+    shapes=(Quantity("order", "1", "1", 1.0, nominal=0.3, typical=0.3, low=0.1, high=0.7),),
     grid=((0.15,), (0.3,), (0.5,), (0.7,)),
     touches=frozenset({"force"}),
     confusers=("maxwell", "maxwell_two", "friction"),

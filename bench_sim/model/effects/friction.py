@@ -8,7 +8,7 @@ Source: Berg, Veh. Syst. Dyn. 30 (1998) 197; sizes assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 from bench_sim.model.effects.slots import free_slots
@@ -26,13 +26,17 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     add_friction(par, values["force"], values["travel"])
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="friction",
     family="rubber",
     title="Berg friction of the rubber",
-    amplitude=Quantity("force", "N", "N", 1.0, 0.0, 200.0, 0.0, 1e4),
+    amplitude=Quantity("force", "N", "N", 1.0, nominal=0.0, typical=200.0, low=0.0, high=1e4),
     change=_change,
-    shapes=(Quantity("travel", "m", "mm", 1e-3, 3e-3, 3e-3, 1e-4, 0.03, logarithmic=True),),
+    shapes=(
+        Quantity(
+            "travel", "m", "mm", 1e-3, nominal=3e-3, typical=3e-3, low=1e-4, high=0.03, logarithmic=True
+        ),
+    ),
     grid=((0.5e-3,), (1.5e-3,), (5e-3,), (15e-3,)),
     touches=frozenset({"force"}),
     confusers=("maxwell", "fractional", "force_lag"),

@@ -4,8 +4,8 @@
 
 A is the effective area of the hole and C its sonic conductance (ISO 6358), which passes the same choked flow as an
 ideal nozzle of area A: 0.1 mm² is 1.99e-10 m³/(s·Pa). Above twice the atmosphere ln p falls on a straight line with
-the time constant V/(C ρ₀ √(T₀/T) R T). Source: ISO 6358-1:2013; sizes assumed (0.1 mm² empties 30 litres by 37 mbar
-a minute at AW0 and held height).
+the time constant V/(C ρ₀ √(T₀/T) R T). Source: ISO 6358-1:2013; sizes assumed (0.1 mm² costs the 100
+litres of a spring and its chamber 37 mbar a minute at AW0 and held height).
 """
 
 from collections.abc import Mapping
@@ -28,11 +28,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.leak_conductance[springs(place)] += sonic_conductance(values["area"], float(par.gas_constant))
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="leak",
     family="gas",
     title="leak of a bellows (orifice)",
-    amplitude=Quantity("area", "m2", "mm2", 1e-6, 0.0, 0.1e-6, 0.0, 20e-6),
+    amplitude=Quantity("area", "m2", "mm2", 1e-6, nominal=0.0, typical=0.1e-6, low=0.0, high=20e-6),
     change=_change,
     places=PLACES,
     touches=frozenset({"gas"}),

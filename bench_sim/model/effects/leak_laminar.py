@@ -2,12 +2,13 @@
 
     G = k (p² − p_atm²)
 
-Source: compressible Poiseuille flow; leaks of a pneumatic test chamber follow it better than an orifice (Zillen, TU
-Delft 2021). Sizes assumed: 0.5 g/(min·bar²) is 72 mg/s at AW0, much like a hole of 0.1 mm².
+Source: compressible Poiseuille flow; what a pneumatic test chamber loses can follow it (Zillen, TU Delft 2021), and
+only a wide range of pressures tells it from an orifice. Sizes assumed: 0.5 g/(min·bar²) is 70 mg/s at AW0, much like
+a hole of 0.1 mm².
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import PLACES, Effect, Quantity, springs
 
@@ -18,12 +19,19 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 
 _DISPLAY = 1e-3 / 60.0 / 1e10
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="leak_laminar",
     family="gas",
     title="leak of a bellows (laminar)",
     amplitude=Quantity(
-        "coefficient", "kg/(s*Pa2)", "g/(min*bar2)", _DISPLAY, 0.0, 0.5 * _DISPLAY, 0.0, 100.0 * _DISPLAY
+        "coefficient",
+        "kg/(s*Pa2)",
+        "g/(min*bar2)",
+        _DISPLAY,
+        nominal=0.0,
+        typical=0.5 * _DISPLAY,
+        low=0.0,
+        high=100.0 * _DISPLAY,
     ),
     change=_change,
     places=PLACES,

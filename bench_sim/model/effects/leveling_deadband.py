@@ -7,7 +7,7 @@ and when it opens is not. Source: adjustment and wear; size assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 
@@ -16,11 +16,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.leveling_deadband[:] += values["change"]
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="leveling_deadband",
     family="flow",
     title="deadband of the leveling valves",
-    amplitude=Quantity("change", "m", "mm", 1e-3, 0.0, 2e-3, -3e-3, 20e-3),
+    amplitude=Quantity("change", "m", "mm", 1e-3, nominal=0.0, typical=2e-3, low=-3e-3, high=20e-3),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("leveling_delay", "leak"),

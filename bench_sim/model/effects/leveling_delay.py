@@ -6,7 +6,7 @@ in both valves. Smooth in e while the valve stays open. Source: makers state 3 Â
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 
@@ -15,11 +15,11 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     par.leveling_lag[:] += values["time"]
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="leveling_delay",
     family="flow",
     title="delay of the leveling valves",
-    amplitude=Quantity("time", "s", "s", 1.0, 0.0, 1.0, -0.9, 10.0),
+    amplitude=Quantity("time", "s", "s", 1.0, nominal=0.0, typical=1.0, low=-0.9, high=10.0),
     change=_change,
     touches=frozenset({"flow", "timing"}),
     confusers=("leveling_deadband",),

@@ -8,7 +8,7 @@ Lion & Kardelky, Int. J. Plasticity 20 (2004); sizes assumed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.effects.effect import Effect, Quantity
 from bench_sim.model.effects.slots import free_slots
@@ -26,13 +26,15 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
     add_branch(par, values["ratio"], values["time"])
 
 
-EFFECT = Effect(
+EFFECT: Final = Effect(
     name="maxwell",
     family="rubber",
     title="Maxwell branch of the rubber",
-    amplitude=Quantity("ratio", "1", "1", 1.0, 0.0, 0.3, 0.0, 5.0),
+    amplitude=Quantity("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
     change=_change,
-    shapes=(Quantity("time", "s", "s", 1.0, 0.3, 0.3, 0.005, 30.0, logarithmic=True),),
+    shapes=(
+        Quantity("time", "s", "s", 1.0, nominal=0.3, typical=0.3, low=0.005, high=30.0, logarithmic=True),
+    ),
     grid=tuple((tau,) for tau in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)),
     touches=frozenset({"force"}),
     confusers=("friction", "fractional", "force_lag"),
