@@ -18,4 +18,7 @@ class Config:
     effects: tuple[str, ...] | None = None  #: only these of the catalogue; None: all
     ambiguous: float = 10.0  #: BIC gap under which two causes are not told apart
     lpd_loss: float = 3.0  #: what a cause may cost in log density on the select runs
+    rough: float = (
+        0.03  #: a further cause must leave at least this part of the λ of those that were found before
+    )
     gain: float = 0.05  #: least part of the explainable RMSE that a cause must explain on the select runs

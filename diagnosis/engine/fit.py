@@ -16,6 +16,7 @@ from diagnosis.engine.point import Coordinate, Point
 from diagnosis.engine.replay import Replay
 
 ITERATIONS: Final = 30  #: steps that a fit may take
+COARSE: Final = 1e-5  #: the same per unit of misfit beyond the noise, of which differences see no finer part
 FAIR: Final = 0.75  #: a step that gains less than this part of its promise was taken with poor columns
 ENOUGH: Final = 0.01  #: a fit ends where the next step promises less than this, in units of χ²
 HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to a better model is the last one
@@ -155,14 +156,16 @@ def fit(
     belief = (belief or prior(start)).times(noise.dispersion)
     here = linearise(replay, whiten, start, predictions, belief, known)
     columns = BORROWED if known else FRESH
+    samples = sum(int(counted(run).sum()) for run in replay.runs)
     damping, converged = 0.0, False
     for _ in range(ITERATIONS):
         trial = here.point.at(here.point.numbers + here.step(damping))
         promise = here.promise(trial.numbers - here.point.numbers)
-        if promise < max(ENOUGH, HOPELESS * (here.cost - noise.dispersion * target)):
+        enough = max(ENOUGH, COARSE * (here.misfit - samples))
+        if promise < max(enough, HOPELESS * (here.cost - noise.dispersion * target)):
             if damping > 0.0:
                 # No step is short enough: the model is rougher than its differences. As good as it gets.
-                converged = here.promise(here.step()) < ROUGH
+                converged = here.promise(here.step()) < max(ROUGH, enough)
                 break
             if columns >= FRESH or not refresh:
                 converged = True

@@ -80,11 +80,12 @@ class Naming:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
-    """A model with its scores and its prediction of the select runs."""
+    """A model with its scores, its prediction of the select runs, and the χ² that its effects have explained."""
 
     model: FittedModel
     screen: Screen
     prediction: Prediction | None
+    explained: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +124,8 @@ class Search:
                 pool[chosen.effect] = [gone, *pool.pop(gone)]
             others = _comparable(state.model.bic, chosen, trials)
             pool[chosen.effect] = list(dict.fromkeys((*others, *pool.get(chosen.effect, ()))))
-            state = self._stand(chosen.point)
+            explained = state.explained + state.model.linearisation.cost - chosen.cost
+            state = replace(self._stand(chosen.point), explained=explained)
             state, rivals = self._swap(state, pool, starts)
         return self._settle(steps, state, rivals, floors)
 
@@ -138,7 +140,7 @@ class Search:
                 [r[counted(run)[:, i], i] for r, run in zip(residuals, replay.runs, strict=True)]
             )
             deviations.append(channel.noise or max(float(np.std(errors)), quietest(channel), 1e-150))
-        return fit(replay, white(deviations), point).point
+        return fit(replay, white(deviations), point, target=0.0).point
 
     def _stand(self, point: Point) -> _State:
         """Re-estimate the noise around a point, refit, score everything that is not in the model, predict."""
@@ -189,6 +191,7 @@ class Search:
             failed = unphysical(model, effect, state.model)
         else:
             failed = failing(model, prediction, effect, state.model, state.prediction, floors, self.config)
+            failed = failed or self._rough(state, model)
         return Trial(
             effect,
             model.point,
@@ -198,6 +201,17 @@ class Search:
             prediction.lpd if prediction else float("nan"),
             failed,
         )
+
+    def _rough(self, state: _State, model: FittedModel) -> str:
+        """Return why a further cause may be no more than what the causes found so far are wrong by; "" if it is more.
+
+        No equation is exact: of a cause in plain view, a small part is left that noise would not leave.
+        """
+        gained = max(state.model.linearisation.cost - model.linearisation.cost, 0.0)
+        if gained >= self.config.rough**2 * state.explained:
+            return ""
+        part = math.sqrt(gained / state.explained)
+        return f"leaves {100.0 * part:.2g} % of the trace of what was found before, which may be rough by as much"
 
     def _choose(
         self, state: _State, trials: Iterable[Trial], starts: Mapping[str, Point], floors: Array
@@ -254,7 +268,7 @@ class Search:
             old = min(better)[1]
             new = rivals[old][0]
             pool[new.effect] = [old, *(name for name in pool.pop(old) if name != new.effect)]
-            state = self._stand(new.point)
+            state = replace(self._stand(new.point), explained=state.explained)
         return state, rivals
 
     def _settle(

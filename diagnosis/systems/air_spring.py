@@ -21,7 +21,7 @@ from bench_protocol.table import TABLE
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import INPUTS, SIDES, Input, Sensor
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.replay import STEP, Gas, Motion, replay
+from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Motion, replay
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import (
     Array,
@@ -33,7 +33,7 @@ from diagnosis.contracts import (
     Nuisance,
     Surface,
 )
-from diagnosis.systems.air_spring_parameters import deviate, hypotheses, locate, nuisances
+from diagnosis.systems.air_spring_parameters import CHAMBERS, SHEAR, deviate, hypotheses, locate, nuisances
 from diagnosis.systems.air_spring_parity import parity
 from diagnosis.systems.air_spring_surfaces import TERMS
 
@@ -70,6 +70,8 @@ _VALVES: Final = {
     "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
     "dpv": Input.DPV_CONNECTED,
 }
+#: Offsets of sensors that tell the model where it is: they change more than the reading.
+_PHYSICAL: Final = (".bellows_pressure.offset", f"{SHEAR}.offset")
 #: As many experiments are kept ready, and as many readings of each: two let offsets be varied without a simulation.
 _READY, _KEPT = 64, 2
 
@@ -125,7 +127,7 @@ class AirSpring:
         pure = {
             name: value
             for name, value in parameters.items()
-            if not name.endswith(".offset") or name.endswith(".bellows_pressure.offset")
+            if not name.endswith(".offset") or name.endswith(_PHYSICAL)
         }
         key = repr((sorted(pure.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
         with self._lock:
@@ -168,8 +170,12 @@ class AirSpring:
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
+        motion = ready.motion
+        if offset := parameters.get(f"{SHEAR}.offset", 0.0):
+            # What the transducer reads too much, the bolster is less to the left.
+            motion = motion._replace(displacement=motion.displacement - offset * np.eye(DIRECTIONS)[0])
         start = experiment.settings.get("start", 0.0)
-        readings = replay(record, ready.motion, ready.inputs, ready.supply, gas, step=self.step, start=start)
+        readings = replay(record, motion, ready.inputs, ready.supply, gas, step=self.step, start=start)
         return readings[:, self._sensors]
 
     def _prepare(self, experiment: Experiment) -> "_Ready":
@@ -242,9 +248,10 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
         shift = parameters.get(f"{side}.initial_pressure", 0.0) + par.atmospheric_pressure
         pressure[i] = gauge + shift
         pressure[SIDES + i] = shift + (gauge if joined else true(auxiliary))
-        for k, name in ((i, f"{side}.bellows_temperature"), (SIDES + i, f"{side}.auxiliary_temperature")):
-            start = true(name) if name in settings else float(par.ambient_temperature)
-            temperature[k] = start + parameters.get(f"{side}.initial_temperature", 0.0)
+    for k, chamber in enumerate(CHAMBERS):
+        name = f"{chamber}_temperature"
+        start = true(name) if name in settings else float(par.ambient_temperature)
+        temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
     return Gas(pressure, temperature)
 
 

@@ -31,6 +31,11 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 INITIAL_PRESSURE: Final = 50.0
 INITIAL_TEMPERATURE: Final = 0.2
 
+#: The transducer whose offset stands for that of the shear: the stiffer the springs, the more force it makes.
+SHEAR: Final = "lateral.displacement"
+#: Where a temperature is one chamber's own.
+CHAMBERS: Final = ("left.bellows", "right.bellows", "left.auxiliary", "right.auxiliary")
+
 #: Steps of finite differences, in standard deviations and typical sizes. Where friction turns depends on its history,
 #: and a reversal that comes or goes is a jump: the larger the step, the less it counts.
 _STEP: Final = 0.1
@@ -58,9 +63,18 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
             )
             for channel, sensor in channels
         ),
+        Nuisance(
+            f"{SHEAR}.offset",
+            "m",
+            0.0,
+            _shear_accuracy(parameters),
+            step=_STEP * _shear_accuracy(parameters),
+            display="mm",
+            scale=1e-3,
+        ),
         *(
             Nuisance(
-                f"{side}.initial_{what}",
+                f"{place}.initial_{what}",
                 unit,
                 0.0,
                 spread,
@@ -69,11 +83,11 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
                 scale=scale,
                 per_run=True,
             )
-            for what, unit, spread, display, scale in (
-                ("pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0),
-                ("temperature", "K", INITIAL_TEMPERATURE, "K", 1.0),
+            for what, unit, spread, display, scale, places in (
+                ("pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0, _SIDES),
+                ("temperature", "K", INITIAL_TEMPERATURE, "K", 1.0, CHAMBERS),
             )
-            for side in _SIDES
+            for place in places
         ),
         *(
             _tolerance(parameters, name, f"{side}.{name}", place, share)
@@ -82,6 +96,20 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
         ),
         *(_tolerance(parameters, name, name, 0, share) for name, share in BOTH_SIDES.items()),
     )
+
+
+def _shear_accuracy(parameters: Parameters) -> float:
+    """Standard deviation of the offset of the shear, from those of all sensors that it is made of."""
+    par = parameters.record
+    arm = par.lateral_actuator_height + par.centre_height
+    shares = (
+        (Sensor.LATERAL_DISPLACEMENT, 1.0),
+        (Sensor.PLATFORM_LATERAL, 1.0),
+        (Sensor.LEFT_HEIGHT, 0.5 * arm / par.spring_half_spacing),
+        (Sensor.RIGHT_HEIGHT, 0.5 * arm / par.spring_half_spacing),
+        (Sensor.PLATFORM_ROLL, arm + par.column_height),
+    )
+    return sqrt(sum((share * par.sensor_accuracy[sensor]) ** 2 for sensor, share in shares) / 3.0)
 
 
 def _tolerance(parameters: Parameters, name: str, label: str, place: int, share: float) -> Nuisance:

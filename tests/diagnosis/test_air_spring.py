@@ -203,6 +203,16 @@ def test_offsets_add_and_springs_differ_by_side(made):
     assert np.array_equal(made.simulator.run(made.experiment, {}, {}), made.base)
 
 
+def test_the_offset_of_the_lateral_transducer_shears_the_springs(made):
+    """K_y is between one and three hundred kN/m for both springs: a tenth of a millimetre is worth 10 to 30 N."""
+    names = [channel.name for channel in made.simulator.channels]
+    moved = made.simulator.run(made.experiment, {"lateral.displacement.offset": 1e-4}, {}) - made.base
+    lateral = moved[:, names.index("load_cell.5")] + moved[:, names.index("load_cell.6")]
+    assert (lateral > 10.0).all()
+    assert (lateral < 30.0).all()
+    assert np.abs(moved[:, names.index("left.bellows_pressure")]).max() < 1.0
+
+
 def test_a_bias_that_the_set_knows_does_not_move_the_gas():
     """A transducer that reads 10 mbar too much at the beginning reads 10 mbar too much all the time: no more."""
     biased = load("astb").with_values(sensor_bias={OUTPUTS["left.bellows_pressure"]: 1000.0})

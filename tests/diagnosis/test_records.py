@@ -61,8 +61,8 @@ def test_what_conditions_is_not_scored_and_what_rests_is_told(dataset):
     height = run.experiment.inputs["left.height"]
     first = int(np.argmax(run.scored))
     assert run.scored[first:].all()
-    # One second of rest, three cycles vertically and three laterally: six seconds and what the generator takes.
-    assert 7.0 < first * STEP < 7.3
+    # One second of rest, five cycles vertically and five laterally: eleven seconds and what the generator takes.
+    assert 11.0 < first * STEP < 11.3
     assert np.ptp(height[:first]) > 15 * mm
     assert np.ptp(height[run.rest & (run.experiment.time > first * STEP)]) < 0.2 * mm
     assert run.rest[0] and run.rest[-1] and not run.rest.all()

@@ -42,6 +42,15 @@ def test_two_relaxation_times_are_not_called_friction(judged):
     assert not found.amiss
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("single", 2), ("near", 1025)])
+def test_what_the_true_cause_is_wrong_by_is_no_second_cause(judged, kind, seed):
+    """Of a cause in plain view, a fiftieth that nobody models is larger than the noise."""
+    found = judged("oscillator", kind, "white", seed)
+    assert found.strength > 150
+    assert not found.amiss
+    assert found.exact
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("kind", ["single", "pair", "outside", "near", "null"])
