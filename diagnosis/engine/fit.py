@@ -176,7 +176,7 @@ def fit(
         there = _follow(here, trial, whiten, replay, tried)
         gain = (here.cost - there.cost) / promise
         if gain > 0.01:
-            if gain < FAIR:
+            if gain < FAIR and trial.owners:
                 there = linearise(replay, whiten, trial, tried, belief, there)
             here, predictions, columns = there, tried, BORROWED
             damping = damping / 10.0 if damping > 1e-4 else 0.0

@@ -65,12 +65,12 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
         inputs["lateral.acceleration"] = seen_by("lateral.acceleration", Sensor.LATERAL_ACCELERATION)
     if "lateral.displacement" in seen:
         zero = np.zeros(len(seen["left.height"]))
-        force = measured.get("lateral.force", zero)
+        force = seen_by("lateral.force", Sensor.LATERAL_FORCE) if "lateral.force" in measured else zero
         platform = seen.get("platform.roll", zero)
         roll = 0.5 * (seen["left.height"] - seen["right.height"]) / par.spring_half_spacing + platform
         inputs["shear"] = (
             seen["lateral.displacement"]
-            - _bridged(force) / par.frame_stiffness[LATERAL]
+            - force / par.frame_stiffness[LATERAL]
             + (par.lateral_actuator_height + par.centre_height) * roll
             - seen.get("platform.lateral", zero)
             + par.column_height * platform
@@ -83,12 +83,6 @@ def sensor_noise(name: str, par: Any) -> float:
     sensor = Sensor[name.replace(".", "_").upper()]
     steps = float(par.sensor_resolution[sensor]), TABLE[name].step
     return float(np.sqrt(par.sensor_noise[sensor] ** 2 + sum(step**2 for step in steps) / 12.0))
-
-
-def _bridged(values: Array) -> Array:
-    index = np.arange(len(values))
-    known = np.isfinite(values)
-    return np.interp(index, index[known], values[known])
 
 
 def smooth(values: Array, noise: float) -> Array:
@@ -115,13 +109,13 @@ def smooth(values: Array, noise: float) -> Array:
 def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
     """Return where a smooth ``motion`` (n,) turns so fast that its acceleration is not known well enough.
 
-    There its third difference exceeds a fifth of the ``noise`` of the sensor: what was smoothed passed 16 Hz, and what
-    of the noise passed with it makes accelerations of 15 mm/s² out of 10 µm, or half of the noise of a load cell.
+    There its third difference exceeds a tenth of the ``noise`` of the sensor: what was smoothed passed 13 Hz, and what
+    of 10 µm of noise passed with it makes accelerations of 10 mm/s², or a quarter of the noise of a load cell.
     """
     from scipy.ndimage import maximum_filter1d
 
     third = np.pad(np.abs(np.diff(motion, 3)), (1, 2), mode="edge")
-    return np.asarray(maximum_filter1d(third, 2 * _REACH + 1, mode="nearest") > 0.2 * noise)
+    return np.asarray(maximum_filter1d(third, 2 * _REACH + 1, mode="nearest") > 0.1 * noise)
 
 
 def without_lag(values: Array, lag: float, step: float) -> Array:

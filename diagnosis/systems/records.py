@@ -114,15 +114,19 @@ def _outputs(record: Record, grid: Array, inputs: Mapping[str, Array], simulator
     """The channels (n, c). Where an acceleration is not known, nobody knows what an actuator had to do for it."""
     par = simulator.parameters.record
     outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
-    unknown = {
-        name: abrupt(inputs[motion], sensor_noise(sensor, par))
-        for name, motion, sensor in (
-            ("vertical_left.force", "left.height", "left.height"),
-            ("vertical_right.force", "right.height", "right.height"),
-            ("lateral.force", "shear", "lateral.displacement"),
+    turns = {
+        name: abrupt(inputs[name], sensor_noise(sensor, par))
+        for name, sensor in (
+            ("left.height", "left.height"),
+            ("right.height", "right.height"),
+            ("shear", "lateral.displacement"),
         )
-        if motion in inputs
+        if name in inputs
     }
+    # The lateral actuator is above the bolster's centre: the vertical ones hold its moment.
+    anywhere = np.logical_or.reduce(tuple(turns.values()))
+    unknown = {"vertical_left.force": anywhere, "vertical_right.force": anywhere}
+    unknown["lateral.force"] = turns.get("shear", anywhere)
     for k, channel in enumerate(simulator.channels):
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan

@@ -90,6 +90,7 @@ def test_abrupt_marks_corners_and_nothing_else():
     assert 0.0 < len(found) < 30
     assert np.abs(time[found] - 2.5).max() < 0.06
     assert not abrupt(5e-3 * np.sin(2 * np.pi * 1.2 * time), NOISE).any()
+    assert abrupt(1e-3 * np.sin(2 * np.pi * 8.0 * time), NOISE).all()
 
 
 def test_the_springs_were_where_the_sensors_say():

@@ -73,7 +73,7 @@ def test_a_hidden_effect_is_named_and_its_size_found(laboratory, hidden):
 
 
 def test_a_pair_of_effects_is_named(laboratory):
-    lab = laboratory()
+    lab = laboratory(samples=800)
     naming = search(lab, lab.measure(12, {"cubic": {"amplitude": 1e5}, "lag": {"amplitude": 5e-4}}))
     assert sorted(named(naming)) == ["cubic", "lag"]
 
@@ -88,9 +88,9 @@ def test_nothing_is_named_where_nothing_is_hidden(laboratory, conditions):
 
 def test_two_branches_are_not_called_two_causes(laboratory):
     """A rubber with two relaxation times is near to one with one and some friction: the family comes first."""
-    lab = laboratory()
+    lab = laboratory(samples=800)
     two = {"maxwell_two": {"amplitude": 150.0, "tau": 0.05, "ratio": 1.0, "tau_two": 0.4}}
-    for seed in range(3):
+    for seed in range(2):
         assert named(search(lab, lab.measure(200 + seed, two))) == ["maxwell_two"]
 
 
@@ -126,7 +126,7 @@ def test_the_same_seed_says_the_same_whatever_the_workers(laboratory, oscillator
 
 
 def test_a_stop_is_in_no_catalogue_and_stays_unknown(laboratory, oscillator, force_surface):
-    lab = laboratory(oscillator(surfaces=(force_surface,)))
+    lab = laboratory(oscillator(surfaces=(force_surface,)), samples=800)
     finding = diagnose(lab.measure(15, {"stop": {"amplitude": 300.0, "gap": 0.02}}), lab.simulator, ONE)
     assert finding.verdict is Verdict.UNKNOWN
     assert not finding.causes
