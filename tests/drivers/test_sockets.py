@@ -61,7 +61,8 @@ def test_nothing_is_lost_while_the_plan_computes(live):
         while bench.now < end:
             sum(range(50_000))  # holds the interpreter
         assert bench.left.height >= 0  # and what is read afterwards is fresh
-    assert capture.times("left.height").size >= 0.7 * 200
+        bench.wait(0.2 * s)  # a busy machine still holds a part in its sockets
+    assert capture.times("left.height").size >= 0.8 * 200
     times = np.concatenate([t[r == HEIGHT] for t, r in heard])
     assert set(np.diff(times).tolist()) == {5_000_000}
     assert bench.receiver.tally()["lost"] == 0
