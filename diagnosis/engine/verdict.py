@@ -20,6 +20,9 @@ from diagnosis.engine.unknown import Omnibus, explain, score_test
 from diagnosis.finding import Unknown, Verdict
 
 REMAINDER: Final = 0.01  #: part of the explained χ² from which on a significant rest belongs to the verdict
+#: Part of it from which on the named causes may be no more than likenesses of something else: a stop that was called a
+#: cubic spring left 10 %, measured friction under its right name 1 to 5 %.
+DOUBT: Final = 0.07
 LIKENESS: Final = (
     0.9  #: part of an effect's footprint that a surface must be able to imitate to make it doubtful
 )
@@ -74,7 +77,9 @@ def judge(naming: Naming, sight: Sight, select: Sequence[MeasuredRun], config: C
     doubtful: tuple[str, ...] = ()
     if clear:
         test = clear[0]
-        likenesses = tuple(a.effect for a in naming.accepted if _imitable(model, test, a.effect))
+        explained = sum(accepted.strength**2 for accepted in naming.accepted)
+        large = test.statistic - test.freedom > DOUBT * explained
+        likenesses = tuple(a.effect for a in naming.accepted if large and _imitable(model, test, a.effect))
         if likenesses and _inferior(model, test, likenesses, select):
             doubtful = likenesses
         model, unknown = explain(model, test, sight.screen, select)
