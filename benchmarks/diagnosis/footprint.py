@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Effects, Experiment, MeasuredRun, Simulator
 from diagnosis.engine.fit import filters
-from diagnosis.engine.linear import Block, Linearisation, prior
+from diagnosis.engine.linear import Block, Columns, Linearisation, prior
 from diagnosis.engine.noise import white
 from diagnosis.engine.point import base_point, neighbour
 from diagnosis.engine.replay import Replay
@@ -26,16 +27,13 @@ class Ground:
         self._point = base_point(simulator.nuisances, self._replay.names)
         self._predictions = self._replay.predictions(self._point)
         own = self._replay.sensitivities(self._point, self._predictions)
-        self._here = Linearisation(
-            self._point,
-            prior(self._point),
-            tuple(
-                Block(name, np.zeros_like(predicted), f(x), tuple(self._point.own(name)))
-                for name, f, predicted, x in zip(
-                    self._replay.names, self._whiten, self._predictions, own, strict=True
-                )
-            ),
-        )
+        blocks = [
+            Block(name, np.zeros_like(predicted), ((tuple(self._point.own(name)), Columns(f(x))),))
+            for name, f, predicted, x in zip(
+                self._replay.names, self._whiten, self._predictions, own, strict=True
+            )
+        ]
+        self._here = Linearisation(self._point, prior(self._point), tuple(blocks))
 
     def strengths(self, entries: Sequence[Candidate]) -> list[float]:
         """Return λ per unit of amplitude of each candidate."""
@@ -50,12 +48,12 @@ class Ground:
     def strength(self, run: Callable[[Experiment, Effects], Array], effects: Effects) -> float:
         """Return λ of ``effects``, as ``run`` predicts them; the base model is refitted as if it were linear."""
         columns = [
-            (run(one.experiment, effects) - predicted)[:, :, None]
+            (run(one.experiment, effects) - predicted)[None]
             for one, predicted in zip(self._replay.runs, self._predictions, strict=True)
         ]
         return self._norms(columns)[0]
 
-    def _norms(self, columns: Sequence[Array]) -> list[float]:
+    def _norms(self, columns: Sequence[NDArray[np.floating]]) -> list[float]:
         white_columns = [f(x) for f, x in zip(self._whiten, columns, strict=True)]
         norms: list[float] = self._here.project(white_columns).norm.tolist()
         return norms

@@ -18,7 +18,7 @@ from diagnosis.engine.panel import panel
 from diagnosis.engine.point import Point
 from diagnosis.engine.replay import Replay
 from diagnosis.engine.runs import measured, split
-from diagnosis.engine.screen import Sight, candidates, look, surface_columns
+from diagnosis.engine.screen import Sight, candidates, footprints, look, surface_columns, with_surfaces
 from diagnosis.engine.telling import cause, rivals, scores, sentence
 from diagnosis.engine.verdict import Judgement, judge, suspicious
 from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
@@ -72,28 +72,23 @@ def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tu
     """
     select = naming.prediction.replay.runs if naming.prediction else ()
     model = naming.model
-    surfaces = model.replay.simulator.surfaces
-    sight = Sight(model, naming.screen, surface_columns(model, surfaces))
+    around = with_surfaces(model.replay, naming.around)
+    sight = Sight(model, naming.screen, surface_columns(model, around))
     if not suspicious(sight, config):
         return sight, judge(naming, sight, select, config), naming
-    point = model.point
     while True:
-        sight = look(
-            model.replay,
-            point,
-            candidates([e for name, e in effects.items() if name not in point.owners]),
-            surfaces,
-            alpha=config.alpha,
-            seed=config.seed,
-        )
+        sight = look(model.replay, around, alpha=config.alpha, seed=config.seed)
         judgement = judge(naming, sight, select, config)
         if not judgement.doubtful:
             return sight, judgement, naming
         naming = replace(
             naming, accepted=tuple(a for a in naming.accepted if a.effect not in judgement.doubtful)
         )
+        point = around.point
         for name in judgement.doubtful:
             point = point.without(name)
+        entries = candidates([e for name, e in effects.items() if name not in point.owners])
+        around = with_surfaces(model.replay, footprints(model.replay, point, entries))
 
 
 def _conclusion(

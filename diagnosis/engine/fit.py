@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.contracts import Array, DiagnosisError, MeasuredRun
-from diagnosis.engine.linear import Belief, Block, Linearisation, prior, solve
+from diagnosis.engine.linear import Belief, Block, Columns, Linearisation, prior, solve
 from diagnosis.engine.noise import Filter, Mask, Noise
 from diagnosis.engine.point import Coordinate, Point
 from diagnosis.engine.replay import Replay
@@ -21,10 +21,13 @@ FAIR: Final = 0.75  #: a step that gains less than this part of its promise was 
 ENOUGH: Final = 0.01  #: a fit ends where the next step promises less than this, in units of χ²
 HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to a better model is the last one
 ROUGH: Final = 4.0  #: so much χ² may lie below a fit that comes to no better: two standard deviations
+IDLE: Final = 1.0  #: what a step failed to gain is not worth better columns below this, in units of χ²
+LEADING: Final = 0.01  #: part of a step² that the own numbers must make for their columns to learn from it
 FLAT: Final = 1e-6  #: weight of a prior that says nothing, in units of the parameter's scale
 
-#: Where the columns of a fit come from: an earlier point, differences at this point, central differences.
-BORROWED, FRESH, CENTRAL = range(3)
+#: Where the columns of a fit come from: an earlier point, differences at this point for the model's own numbers or for
+#: all, central differences.
+BORROWED, OWN, FRESH, CENTRAL = range(4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,30 +109,37 @@ def linearise(
     *,
     central: bool = False,
 ) -> Linearisation:
-    """Linearise a model; nuisances' columns that ``known`` has (whitened alike) are taken over from there."""
-    held = {
-        (block.run, known.point.coordinates[place]): block.sensitivities[:, :, k]
-        for block in (known.blocks if known else ())
-        for k, place in enumerate(block.places)
-        if known and not known.point.coordinates[place].owner
-    }
-    missing = [[i for i in point.own(run) if (run, point.coordinates[i]) not in held] for run in replay.names]
+    """Linearise a model; where ``known`` (whitened alike) has the columns of a run's nuisances, they are shared."""
+    places = [point.own(run) for run in replay.names]
+    common = [[i for i in own if not point.coordinates[i].owner] for own in places]
+    special = [[i for i in own if point.coordinates[i].owner] for own in places]
+    shared = [
+        _shared(known, run, [point.coordinates[i] for i in own])
+        for run, own in zip(replay.names, common, strict=True)
+    ]
+    missing = [
+        [*(own if held is None else ()), *more]
+        for own, more, held in zip(common, special, shared, strict=True)
+    ]
+    quotients = replay.sensitivities(point, predictions, missing, central=central)
+    residuals = replay.residuals(predictions)
     blocks = []
-    for run, filter_, residual, columns in zip(
-        replay.names,
-        whiten,
-        replay.residuals(predictions),
-        replay.sensitivities(point, predictions, missing, central=central),
-        strict=True,
-    ):
-        places = tuple(point.own(run))
-        sensitivities = np.empty((*residual.shape, len(places)))
-        new = iter(np.moveaxis(filter_(columns), 2, 0))
-        for k, place in enumerate(places):
-            column = held.get((run, point.coordinates[place]))
-            sensitivities[:, :, k] = next(new) if column is None else column
-        blocks.append(Block(run, filter_(residual), sensitivities, places))
+    for r, filter_ in enumerate(whiten):
+        white, old = filter_(quotients[r]), shared[r]
+        count = len(white) - len(special[r])
+        nuisances = Columns(white[:count]) if old is None else old
+        parts = (tuple(common[r]), nuisances), (tuple(special[r]), Columns(white[count:]))
+        blocks.append(Block(replay.names[r], filter_(residuals[r]), parts))
     return Linearisation(point, belief, tuple(blocks))
+
+
+def _shared(known: Linearisation | None, run: str, nuisances: Sequence[Coordinate]) -> Columns | None:
+    """Return the columns of a run's nuisances if they are known."""
+    for block in known.blocks if known else ():
+        places, columns = block.parts[0]
+        if known and block.run == run and [known.point.coordinates[i] for i in places] == nuisances:
+            return columns
+    return None
 
 
 def fit(
@@ -144,8 +154,8 @@ def fit(
 ) -> FittedModel:
     """Fit every number of a model to the runs of a replay, from ``start``; ``belief`` replaces the priors.
 
-    The nuisances' columns are those of ``known`` (whitened by the same noise) if it is given. All columns follow the
-    steps by Broyden's rule. Those of the effects are computed anew where a step does not keep its promise, all of them
+    The nuisances' columns are those of ``known`` (whitened by the same noise) if it is given. Those of the effects
+    follow the steps by Broyden's rule and are computed anew where a step does not keep its promise; all columns are
     where it fails and, on ``refresh``, at the end; where it fails again, by central differences. A fit that stays far
     above the cost ``target`` of another model is not carried to the last digit. Raises ``DiagnosisError`` where the
     model fails at the start.
@@ -161,7 +171,7 @@ def fit(
     for _ in range(ITERATIONS):
         trial = here.point.at(here.point.numbers + here.step(damping))
         promise = here.promise(trial.numbers - here.point.numbers)
-        enough = max(ENOUGH, COARSE * (here.misfit - samples))
+        enough = max(ENOUGH * noise.dispersion, COARSE * (here.misfit - samples))
         if promise < max(enough, HOPELESS * (here.cost - noise.dispersion * target)):
             if damping > 0.0:
                 # No step is short enough: the model is rougher than its differences. As good as it gets.
@@ -176,13 +186,21 @@ def fit(
         there = _follow(here, trial, whiten, replay, tried)
         gain = (here.cost - there.cost) / promise
         if gain > 0.01:
-            if gain < FAIR and trial.owners:
-                there = linearise(replay, whiten, trial, tried, belief, there)
             here, predictions, columns = there, tried, BORROWED
+            if gain < FAIR:
+                columns = OWN if trial.owners else FRESH
+                known = here if columns == OWN else None
+                here = linearise(replay, whiten, trial, predictions, belief, known)
             damping = damping / 10.0 if damping > 1e-4 else 0.0
+        elif columns >= OWN and promise < IDLE * noise.dispersion:
+            converged = True
+            break
         elif columns < CENTRAL:
-            columns += 1
-            here = linearise(replay, whiten, here.point, predictions, belief, central=columns == CENTRAL)
+            columns = max(columns + 1, OWN if trial.owners else FRESH)
+            known = here if columns == OWN else None
+            here = linearise(
+                replay, whiten, here.point, predictions, belief, known, central=columns == CENTRAL
+            )
         else:
             damping = max(10.0 * damping, 1e-3)
     return FittedModel(replay, noise, here, tuple(predictions), converged)
@@ -229,18 +247,18 @@ def _transferred(fitted: FittedModel, replay: Replay) -> tuple[Point, Belief]:
 def _follow(
     here: Linearisation, trial: Point, whiten: Sequence[Filter], replay: Replay, predictions: Sequence[Array]
 ) -> Linearisation:
-    """Return the linearisation at a new point whose columns agree with the change just seen (Broyden)."""
+    """Return the linearisation at a new point whose own columns agree with the change just seen (Broyden)."""
+    moved = trial.numbers - here.point.numbers
     blocks = []
-    residuals = replay.residuals(predictions)
-    for block, filter_, residual in zip(here.blocks, whiten, residuals, strict=True):
+    for block, filter_, residual in zip(here.blocks, whiten, replay.residuals(predictions), strict=True):
         white = filter_(residual)
-        moved = (trial.numbers - here.point.numbers)[list(block.places)]
-        square = float(moved @ moved)
-        columns = block.sensitivities
-        if square > 0.0 and np.isfinite(white).all():
-            surprise = block.residual - white - columns @ moved
-            columns = columns + surprise[:, :, None] * (moved / square)
-        blocks.append(Block(block.run, white, columns, block.places))
+        (common, nuisances), (own, columns) = block.parts
+        mine = moved[list(own)]
+        square = float(mine @ mine)
+        if square > LEADING * float(moved @ moved) and np.isfinite(white).all():
+            surprise = block.residual - white - block.along(moved)
+            columns = Columns(columns.values + surprise * (mine / square)[:, None, None])
+        blocks.append(Block(block.run, white, ((common, nuisances), (own, columns))))
     return Linearisation(trial, here.belief, tuple(blocks))
 
 

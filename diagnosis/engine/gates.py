@@ -18,25 +18,29 @@ SLACK: Final = 1.1  #: a noise floor is known to a tenth
 REST: Final = 50  #: so many samples at rest say how large the noise is
 
 
-def failing(
+def unfit(model: FittedModel, effect: str, base: FittedModel) -> str:
+    """Return why the fit of a model with one more effect is no explanation, as a sentence; "" if it may be one."""
+    gap = model.bic - base.bic
+    if not gap < 0.0:
+        return f"BIC is worse by {gap:.1f}"
+    return unphysical(model, effect, base)
+
+
+def useless(
     model: FittedModel,
     after: Prediction | None,
-    effect: str,
     base: FittedModel,
     before: Prediction | None,
     floors: Array,
     config: Config,
 ) -> str:
-    """Return the first gate that a model with one more effect does not pass, as a sentence; "" if it passes all.
+    """Return why a model with one more effect predicts nothing better, as a sentence; "" if it does.
 
     ``after`` and ``before`` are predictions of the select runs; None where there are none.
     """
-    gap = model.bic - base.bic
-    if not gap < 0.0:
-        return f"BIC is worse by {gap:.1f}"
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
         return f"predicts the select runs worse: log density falls by {before.lpd - after.lpd:.1f}"
-    return unphysical(model, effect, base) or idle(model, after, base, before, floors, config)
+    return idle(model, after, base, before, floors, config)
 
 
 def unphysical(model: FittedModel, effect: str, base: FittedModel) -> str:

@@ -2,16 +2,18 @@
 
 The unknown step δ minimises Σ|r − X δ|² + (u + δ − m)ᵀ W (u + δ − m), where u are the numbers of the point, m their
 prior mean and W its precision: a prior is one more observation. Columns of one run's own nuisances live in that run's
-block only.
+block only. Columns (k, n, c) are kept one after the other, each as the samples (n, c) of a run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.contracts import Array
 from diagnosis.engine.point import Point
@@ -19,17 +21,50 @@ from diagnosis.engine.point import Point
 SEEN: Final = 1e-13  #: eigenvalues below this part of the largest are rounding
 
 
+class Columns:
+    """Whitened sensitivities (k, n, c) of one run, with their inner products; many linearisations may share them."""
+
+    def __init__(self, values: Array) -> None:
+        self.values = values
+        self.flat: Array = values.reshape(len(values), values.shape[1] * values.shape[2])
+
+    @cached_property
+    def gram(self) -> Array:
+        """Inner products (k, k)."""
+        return self.flat @ self.flat.T
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """One run, whitened: residual (n, c) and sensitivities (n, c, k), both 0 where nothing counts.
+    """One run, whitened: residual (n, c) and sensitivities, all 0 where nothing counts.
 
-    ``places`` (k,) says which coordinates of the point the columns belong to.
+    ``parts`` are columns with the coordinates of the point they belong to: those that many models share, then those
+    that are the model's own.
     """
 
     run: str
     residual: Array
-    sensitivities: Array
-    places: tuple[int, ...]
+    parts: tuple[tuple[tuple[int, ...], Columns], ...]
+
+    @property
+    def places(self) -> list[int]:
+        """Return the coordinates of all columns, in their order."""
+        return [place for places, _ in self.parts for place in places]
+
+    @property
+    def gram(self) -> Array:
+        """Inner products (k, k) of all columns."""
+        columns = [columns for _, columns in self.parts]
+        return np.block([[a.gram if a is b else a.flat @ b.flat.T for b in columns] for a in columns])
+
+    def against(self, values: Array) -> Array:
+        """Return the inner products (k, m) of all columns with m further ones (m, n c)."""
+        return np.concatenate([columns.flat @ values.T for _, columns in self.parts])
+
+    def along(self, numbers: Array) -> Array:
+        """Return what all columns make (n, c) with a number for every coordinate of the point."""
+        made = sum(numbers[list(places)] @ columns.flat for places, columns in self.parts)
+        return np.asarray(made).reshape(self.residual.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,9 +131,8 @@ class Linearisation:
         gram = self.belief.precision.copy()
         gradient = -self.belief.precision @ (self.point.numbers - self.belief.mean)
         for block in self.blocks:
-            columns, places = _flat(block.sensitivities), list(block.places)
-            gram[np.ix_(places, places)] += columns.T @ columns
-            gradient[places] += columns.T @ block.residual.ravel()
+            gram[np.ix_(block.places, block.places)] += block.gram
+            gradient[block.places] += block.against(block.residual.reshape(1, -1))[:, 0]
         object.__setattr__(self, "gram", gram)
         object.__setattr__(self, "gradient", gradient)
 
@@ -140,26 +174,19 @@ class Linearisation:
         """Return the covariance (k, k) of the numbers by Laplace's approximation."""
         return inverse(self.gram)
 
-    def project(self, extra: Sequence[Array]) -> Projection:
-        """Project whitened columns (n, c, m) of each run onto what no coordinate can imitate."""
-        size, width = len(self.point.numbers), extra[0].shape[2]
+    def project(self, extra: Sequence[NDArray[np.floating]]) -> Projection:
+        """Project whitened columns (m, n, c) of each run onto what no coordinate can imitate."""
+        size, width = len(self.point.numbers), len(extra[0])
         mixed, own, score = np.zeros((size, width)), np.zeros((width, width)), np.zeros(width)
         for block, more in zip(self.blocks, extra, strict=True):
-            columns = _flat(more)
-            mixed[list(block.places)] += _flat(block.sensitivities).T @ columns
-            own += columns.T @ columns
-            score += columns.T @ block.residual.ravel()
+            columns = more.reshape(width, block.residual.size).astype(np.float64, copy=False)
+            mixed[block.places] += block.against(columns)
+            own += columns @ columns.T
+            score += columns @ block.residual.ravel()
         shadow = solve(self.gram, mixed)
         return Projection(
             own - mixed.T @ shadow, score - shadow.T @ self.gradient, np.sqrt(np.diagonal(own)), shadow
         )
-
-    def projected(self, extra: Sequence[Array], projection: Projection) -> list[Array]:
-        """Return the projected columns (n, c, m) of each run themselves."""
-        return [
-            more - block.sensitivities @ projection.shadow[list(block.places)]
-            for block, more in zip(self.blocks, extra, strict=True)
-        ]
 
 
 def solve(gram: Array, right: Array) -> Array:
@@ -180,8 +207,3 @@ def _spectrum(gram: Array) -> tuple[Array, Array, Array]:
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
     return scale, values, vectors
-
-
-def _flat(columns: Array) -> Array:
-    """Return (n, c, k) as (n c, k) without a copy."""
-    return columns.reshape(columns.shape[0] * columns.shape[1], columns.shape[2])

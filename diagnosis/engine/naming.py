@@ -12,11 +12,11 @@ import numpy as np
 from diagnosis.contracts import Array, Effect, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.engine.fit import FittedModel, Prediction, counted, fit, predict
-from diagnosis.engine.gates import failing, noise_floors, unphysical
+from diagnosis.engine.gates import noise_floors, unfit, unphysical, useless
 from diagnosis.engine.noise import quietest, white
 from diagnosis.engine.point import Point, base_point, effect_coordinates
 from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import Screen, candidates, look
+from diagnosis.engine.screen import Footprints, Screen, candidates, footprints, look
 
 RIVALS: Final = 4  #: so many others are tried in the place of each accepted effect
 COMPARABLE: Final = 0.5  #: a rival gains at least this part of the BIC that the accepted effect gains
@@ -33,7 +33,7 @@ class Trial:
     covariance: Array  #: of the point's numbers (k, k)
     cost: float
     bic: float
-    lpd: float  #: of the select runs; NaN where there are none
+    lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
     failed: str = ""
 
 
@@ -62,7 +62,8 @@ class Accepted:
 class Naming:
     """All that the search found. ``base`` and ``model`` were fitted under the same noise.
 
-    ``screen`` is the last one, of what is not in the model; ``floors`` (c,) is what noise alone leaves.
+    ``screen`` is the last one, of what is not in the model, seen ``around`` it; ``floors`` (c,) is what noise alone
+    leaves.
     """
 
     steps: tuple[Step, ...]
@@ -71,6 +72,7 @@ class Naming:
     model: FittedModel
     prediction: Prediction | None
     screen: Screen
+    around: Footprints
     floors: Array
 
     def confused(self, gap: float) -> list[tuple[Accepted, Trial]]:
@@ -84,6 +86,7 @@ class _State:
 
     model: FittedModel
     screen: Screen
+    around: Footprints
     prediction: Prediction | None
     explained: float = 0.0
 
@@ -124,7 +127,7 @@ class Search:
                 pool[chosen.effect] = [gone, *pool.pop(gone)]
             others = _comparable(state.model.bic, chosen, trials)
             pool[chosen.effect] = list(dict.fromkeys((*others, *pool.get(chosen.effect, ()))))
-            explained = state.explained + state.model.linearisation.cost - chosen.cost
+            explained = state.explained + state.model.cost - chosen.cost
             state = replace(self._stand(chosen.point), explained=explained)
             state, rivals = self._swap(state, pool, starts)
         return self._settle(steps, state, rivals, floors)
@@ -144,15 +147,10 @@ class Search:
 
     def _stand(self, point: Point) -> _State:
         """Re-estimate the noise around a point, refit, score everything that is not in the model, predict."""
-        inside = point.owners
-        sight = look(
-            self.replay,
-            point,
-            candidates([e for name, e in self.effects.items() if name not in inside]),
-            alpha=self.config.alpha,
-            seed=self.config.seed,
-        )
-        return _State(sight.model, sight.screen, self._predict(sight.model))
+        entries = candidates([e for name, e in self.effects.items() if name not in point.owners])
+        around = footprints(self.replay, point, entries)
+        sight = look(self.replay, around, alpha=self.config.alpha, seed=self.config.seed)
+        return _State(sight.model, sight.screen, around, self._predict(sight.model))
 
     def _predict(self, model: FittedModel, before: Prediction | None = None) -> Prediction | None:
         if not self.select:
@@ -169,45 +167,36 @@ class Search:
             for name in (*effect.richer, *effect.confusers):
                 if name in self.effects and name not in state.model.effects:
                     wanted.setdefault(name, scores.best(name))
-        trials: list[Trial] = []
+        fits: dict[str, FittedModel] = {}
         for name, i in wanted.items():
-            best = min((trial.cost for trial in trials), default=math.inf)
             start = scores.start(state.model.point, i)
-            trials.append(self._attempt(name, start, state, floors, best))
-        return tuple(sorted(trials, key=lambda trial: trial.bic))
+            best = min((model.cost for model in fits.values()), default=math.inf)
+            fits[name] = self._fit(start, state, best)
+        trials: list[Trial] = []
+        for name in sorted(fits, key=lambda name: fits[name].bic):
+            model, prediction = fits[name], None
+            failed = unfit(model, name, state.model) or self._rough(state, model)
+            if not failed and all(trial.failed for trial in trials):
+                prediction = self._predict(model, state.prediction)
+                failed = useless(model, prediction, state.model, state.prediction, floors, self.config)
+            trials.append(_trial(name, model, prediction, failed))
+        return tuple(trials)
 
-    def _attempt(
-        self,
-        effect: str,
-        start: Point,
-        state: _State,
-        floors: Array | None = None,
-        target: float = math.inf,
-    ) -> Trial:
-        """Fit a model; with ``floors`` it must pass every gate against the state, else only be physical."""
-        model = fit(self.replay, state.model.noise, start, state.model.linearisation, target=target)
+    def _fit(self, start: Point, state: _State, target: float = math.inf) -> FittedModel:
+        return fit(self.replay, state.model.noise, start, state.model.linearisation, target=target)
+
+    def _attempt(self, effect: str, start: Point, state: _State, target: float = math.inf) -> Trial:
+        """Fit and predict a model that must be physical."""
+        model = self._fit(start, state, target)
         prediction = self._predict(model, state.prediction)
-        if floors is None:
-            failed = unphysical(model, effect, state.model)
-        else:
-            failed = failing(model, prediction, effect, state.model, state.prediction, floors, self.config)
-            failed = failed or self._rough(state, model)
-        return Trial(
-            effect,
-            model.point,
-            model.covariance(),
-            model.cost,
-            model.bic,
-            prediction.lpd if prediction else float("nan"),
-            failed,
-        )
+        return _trial(effect, model, prediction, unphysical(model, effect, state.model))
 
     def _rough(self, state: _State, model: FittedModel) -> str:
         """Return why a further cause may be no more than what the causes found so far are wrong by; "" if it is more.
 
         No equation is exact: of a cause in plain view, a small part is left that noise would not leave.
         """
-        gained = max(state.model.linearisation.cost - model.linearisation.cost, 0.0)
+        gained = max(state.model.cost - model.cost, 0.0)
         if gained >= self.config.rough**2 * state.explained:
             return ""
         part = math.sqrt(gained / state.explained)
@@ -216,14 +205,13 @@ class Search:
     def _choose(
         self, state: _State, trials: Iterable[Trial], starts: Mapping[str, Point], floors: Array
     ) -> Trial | None:
-        """Return the best trial through all gates.
+        """Return the best trial through all gates: the first in the order of BIC.
 
         Two causes must explain clearly more than one richer cause in the place of the first: else that one it is.
         """
-        passed = [trial for trial in trials if not trial.failed]
-        if not passed:
+        chosen = next((trial for trial in trials if not trial.failed), None)
+        if chosen is None:
             return None
-        chosen = min(passed, key=lambda trial: trial.bic)
         inside = state.model.effects
         for old in inside:
             richer = dict.fromkeys(
@@ -309,7 +297,14 @@ class Search:
             for name in model.effects:
                 start = start.without(name)
             base = fit(self.replay, model.noise, start, model.linearisation)
-        return Naming(tuple(steps), accepted, base, model, state.prediction, state.screen, floors)
+        return Naming(
+            tuple(steps), accepted, base, model, state.prediction, state.screen, state.around, floors
+        )
+
+
+def _trial(effect: str, model: FittedModel, prediction: Prediction | None, failed: str) -> Trial:
+    lpd = prediction.lpd if prediction else float("nan")
+    return Trial(effect, model.point, model.covariance(), model.cost, model.bic, lpd, failed)
 
 
 def _replaced(point: Point, old: str, effect: Effect, start: Point) -> Point:

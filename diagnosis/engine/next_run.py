@@ -123,7 +123,7 @@ def _left(
     """The squared norm of a footprint after the free coordinates have taken up what they can."""
     mixed, own = np.zeros(len(free)), 0.0
     for block, values in zip(here.blocks, footprint, strict=True):
-        mixed[list(block.places)] += np.einsum("nck,nc->k", block.sensitivities, values)
+        mixed[block.places] += block.against(values.reshape(1, -1))[:, 0]
         own += float(np.vdot(values, values))
     gram = here.gram[np.ix_(free, free)]
     return max(own - float(mixed[free] @ solve(gram, mixed[free])), 0.0)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from diagnosis.contracts import Array, Channel
 
 Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
 
 ORDER: Final = 10  #: highest order of the autoregression
 BRIDGE: Final = 4  #: so many further predecessors help where some are missing
@@ -71,17 +72,24 @@ class ChannelNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filter:
-    """What whitens one run: for each channel a sparse matrix (n, n) that weighs a sample and its predecessors."""
+    """What whitens one run: a sparse matrix (n c, n c) that weighs each sample and its channel's predecessors."""
 
-    matrices: tuple[Any, ...]
+    matrix: Any
 
-    def __call__(self, values: Array) -> Array:
-        """Whiten (n, c) or (n, c, k); what does not count becomes 0."""
-        columns = values.reshape(*values.shape[:2], -1)
-        white = np.empty(columns.shape)
-        for channel, matrix in enumerate(self.matrices):
-            white[:, channel] = matrix @ np.ascontiguousarray(columns[:, channel])
-        return white.reshape(values.shape)
+    def __call__(self, values: NDArray[np.floating]) -> Array:
+        """Whiten (n, c) or (k, n, c); what does not count becomes 0."""
+        return self._whiten(values, np.empty(values.shape))
+
+    def single(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Whiten (k, n, c) and keep single precision, for columns that are too many for double."""
+        return self._whiten(values, np.empty_like(values))
+
+    def _whiten(self, values: NDArray[np.floating], white: Any) -> Any:
+        size = self.matrix.shape[0]
+        count = values.size // size
+        for row, to in zip(values.reshape(count, size), white.reshape(count, size), strict=True):
+            to[:] = self.matrix @ row.astype(np.float64, copy=False)
+        return white
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +110,18 @@ class Noise:
 
 @lru_cache(maxsize=32)  # every fit under the same noise whitens the same runs
 def _filter(channels: tuple[ChannelNoise, ...], shape: tuple[int, int], mask: bytes) -> Filter:
+    from scipy.sparse import csr_array
+
+    n, width = shape
     counted = np.frombuffer(mask, dtype=bool).reshape(shape)
-    return Filter(tuple(_whitener(channel, counted[:, i]) for i, channel in enumerate(channels)))
+    rows, columns, entries = [], [], []
+    for i, channel in enumerate(channels):
+        at, past, weights = _whitener(channel, counted[:, i])
+        rows.append(at * width + i)
+        columns.append(past * width + i)
+        entries.append(weights)
+    places = np.concatenate(rows), np.concatenate(columns)
+    return Filter(csr_array((np.concatenate(entries), places), shape=(n * width, n * width)))
 
 
 def white(deviations: Sequence[float]) -> Noise:
@@ -168,11 +186,9 @@ def _autoregression(
     return ChannelNoise(tuple(float(value) for value in covariance[: order + 1]))
 
 
-def _whitener(noise: ChannelNoise, counted: Mask) -> Any:
-    """Return the matrix (n, n) that whitens one channel of a run; rows of what does not count are empty."""
-    from scipy.sparse import csr_array
-
-    n, lags = len(counted), noise.order
+def _whitener(noise: ChannelNoise, counted: Mask) -> tuple[Places, Places, Array]:
+    """Return which samples (m,) of a channel weigh which others (m,) by how much (m,), to whiten it."""
+    lags = noise.order
     lags += BRIDGE if lags and not counted.all() else 0
     rows = np.flatnonzero(counted)
     places = rows[:, None] - np.arange(lags + 1)
@@ -184,5 +200,4 @@ def _whitener(noise: ChannelNoise, counted: Mask) -> Any:
         table[i] = np.concatenate(([1.0], -weights)) / np.sqrt(variance)
     entries = table[which.ravel()]
     used = entries != 0.0
-    at = np.broadcast_to(rows[:, None], places.shape)
-    return csr_array((entries[used], (at[used], places[used])), shape=(n, n))
+    return np.broadcast_to(rows[:, None], places.shape)[used], places[used], entries[used]

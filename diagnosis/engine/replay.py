@@ -5,18 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, DiagnosisError, MeasuredRun, Simulator
 from diagnosis.engine.point import Point, neighbour, opposite
+
+Quotients = NDArray[np.float32]
+Job = TypeVar("Job")
+Done = TypeVar("Done")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
     """A simulator with the runs it replays. ``workers`` threads share the simulations; the order is always the same.
 
-    Everything is told run by run: predictions are (n, c), sensitivities (n, c, k) to what that run depends on.
+    Everything is told run by run: predictions are (n, c), sensitivities (k, n, c) to what that run depends on. Those
+    are differences, which single precision holds to far more digits than they are right.
     """
 
     simulator: Simulator
@@ -41,7 +48,7 @@ class Replay:
 
     def predictions(self, point: Point) -> list[Array]:
         """Simulate every run at a point."""
-        return self._all([(r, point) for r in range(len(self.runs))])
+        return self._all(self._simulate, [(r, point) for r in range(len(self.runs))])
 
     def residuals(self, predictions: Sequence[Array]) -> list[Array]:
         """Return measured minus predicted, (n, c) of each run; NaN where nothing counts."""
@@ -57,8 +64,8 @@ class Replay:
         places: Sequence[Sequence[int]] | None = None,
         *,
         central: bool = False,
-    ) -> list[Array]:
-        """Return ∂y/∂u (n, c, k) of each run to its coordinates at ``places``, or to all that it depends on.
+    ) -> list[Quotients]:
+        """Return ∂y/∂u (k, n, c) of each run to its coordinates at ``places``, or to all that it depends on.
 
         Differences are one-sided; ``central`` ones cost twice as much and have no error of first order.
         """
@@ -69,28 +76,31 @@ class Replay:
             return ahead
         back = {i: opposite(point, to, distance) for i, (to, distance) in steps.items()}
         behind = self.differences(predictions, [[back[i] for i in own] for own in wanted])
-        return [0.5 * (a + b) for a, b in zip(ahead, behind, strict=True)]
+        return [np.float32(0.5) * (a + b) for a, b in zip(ahead, behind, strict=True)]
 
     def differences(
         self, predictions: Sequence[Array], steps: Sequence[Sequence[tuple[Point, float]]]
-    ) -> list[Array]:
-        """Return the difference quotients (n, c, k) of each run to its own k points at signed distances."""
-        done = iter(self._all([(r, to) for r, own in enumerate(steps) for to, _ in own]))
-        columns = []
-        for predicted, own in zip(predictions, steps, strict=True):
-            block = np.empty((*predicted.shape, len(own)))
-            for k, (_, distance) in enumerate(own):
-                block[:, :, k] = (next(done) - predicted) / distance
-            columns.append(block)
-        return columns
+    ) -> list[Quotients]:
+        """Return the difference quotients (k, n, c) of each run to its own k points at signed distances."""
+        blocks = [
+            np.empty((len(own), *predicted.shape), np.float32)
+            for predicted, own in zip(predictions, steps, strict=True)
+        ]
 
-    def _all(self, jobs: Sequence[tuple[int, Point]]) -> list[Array]:
-        """Simulate (run, point) pairs; what comes back has the order of the jobs."""
-        simulate: Callable[[tuple[int, Point]], Array] = self._simulate
+        def differ(job: tuple[int, int]) -> None:
+            r, k = job
+            to, distance = steps[r][k]
+            blocks[r][k] = (self._simulate((r, to)) - predictions[r]) / distance
+
+        self._all(differ, [(r, k) for r, own in enumerate(steps) for k in range(len(own))])
+        return blocks
+
+    def _all(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
+        """Do all jobs; what comes back has their order."""
         if self.workers <= 1 or len(jobs) < 2:
-            return [simulate(job) for job in jobs]
+            return [work(job) for job in jobs]
         with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(simulate, jobs))
+            return list(pool.map(work, jobs))
 
     def _simulate(self, job: tuple[int, Point]) -> Array:
         run, point = self.runs[job[0]], job[1]

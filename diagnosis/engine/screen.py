@@ -11,10 +11,10 @@ import numpy as np
 
 from diagnosis.contracts import Array, Effect, Surface
 from diagnosis.engine.fit import FittedModel, counted, filters, fit
-from diagnosis.engine.linear import Block, Linearisation, Projection, prior, solve
+from diagnosis.engine.linear import Block, Columns, Linearisation, Projection, prior, solve
 from diagnosis.engine.noise import Filter, Mask, Noise, estimate, quietest, white
 from diagnosis.engine.point import Coordinate, Point, effect_coordinates, neighbour, surface_coordinates
-from diagnosis.engine.replay import Replay
+from diagnosis.engine.replay import Quotients, Replay
 
 BLOCKS: Final = 256  #: of all runs together, to see how scores scatter
 DRAWS: Final = 20_000  #: of the maximum of all scores under chance
@@ -41,13 +41,13 @@ class Candidate:
 class Screen:
     """Scores of all candidates m against a fitted model.
 
-    ``columns`` (n, c, m) of each run are whitened and not projected; ``inflation`` (m,) says how much more a score
+    ``columns`` (m, n, c) of each run are whitened and not projected; ``inflation`` (m,) says how much more a score
     scatters than whitened noise would let it.
     """
 
     candidates: tuple[Candidate, ...]
     projection: Projection
-    columns: tuple[Array, ...]
+    columns: tuple[Quotients, ...]
     inflation: Array
     threshold: float
 
@@ -102,12 +102,27 @@ class Screen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Footprints:
+    """What each number of a model, each candidate and each coefficient of a surface would change around a ``point``.
+
+    Quotients (k, n, c) for each run, as they come from the simulator: ``own``, of the ``entries``, of each surface.
+    """
+
+    point: Point
+    predictions: tuple[Array, ...]
+    own: tuple[Quotients, ...]
+    entries: tuple[Candidate, ...]
+    more: tuple[Quotients, ...]
+    surfaces: tuple[tuple[Quotients, ...], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """A model fitted under its noise, the scores of all candidates, and each surface's columns (n, c, m) by run."""
+    """A model fitted under its noise, the scores of all candidates, and each surface's columns (m, n, c) by run."""
 
     model: FittedModel
     screen: Screen
-    surfaces: tuple[tuple[Array, ...], ...]
+    surfaces: tuple[tuple[Quotients, ...], ...]
 
 
 def signs(effects: Sequence[Effect], scores: Array) -> Array:
@@ -121,54 +136,60 @@ def candidates(effects: Sequence[Effect]) -> tuple[Candidate, ...]:
     return tuple(Candidate(effect, shapes) for effect in effects for shapes in effect.grid)
 
 
-def look(
-    replay: Replay,
-    start: Point,
-    entries: Sequence[Candidate],
-    surfaces: Sequence[Surface] = (),
-    *,
-    alpha: float,
-    seed: int,
-) -> Sight:
-    """Estimate the noise around a model, fit the model under it, and score every candidate against it.
-
-    Noise is what a linear model of everything leaves: of the model's own numbers, of all candidates and of the
-    coefficients of ``surfaces``. So it holds no effect that anybody will look for, whichever is there.
-    """
-    predictions = replay.predictions(start)
-    own = replay.sensitivities(start, predictions)
-    steps = [neighbour(c.entered(start), len(start.numbers)) for c in entries]
-    ends = [len(steps)]
-    for surface in surfaces:
-        steps += _roughened(start, surface)
-        ends.append(len(steps))
-    more = replay.differences(predictions, [steps] * len(replay.runs))
-    residuals = replay.residuals(predictions)
-    noise = remaining_noise(replay, start, residuals, own, more)
-    whiten = filters(noise, replay)
-    model = fit(replay, noise, start, _around(replay.names, start, whiten, residuals, own))
-    columns = [f(x) for f, x in zip(whiten, more, strict=True)]
-    del own, more
-    inflation = overdispersion(model.linearisation, columns)
-    noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
-    model = fit(replay, noise, model.point, model.linearisation)
-    entry = [x[:, :, : ends[0]] for x in columns]
-    return Sight(
-        model,
-        screen(model.linearisation, entries, entry, inflation[: ends[0]], alpha=alpha, seed=seed),
-        tuple(tuple(x[:, :, a:b] for x in columns) for a, b in pairwise(ends)),
+def footprints(replay: Replay, point: Point, entries: Sequence[Candidate]) -> Footprints:
+    """Simulate what the numbers of a model and the candidates change around a point."""
+    predictions = replay.predictions(point)
+    steps = [neighbour(c.entered(point), len(point.numbers)) for c in entries]
+    return Footprints(
+        point,
+        tuple(predictions),
+        tuple(replay.sensitivities(point, predictions)),
+        tuple(entries),
+        tuple(replay.differences(predictions, [steps] * len(replay.runs))),
     )
 
 
-def surface_columns(model: FittedModel, surfaces: Sequence[Surface]) -> tuple[tuple[Array, ...], ...]:
-    """Return what each coefficient of each surface would change: whitened (n, c, m) for each run."""
-    replay, whiten = model.replay, filters(model.noise, model.replay)
-    found = []
-    for surface in surfaces:
-        steps = [_roughened(model.point, surface)] * len(replay.runs)
-        quotients = replay.differences(model.predictions, steps)
-        found.append(tuple(f(q) for f, q in zip(whiten, quotients, strict=True)))
-    return tuple(found)
+def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
+    """Add what each coefficient of each surface of the simulator would change."""
+    surfaces = [
+        tuple(replay.differences(around.predictions, [_roughened(around.point, surface)] * len(replay.runs)))
+        for surface in replay.simulator.surfaces
+    ]
+    return replace(around, surfaces=tuple(surfaces))
+
+
+def look(replay: Replay, around: Footprints, *, alpha: float, seed: int) -> Sight:
+    """Estimate the noise around a model, fit the model under it, and score every candidate against it.
+
+    Noise is what a linear model of everything leaves: of the model's own numbers, of all candidates and of the
+    coefficients of the surfaces. So it holds no effect that anybody will look for, whichever is there.
+    """
+    start, names = around.point, replay.names
+    everything = [np.concatenate(parts) for parts in zip(around.more, *around.surfaces, strict=True)]
+    residuals = replay.residuals(around.predictions)
+    noise = remaining_noise(replay, start, residuals, around.own, everything)
+    whiten = filters(noise, replay)
+    model = fit(replay, noise, start, _around(names, start, whiten, residuals, around.own))
+    columns = [f.single(x) for f, x in zip(whiten, everything, strict=True)]
+    del everything
+    inflation = overdispersion(model.linearisation, columns)
+    noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
+    model = fit(replay, noise, model.point, model.linearisation)
+    ends = np.cumsum([len(around.entries), *(len(surface[0]) for surface in around.surfaces)])
+    entry = [x[: ends[0]] for x in columns]
+    return Sight(
+        model,
+        screen(model.linearisation, around.entries, entry, inflation[: ends[0]], alpha=alpha, seed=seed),
+        tuple(tuple(x[a:b] for x in columns) for a, b in pairwise(ends)),
+    )
+
+
+def surface_columns(model: FittedModel, around: Footprints) -> tuple[tuple[Quotients, ...], ...]:
+    """Return what each coefficient of each surface would change: whitened (m, n, c) for each run."""
+    whiten = filters(model.noise, model.replay)
+    return tuple(
+        tuple(f.single(x) for f, x in zip(whiten, surface, strict=True)) for surface in around.surfaces
+    )
 
 
 def _roughened(point: Point, surface: Surface) -> list[tuple[Point, float]]:
@@ -177,8 +198,8 @@ def _roughened(point: Point, surface: Surface) -> list[tuple[Point, float]]:
     return [neighbour(flat, i) for i in range(len(point.numbers), len(flat.numbers))]
 
 
-def overdispersion(here: Linearisation, columns: Sequence[Array]) -> Array:
-    """Return by how much the scores of columns (n, c, m) scatter more than whitened noise allows (m,), at least 1.
+def overdispersion(here: Linearisation, columns: Sequence[Quotients]) -> Array:
+    """Return by how much the scores of columns (m, n, c) scatter more than whitened noise allows (m,), at least 1.
 
     The sandwich of robust statistics: the variance of a score is the sum of squares of what blocks of a run add to
     it, each far longer than the noise remembers. It sees what no whitening of single channels can: errors of the
@@ -189,16 +210,22 @@ def overdispersion(here: Linearisation, columns: Sequence[Array]) -> Array:
     seen = projection.norm > 0.0
     explained = np.zeros(len(seen))
     explained[seen] = solve(projection.gram[np.ix_(seen, seen)], projection.score[seen])
+    imitated = projection.shadow @ explained
     length = max(1, sum(len(block.residual) for block in here.blocks) // BLOCKS)
     meat, count = np.zeros(len(seen)), 0
     for block, more in zip(here.blocks, columns, strict=True):
-        shadow = projection.shadow[list(block.places)]
-        error = block.residual - more @ explained + block.sensitivities @ (shadow @ explained)
-        scores = np.einsum("tcm,tc->tm", more, error)
-        scores -= np.einsum("tcm,tc->tm", block.sensitivities, error) @ shadow
-        starts = np.arange(0, len(scores), length)
-        meat += np.sum(np.add.reduceat(scores, starts) ** 2, axis=0)
-        count += len(starts)
+        error = block.residual - np.tensordot(explained, more, 1) + block.along(imitated)
+        for start in range(0, len(error), length):
+            inside = slice(start, start + length)
+            part = error[inside].ravel()
+            score = more[:, inside].reshape(len(seen), part.size) @ part
+            own = [
+                columns.values[:, inside].reshape(len(places), part.size) @ part
+                for places, columns in block.parts
+            ]
+            score -= np.concatenate(own) @ projection.shadow[block.places]
+            meat += score**2
+            count += 1
     square = projection.norm**2
     ratio = np.divide(meat, square, out=np.ones_like(meat), where=seen)
     return np.maximum(ratio * count / max(count - 1, 1), 1.0)
@@ -207,13 +234,13 @@ def overdispersion(here: Linearisation, columns: Sequence[Array]) -> Array:
 def screen(
     here: Linearisation,
     entries: Sequence[Candidate],
-    columns: Sequence[Array],
+    columns: Sequence[Quotients],
     inflation: Array,
     *,
     alpha: float,
     seed: int,
 ) -> Screen:
-    """Score candidates by their whitened columns (n, c, m) of each run."""
+    """Score candidates by their whitened columns (m, n, c) of each run."""
     projection = here.project(columns)
     one_sided = np.array([c.effect.one_sided for c in entries], dtype=bool)
     return Screen(
@@ -237,9 +264,13 @@ def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float
 
 
 def remaining_noise(
-    replay: Replay, point: Point, residuals: Sequence[Array], own: Sequence[Array], more: Sequence[Array]
+    replay: Replay,
+    point: Point,
+    residuals: Sequence[Array],
+    own: Sequence[Quotients],
+    more: Sequence[Quotients],
 ) -> Noise:
-    """Return the noise that a least-squares fit of all columns leaves: those of the point, and ``more`` (n, c, m)."""
+    """Return the noise that a least-squares fit of all columns leaves: those of the point, and ``more`` (m, n, c)."""
     channels = replay.simulator.channels
     masks = [counted(run) for run in replay.runs]
     rough = []
@@ -248,13 +279,13 @@ def remaining_noise(
         rough.append(max(float(np.sqrt(np.mean(errors**2))), quietest(channel), 1e-150))
     whiten = filters(white(rough), replay)
     here = _around(replay.names, point, whiten, residuals, own)
-    projection = here.project([f(x) for f, x in zip(whiten, more, strict=True)])
+    projection = here.project([f.single(x) for f, x in zip(whiten, more, strict=True)])
     seen = projection.norm > 0.0
     others = np.zeros(len(seen))
     others[seen] = solve(projection.gram[np.ix_(seen, seen)], projection.score[seen])
     mine = here.step() - projection.shadow @ others
     leftovers = [
-        residual - x @ mine[point.own(name)] - y @ others
+        residual - np.tensordot(mine[point.own(name)], x, 1) - np.tensordot(others, y, 1)
         for name, residual, x, y in zip(replay.names, residuals, own, more, strict=True)
     ]
     return estimate(
@@ -267,13 +298,18 @@ def _around(
     point: Point,
     whiten: Sequence[Filter],
     residuals: Sequence[Array],
-    own: Sequence[Array],
+    own: Sequence[Quotients],
 ) -> Linearisation:
-    return Linearisation(
-        point,
-        prior(point),
-        tuple(
-            Block(name, f(r), f(x), tuple(point.own(name)))
-            for name, f, r, x in zip(names, whiten, residuals, own, strict=True)
-        ),
-    )
+    """Return the linearisation from quotients: the nuisances' columns, then those of the model's effects."""
+    blocks = []
+    for name, f, residual, quotients in zip(names, whiten, residuals, own, strict=True):
+        white = f(quotients)
+        parts = tuple(
+            (
+                tuple(i for i in point.own(name) if bool(point.coordinates[i].owner) is special),
+                Columns(white[[bool(point.coordinates[i].owner) is special for i in point.own(name)]]),
+            )
+            for special in (False, True)
+        )
+        blocks.append(Block(name, f(residual), parts))
+    return Linearisation(point, prior(point), tuple(blocks))

@@ -12,6 +12,7 @@ from diagnosis.engine.errors import chi_square
 from diagnosis.engine.fit import FittedModel, fit, predict
 from diagnosis.engine.linear import Linearisation, solve
 from diagnosis.engine.point import surface_coordinates
+from diagnosis.engine.replay import Quotients
 from diagnosis.engine.screen import Screen
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
 
@@ -29,14 +30,14 @@ class Omnibus:
     """
 
     surface: Surface
-    columns: tuple[Array, ...]
+    columns: tuple[Quotients, ...]
     statistic: float
     freedom: int
     p: float
     start: Array
 
 
-def score_test(here: Linearisation, surface: Surface, columns: Sequence[Array]) -> Omnibus:
+def score_test(here: Linearisation, surface: Surface, columns: Sequence[Quotients]) -> Omnibus:
     """χ² = sᵀ G⁺ s of the projected scores s, in the directions that the data would show.
 
     G is the Gram matrix per prior spread: where one of its eigenvalues is below 1, a surface as large as is believed
@@ -93,7 +94,7 @@ def explain(
 def resemblance(here: Linearisation, test: Omnibus, screen: Screen, most: int = 3) -> list[Nearest]:
     """The named effects whose footprint is most like that of the surface, by the cosine after projection."""
     together = [
-        np.concatenate((named, (unnamed @ test.start)[:, :, np.newaxis]), axis=2)
+        np.concatenate((named, np.tensordot(test.start, unnamed, 1)[np.newaxis]))
         for named, unnamed in zip(screen.columns, test.columns, strict=True)
     ]
     projection = here.project(together)

@@ -14,7 +14,7 @@ from diagnosis.engine.next_run import rank, sensors, separation
 from diagnosis.engine.noise import white
 from diagnosis.engine.point import base_point, effect_coordinates
 from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import candidates, look
+from diagnosis.engine.screen import candidates, footprints, look
 
 
 class Bench:
@@ -36,7 +36,8 @@ class Bench:
 
     def screen(self, *names):
         effects = [self.simulator.catalogue[n] for n in names] or list(self.simulator.catalogue.values())
-        sight = look(self.replay, self.base.point, candidates(effects), alpha=0.01, seed=0)
+        around = footprints(self.replay, self.base.point, candidates(effects))
+        sight = look(self.replay, around, alpha=0.01, seed=0)
         return sight.model, sight.screen
 
 

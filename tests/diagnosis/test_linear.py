@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.contracts import Parameter
-from diagnosis.engine.linear import Belief, Block, Linearisation, inverse, prior, solve
+from diagnosis.engine.linear import Belief, Block, Columns, Linearisation, inverse, prior, solve
 from diagnosis.engine.point import Coordinate, Point
 
 RUNS = ("a", "b")
@@ -21,10 +21,11 @@ def problem(rng, samples=40, channels=3):
     blocks, full = [], []
     for run in RUNS:
         places = tuple(point.own(run))
-        columns = rng.standard_normal((samples, channels, 3))
-        blocks.append(Block(run, rng.standard_normal((samples, channels)), columns, places))
+        columns = rng.standard_normal((3, samples, channels))
+        parts = (places[:1], Columns(columns[:1])), (places[1:], Columns(columns[1:]))
+        blocks.append(Block(run, rng.standard_normal((samples, channels)), parts))
         wide = np.zeros((samples * channels, 4))
-        wide[:, places] = columns.reshape(-1, 3)
+        wide[:, places] = columns.reshape(3, -1).T
         full.append(wide)
     here = Linearisation(point, prior(point), tuple(blocks))
     return here, np.vstack(full), np.concatenate([b.residual.ravel() for b in blocks])
@@ -54,8 +55,8 @@ def test_the_promise_of_a_step_is_kept_by_a_linear_model():
 def test_projection_is_the_residual_of_a_regression_on_all_columns():
     rng = np.random.default_rng(3)
     here, X, r = problem(rng)
-    extra = [rng.standard_normal((40, 3, 5)) for _ in RUNS]
-    S = np.vstack([e.reshape(-1, 5) for e in extra])
+    extra = [rng.standard_normal((5, 40, 3)) for _ in RUNS]
+    S = np.vstack([e.reshape(5, -1).T for e in extra])
     X, r = stacked(here, X, r)
     S = np.vstack((S, np.zeros((4, 5))))
     left = S - X @ np.linalg.lstsq(X, S, rcond=None)[0]
@@ -63,16 +64,13 @@ def test_projection_is_the_residual_of_a_regression_on_all_columns():
     assert projection.gram == pytest.approx(left.T @ left, rel=1e-9, abs=1e-9)
     assert projection.score == pytest.approx(left.T @ r, rel=1e-9, abs=1e-9)
     assert projection.z == pytest.approx(left.T @ r / np.linalg.norm(left, axis=0), rel=1e-9)
-    assert np.vstack([p.reshape(-1, 5) for p in here.projected(extra, projection)]) == pytest.approx(
-        left[:-4], abs=1e-9
-    )
 
 
 def test_a_column_that_the_model_imitates_exactly_has_no_score():
     rng = np.random.default_rng(4)
     here, _, _ = problem(rng)
     # The unbelieved shared column and nothing else: nothing of it is left.
-    extra = [3.0 * b.sensitivities[:, :, :1] for b in here.blocks]
+    extra = [3.0 * b.parts[0][1].values for b in here.blocks]
     projection = here.project(extra)
     assert projection.norm == pytest.approx([0.0])
     assert projection.z == pytest.approx([0.0])
@@ -86,7 +84,7 @@ def test_a_step_stays_in_range_and_the_others_make_the_best_of_it():
     coordinates = tuple(Coordinate(Parameter(n, "1", 0.0, 1.0, -0.7, 0.8), believed=False) for n in "abc")
     point = Point(coordinates, np.zeros(3))
     belief = Belief(np.zeros(3), np.zeros((3, 3)))
-    here = Linearisation(point, belief, (Block("a", r[:, None], X[:, None, :], (0, 1, 2)),))
+    here = Linearisation(point, belief, (Block("a", r[:, None], (((0, 1, 2), Columns(X.T[:, :, None])),)),))
     from scipy.optimize import lsq_linear
 
     assert here.step() == pytest.approx(lsq_linear(X, r, (-0.7, 0.8), tol=1e-12).x, abs=1e-6)
@@ -108,3 +106,10 @@ def test_scales_of_columns_do_not_matter():
     assert solve(gram, scale * (X.T @ r)) * scale == pytest.approx(
         np.linalg.lstsq(X, r, rcond=None)[0], rel=1e-9
     )
+
+
+def test_what_the_columns_make_is_their_product_with_the_numbers():
+    here, X, _ = problem(np.random.default_rng(7))
+    numbers = np.array([0.3, -1.0, 2.0, 0.7])
+    made = np.concatenate([block.along(numbers).ravel() for block in here.blocks])
+    assert made == pytest.approx(X @ numbers)

@@ -21,7 +21,7 @@ def ar1(colour, deviation=1.0):
 def filtered(noise, counted):
     """The whitening matrix (n, n) of one channel, from the filter's answer to every unit vector."""
     n = len(counted)
-    return Noise((noise,)).filter(counted[:, None])(np.eye(n)[:, None, :])[:, 0, :]
+    return Noise((noise,)).filter(counted[:, None])(np.eye(n)[:, :, None])[:, :, 0].T
 
 
 @pytest.mark.parametrize(
@@ -104,9 +104,9 @@ def test_no_channel_is_quieter_than_its_resolution():
 
 def test_one_column_is_whitened_like_many():
     rng = np.random.default_rng(6)
-    values = rng.standard_normal((80, 2, 3))
+    values = rng.standard_normal((3, 80, 2))
     apply = Noise((ar1(0.5), white([2.0]).channels[0])).filter(np.ones((80, 2), bool))
-    assert apply(values)[:, :, 1] == pytest.approx(apply(values[:, :, 1]))
+    assert apply(values)[1] == pytest.approx(apply(values[1]))
 
 
 @pytest.mark.parametrize("colour", [0.3, 0.6, 0.9])

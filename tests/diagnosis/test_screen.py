@@ -7,7 +7,7 @@ from scipy.stats import kstest, norm
 from diagnosis.engine.fit import fit
 from diagnosis.engine.point import base_point
 from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import candidates, look, signs, threshold
+from diagnosis.engine.screen import candidates, footprints, look, signs, threshold
 
 
 def test_threshold_of_independent_scores_is_that_of_the_largest_of_them():
@@ -49,9 +49,10 @@ def test_only_the_physical_sign_scores(oscillator):
 def sight(lab, data, **settings):
     replay = Replay(lab.simulator, data.of("fit"), 1)
     start = base_point(lab.simulator.nuisances, replay.names)
-    noise = look(replay, start, (), alpha=0.01, seed=1).model.noise
+    noise = look(replay, footprints(replay, start, ()), alpha=0.01, seed=1).model.noise
     near = fit(replay, noise, start).point
-    return look(replay, near, candidates(list(lab.simulator.catalogue.values())), alpha=0.01, seed=1)
+    entries = candidates(list(lab.simulator.catalogue.values()))
+    return look(replay, footprints(replay, near, entries), alpha=0.01, seed=1)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from diagnosis.engine.fit import fit
 from diagnosis.engine.noise import white
 from diagnosis.engine.point import base_point
 from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import candidates, look
+from diagnosis.engine.screen import candidates, footprints, look, with_surfaces
 from diagnosis.engine.unknown import explain, score_test
 
 
@@ -31,7 +31,8 @@ def fitted(laboratory, surface, seed, effects=None, **noise):
     near = fit(
         replay, white([c.noise for c in data.channels]), base_point(lab.simulator.nuisances, replay.names)
     )
-    sight = look(replay, near.point, entries, (surface,), alpha=0.01, seed=0)
+    around = with_surfaces(replay, footprints(replay, near.point, entries))
+    sight = look(replay, around, alpha=0.01, seed=0)
     test = score_test(sight.model.linearisation, surface, sight.surfaces[0])
     return data, sight.model, sight.screen, test
 
