@@ -7,6 +7,9 @@ READY := .venv/.ready
 PYTEST := $(BIN)/python -m pytest
 COMPILE := $(BIN)/python -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation())'
 
+# Tests, benchmarks and diagnoses use the cores themselves: threads of the algebra library would be in their way.
+export OPENBLAS_NUM_THREADS ?= 1
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 

@@ -1,6 +1,6 @@
 """`astb diagnose`: measured data against a model: what is wrong with it, what causes that, and the better model."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from astb.menu import experiments
-from diagnosis.contracts import Dataset, DiagnosisError, Simulator
+from diagnosis.contracts import Dataset, DiagnosisError, Role, Simulator
 from diagnosis.finding import Cause, Estimate, Finding
 from test_plans.screening import SCREENING
 from test_plans.separating import MENU
@@ -52,8 +52,10 @@ def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
     make_room(out)
     with bar(console) as progress:
         progress("read the data", 0.0)
-        simulator, dataset = read_data(request.data, request.map_path, parameters, request.seed)
-        config = Config(seed=request.seed, effects=chosen_effects(request.effects, simulator))
+        simulator, dataset = read_data(request.data, request.map_path, parameters)
+        config = Config(
+            seed=request.seed, effects=chosen_effects(request.effects, simulator, parameters.effects)
+        )
         return conclude(simulator, dataset, config, request.model, out, progress)
 
 
@@ -111,11 +113,11 @@ def bar(console: "Console") -> Iterator[Progress]:
 
 
 def read_data(
-    paths: Sequence[Path], map_path: Path | None, parameters: "Parameters", seed: int
+    paths: Sequence[Path], map_path: Path | None, parameters: "Parameters"
 ) -> tuple[Simulator, Dataset]:
     """Return the system and its measured runs: records of the bench, or any files that a map explains.
 
-    Of the bench's runs, ``seed`` draws which of the screening choose models and tell the gain.
+    Of the bench's runs, `with_roles` says which choose models and tell the gain.
 
     DiagnosisError or RecordError, which name the file and what would be right.
     """
@@ -134,32 +136,57 @@ def read_data(
     from diagnosis.systems.records import read_records
 
     simulator = AirSpring(parameters, effects=CATALOGUE)
-    return simulator, with_roles(read_records(paths, simulator), seed)
+    return simulator, with_roles(read_records(paths, simulator))
 
 
-def with_roles(dataset: Dataset, seed: int) -> Dataset:
-    """Return the dataset with the runs of the screening split by ``seed``, and all that were made to decide fitted."""
-    from diagnosis.engine.runs import split
+def with_roles(dataset: Dataset) -> Dataset:
+    """Return the dataset with one run of each screening to choose models, one to tell the gain, all others fitted.
 
-    screening = [run for run in dataset.runs if run.experiment.name.startswith(SCREENING.name)]
-    if not screening:
-        return dataset
-    drawn = split(replace(dataset, runs=tuple(screening)), seed).runs
-    roles = {run.experiment.name: run.role for run in drawn}
-    runs = (replace(run, role=roles.get(run.experiment.name, run.role)) for run in dataset.runs)
+    What was made to decide is fitted. The two are kept from different loads and stretches, so that the fit sees every
+    load, and every stretch under one of them.
+    """
+    screenings: dict[str, list[str]] = {}
+    for run in dataset.runs:
+        plan, _, rest = run.experiment.name.partition(" ")
+        if plan == SCREENING.name:
+            screenings.setdefault(rest.partition(" (")[2], []).append(run.experiment.name)
+    roles: dict[str, Role] = {}
+    for names in screenings.values():
+        roles |= _kept_back(names)
+    runs = (replace(run, role=roles.get(run.experiment.name, "fit")) for run in dataset.runs)
     return replace(dataset, runs=tuple(runs))
 
 
-def chosen_effects(text: str | None, simulator: Simulator) -> tuple[str, ...] | None:
+def _kept_back(names: Sequence[str]) -> dict[str, Role]:
+    """Return which runs of one screening are not fitted, as far as a run is left to be fitted under every load."""
+    loads: dict[str, list[str]] = {}
+    for name in names:
+        loads.setdefault(name.split()[2], []).append(name)
+    spare = [runs for runs in loads.values() if len(runs) > 1]
+    if len(spare) > 1 or (spare and len(spare[0]) > 2):
+        return {spare[0][-1]: "select", spare[-1][-2]: "report"}
+    last = spare[0][-1] if spare else names[-1]
+    return {last: "report"} if len(names) > 1 else {}
+
+
+def chosen_effects(
+    text: str | None, simulator: Simulator, held: Collection[str] = ()
+) -> tuple[str, ...] | None:
     """Return the effects named in ``text``, with commas; None stands for the whole catalogue.
 
-    A name without its place stands for all places. DiagnosisError for one that the catalogue does not have.
+    A name without its place stands for all places. DiagnosisError for one that the catalogue does not have, and for one
+    that the model in doubt has already: ``held``.
     """
     if text is None:
         return None
     chosen: dict[str, None] = {}
     for name in (part.strip() for part in text.split(",")):
         found = [one for one in simulator.catalogue if name in {one, one.partition(".")[0]}]
+        if not found and (already := [one for one in held if name in {one, one.partition(".")[0]}]):
+            raise DiagnosisError(
+                f"--effects: {already[0]} is in the model already and stays as it is there; what is looked for is what "
+                "the model lacks"
+            )
         if not found:
             near = get_close_matches(name, simulator.catalogue, n=1)
             right = f"{near[0]} would be one" if near else f"there are {', '.join(simulator.catalogue)}"
@@ -175,6 +202,7 @@ def tell(finding: Finding, out: Path, console: "Console") -> None:
         console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
     line(finding.sentence, "bold")
+    line(f"  model: {finding.provenance.simulator}")
     for cause in finding.causes:
         line(f"  {_cause(cause)}")
     for rival in finding.ambiguous_with:

@@ -1,29 +1,33 @@
-"""What a diagnosis found, written back: the fitted parameters and the causes as a model file that the rig can load."""
+"""What a diagnosis found, written back: fitted parameters, causes and terms without a name as a model for the rig."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from bench_protocol.table import SIDES
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import Parameters, load
-from bench_sim.parameters.model_file import Model, write_model
-from diagnosis.finding import Finding
+from bench_sim.parameters.model_file import Model, Notes, write_model
+from diagnosis.finding import Z95, Finding
+from diagnosis.systems.air_spring_surfaces import TERMS
 
-_OFFSET = ".offset"
+#: Significant digits of every number: rounding moves an output by less than a fiftieth of its sensor's noise.
+DIGITS: Final = 6
+_OFFSET: Final = ".offset"
 
 
 def write_extended(path: Path, finding: Finding, based_on: str) -> None:
     """Write the extended model of ``finding`` to ``path``; ``based_on`` is the model in doubt, a set or a file.
 
-    Raises OSError.
+    Numbers are rounded to `DIGITS`; their intervals stand above them as comments. Raises OSError.
     """
     parameters = load(based_on)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
+    changes = _changes(finding.models.after, parameters) | _surfaces(finding, parameters)
     write_model(
-        path, Model(base, _changes(finding.models.after, parameters), _effects(finding), _told(finding))
+        path, Model(base, changes, _effects(finding), _told(finding)), _notes(finding, parameters), DIGITS
     )
 
 
@@ -33,7 +37,7 @@ def _changes(values: Mapping[str, float], parameters: Parameters) -> dict[str, A
     for name, value in values.items():
         side, _, quantity = name.partition(".")
         if name.endswith(_OFFSET):
-            sensor = name.removesuffix(_OFFSET).replace(".", "_")
+            sensor = _sensor(name)
             before = float(parameters.entries["sensor_bias"].value[Sensor[sensor.upper()]])
             changes.setdefault("sensor_bias", {})[sensor] = before + value
         elif side in SIDES:
@@ -44,12 +48,64 @@ def _changes(values: Mapping[str, float], parameters: Parameters) -> dict[str, A
     return changes
 
 
+def _sensor(name: str) -> str:
+    return name.removesuffix(_OFFSET).replace(".", "_")
+
+
+def _surfaces(finding: Finding, parameters: Parameters) -> dict[str, Any]:
+    """Terms without a name, on top of those that the set has already, with the spans over which they lie."""
+    changes: dict[str, Any] = {}
+    for name, coefficients in finding.models.effects.items():
+        if name in TERMS:
+            changes |= TERMS[name].over(parameters.record).changes(parameters.record, coefficients)
+    return changes
+
+
 def _effects(finding: Finding) -> dict[str, dict[str, float]]:
     return {
         name: dict(values)
         for name, values in finding.models.effects.items()
         if name.partition(".")[0] in CATALOGUE
     }
+
+
+def _notes(finding: Finding, parameters: Parameters) -> Notes:
+    """95 % intervals of what was fitted, and where terms without a name hold."""
+    notes: dict[str, dict[str, str]] = {"change": {}, "sensor_bias": {}}
+    for name, side, text in _fitted(finding):
+        if name.endswith(_OFFSET):
+            known = parameters.entries["sensor_bias"].value[Sensor[_sensor(name).upper()]]
+            notes["sensor_bias"][_sensor(name)] = f"{text} more than the base model has" if known else text
+        else:
+            before = notes["change"].get(name)
+            told = f"{side} {text}".strip()
+            notes["change"][name] = f"{before}; {told}" if before else told
+    for cause in finding.causes:
+        notes[cause.effect] = {
+            one.name: _interval(one.low, one.high, one.unit)
+            for one in cause.parameters
+            if one.low is not None and one.high is not None
+        }
+    for unknown in finding.unknowns:
+        notes[unknown.surface] = {"coefficients": unknown.sentence}
+    return notes
+
+
+def _fitted(finding: Finding) -> Iterator[tuple[str, str, str]]:
+    """Name, side and interval of every parameter of the extended model, in the order in which it is written."""
+    shifts = {shift.name: shift for shift in finding.shifts if not shift.run}
+    for name in finding.models.after:
+        shift = shifts.get(name)
+        if shift is None or shift.after is None or shift.sd_after is None:
+            continue
+        width = Z95 * shift.sd_after
+        text = _interval(shift.after - width, shift.after + width, shift.unit)
+        side, _, quantity = name.partition(".")
+        yield (quantity, side, text) if side in SIDES and not name.endswith(_OFFSET) else (name, "", text)
+
+
+def _interval(low: float, high: float, unit: str) -> str:
+    return f"95 %: {low:.{DIGITS - 2}g} to {high:.{DIGITS - 2}g} {unit}".removesuffix(" 1")
 
 
 def _told(finding: Finding) -> dict[str, Any]:

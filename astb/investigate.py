@@ -19,6 +19,7 @@ from test_plans.perform import lasts, programme_plan
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
+    from diagnosis.report.page import Course
 
 LOG: Final = "investigation.json"
 #: Below this BIC gap two causes are not told apart: no run is worth the bench's time that promises less.
@@ -81,11 +82,12 @@ def investigate_rig(
     """
     from rich.console import Console
 
-    from astb.diagnose import conclude, make_room, read_data, tell
+    from astb.diagnose import REPORT, conclude, make_room, read_data, tell
     from astb.session import open_session
     from bench_sim.parameters import load
     from bench_sim.parameters.values import read_value
     from diagnosis.engine.config import Config
+    from diagnosis.report.page import write_report
     from test_plans.screening import SCREENING
     from test_plans.separating import MENU
 
@@ -103,7 +105,7 @@ def investigate_rig(
         def look(records: Sequence[Path]) -> Finding:
             nonlocal last
             screen.begin("diagnosis")
-            simulator, dataset = read_data(records, None, parameters, drawn)
+            simulator, dataset = read_data(records, None, parameters)
             config = Config(seed=drawn)
             last = conclude(simulator, dataset, config, model, out, screen.follow)
             return last
@@ -111,6 +113,8 @@ def investigate_rig(
         log = investigate(
             session, rig, out, first=SCREENING, menu=MENU, budget=allowed, diagnose=look, screen=screen
         )
+    if last is not None:
+        write_report(last, out / REPORT, course(log))
     for number, step in enumerate(log.steps, 1):
         console.print(
             f"{number}. {step.plan}, {step.minutes:.1f} min, {step.why}: {step.sentence or step.outcome}",
@@ -124,6 +128,14 @@ def investigate_rig(
     return last is not None
 
 
+def course(log: Investigation) -> "Course":
+    """Return the log as the report shows it."""
+    from diagnosis.report.page import Course, Step
+
+    steps = [Step(one.plan, one.minutes, one.why, one.sentence or one.outcome) for one in log.steps]
+    return Course(steps, log.budget, log.ended)
+
+
 def choose(
     finding: Finding, menu: Mapping[str, Programme], left: float, done: Collection[str]
 ) -> tuple[Offer | None, str]:
@@ -134,9 +146,11 @@ def choose(
     worth = [offer for offer in ranked if offer.bic_gap >= WORTH]
     if not worth:
         best = (
-            f"; the best, {ranked[0].plan}, promises a BIC gap of {ranked[0].bic_gap:.1f}" if ranked else ""
+            f": the best, {ranked[0].plan}, promises a BIC gap of {ranked[0].bic_gap:.1f} where {WORTH:g} is needed"
+            if ranked
+            else ""
         )
-        return None, f"no run on the menu would decide between {_open(finding)}{best}, {WORTH:g} is needed"
+        return None, f"no run that is left on the menu would decide between {_open(finding)}{best}"
     for offer in worth:
         if offer.minutes <= left:
             why = (
@@ -169,8 +183,9 @@ def investigate(
 ) -> Investigation:
     """Run ``first``, diagnose, and go on with what decides most per minute while the budget (min) lasts.
 
-    ``diagnose`` is given the directories of all records so far. The log is written after every step. RecordError if
-    even the first programme does not fit into the budget, or a directory cannot be used.
+    ``diagnose`` is given the directories of all records so far. The log is written after every run and at the end,
+    whatever ends it. RecordError if even the first programme does not fit into the budget, or a directory cannot be
+    used; what ``diagnose`` raises passes.
     """
     needed = lasts(first) / minutes
     if needed > budget:
@@ -178,45 +193,60 @@ def investigate(
             f"budget = {budget:g} min: {first.name} alone takes {needed:.1f} min of the bench; give at least that"
         )
     log = Investigation(rig=rig.name, budget=budget)
-    records: list[Path] = []
-    done: set[str] = set()
-    programme, why = first, "to see what the model gets wrong"
-    with connected(session):
-        while True:
-            directory = out / f"{len(records) + 1:02d}-{programme.name}"
-            screen.say(f"{programme.name}: {why}")
-            result = _run(programme, session, rig, directory, screen)
-            step = Step(
-                plan=programme.name,
-                why=why,
-                record=directory.name,
-                minutes=result.duration / minutes,
-                outcome=result.verdict,
-            )
-            if result.verdict is not Outcome.PASS:
-                log.steps.append(step)
-                log.ended = f"{programme.name} {result.verdict}: {result.reason or _failed(result)}"
-                break
-            records.append(directory)
-            done.add(programme.name)
-            finding = _meanwhile(session, lambda: diagnose(records))
-            log.steps.append(
-                msgspec.structs.replace(
-                    step,
-                    verdict=finding.verdict,
-                    sentence=finding.sentence,
-                    causes=list(finding.names),
-                    rivals=[rival.effect for rival in finding.ambiguous_with],
-                )
-            )
-            log.write(out)
-            offer, why = choose(finding, menu, budget - log.spent, done)
-            if offer is None:
-                log.ended = why
-                break
-            programme = menu[offer.plan]
     log.write(out)
+    try:
+        with connected(session):
+            log.ended = _decide(log, session, rig, out, first, menu, diagnose, screen)
+    except BaseException as error:
+        log.ended = f"{type(error).__name__} {error}".rstrip()
+        raise
+    finally:
+        log.write(out)
     return log
+
+
+def _decide(
+    log: Investigation,
+    session: Session,
+    rig: "RigFile",
+    out: Path,
+    first: Programme,
+    menu: Mapping[str, Programme],
+    diagnose: Callable[[Sequence[Path]], Finding],
+    screen: Screen,
+) -> str:
+    """Run and diagnose, each step into the ``log``, until nothing is left to be done; return why."""
+    records: list[Path] = []
+    programme, why = first, "to see what the model gets wrong"
+    while True:
+        directory = out / f"{len(records) + 1:02d}-{programme.name}"
+        screen.say(f"{programme.name}: {why}")
+        result = _run(programme, session, rig, directory, screen)
+        step = Step(
+            plan=programme.name,
+            why=why,
+            record=directory.name,
+            minutes=result.duration / minutes,
+            outcome=result.verdict,
+        )
+        log.steps.append(step)
+        log.write(out)
+        # A check that failed is a reading like others: what is wrong with the bench may be what is looked for.
+        if result.verdict is Outcome.BLOCKED:
+            return f"{programme.name} {result.verdict}: {result.reason}"
+        records.append(directory)
+        finding = _meanwhile(session, lambda: diagnose(records))
+        log.steps[-1] = msgspec.structs.replace(
+            step,
+            verdict=finding.verdict,
+            sentence=finding.sentence,
+            causes=list(finding.names),
+            rivals=[rival.effect for rival in finding.ambiguous_with],
+        )
+        offer, why = choose(finding, menu, log.budget - log.spent, {one.plan for one in log.steps})
+        if offer is None:
+            return why
+        programme = menu[offer.plan]
 
 
 def _run(programme: Programme, session: Session, rig: "RigFile", directory: Path, screen: Screen) -> Result:
@@ -238,10 +268,6 @@ def _run(programme: Programme, session: Session, rig: "RigFile", directory: Path
     write_report(directory)
     screen.conclude(result, directory)
     return result
-
-
-def _failed(result: Result) -> str:
-    return ", ".join(one.name for one in result.checks if not one.passed)
 
 
 def _meanwhile(session: Session, work: Callable[[], T]) -> T:

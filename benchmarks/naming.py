@@ -30,7 +30,7 @@ def run(effort: Effort) -> Section:
         record = Path(directory) / "record"
         measure(Truth(seed=0, kind="single", condition="white", effects=HIDDEN), record)
         dataset = read_records([record], simulator)
-    dataset = with_roles(replace(dataset, runs=dataset.runs[:RUNS]), 0)
+    dataset = with_roles(replace(dataset, runs=dataset.runs[:RUNS]))
     names = tuple(name for name in simulator.catalogue if name not in HIDDEN)[: CANDIDATES - 1]
     config = Config(effects=(*HIDDEN, *names))
     found: list[str] = []

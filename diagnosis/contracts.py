@@ -71,6 +71,9 @@ class Effect:
     richer: tuple[str, ...] = ()
     equation: str = ""
     source: str = ""
+    #: One standard deviation of what the simulator itself, or the way in which its inputs were measured, may imitate:
+    #: nobody should take an amplitude of this size for real.
+    imitated: float = 0.0
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

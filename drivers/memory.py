@@ -106,11 +106,15 @@ class _Mishaps:
 
 
 class FaultyCan:
-    """Wraps a ``CanPort``: frames in both directions are lost, doubled, delayed; our own come back as echoes."""
+    """Wraps a ``CanPort``: frames in both directions are lost, doubled, delayed; our own come back as echoes.
 
-    def __init__(self, port: CanPort, faults: Faults, seed: int) -> None:
-        self._port, self._faults = port, faults
-        self._outward = _Mishaps(faults, random.Random(f"out {seed}"))
+    ``outward`` are the faults of the frames that we send, where they differ from the ``faults`` of those received.
+    """
+
+    def __init__(self, port: CanPort, faults: Faults, seed: int, *, outward: Faults | None = None) -> None:
+        sent = outward or faults
+        self._port, self._echo = port, sent.echo
+        self._outward = _Mishaps(sent, random.Random(f"out {seed}"))
         self._inward = _Mishaps(faults, random.Random(f"in {seed}"))
         self._echoes = random.Random(f"echo {seed}")
         self._subscribers: tuple[OnFrames, ...] = ()
@@ -121,7 +125,7 @@ class FaultyCan:
         survivors = self._outward.through(block)
         if survivors.size:
             self._port.send(survivors)
-        echoed = np.array([self._echoes.random() < self._faults.echo for _ in range(block.size)], bool)
+        echoed = np.array([self._echoes.random() < self._echo for _ in range(block.size)], bool)
         if echoed.any():
             self._hand_on(block[echoed])
 

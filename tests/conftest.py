@@ -1,9 +1,13 @@
-"""What holds for all tests: which of them run with nothing beside them, and a garbage collector with little to do."""
+"""What holds for all tests: which run with nothing beside them, little to collect as garbage, one core for each."""
 
 import gc
+import os
 from pathlib import Path
 
 import pytest
+
+# As `astb` does, and like it before numpy is loaded: tests and diagnoses use their cores themselves.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: What gives a test away that has deadlines; others say it themselves.
 WIRES = Path(__file__).parent / "wires"

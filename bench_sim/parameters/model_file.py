@@ -15,7 +15,7 @@ For example (lists have the shape of the parameter, a property of the sensors is
     [finding]                         # provenance: kept, and never acted upon
     verdict = "named"
 
-The file can be read as it was written, to the last digit.
+The file can be read as it was written, to the last digit, unless it was rounded for people.
 """
 
 import json
@@ -36,6 +36,9 @@ from bench_sim.parameters.values import fitting_unit, read_value, write_value
 
 if TYPE_CHECKING:
     from bench_sim.parameters import Parameters
+
+#: What is said of the keys of a table, by its parameter, effect or surface.
+Notes = Mapping[str, Mapping[str, str]]
 
 _TABLES: Final = ("based_on", "change", "effect", "surface", "finding")
 _UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
@@ -139,44 +142,69 @@ def with_changes(base: "Parameters", changes: Mapping[str, Any]) -> "Parameters"
     )
 
 
-def write_model(path: Path, model: Model) -> None:
-    """Write a model file from which `load_model` reads exactly ``model``. Raises OSError."""
-    path.write_text("\n".join(_lines(model)) + "\n", encoding="utf-8")
+def write_model(path: Path, model: Model, notes: Notes | None = None, digits: int | None = None) -> None:
+    """Write a model file from which `load_model` reads exactly ``model``, or its numbers to so many ``digits``.
+
+    ``notes`` become comments: by parameter for changes (under ``change``), by sensor for each property of them, by
+    quantity for each effect and surface. Raises OSError.
+    """
+    path.write_text("\n".join(_lines(model, notes or {}, digits)) + "\n", encoding="utf-8")
 
 
-def _lines(model: Model) -> Iterator[str]:
+def _lines(model: Model, notes: Notes, digits: int | None) -> Iterator[str]:
+    def written(changes: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: _written(name, value, digits) for name, value in changes.items()}
+
     yield f"based_on = {_toml(model.based_on)}"
     plain = {name: value for name, value in model.changes.items() if not _surface_of(name)}
-    yield from _section("change", {name: _written(name, value) for name, value in plain.items()})
+    sensors = {name: value for name, value in plain.items() if isinstance(value, dict)}
+    yield from _section(
+        "change", written({k: v for k, v in plain.items() if k not in sensors}), notes.get("change", {})
+    )
+    for name, table in written(sensors).items():
+        yield from _section(f"change.{name}", table, notes.get(name, {}))
     for name, values in model.effects.items():
         parameters = find_effect(name)[0].parameters
         texts = {
-            one.name: write_value(values[one.name], one.unit, one.display)
+            one.name: write_value(values[one.name], one.unit, one.display, digits)
             for one in parameters
             if one.name in values
         }
-        yield from _section(f"effect.{_toml(name)}", texts)
+        yield from _section(f"effect.{_toml(name)}", texts, notes.get(name, {}))
     for surface in _SURFACES:
         inside = {
-            name.removeprefix(f"{surface}_surface").removeprefix("_") or "coefficients": _written(name, value)
-            for name, value in model.changes.items()
+            name.removeprefix(f"{surface}_surface").removeprefix("_") or "coefficients": value
+            for name, value in written(model.changes).items()
             if _surface_of(name) == surface
         }
-        yield from _section(f"surface.{surface}", inside)
-    yield from _section("finding", model.finding)
+        yield from _section(f"surface.{surface}", inside, notes.get(f"{surface}_surface", {}))
+    yield from _section("finding", model.finding, {})
 
 
-def _section(title: str, table: Mapping[str, Any]) -> Iterator[str]:
+def _section(title: str, table: Mapping[str, Any], notes: Mapping[str, str]) -> Iterator[str]:
     if table:
         yield f"\n[{title}]"
         for key, value in table.items():
-            yield f"{_key(key)} = {_toml(value)}"
+            if key in notes:
+                yield f"# {' '.join(notes[key].split())}"
+            yield f"{_key(key)} = {_rows(value)}"
 
 
-def _written(name: str, value: Any) -> Any:
-    return _map_numbers(
-        name, value, lambda number, _, unit: write_value(number, unit, fitting_unit(number, unit))
-    )
+def _rows(value: Any) -> str:
+    """Return ``value`` as TOML writes it, a matrix with each of its rows on a line."""
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        return "[\n" + "".join(f"    {_toml(row)},\n" for row in value) + "]"
+    return _toml(value)
+
+
+def _written(name: str, value: Any, digits: int | None) -> Any:
+    """Return the numbers of a change as texts: each sensor's in a unit that fits it, others in one that fits all."""
+    largest = 0.0 if name in _BY_SENSOR else float(np.abs(value).max())
+
+    def written(number: float, _: str, unit: str) -> str:
+        return write_value(number, unit, fitting_unit(largest or number, unit), digits)
+
+    return _map_numbers(name, value, written)
 
 
 def _map_numbers(name: str, value: Any, change: Callable[[Any, str, str], Any]) -> Any:

@@ -1,6 +1,7 @@
 """Numbers with units as people write them: read into SI, and written so that reading gives the same number again."""
 
 import re
+from math import isfinite, log10
 from typing import Any, Final
 
 import numpy as np
@@ -28,17 +29,26 @@ def read_value(what: str, text: Any, si: str) -> float:
 
 
 def fitting_unit(number: float, si: str) -> str:
-    """Return the first unit for ``si`` in which ``number`` lies from 0.1 to 1000, else ``si``."""
-    for unit, (base, factor) in UNITS.items():
-        if base == si and 0.1 <= abs(number) / factor < 1000.0:
-            return unit
-    return si
+    """Return the first unit for ``si`` in which ``number`` lies from 0.1 to 1000, or comes nearest to that."""
+    if not (number and isfinite(number)):
+        return si
+
+    def misfit(unit: str) -> float:
+        magnitude = log10(abs(number)) - log10(UNITS[unit][1])
+        return max(-1.0 - magnitude, magnitude - 3.0, 0.0)
+
+    return min((unit for unit, (base, _) in UNITS.items() if base == si), key=misfit)
 
 
-def write_value(number: float, si: str, unit: str) -> str:
-    """Return ``number`` (SI) in ``unit`` if `read_value` then gives exactly it, else in SI."""
+def write_value(number: float, si: str, unit: str, digits: int | None = None) -> str:
+    """Return ``number`` (SI) in ``unit``: so many significant ``digits`` of it, for people.
+
+    Without ``digits`` `read_value` gives exactly ``number``; where ``unit`` cannot say it, SI does.
+    """
     _, factor = UNITS[unit]
     quotient = number / factor
+    if digits:
+        return f"{float(f'{quotient:.{digits}g}')!r} {unit}".removesuffix(" 1")
     for shown in (
         float(f"{quotient:.12g}"),
         quotient,

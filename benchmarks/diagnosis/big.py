@@ -67,7 +67,7 @@ class Bench:
         if done.returncode:
             raise NotMeasured(done.stderr.strip().rpartition("\n")[2])
         assert isinstance(self.simulator, AirSpring)
-        return Sealed(with_roles(read_records([record], self.simulator), seed), sealed)
+        return Sealed(with_roles(read_records([record], self.simulator)), sealed)
 
 
 def in_a_room() -> "tempfile.TemporaryDirectory[str]":

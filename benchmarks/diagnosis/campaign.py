@@ -1,6 +1,5 @@
 """Many sealed cases, one after another in as many processes as are asked for; each leaves one line of JSON at once."""
 
-import os
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -125,9 +124,6 @@ def _carried_out(left: Sequence[Case], processes: int) -> Iterator[Judged]:
     if processes == 1:
         yield from map(carry_out, left)
         return
-    # Each process has its own matrices: threads of the algebra library would only be in each other's way.
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ[name] = "1"
     import multiprocessing
 
     with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:

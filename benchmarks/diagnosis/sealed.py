@@ -117,7 +117,8 @@ def bench_of(truth: Truth) -> Iterator[Bench]:
     clock.attach(advance)
     port: Any = can
     if truth.condition == "frames lost":
-        port = FaultyCan(can, Faults(lose=LOST), truth.seed)
+        # Commands arrive: five lost in a row are a watchdog's business, and happen once in a screening.
+        port = FaultyCan(can, Faults(lose=LOST), truth.seed, outward=Faults())
     bench = Bench(port, InMemoryModbus(lambda request: rig.answer(request, "memory")), clock)
     bench.connect()
     try:

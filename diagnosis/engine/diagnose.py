@@ -102,8 +102,8 @@ def _conclusion(
 ) -> Finding:
     after, verdict = judgement.model, judgement.verdict
     before = fit(after.replay, after.noise, _bare(after.point), sight.model.linearisation)
-    covariance = after.covariance()
-    causes = [cause(a, effects[a.effect], after.point, covariance) for a in naming.accepted]
+    covariance = sight.model.covariance()
+    causes = [cause(a, effects[a.effect], sight.model.point, covariance) for a in naming.accepted]
     others = (
         rivals(naming, [c.effect for c in causes], effects, config.ambiguous)
         if verdict is Verdict.AMBIGUOUS

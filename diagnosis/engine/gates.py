@@ -102,8 +102,7 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
     """
     floors = []
     for i, (channel, seen) in enumerate(zip(channels, noise.channels, strict=True)):
-        rests = [run.outputs[run.rest & counted(run)[:, i], i] for run in runs]
-        quiet = [r - r.mean() for r in rests if len(r) >= REST]
+        quiet = [_straightened(run.outputs[part, i]) for run in runs for part in _rests(run, i)]
         if quiet:
             floors.append(float(np.sqrt(np.mean(np.concatenate(quiet) ** 2))))
         elif channel.noise > 0.0:
@@ -111,6 +110,20 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
         else:
             floors.append(seen.innovation)
     return np.array(floors)
+
+
+def _rests(run: MeasuredRun, channel: int) -> list[slice]:
+    """Return the stretches at rest of one channel that are long enough; what stands still may stand elsewhere later."""
+    still = np.concatenate(([False], run.rest & counted(run)[:, channel], [False]))
+    borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
+    return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= REST]
+
+
+def _straightened(values: Array) -> Array:
+    """Return values (n,) less the line through them: gas at rest still warms up, rubber still creeps."""
+    time = np.linspace(-1.0, 1.0, len(values))
+    slope = time @ values / (time @ time)
+    return values - values.mean() - slope * time
 
 
 def _mean_square(runs: Sequence[MeasuredRun], outputs: Sequence[Array], channel: int) -> float:

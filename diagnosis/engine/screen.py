@@ -52,15 +52,21 @@ class Screen:
     threshold: float
 
     @property
+    def scatter(self) -> Array:
+        """Standard deviations of the scores (m,) of effects that are absent, in those of whitened noise."""
+        imitated = np.array([c.effect.imitated / c.amplitude.scale for c in self.candidates])
+        return np.sqrt(self.inflation + (imitated * self.projection.norm) ** 2)
+
+    @property
     def z(self) -> Array:
         """Scores (m,): standard normal where the effect is absent; negative where the sign is not physical."""
-        return self.projection.z * self._signs / np.sqrt(self.inflation)
+        return self.projection.z * self._signs / self.scatter
 
     @property
     def strength(self) -> Array:
         """How well the data see a unit of amplitude (m,): λ per unit of the amplitude."""
         scales = np.array([c.amplitude.scale for c in self.candidates])
-        return self.projection.norm / scales / np.sqrt(self.inflation)
+        return self.projection.norm / scales / self.scatter
 
     @property
     def amplitude(self) -> Array:

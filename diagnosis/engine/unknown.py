@@ -10,8 +10,8 @@ import numpy as np
 from diagnosis.contracts import Array, MeasuredRun, Surface
 from diagnosis.engine.errors import chi_square
 from diagnosis.engine.fit import FittedModel, fit, predict
-from diagnosis.engine.linear import Linearisation, solve
-from diagnosis.engine.point import surface_coordinates
+from diagnosis.engine.linear import Belief, Linearisation, prior, solve
+from diagnosis.engine.point import Point, surface_coordinates
 from diagnosis.engine.replay import Quotients
 from diagnosis.engine.screen import Screen
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
@@ -20,6 +20,8 @@ from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, 
 CLEAR, LARGE = 2.0, 0.25
 #: A coefficient was seen where the data halve the standard deviation that was believed.
 SEEN = 0.5
+#: Precision of numbers that are held, in that of the data.
+HELD = 1e4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,12 +65,15 @@ def explain(
 ) -> tuple[FittedModel, Unknown]:
     """Fit a surface inside a model and say where it acts and what it resembles; never what it is.
 
-    The prior spread of its coefficients is the ridge.  It is kept where it predicts the select runs better; then the
-    model that is returned holds it, otherwise it is ``model``.
+    The prior spread of its coefficients is the ridge. The named causes keep their numbers: the surface is what they
+    leave, and must not eat them. It is kept where it predicts the select runs better; then the model that is returned
+    holds it, otherwise it is ``model``.
     """
     coordinates = surface_coordinates(test.surface)
-    start = [c.outside(u) for c, u in zip(coordinates, test.start, strict=True)]
-    fitted = fit(model.replay, model.noise, model.point.with_(coordinates, start), model.linearisation)
+    start = model.point.with_(
+        coordinates, [c.outside(u) for c, u in zip(coordinates, test.start, strict=True)]
+    )
+    fitted = fit(model.replay, model.noise, start, model.linearisation, belief=_held(model, start))
     gain = predict(fitted, select).lpd - predict(model, select).lpd if select else float("nan")
     kept = gain > 0.0
     places = [fitted.point.place(c) for c in coordinates]
@@ -89,6 +94,16 @@ def explain(
         figure=_map(test.surface, fitted.point.values()[places], deviations),
     )
     return (fitted if kept else model), unknown
+
+
+def _held(model: FittedModel, start: Point) -> Belief:
+    """Return the priors of a larger model that leave the effects of a fitted one where they are."""
+    belief = prior(start)
+    for i, coordinate in enumerate(model.point.coordinates):
+        if coordinate.owner:
+            belief.mean[i] = model.point.numbers[i]
+            belief.precision[i, i] = HELD * model.linearisation.gram[i, i] / model.noise.dispersion
+    return belief
 
 
 def resemblance(here: Linearisation, test: Omnibus, screen: Screen, most: int = 3) -> list[Nearest]:

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one HTML page that stands alone, made from the finding and nothing else."""
+"""The report of a diagnosis: one HTML page that stands alone, made from the finding and how it was come by."""
 
 from __future__ import annotations
 
@@ -40,14 +40,31 @@ class Curves(NamedTuple):
     errors: str
 
 
-def write_report(finding: Finding, path: Path | str) -> Path:
-    """Write the page of a finding; returns its path.  The bytes depend on the finding alone."""
+class Step(NamedTuple):
+    """One plan of an investigation, and what was concluded from all data up to it; ``minutes`` on the bench."""
+
+    plan: str
+    minutes: float
+    why: str
+    said: str
+
+
+class Course(NamedTuple):
+    """How an investigation came to its finding, and why it ended; ``budget`` in minutes of the bench."""
+
+    steps: Sequence[Step]
+    budget: float
+    ended: str
+
+
+def write_report(finding: Finding, path: Path | str, course: Course | None = None) -> Path:
+    """Write the page of a finding; returns its path.  The bytes depend on the finding and its course alone."""
     target = Path(path)
-    target.write_text(render(finding), encoding="utf-8")
+    target.write_text(render(finding, course), encoding="utf-8")
     return target
 
 
-def render(finding: Finding) -> str:
+def render(finding: Finding, course: Course | None = None) -> str:
     """The page of a finding."""
     from diagnosis.report import drawings
 
@@ -62,6 +79,7 @@ def render(finding: Finding) -> str:
         .get_template("report.html.j2")
         .render(
             finding=finding,
+            course=course,
             tone=TONES[finding.verdict],
             headline=HEADLINES[finding.verdict],
             overall=overall,
@@ -172,7 +190,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
         **{f"version of {name}": number for name, number in source.versions.items()},
         **{name.replace("_", " "): value for name, value in source.config.items() if name != "seed"},
     }
-    return [(name, _plain(value)) for name, value in facts.items() if value not in {"", None} or value == 0]
+    return [(name, _plain(value)) for name, value in facts.items() if value not in ("", None)]
 
 
 def _plain(value: Any) -> str:

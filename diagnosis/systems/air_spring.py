@@ -12,6 +12,7 @@ switched on, from when sensors drift. Only the bellows' pressures are required.
 
 from collections import OrderedDict
 from collections.abc import Mapping
+from dataclasses import replace
 from threading import Lock
 from typing import Any, Final
 
@@ -23,6 +24,7 @@ from bench_sim.model.layout import INPUTS, SIDES, Input, Sensor
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Motion, replay
 from bench_sim.parameters import Parameters
+from bench_sim.parameters.effects import find_effect
 from diagnosis.contracts import (
     Array,
     Channel,
@@ -33,7 +35,15 @@ from diagnosis.contracts import (
     Nuisance,
     Surface,
 )
-from diagnosis.systems.air_spring_parameters import CHAMBERS, SHEAR, deviate, hypotheses, locate, nuisances
+from diagnosis.systems.air_spring_parameters import (
+    CHAMBERS,
+    SEAT,
+    SHEAR,
+    deviate,
+    hypotheses,
+    locate,
+    nuisances,
+)
 from diagnosis.systems.air_spring_parity import parity
 from diagnosis.systems.air_spring_surfaces import TERMS
 
@@ -70,6 +80,8 @@ _VALVES: Final = {
     "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
     "dpv": Input.DPV_CONNECTED,
 }
+#: What only shifts a reading.
+_SHIFTS: Final = (".offset", SEAT)
 #: Offsets of sensors that tell the model where it is: they change more than the reading.
 _PHYSICAL: Final = (".bellows_pressure.offset", f"{SHEAR}.offset")
 #: As many experiments are kept ready, and as many readings of each: two let offsets be varied without a simulation.
@@ -94,10 +106,9 @@ def channels(parameters: Parameters) -> tuple[Channel, ...]:
 class AirSpring:
     """The bench with a parameter set and its catalogue of effects; steps of at most ``step`` s.
 
-    It may be called from several threads at once. ``only`` names the outputs that were measured (all).
+    Effects that the set has stay as they are: they are part of the base model, and no candidates. It may be called from
+    several threads at once. ``only`` names the outputs that were measured (all).
     """
-
-    name = "air springs on the bench"
 
     def __init__(
         self,
@@ -112,22 +123,31 @@ class AirSpring:
         self.channels: tuple[Channel, ...] = tuple(c for c in channels(parameters) if c.name in only)
         self._sensors = [OUTPUTS[channel.name] for channel in self.channels]
         self._effects = effects
-        self.catalogue: Mapping[str, Effect] = hypotheses(effects)
+        held = parameters.effects
+        self.name = "air springs on the bench" + (f" with {', '.join(held)}" if held else "")
+        self._bare = replace(parameters, effects={}).record
+        self._terms = {name: term.over(parameters.record) for name, term in TERMS.items()}
+        self.catalogue: Mapping[str, Effect] = hypotheses(effects, self._has_room)
         self.nuisances: tuple[Nuisance, ...] = nuisances(
             parameters, tuple(zip(self.channels, self._sensors, strict=True))
         )
-        self.surfaces: tuple[Surface, ...] = tuple(term.surface for term in TERMS.values())
+        self.surfaces: tuple[Surface, ...] = tuple(term.surface for term in self._terms.values())
         self._lock = Lock()
         self._ready: OrderedDict[int, _Ready] = OrderedDict()
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
         """Return the outputs (n, c): what noiseless sensors would have read."""
         ready = self._prepare(experiment)
-        offsets = np.array([parameters.get(f"{channel.name}.offset", 0.0) for channel in self.channels])
+        offsets = np.array(
+            [
+                sum(parameters.get(f"{channel.name}{what}", 0.0) for what in _SHIFTS)
+                for channel in self.channels
+            ]
+        )
         pure = {
             name: value
             for name, value in parameters.items()
-            if not name.endswith(".offset") or name.endswith(_PHYSICAL)
+            if not name.endswith(_SHIFTS) or name.endswith(_PHYSICAL)
         }
         key = repr((sorted(pure.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
         with self._lock:
@@ -141,15 +161,21 @@ class AirSpring:
         return known + offsets
 
     def record(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Any:
-        """Return the parameter record of a model: this set under the experiment's load, deviations and effects."""
-        record = np.array([self.parameters.record], PARAMETERS).view(np.recarray)[0]
+        """Return the parameter record of a model: this set under the experiment's load, deviations and effects.
+
+        Effects come last, those of the set before the others: they change what a spring is without them.
+        """
+        record = np.array([self._bare], PARAMETERS).view(np.recarray)[0]
         for name in ("nominal_preload", "orifice_diameter", "pipe_length"):
             if name in experiment.settings:
                 record[name][:] = experiment.settings[name]
         deviate(record, parameters)
+        for name, values in self.parameters.effects.items():
+            effect, place = find_effect(name)
+            effect.change(record, place, values)
         for name, values in effects.items():
-            if name in TERMS:
-                TERMS[name].write(record, values)
+            if name in self._terms:
+                self._terms[name].write(record, values)
                 continue
             effect, place = locate(name, self._effects)
             effect.change(record, place, values)
@@ -164,6 +190,22 @@ class AirSpring:
         return parity(
             experiment, dict(zip((c.name for c in self.channels), outputs.T, strict=True)), self.parameters
         )
+
+    def _has_room(self, name: str) -> bool:
+        """Whether the set lacks an effect, and leaves it the elements of rubber that it needs."""
+        if name in self.parameters.effects:
+            return False
+        effect, place = locate(name, self._effects)
+        typical = {shape.name: shape.nominal for shape in effect.shapes}
+        try:
+            effect.change(
+                self.parameters.record.copy(),
+                place,
+                typical | {effect.amplitude.name: effect.amplitude.typical},
+            )
+        except ValueError:
+            return False
+        return True
 
     def _simulate(
         self, experiment: Experiment, ready: "_Ready", parameters: Mapping[str, float], effects: Effects

@@ -1,6 +1,6 @@
 """What may differ between an air spring bench and its parameter set, and what may be missing from the model of it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import log, sqrt
 from types import MappingProxyType
 from typing import Any, Final
@@ -31,6 +31,12 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 INITIAL_PRESSURE: Final = 50.0
 INITIAL_TEMPERATURE: Final = 0.2
 
+#: A replay keeps step with a bench to a fiftieth of a millisecond: benches without any effect seem to lag by as much.
+TIMING: Final = 2e-5
+#: The wire rounds the platform's transducers to 10 µm. Where it rests, the rounding error rests with it, for a run:
+#: actuators seem to stand higher or lower by it.
+SEAT: Final = ".seat"
+ROUNDING: Final = 3e-6
 #: The transducer whose offset stands for that of the shear: the stiffer the springs, the more force it makes.
 SHEAR: Final = "lateral.displacement"
 #: Where a temperature is one chamber's own.
@@ -71,6 +77,20 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
             step=_STEP * _shear_accuracy(parameters),
             display="mm",
             scale=1e-3,
+        ),
+        *(
+            Nuisance(
+                f"{channel.name}{SEAT}",
+                channel.unit,
+                0.0,
+                ROUNDING,
+                step=_STEP * ROUNDING,
+                display=channel.display,
+                scale=channel.scale,
+                per_run=True,
+            )
+            for channel, _ in channels
+            if channel.kind == "displacement"
         ),
         *(
             Nuisance(
@@ -139,14 +159,23 @@ def deviate(record: Any, values: Mapping[str, float]) -> None:
             record[name][:] = values[name]
 
 
-def hypotheses(effects: Mapping[str, bench.Effect]) -> dict[str, Effect]:
-    """Return the bench's effects as causes that can be named: one for every place, like ``leak.left``."""
-    return {
-        name: _hypothesis(name, effect, place, effects)
+def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bool]) -> dict[str, Effect]:
+    """Return the ``possible`` effects of the bench as causes to be named: one for every place, like ``leak.left``."""
+    causes = {
+        name: (effect, place)
         for effect in effects.values()
         if effect.diagnosable
         for place in effect.places or ("",)
         for name in (_label(effect.name, place),)
+        if possible(name)
+    }
+
+    def there(names: tuple[str, ...], place: str) -> tuple[str, ...]:
+        return tuple(name for name in _there(names, place, effects) if name in causes)
+
+    return {
+        name: _hypothesis(name, effect, place, there(effect.confusers, place), there(effect.richer, place))
+        for name, (effect, place) in causes.items()
     }
 
 
@@ -160,7 +189,9 @@ def _label(name: str, place: str) -> str:
     return f"{name}.{place}" if place else name
 
 
-def _hypothesis(name: str, effect: bench.Effect, place: str, effects: Mapping[str, bench.Effect]) -> Effect:
+def _hypothesis(
+    name: str, effect: bench.Effect, place: str, confusers: tuple[str, ...], richer: tuple[str, ...]
+) -> Effect:
     amplitude = effect.amplitude
     return Effect(
         name,
@@ -180,10 +211,11 @@ def _hypothesis(name: str, effect: bench.Effect, place: str, effects: Mapping[st
         tuple(_shape(shape) for shape in effect.shapes),
         effect.grid,
         effect.touches,
-        _there(effect.confusers, place, effects),
-        _there(effect.richer, place, effects),
+        confusers,
+        richer,
         effect.equation,
         effect.source,
+        imitated=TIMING if amplitude.unit == "s" and effect.touches <= {"sensor", "timing"} else 0.0,
     )
 
 

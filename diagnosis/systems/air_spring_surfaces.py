@@ -1,7 +1,7 @@
 """The terms without a name that the model of the bench can carry: where each lies, and how large it may be."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from types import MappingProxyType
 from typing import Any, Final
@@ -67,12 +67,27 @@ class Term:
             ),
         )
 
+    def over(self, record: Any) -> "Term":
+        """Return the term over the spans of the surface that a parameter record has already, if it has one."""
+        if not record[self.name].any():
+            return self
+        first, second = (
+            replace(span, low=float(low), high=float(high))
+            for span in (self.first, self.second)
+            for low, high in (record[span.field],)
+        )
+        return replace(self, first=first, second=second)
+
+    def changes(self, record: Any, coefficients: Mapping[str, float]) -> dict[str, Array]:
+        """Return parameters that add the surface to a parameter record; what ``coefficients`` do not name is 0."""
+        more = np.array([coefficients.get(one.name, 0.0) for one in self.surface.coefficients])
+        spans = {span.field: np.array([span.low, span.high]) for span in (self.first, self.second)}
+        return {self.name: record[self.name] + more.reshape(SURFACE), **spans}
+
     def write(self, record: Any, coefficients: Mapping[str, float]) -> None:
-        """Put the surface into a parameter record; what is missing among the ``coefficients`` is 0."""
-        for span in (self.first, self.second):
-            record[span.field][:] = span.low, span.high
-        for i, j in product(*(range(count) for count in SURFACE)):
-            record[self.name][i, j] = coefficients.get(f"c_{i}_{j}", 0.0)
+        """Add the surface to a parameter record."""
+        for name, value in self.changes(record, coefficients).items():
+            record[name][:] = value
 
 
 _TERMS: Final = (

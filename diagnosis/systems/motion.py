@@ -29,6 +29,8 @@ _FIRST, _SMALLEST, _LARGEST = 0.25, 1e-6, 20.0
 #: Coefficients of the third difference.
 _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
 _LEAST: Final = 8
+#: So many samples are averaged to see whether there is more than noise; what is faster than 20 or 2 Hz averages out.
+_BLOCKS: Final = (5, 50)
 
 #: The sensors that say where bolster and platform are.
 SENSORS: Final[Mapping[str, Sensor]] = {
@@ -88,22 +90,20 @@ def sensor_noise(name: str, par: Any) -> float:
 def smooth(values: Array, noise: float) -> Array:
     """Return ``values`` (n,) without their ``noise`` (its standard deviation); NaN are bridged.
 
-    What never leaves its mean by more than noise explains stands still. Raises DiagnosisError where fewer than eight
-    samples were measured.
+    What only trembles stands still. Raises DiagnosisError where fewer than eight samples were measured.
     """
     from scipy.ndimage import uniform_filter1d
 
     known = np.isfinite(values)
     if known.sum() < _LEAST:
         raise DiagnosisError(f"{known.sum()} samples of a motion were measured; at least {_LEAST} are needed")
+    if _trembles(values[known], noise):
+        return np.full(len(values), np.mean(values[known]))
     ratio = np.full(len(values) - 3, _FIRST)
     for _ in range(_ROUNDS):
         square = (np.diff(_whittaker(values, known, ratio), 3) / noise) ** 2
         ratio = np.clip(uniform_filter1d(square, 2 * _REACH + 1, mode="nearest"), _SMALLEST, _LARGEST)
-    motion = _whittaker(values, known, ratio)
-    if np.ptp(motion) < noise:
-        return np.full(len(values), np.mean(values[known]))
-    return motion
+    return _whittaker(values, known, ratio)
 
 
 def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
@@ -124,6 +124,22 @@ def without_lag(values: Array, lag: float, step: float) -> Array:
 
     time = step * np.arange(len(values))
     return values + lag * CubicSpline(time, values)(time, 1)
+
+
+def _trembles(seen: Array, noise: float) -> bool:
+    """Return whether samples (n,) in a row scatter like noise and nothing else: their means as √m less than they do.
+
+    Rounding that is coarser than the noise scatters up to twice as much as both together should.
+    """
+    power = float(np.var(seen))
+    if power > (2.0 * noise) ** 2:
+        return False
+    for size in _BLOCKS:
+        count = len(seen) // size
+        means = seen[: count * size].reshape(count, size).mean(axis=1)
+        if count > 1 and size * float(np.var(means)) > (1.0 + 5.0 / np.sqrt(count)) * power:
+            return False
+    return True
 
 
 def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:

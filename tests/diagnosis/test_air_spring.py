@@ -8,6 +8,7 @@ import pytest
 from bench_protocol.units import Hz, mm, mrad
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
+from bench_sim.parameters.effects import with_effects
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.engine.fit import counted, fit
 from diagnosis.engine.noise import white
@@ -173,6 +174,37 @@ def test_an_absent_surface_changes_nothing_and_a_flat_one_is_a_constant(made, na
     ]
     # Ten newtons on each of two springs, less what the emergency spring gives to the gas.
     assert moved[:, cells].sum(axis=1) == pytest.approx(20.0, rel=0.35)
+
+
+def test_effects_of_the_set_are_part_of_the_base_and_no_candidates(made):
+    """Whether an effect or a surface comes with the set or with the call is all one, also where a spring differs."""
+    held = {
+        "leak.left": {"area": 2e-7},
+        "bellows_volume": {"change": 0.2},
+        "maxwell": {"ratio": 0.1, "time": 0.3},
+    }
+    more = {"heat": {"change": 0.3}, "force_surface": {"c_3_1": 40.0}}
+    surface = {f"c_{i}_2": 25.0 for i in range(8)}
+    springs = {"left.bellows_volume": 0.031, "right.effective_area": 0.262, "load_cell.1.offset": 3.0}
+    term = TERMS["force_surface"].changes(load("astb").record, surface)
+    base = AirSpring(with_effects(load("astb").with_values(**term), held), effects=CATALOGUE)
+    both = {**held, **more, "force_surface": {**surface, "c_3_1": 40.0}}
+    assert base.name == "air springs on the bench with leak.left, bellows_volume, maxwell"
+    assert set(made.simulator.catalogue) - set(base.catalogue) == set(held)
+    assert all(not set(held) & {*one.confusers, *one.richer} for one in base.catalogue.values())
+    for name, values in ({}, {}), ({"orifice_diameter": 0.02}, springs):
+        experiment = short(**name)
+        np.testing.assert_array_equal(
+            base.run(experiment, values, more), made.simulator.run(experiment, values, both)
+        )
+    assert np.abs(base.run(made.experiment, {}, {}) - made.base).max() > 100.0
+
+
+def test_an_effect_for_which_the_set_leaves_no_room_is_no_candidate(made):
+    """There are eight further branches: six make fractional rubber, one is another effect, two would be needed."""
+    full = with_effects(load("astb"), {"fractional": {"ratio": 0.3}, "maxwell": {"ratio": 0.1}})
+    left = AirSpring(full, effects=CATALOGUE).catalogue
+    assert set(made.simulator.catalogue) - set(left) == {"fractional", "maxwell", "maxwell_two"}
 
 
 def test_every_cause_refers_to_causes_that_there_are(made):

@@ -61,6 +61,17 @@ def test_mishaps_are_as_frequent_as_asked_for(faults, low, high):
     assert low <= outward.size / 5000 <= high
 
 
+def test_each_direction_can_have_faults_of_its_own():
+    block, sent, heard = counted(500), [], []
+    inner = InMemoryCan(sent.append)
+    link = FaultyCan(inner, Faults(lose=0.5), 3, outward=Faults())
+    link.subscribe(heard.append)
+    inner.deliver(block)
+    link.send(block)
+    assert 200 < join(heard).size < 300
+    assert np.array_equal(join(sent), block)
+
+
 def test_delayed_frames_come_late_but_not_later_than_said():
     block = counted(2000)
     inward, _, _ = through(Faults(delay=0.1, delay_frames=20), 5, block)

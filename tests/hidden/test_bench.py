@@ -1,13 +1,17 @@
 """What another process hides in the bench, and measures through its wires, is found or is called by no wrong name."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from bench_protocol.table import FAST_RATE
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
+from benchmarks.diagnosis.sealed import measure
 from benchmarks.diagnosis.truth import draw
 
 ROOT = Path(__file__).parents[2]
@@ -54,6 +58,21 @@ def test_an_honest_answer(judged, kind, condition, seed):
     assert hidden.keys() <= set(FEW)
     found = judged("bench", kind, condition, seed, stretches=2, effects=FEW)
     assert not found.amiss
+
+
+def test_lost_frames_do_not_keep_a_bench_from_being_screened(tmp_path):
+    """Every tenth reading is missing, now and then enough in a row to leave a gap; commands arrive."""
+    truth = draw(14, "single", "frames lost")
+    measure(truth, tmp_path, stretches=1)
+    record = read(tmp_path)
+    assert all(
+        check["verdict"] == "pass" for check in json.loads((tmp_path / "result.json").read_text())["checks"]
+    )
+    times, _ = record.series("lateral.displacement")
+    phase = next(one for one in record.phases if one.name.startswith("replay "))
+    inside = times[(times >= phase.start) & (times <= phase.end)]
+    assert np.diff(inside).max() > 5.5 / FAST_RATE
+    assert 0.88 < len(inside) / (phase.duration * FAST_RATE) < 0.92
 
 
 def test_a_sealed_record_says_nothing_of_what_is_hidden(tmp_path):

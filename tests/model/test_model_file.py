@@ -45,13 +45,45 @@ def test_a_model_is_read_as_it_was_written(tmp_path):
         'based_on = "astb"',
         'bellows_volume = ["30.1 litre", "29.8 litre"]',
         '[effect."leak.left"]\narea = "0.2 mm2"',
-        '[surface.force]\ncoefficients = [["-50.0 N"',
+        '[change.sensor_bias]\nleft_height = "0.02 mm"\nload_cell_3 = "-12.5 N"',
+        '[surface.force]\ncoefficients = [\n    ["-50.0 N", ',
         'displacement = ["-20.0 mm", "20.0 mm"]',
     ):
         assert line in text
     again = tmp_path / "again.toml"
     write_model(again, load_model(path))
     assert again.read_bytes() == path.read_bytes()
+
+
+def test_numbers_are_rounded_for_people_and_notes_stand_above_them(tmp_path):
+    path = tmp_path / "extended.toml"
+    changes = {
+        "effective_area": [0.2612345678901234, 0.25999999],
+        "sensor_bias": {"left_height": 1.23456789e-5},
+        "flow_surface": np.outer(np.linspace(1e-9, 1.23456789e-3, 8), np.ones(4)),
+    }
+    notes = {
+        "change": {"effective_area": "as\nfitted"},
+        "sensor_bias": {"left_height": "its offset"},
+        "leak.left": {"area": "95 %: 0.1 to 0.3 mm2"},
+        "flow_surface": {"coefficients": "flow without a name"},
+    }
+    effects = {"leak.left": {"area": 2.00000123e-7}}
+    write_model(path, Model("astb", changes, effects), notes, digits=6)
+    text = path.read_text(encoding="utf-8")
+    for line in (
+        '# as fitted\neffective_area = ["0.261235 m2", "0.26 m2"]',
+        '# its offset\nleft_height = "0.0123457 mm"',
+        '# 95 %: 0.1 to 0.3 mm2\narea = "0.2 mm2"',
+        "# flow without a name\ncoefficients = [\n",
+        '    ["1.23457 g/s", "1.23457 g/s", "1.23457 g/s", "1.23457 g/s"],\n]',
+    ):
+        assert line in text
+    model = load_model(path)
+    assert model.effects["leak.left"]["area"] == pytest.approx(2e-7, rel=1e-12)
+    for name, value in Model("astb", changes).changes.items():
+        if name != "sensor_bias":
+            np.testing.assert_allclose(model.changes[name], value, rtol=5e-6)
 
 
 def test_a_model_is_loaded_like_a_parameter_set(tmp_path):

@@ -1,18 +1,33 @@
 """`astb diagnose` and `astb investigate` as a user meets them: what they refuse, and in which words."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
 from astb.cli import BLOCKED, MISUSE, PASS
 from astb.diagnose import chosen_effects, with_roles
 from astb.extend import write_extended
+from astb.rig_file import Simulation
+from astb.run import connected
+from astb.session import build_rig, virtual_session
+from bench_protocol.units import Hz, mm
+from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import load
+from bench_sim.parameters.model_file import Model, write_model
 from diagnosis.contracts import Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
-from diagnosis.finding import Finding, Models, Provenance, Verdict
+from diagnosis.finding import Cause, Estimate, Finding, Models, Provenance, Shift, Verdict
+from diagnosis.systems.air_spring import AirSpring
+from test_plans.loads import AW0
+from test_plans.motions import Part, Programme, Stand, Stretch, Wave
+from test_plans.perform import programme_plan
+from test_plans.run import execute
 
 ROOT = Path(__file__).parents[2]
 SIMULATED = 'name = "test"\ntime = "virtual"\n[simulation]\nseed = 1\n'
@@ -94,53 +109,162 @@ def test_a_record_without_anything_to_replay_is_refused_with_the_plan_that_makes
     assert "replay" in words  # data first
 
 
-def test_a_fitted_model_is_written_as_a_file_that_loads_to_the_same_numbers(tmp_path):
-    found = Finding(
+AFTER = {
+    "left.effective_area": 0.2612345678901234,
+    "right.discharge_coefficient": 0.6312345678,
+    "membrane_length": 0.3612345678,
+    "load_cell.3.offset": 12.34567891,
+    "right.bellows_pressure.offset": 300.1234567,
+}
+EFFECTS = {
+    "leak.left": {"area": 0.2123456789e-6},
+    "maxwell": {"ratio": 0.1123456789, "time": 0.5123456789},
+    "force_surface": {f"c_{i}_{j}": 12.3456789 * (i - 3.3) * (j + 0.2) for i in range(8) for j in range(4)},
+    "flow_surface": {f"c_{i}_{j}": 1.23456789e-4 * (i + j) for i in range(8) for j in range(4)},
+}
+
+
+def found(after, effects, **facts):
+    return Finding(
         verdict=Verdict.UNRESOLVED,
         sentence='said "so"',
         causes=[],
         threshold=4.0,
         alpha=0.01,
         provenance=Provenance(simulator="", seed=3, fit=[], select=[], report=[], digest="abc"),
-        models=Models(
-            before={},
-            after={
-                "left.effective_area": 0.2612345678901234,
-                "right.discharge_coefficient": 0.63,
-                "membrane_length": 0.36,
-                "load_cell.3.offset": 12.0,
-                "right.bellows_pressure.offset": 300.0,
-            },
-            effects={"leak.left": {"area": 0.2e-6}, "maxwell": {"ratio": 0.1, "time": 0.5}},
-        ),
+        models=Models(before={}, after=after, effects=effects),
+        **facts,
     )
+
+
+def shaken(**settings):
+    """Both springs shaken by 10 mm at 1 Hz for three seconds."""
+    time = 5e-3 * np.arange(600)
+    height = 10e-3 * np.sin(2 * np.pi * time) * np.clip(time, 0.0, 1.0)
+    begin = {"left.bellows_pressure": 2.06e5, "right.bellows_pressure": 2.06e5, **settings}
+    return Experiment(
+        "shaken", time, {"left.height": height, "right.height": -height, "shear": height}, begin
+    )
+
+
+def test_a_fitted_model_is_written_as_a_file_that_predicts_the_same(tmp_path):
+    """What rounding for people takes away is far below what the sensors can see."""
     path = tmp_path / "extended.toml"
-    write_extended(path, found, "astb")
+    write_extended(path, found(AFTER, EFFECTS), "astb")
     model = load(path)
-    assert model.effects == {name: dict(values) for name, values in found.models.effects.items()}
-    assert model.entries["effective_area"].value.tolist() == [0.2612345678901234, 0.26]
-    assert model.entries["discharge_coefficient"].value.tolist() == [0.62, 0.63]
-    assert model.entries["membrane_length"].value.tolist() == [0.36, 0.36]
+    assert set(model.effects) == {"leak.left", "maxwell"}
+    np.testing.assert_allclose(model.entries["effective_area"].value, [0.261235, 0.26], rtol=1e-12)
+    np.testing.assert_allclose(model.entries["discharge_coefficient"].value, [0.62, 0.631235], rtol=1e-12)
     bias = model.entries["sensor_bias"].value
-    assert {Sensor(k).name: bias[k] for k in np.flatnonzero(bias)} == {
-        "LOAD_CELL_3": 12.0,
-        "RIGHT_BELLOWS_PRESSURE": 300.0,
-    }
-    # A model that is itself an extension is found from where the next one lies.
+    assert {Sensor(k).name for k in np.flatnonzero(bias)} == {"LOAD_CELL_3", "RIGHT_BELLOWS_PRESSURE"}
+    simulator = AirSpring(load("astb"), effects=CATALOGUE)
+    noise = [channel.noise for channel in simulator.channels]
+    fitted = simulator.run(shaken(), AFTER, EFFECTS)
+    written = AirSpring(model, effects=CATALOGUE).run(shaken(), {}, {})
+    assert (np.abs(written - fitted) / noise).max() < 0.02
+    # Each surface does something that is seen.
+    for name in ("force_surface", "flow_surface"):
+        without = simulator.run(shaken(), AFTER, {k: v for k, v in EFFECTS.items() if k != name})
+        assert (np.abs(written - without) / noise).max() > 2.0
+
+
+def test_an_extended_model_can_be_extended_from_where_the_next_one_lies(tmp_path):
+    path = tmp_path / "extended.toml"
+    write_extended(path, found(AFTER, EFFECTS), "astb")
     (tmp_path / "next").mkdir()
     again = tmp_path / "next" / "extended.toml"
-    more = Finding(
-        verdict=Verdict.UNRESOLVED,
-        sentence="",
-        causes=[],
-        threshold=4.0,
-        alpha=0.01,
-        provenance=found.provenance,
-        models=Models(before={}, after={"load_cell.3.offset": 1.0}),
+    more = {"heat": {"change": 0.1}, "force_surface": {"c_0_0": 100.0}}
+    write_extended(again, found({"load_cell.3.offset": 1.0}, more), str(path))
+    before, after = load(path), load(again)
+    third = Sensor.LOAD_CELL_3
+    assert after.record.sensor_bias[third] == pytest.approx(before.record.sensor_bias[third] + 1.0, rel=1e-5)
+    assert set(after.effects) == {*before.effects, "heat"}
+    added = after.record.force_surface - before.record.force_surface
+    assert added[0, 0] == pytest.approx(100.0, rel=1e-4)
+    assert np.abs(added).sum() == pytest.approx(100.0, rel=1e-4)
+
+
+def test_the_written_model_says_how_sure_its_numbers_are(tmp_path):
+    path = tmp_path / "extended.toml"
+    shift = Shift(
+        name="left.effective_area",
+        unit="m2",
+        before=0.26,
+        after=0.2612,
+        sd_before=1e-3,
+        sd_after=1e-3,
+        sigmas=1.2,
     )
-    write_extended(again, more, str(path))
-    assert load(again).entries["sensor_bias"].value[Sensor.LOAD_CELL_3] == 13.0
-    assert load(again).effects == model.effects
+    area = Estimate(name="area", unit="mm2", value=0.212, sd=0.01, low=0.1924, high=0.2316)
+    leak = Cause(
+        effect="leak.left",
+        title="",
+        family="gas",
+        parameters=[area],
+        strength=None,
+        score=None,
+        bic_gain=None,
+        lpd_gain=None,
+    )
+    told = found(AFTER, EFFECTS, shifts=[shift])
+    write_extended(path, msgspec.structs.replace(told, causes=[leak]), "astb")
+    text = path.read_text()
+    assert '# left 95 %: 0.2592 to 0.2632 m2\neffective_area = ["0.261235 m2", "0.26 m2"]' in text
+    assert '# 95 %: 0.1924 to 0.2316 mm2\narea = "0.212346 mm2"' in text
+    assert 'data = "abc"' in text
+
+
+@pytest.fixture(scope="module")
+def leaking(tmp_path_factory):
+    """A directory with the record of a leaking rig, two stretches of half a minute, and a model that has that leak."""
+    directory = tmp_path_factory.mktemp("leaking")
+    stretches = tuple(
+        Stretch(
+            (
+                Wave("vertical", size, 0.5 * Hz, 3, "triangle"),
+                Wave("vertical", size, 1.25 * Hz, 7),
+                Stand(height=6 * mm, rest=8.0),
+                Stand(),
+            )
+        )
+        for size in (5 * mm, 3 * mm)
+    )
+    programme = Programme("short", "Short.", (Part(AW0, stretches),), "To be replayed.")
+    simulation = Simulation(seed=3, effects={"leak.left": "0.3 mm2"})
+    with virtual_session(build_rig(simulation), simulation) as session, connected(session):
+        result = execute(programme_plan(programme), session.bench, directory / "record", seed=3)
+    assert result.verdict == "pass", result.reason
+    write_model(directory / "leaky.toml", Model("astb", effects={"leak.left": {"area": 0.3e-6}}))
+    return directory
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_what_the_model_has_already_is_not_found_again(astb_here, leaking):
+    def diagnose(out, *options):
+        code, said, err = astb_here(leaking, "diagnose", "record", "--out", out, *options)
+        assert code == PASS, err
+        return Finding.from_json((leaking / out / "finding.json").read_bytes()), said
+
+    before, _ = diagnose("before", "--effects", "leak.left,heat")
+    assert (before.verdict, list(before.names)) == (Verdict.NAMED, ["leak.left"])
+    after, said = diagnose("after", "--effects", "leak,heat", "--model", "leaky.toml")
+    assert after.verdict is Verdict.NO_EFFECT
+    assert {score.effect for score in after.scores} == {"leak.right", "heat"}
+    assert after.provenance.simulator == "air springs on the bench with leak.left"
+    assert after.provenance.simulator in said
+    assert after.provenance.simulator in (leaking / "after" / "report.html").read_text()
+    # The model that the first diagnosis has written is as good a base.
+    again, _ = diagnose("again", "--effects", "leak,heat", "--model", "before/extended.toml")
+    assert again.verdict is Verdict.NO_EFFECT
+
+
+def test_an_effect_that_the_model_has_cannot_be_asked_for(astb_here, leaking):
+    code, _, err = astb_here(
+        leaking, "diagnose", "record", "--out", "out", "--effects", "leak.left", "--model", "leaky.toml"
+    )
+    assert code == MISUSE
+    assert "--effects: leak.left is in the model already" in err
 
 
 def dataset(*names):
@@ -151,22 +275,116 @@ def dataset(*names):
     return Dataset((Channel("x", "m"),), runs)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_runs_made_to_decide_are_fitted_and_the_screening_is_split(seed):
-    names = [f"screening {k} AW0" for k in range(1, 7)]
-    alone = with_roles(dataset(*names), seed)
-    both = with_roles(dataset(*names[:3], "two_speed_loops 1 AW0", *names[3:], "bump_stop 1 AW0"), seed)
+#: What has happened to the process by the time a command has done its work, or refused to.
+_THREADS = """
+import atexit, os, pathlib, sys
+def tell():
+    import numpy, scipy.linalg
+    numpy.ones((500, 500)) @ numpy.ones((500, 500))
+    print(len(os.listdir("/proc/self/task")))
+atexit.register(tell)
+sys.argv = ["astb", *sys.argv[1:]]
+"""
+_ENTRIES = {
+    "astb": "from astb.cli import main; main()",
+    "python -m astb": "import runpy; runpy.run_module('astb', run_name='__main__')",
+    "python -m benchmarks.diagnosis": "import runpy; runpy.run_module('benchmarks.diagnosis', run_name='__main__')",
+}
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted in Linux' /proc")
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="on one core nobody makes threads")
+@pytest.mark.parametrize(
+    ("entry", "arguments"),
+    [
+        ("astb", ["diagnose", "nowhere", "--out", "out"]),
+        ("python -m astb", ["diagnose", "nowhere", "--out", "out"]),
+        ("astb", ["investigate", "--rig", "rig.toml", "--out", "out", "--budget", "1min"]),
+        ("python -m benchmarks.diagnosis", ["--help"]),
+    ],
+)
+def test_where_diagnoses_are_made_the_algebra_keeps_to_one_core(tmp_path, entry, arguments):
+    (tmp_path / "rig.toml").write_text(SIMULATED)
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+
+    def threads(code, **given):
+        done = subprocess.run(
+            [sys.executable, "-c", _THREADS + code, *arguments],
+            check=False,
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env={**environment, "PYTHONPATH": str(ROOT), **given},
+            timeout=100,
+        )
+        return int(done.stdout.split()[-1]), done.stderr
+
+    alone, said = threads(_ENTRIES[entry])
+    assert alone == 1, said
+    assert threads("", OPENBLAS_NUM_THREADS="2")[0] > 1  # this is how threads of the algebra show
+
+
+def screening(*loads, record=""):
+    return [f"screening {k} {load}{record}" for k, load in enumerate(loads, 1)]
+
+
+@pytest.mark.parametrize(
+    "loads",
+    [
+        ["AW0"] * 3 + ["AW3"] * 3,
+        ["AW0"] * 2 + ["AW3"] * 2,
+        ["AW0"] * 3 + ["AW3"] * 2,
+        ["AW0"] * 3 + ["AW3"],
+        ["AW0", "AW2", "AW2", "AW3"],
+        ["AW0"] * 3 + ["AW2"] * 3 + ["AW3"] * 3,
+        ["AW0"] * 6,
+        ["AW0"] * 2,
+        ["AW0", "AW0", "AW3"],
+    ],
+    ids=" ".join,
+)
+def test_a_screening_is_fitted_under_every_load_and_keeps_two_runs_back(loads):
+    runs = with_roles(dataset(*screening(*loads))).runs
+    assert [run.experiment.name for run in runs] == screening(*loads)
+    assert {run.experiment.name.split()[2] for run in runs if run.role == "fit"} == set(loads)
+    kept = [run.role for run in runs if run.role != "fit"]
+    spare = len(loads) - len(set(loads))
+    assert sorted(kept) == ["report", "select"][: min(spare, 2)]
+
+
+def test_what_is_kept_back_is_another_stretch_under_another_load():
+    names = screening(*["AW0"] * 3, *["AW3"] * 3)
+    roles = {run.experiment.name: run.role for run in with_roles(dataset(*names)).runs}
+    kept = {role: name for name, role in roles.items() if role != "fit"}
+    assert kept == {"select": "screening 3 AW0", "report": "screening 5 AW3"}
+
+
+def test_of_one_stretch_under_each_load_one_tells_the_gain():
+    roles = [run.role for run in with_roles(dataset(*screening("AW0", "AW3"))).runs]
+    assert roles == ["fit", "report"]
+
+
+def test_each_screening_keeps_two_runs_back():
+    loads = ["AW0"] * 3 + ["AW3"] * 3
+    names = [*screening(*loads, record=" (runs/a)"), *screening(*loads, record=" (runs/b)")]
+    roles = {run.experiment.name: run.role for run in with_roles(dataset(*names)).runs}
+    assert {name for name, role in roles.items() if role == "select"} == {
+        "screening 3 AW0 (runs/a)",
+        "screening 3 AW0 (runs/b)",
+    }
+    assert {name for name, role in roles.items() if role == "report"} == {
+        "screening 5 AW3 (runs/a)",
+        "screening 5 AW3 (runs/b)",
+    }
+
+
+def test_runs_made_to_decide_are_fitted_and_move_no_other():
+    names = screening(*["AW0"] * 3, *["AW3"] * 3)
+    alone = with_roles(dataset(*names))
+    both = with_roles(dataset(*names[:3], "two_speed_loops 1 AW0", *names[3:], "bump_stop 1 AW0"))
     told = {run.experiment.name: run.role for run in both.runs}
     assert told["two_speed_loops 1 AW0"] == told["bump_stop 1 AW0"] == "fit"
-    # A decision does not move the runs on which models are chosen and the gain is told.
     assert {run.experiment.name: run.role for run in alone.runs} == {name: told[name] for name in names}
-    assert {"fit", "select", "report"} == {told[name] for name in names}
-    assert [run.experiment.name for run in both.runs] == [
-        *names[:3],
-        "two_speed_loops 1 AW0",
-        *names[3:],
-        "bump_stop 1 AW0",
-    ]
 
 
 def test_causes_are_chosen_by_name_with_or_without_their_place():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from astb.investigate import LOG, WORTH, choose, investigate
+from astb.investigate import LOG, WORTH, choose, course, investigate
 from astb.menu import experiments, offers
 from astb.rig_file import RigFile, Simulation
 from astb.run import Screen
@@ -15,7 +15,9 @@ from astb.session import build_rig, virtual_session
 from bench_protocol.units import bar, minutes, mm, s
 from bench_records.layout import RecordError
 from bench_records.record import read
+from diagnosis.contracts import DiagnosisError
 from diagnosis.finding import Cause, Finding, Models, NextRun, Provenance, Rival, Verdict
+from diagnosis.report.page import write_report
 from test_plans.loads import AW0
 from test_plans.motions import Part, Programme, Stand, Stretch, Wave
 from test_plans.perform import lasts
@@ -105,7 +107,7 @@ def test_what_decides_most_per_minute_is_run_unless_it_was_or_costs_too_much():
 def test_a_run_that_would_not_decide_is_not_run():
     offer, why = choose(ambiguous(("quick 1 AW0", WORTH - 0.1)), SMALL_MENU, 20.0, set())
     assert offer is None
-    assert "no run on the menu would decide between leak.left and heat.left" in why
+    assert "no run that is left on the menu would decide between leak.left and heat.left" in why
     assert "promises a BIC gap of 9.9" in why
     assert choose(ambiguous(("quick 1 AW0", WORTH)), SMALL_MENU, 20.0, set())[0].plan == "quick"
 
@@ -178,6 +180,47 @@ def test_a_rig_that_breaks_ends_the_investigation_with_its_reason(tmp_path):
     assert [step.outcome for step in log.steps] == ["blocked"]
     assert json.loads((tmp_path / LOG).read_text())["ended"] == log.ended
     assert pressure < 0.5 * bar
+
+
+def test_a_check_that_failed_is_no_reason_not_to_diagnose(tmp_path):
+    """An actuator that gives way moves the springs less than was asked for: that may be what is looked for."""
+    log, seen, _ = loop(tmp_path, [NAMED], frame_stiffness="1 MN/m")
+    assert [step.outcome for step in log.steps] == ["fail"]
+    assert seen == [["01-look"]]
+    assert log.ended == "verdict: the finding is named"
+
+
+def test_whatever_ends_it_the_log_says_what(tmp_path):
+    def diagnose(records):
+        raise DiagnosisError("no such channel")
+
+    with (
+        virtual() as (session, rig),
+        Screen(Console(quiet=True)) as screen,
+        pytest.raises(DiagnosisError),
+    ):
+        investigate(
+            session, rig, tmp_path, first=LOOK, menu=SMALL_MENU, budget=20.0, diagnose=diagnose, screen=screen
+        )
+    told = json.loads((tmp_path / LOG).read_text())
+    assert told["ended"] == "DiagnosisError no such channel"
+    assert [(step["plan"], step["outcome"], step["verdict"]) for step in told["steps"]] == [
+        ("look", "pass", "")
+    ]
+
+
+def test_the_report_tells_how_it_was_found_out(tmp_path):
+    log, _, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0)), NAMED])
+    page = write_report(NAMED, tmp_path / "report.html", course(log)).read_text()
+    for words in (
+        "How it was found out",
+        "To see what the model gets wrong",
+        "To decide between leak.left and heat.left: a BIC gap of 50 is expected",
+        "The finding is ambiguous",
+        "of 20.0 minutes of the bench. It ended here: verdict: the finding is named",
+    ):
+        assert words in page, words
+    assert "How it was found out" not in write_report(NAMED, tmp_path / "alone.html").read_text()
 
 
 def test_the_menu_is_told_run_by_run_with_what_each_costs():
