@@ -13,16 +13,16 @@ from diagnosis.engine.config import Config
 from diagnosis.engine.errors import at_most_one, chi_square
 from diagnosis.engine.fit import FittedModel, fit, predict
 from diagnosis.engine.linear import inverse
-from diagnosis.engine.naming import Naming
+from diagnosis.engine.naming import Accepted, Naming
 from diagnosis.engine.point import surface_coordinates
 from diagnosis.engine.screen import Screen, Sight, overdispersion
 from diagnosis.engine.unknown import Omnibus, explain, score_test
 from diagnosis.finding import Unknown, Verdict
 
 REMAINDER: Final = 0.01  #: part of the explained χ² from which on a significant rest belongs to the verdict
-#: Part of it from which on the named causes may be no more than likenesses of something else: a stop that was called a
-#: cubic spring left 10 %, measured friction under its right name 1 to 5 %.
-DOUBT: Final = 0.07
+#: Part of what a cause gains that it must still gain beside such a surface. A stop that was called a cubic spring kept
+#: a hundredth, measured friction under its right name three to seven.
+NEEDED: Final = 0.02
 LIKENESS: Final = (
     0.9  #: part of an effect's footprint that a surface must be able to imitate to make it doubtful
 )
@@ -77,11 +77,9 @@ def judge(naming: Naming, sight: Sight, select: Sequence[MeasuredRun], config: C
     doubtful: tuple[str, ...] = ()
     if clear:
         test = clear[0]
-        explained = sum(accepted.strength**2 for accepted in naming.accepted)
-        large = test.statistic - test.freedom > DOUBT * explained
-        likenesses = tuple(a.effect for a in naming.accepted if large and _imitable(model, test, a.effect))
-        if likenesses and _inferior(model, test, likenesses, select):
-            doubtful = likenesses
+        likenesses = tuple(a for a in naming.accepted if _imitable(model, test, a.effect))
+        if likenesses and _superfluous(model, test, likenesses, select, config):
+            doubtful = tuple(a.effect for a in likenesses)
         model, unknown = explain(model, test, sight.screen, select)
         unknowns = (unknown,)
     return Judgement(_verdict(naming, sight.screen, unknowns, doubtful, config), model, unknowns, doubtful)
@@ -120,19 +118,24 @@ def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
     return bool(covariance[place, place] < (1.0 - LIKENESS) * (covariance[place, place] + more))
 
 
-def _inferior(
-    model: FittedModel, test: Omnibus, effects: Sequence[str], select: Sequence[MeasuredRun]
+def _superfluous(
+    model: FittedModel,
+    test: Omnibus,
+    accepted: Sequence[Accepted],
+    select: Sequence[MeasuredRun],
+    config: Config,
 ) -> bool:
-    """Return whether a surface in the place of effects predicts better than they do: then they are likenesses only.
+    """Return whether a surface says nearly as much without effects as beside them: then they are likenesses only.
 
-    A true cause is right where no run has been yet, which no surface is.
+    A true cause remembers what no surface does, or is right where no run has been yet.
     """
-    start = model.point
-    for effect in effects:
-        start = start.without(effect)
     coefficients = surface_coordinates(test.surface)
-    start = start.with_(coefficients, [c.parameter.nominal for c in coefficients])
-    other = fit(model.replay, model.noise, start, model.linearisation)
+    beside = model.point.with_(coefficients, [c.parameter.nominal for c in coefficients])
+    alone = beside
+    for one in accepted:
+        alone = alone.without(one.effect)
+    with_, without = (fit(model.replay, model.noise, p, model.linearisation) for p in (beside, alone))
     if not select:
-        return other.linearisation.cost < model.linearisation.cost
-    return predict(other, select).lpd > predict(model, select).lpd
+        return without.bic - with_.bic < max(config.ambiguous, NEEDED * sum(a.bic_gain for a in accepted))
+    lost = predict(with_, select).lpd - predict(without, select).lpd
+    return lost < max(0.5 * config.ambiguous, NEEDED * sum(a.lpd_gain for a in accepted))
