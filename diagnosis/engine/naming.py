@@ -197,7 +197,8 @@ class Search:
         No equation is exact: of a cause in plain view, a small part is left that noise would not leave.
         """
         gained = max(state.model.cost - model.cost, 0.0)
-        if gained >= self.config.rough**2 * state.explained:
+        roughness = self.config.rough**2 * state.explained
+        if not state.explained or gained >= roughness + state.screen.threshold**2:
             return ""
         part = math.sqrt(gained / state.explained)
         return f"leaves {100.0 * part:.2g} % of the trace of what was found before, which may be rough by as much"

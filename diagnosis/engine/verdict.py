@@ -20,6 +20,7 @@ from diagnosis.engine.unknown import Omnibus, explain, score_test
 from diagnosis.finding import Unknown, Verdict
 
 REMAINDER: Final = 0.01  #: part of the explained χ² from which on a significant rest belongs to the verdict
+SURE: Final = 1e-6  #: a surface that predicts nothing must be less likely than this to come from chance
 #: Part of what a cause gains that it must still gain beside such a surface. A stop that was called a cubic spring kept
 #: a hundredth, measured friction under its right name three to seven.
 NEEDED: Final = 0.02
@@ -81,7 +82,8 @@ def judge(naming: Naming, sight: Sight, select: Sequence[MeasuredRun], config: C
         if likenesses and _superfluous(model, test, likenesses, select, config):
             doubtful = tuple(a.effect for a in likenesses)
         model, unknown = explain(model, test, sight.screen, select)
-        unknowns = (unknown,)
+        if unknown.kept or test.p < SURE:
+            unknowns = (unknown,)
     return Judgement(_verdict(naming, sight.screen, unknowns, doubtful, config), model, unknowns, doubtful)
 
 
