@@ -18,9 +18,9 @@ from diagnosis.engine.panel import panel
 from diagnosis.engine.point import Point
 from diagnosis.engine.replay import Replay
 from diagnosis.engine.runs import measured, split
-from diagnosis.engine.screen import Sight, candidates, footprints, look, surface_columns, with_surfaces
+from diagnosis.engine.screen import Sight, candidates, footprints, look, with_surfaces
 from diagnosis.engine.telling import cause, rivals, scores, sentence
-from diagnosis.engine.verdict import Judgement, judge, suspicious
+from diagnosis.engine.verdict import Judgement, judge
 from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
 
 Progress = Callable[[str, float], None]
@@ -66,18 +66,18 @@ def _chosen(catalogue: Mapping[str, Effect], config: Config) -> dict[str, Effect
 
 
 def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tuple[Sight, Judgement, Naming]:
-    """Judge the result of the search.
+    """Judge the result of the search, with the noise estimated anew without what surfaces explain.
 
-    Where a surface sees something, the noise is estimated anew without it, and what is doubtful leaves the model.
+    What is doubtful leaves the model.
     """
     select = naming.prediction.replay.runs if naming.prediction else ()
-    model = naming.model
-    around = with_surfaces(model.replay, naming.around)
-    sight = Sight(model, naming.screen, surface_columns(model, around))
-    if not suspicious(sight, config):
+    replay = naming.model.replay
+    if not replay.simulator.surfaces:
+        sight = Sight(naming.model, naming.screen, ())
         return sight, judge(naming, sight, select, config), naming
+    around = with_surfaces(replay, naming.around)
     while True:
-        sight = look(model.replay, around, alpha=config.alpha, seed=config.seed)
+        sight = look(replay, around, alpha=config.alpha, seed=config.seed)
         judgement = judge(naming, sight, select, config)
         if not judgement.doubtful:
             return sight, judgement, naming
@@ -88,7 +88,7 @@ def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tu
         for name in judgement.doubtful:
             point = point.without(name)
         entries = candidates([e for name, e in effects.items() if name not in point.owners])
-        around = with_surfaces(model.replay, footprints(model.replay, point, entries))
+        around = with_surfaces(replay, footprints(replay, point, entries))
 
 
 def _conclusion(

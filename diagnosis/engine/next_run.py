@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
 from diagnosis.contracts import Array, DiagnosisError, Experiment, MeasuredRun
-from diagnosis.engine.fit import FittedModel, filters, predict
+from diagnosis.engine.fit import FittedModel, Prediction, filters, predict
 from diagnosis.engine.linear import Linearisation, solve
 from diagnosis.finding import NextRun, NextSensor, number
 
@@ -34,40 +35,61 @@ def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[Next
     run worse by so much, in units of BIC, after it has taken up what its parameters can within what the data so far
     say of them.  The smaller of both directions counts.  Raises ``DiagnosisError`` for an experiment without minutes.
     """
-    ranked = []
-    for experiment in menu:
-        if not experiment.minutes > 0.0:
-            raise DiagnosisError(
-                f"the experiment {experiment.name} costs {experiment.minutes:g} minutes; a menu needs a positive cost"
-            )
-        gap, pair = min(
-            (separation(a, b, experiment), f"{_name(a)} / {_name(b)}") for a, b in combinations(rivals, 2)
+    return sorted(
+        (_ranked(rivals, experiment) for experiment in menu), key=lambda run: -(run.per_minute or 0.0)
+    )
+
+
+def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
+    if not experiment.minutes > 0.0:
+        raise DiagnosisError(
+            f"the experiment {experiment.name} costs {experiment.minutes:g} minutes; a menu needs a positive cost"
         )
-        ranked.append(
-            NextRun(
-                experiment=experiment.name,
-                minutes=experiment.minutes,
-                bic_gap=number(gap),
-                per_minute=number(gap / experiment.minutes),
-                pair=pair,
-            )
-        )
-    return sorted(ranked, key=lambda run: -(run.per_minute or 0.0))
+    runs = _as_predicted(rivals, experiment)
+    gap, pair = min((_parted(a, b, runs), f"{_name(a)} / {_name(b)}") for a, b in combinations(rivals, 2))
+    return NextRun(
+        experiment=experiment.name,
+        minutes=experiment.minutes,
+        bic_gap=number(gap),
+        per_minute=number(gap / experiment.minutes),
+        pair=pair,
+    )
 
 
 def separation(first: FittedModel, second: FittedModel, experiment: Experiment) -> float:
     """The BIC gap which an experiment adds between two fitted models, whichever of them is true; the smaller one."""
-    return min(_advantage(first, second, experiment), _advantage(second, first, experiment))
+    return _parted(first, second, _as_predicted((first, second), experiment))
 
 
-def _advantage(true: FittedModel, other: FittedModel, experiment: Experiment) -> float:
-    """2·(lpd of the true model − lpd of the other one) on the run as the true model predicts it."""
-    shape = (experiment.time.size, len(true.replay.simulator.channels))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Foreseen:
+    """An experiment as one model predicts it, and how well that model predicts it then."""
+
+    run: MeasuredRun
+    prediction: Prediction
+
+
+def _as_predicted(models: Sequence[FittedModel], experiment: Experiment) -> dict[FittedModel, _Foreseen]:
+    """Return what each model foresees. Under one noise they share the columns of their nuisances: most of the work."""
+    shape = (experiment.time.size, len(models[0].replay.simulator.channels))
     always, never = np.ones(shape[0], dtype=bool), np.zeros(shape[0], dtype=bool)
     blank = MeasuredRun(experiment, np.zeros(shape), always, never)
-    outputs = true.replay.of([blank]).predictions(true.point)[0]
-    run = MeasuredRun(experiment, outputs, always, never)
-    return 2.0 * (predict(true, [run]).lpd - predict(other, [run]).lpd)
+    foreseen: dict[FittedModel, _Foreseen] = {}
+    for model in models:
+        run = replace(blank, outputs=model.replay.of([blank]).predictions(model.point)[0])
+        known = next((foreseen[m].prediction.linearisation for m in foreseen if m.noise is model.noise), None)
+        foreseen[model] = _Foreseen(run, predict(model, [run], known))
+    return foreseen
+
+
+def _parted(first: FittedModel, second: FittedModel, foreseen: Mapping[FittedModel, _Foreseen]) -> float:
+    return min(_advantage(first, second, foreseen), _advantage(second, first, foreseen))
+
+
+def _advantage(true: FittedModel, other: FittedModel, foreseen: Mapping[FittedModel, _Foreseen]) -> float:
+    """2·(lpd of the true model − lpd of the other one) on the run as the true model predicts it."""
+    here, columns = foreseen[true], foreseen[other].prediction.linearisation
+    return 2.0 * (here.prediction.lpd - predict(other, [here.run], columns).lpd)
 
 
 def _name(model: FittedModel) -> str:

@@ -190,14 +190,6 @@ def look(replay: Replay, around: Footprints, *, alpha: float, seed: int) -> Sigh
     )
 
 
-def surface_columns(model: FittedModel, around: Footprints) -> tuple[tuple[Quotients, ...], ...]:
-    """Return what each coefficient of each surface would change: whitened (m, n, c) for each run."""
-    whiten = filters(model.noise, model.replay)
-    return tuple(
-        tuple(f.single(x) for f, x in zip(whiten, surface, strict=True)) for surface in around.surfaces
-    )
-
-
 def _roughened(point: Point, surface: Surface) -> list[tuple[Point, float]]:
     """Return the neighbours of a point along the coefficients of a surface."""
     flat = point.with_(surface_coordinates(surface), [p.nominal for p in surface.coefficients])

@@ -43,16 +43,6 @@ class Judgement:
     doubtful: tuple[str, ...]
 
 
-def suspicious(sight: Sight, config: Config) -> bool:
-    """Return whether any surface sees anything, even if the noise was estimated as though there were none."""
-    surfaces = sight.model.replay.simulator.surfaces
-    tests = [
-        score_test(sight.model.linearisation, surface, columns)
-        for surface, columns in zip(surfaces, sight.surfaces, strict=True)
-    ]
-    return any(at_most_one(test.p, len(tests)) < config.alpha_unknown for test in tests)
-
-
 def _seen(naming: Naming, sight: Sight, config: Config) -> list[Omnibus]:
     """Return the tests of surfaces that see a good part of what the named causes explain, the clearest first.
 

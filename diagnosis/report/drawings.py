@@ -87,7 +87,8 @@ def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
         return ""
     with style():
         height = 0.215 * len(shown) + 0.78
-        figure, axes = panel(height, width=6.4, left=2.25, right=0.75, bottom=0.44, top=0.30)
+        labels = max(2.25, 0.062 * max(len(score.title) for score in shown))
+        figure, axes = panel(height, width=labels + 4.15, left=labels, right=0.75, bottom=0.44, top=0.30)
         least = 0.3
         for place, score in enumerate(shown):
             value = score.score or 0.0
@@ -121,7 +122,7 @@ def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
             fontsize=7.5,
             color=ALARM,
         )
-        return _sized(svg(figure, name), 6.4)
+        return _sized(svg(figure, name), labels + 4.15)
 
 
 def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
@@ -136,8 +137,9 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
         colors = LinearSegmentedColormap.from_list("alarm", [SHADE, "#f0c9a8", "#d55e00", "#7a2c00"])
         labels = max(len(channel) for channel in channels) * 0.062 + 0.25
         height = 0.25 * len(tests) + 0.15 + labels
-        width = min(9.6, 2.6 + 0.52 * len(channels))
-        figure, axes = panel(height, width=width, left=2.5, right=0.08, bottom=0.08, top=labels)
+        # The last of the slanted labels needs room at its right.
+        width, right = min(8.5, 2.5 + 0.52 * len(channels)), 0.6 * labels
+        figure, axes = panel(height, width=width + right, left=2.5, right=right, bottom=0.08, top=labels)
         for row in rows:
             if row.test == "parity":
                 continue
@@ -159,7 +161,7 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
         axes.grid(visible=False)
         for side in axes.spines.values():
             side.set_visible(False)
-        return _sized(svg(figure, name), width)
+        return _sized(svg(figure, name), width + right)
 
 
 def cosine_map(name: str, confusability: Confusability) -> str:

@@ -155,7 +155,7 @@ def interval(estimate: Estimate) -> str:
     """The 95 % interval of a fitted number."""
     if estimate.low is None or estimate.high is None:
         return "not known"
-    return f"{shown(estimate.low)} to {shown(estimate.high)}"
+    return f"{shown(estimate.low, 4)} to {shown(estimate.high, 4)}"
 
 
 def _told(rows: Sequence[PanelRow]) -> list[PanelRow]:

@@ -38,7 +38,13 @@ def chance(p: float | None) -> str:
 
 def unit(name: str) -> str:
     """A unit as it is printed: nothing for a pure number."""
-    return "" if name == "1" else name
+    return "" if name == "1" else _raised(name)
+
+
+def _raised(text: str) -> str:
+    """A text with the powers of its units set: mm², g/(min·bar²)."""
+    powers = re.sub(r"\b(m|mm|bar)([23])\b", lambda m: m[1] + m[2].translate(SUPERSCRIPT), text)
+    return powers.replace("min*bar", "min·bar")
 
 
 def typeset(text: str) -> str:
@@ -48,7 +54,7 @@ def typeset(text: str) -> str:
         lambda m: f"{m[1]}·10{(m[2].strip('+') + m[3]).translate(SUPERSCRIPT)}",
         text,
     )
-    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, powers)
+    return _raised(re.sub(r"(?<![\w.])-(?=\d)", MINUS, powers))
 
 
 def prose(sentence: str) -> str:
