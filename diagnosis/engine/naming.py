@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -19,6 +19,9 @@ from diagnosis.engine.replay import Replay
 from diagnosis.engine.screen import Footprints, Screen, candidates, footprints, look
 
 RIVALS: Final = 4  #: so many others are tried in the place of each accepted effect
+SUBSTITUTE: Final = (
+    0.1  #: what passes the gates gains at least this part of what the best that does not would gain
+)
 COMPARABLE: Final = 0.5  #: a rival gains at least this part of the BIC that the accepted effect gains
 
 Progress = Callable[[str, float], None]
@@ -204,16 +207,19 @@ class Search:
         return f"leaves {100.0 * part:.2g} % of the trace of what was found before, which may be rough by as much"
 
     def _choose(
-        self, state: _State, trials: Iterable[Trial], starts: Mapping[str, Point], floors: Array
+        self, state: _State, trials: Sequence[Trial], starts: Mapping[str, Point], floors: Array
     ) -> Trial | None:
-        """Return the best trial through all gates: the first in the order of BIC.
+        """Return the best trial through all gates, the first in the order of BIC; None where there is none.
 
-        Two causes must explain clearly more than one richer cause in the place of the first: else that one it is.
+        One that explains next to nothing of what another does, which is not physical, is no substitute for it. Two
+        causes must explain clearly more than one richer cause in the place of the first: else that one it is, if it is
+        worth its parameters.
         """
         chosen = next((trial for trial in trials if not trial.failed), None)
-        if chosen is None:
+        if chosen is None or state.model.bic - chosen.bic < SUBSTITUTE * (state.model.bic - trials[0].bic):
             return None
         inside = state.model.effects
+        singles: list[Trial] = []
         for old in inside:
             richer = dict.fromkeys(
                 name
@@ -225,13 +231,15 @@ class Search:
             for name in richer:
                 start = _replaced(state.model.point, old, self.effects[name], starts[name])
                 single = self._attempt(name, start, state)
-                worse = not single.failed and single.bic < state.model.bic
                 clearly = chosen.bic < single.bic - self.config.ambiguous and not (
                     chosen.lpd <= single.lpd + self.config.lpd_loss
                 )
-                if worse and not clearly:
-                    chosen = single
-        return chosen
+                if not (single.failed or clearly):
+                    singles.append(single)
+        if not singles:
+            return chosen
+        worth = [single for single in singles if single.bic < state.model.bic]
+        return min(worth, key=lambda trial: trial.bic, default=None)
 
     def _swap(
         self, state: _State, pool: dict[str, list[str]], starts: Mapping[str, Point]

@@ -126,8 +126,10 @@ def _superfluous(
     alone = beside
     for one in accepted:
         alone = alone.without(one.effect)
+    # Beside much that has no name, a small cause is a part of that sooner than of anything else.
+    part = NEEDED * max(1.0, test.statistic / sum(a.strength**2 for a in accepted))
     with_, without = (fit(model.replay, model.noise, p, model.linearisation) for p in (beside, alone))
     if not select:
-        return without.bic - with_.bic < max(config.ambiguous, NEEDED * sum(a.bic_gain for a in accepted))
+        return without.bic - with_.bic < max(config.ambiguous, part * sum(a.bic_gain for a in accepted))
     lost = predict(with_, select).lpd - predict(without, select).lpd
-    return lost < max(0.5 * config.ambiguous, NEEDED * sum(a.lpd_gain for a in accepted))
+    return lost < max(0.5 * config.ambiguous, part * sum(a.lpd_gain for a in accepted))
