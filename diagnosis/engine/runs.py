@@ -77,14 +77,13 @@ def measured(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator
 def split(dataset: Dataset, seed: int) -> Dataset:
     """Return the dataset with roles drawn by whole runs: about a fifth to select and a fifth to report.
 
-    Two runs are one to fit and one to report; of a single run nothing is left to be compared with.
+    One run or two are all fitted: a second one was made to decide what the first left open.
     """
     count = len(dataset.runs)
     if count == 0:
         raise DiagnosisError("the dataset holds no runs")
     part = max(1, round(count / 5)) if count >= 3 else 0
-    others: list[Role] = ["report"] * max(part, int(count == 2))
-    others += ["select"] * part
+    others: list[Role] = ["report"] * part + ["select"] * part
     order = np.random.default_rng(seed).permutation(count)
     roles: dict[int, Role] = dict(zip(order.tolist(), others, strict=False))
     return replace(
