@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from itertools import combinations
+from typing import Final
 
 from diagnosis.contracts import Dataset, DiagnosisError, Effect, Experiment, Simulator
 from diagnosis.engine.config import Config
@@ -21,7 +22,10 @@ from diagnosis.engine.runs import measured, split
 from diagnosis.engine.screen import Sight, candidates, footprints, look, with_surfaces
 from diagnosis.engine.telling import cause, rivals, scores, sentence
 from diagnosis.engine.verdict import Judgement, judge
-from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
+from diagnosis.finding import Finding, Gain, NextRun, NextSensor, Provenance, Verdict
+
+#: So many times the noise on the report runs are worth a sentence.
+WORSE: Final = 1.2
 
 Progress = Callable[[str, float], None]
 
@@ -132,7 +136,7 @@ def _conclusion(
         panel=panel(before, seed=config.seed, alpha=0.01),
         confusability=confusability(first),
         unknowns=list(judgement.unknowns),
-        remains=_remains(data, sight, after, naming),
+        remains=_remains(data, sight, after, naming, gain.gains),
         traces=gain.traces,
     )
 
@@ -161,7 +165,9 @@ def _separating(
     return rank((model, *rivals), menu) if menu else [], ranked
 
 
-def _remains(data: Dataset, sight: Sight, after: FittedModel, naming: Naming) -> list[str]:
+def _remains(
+    data: Dataset, sight: Sight, after: FittedModel, naming: Naming, gains: Sequence[Gain]
+) -> list[str]:
     """Return sentences on what is still not explained, or could not be checked."""
     told = [
         f"{sight.screen.candidates[i].effect.title} still scores {sight.screen.z[i]:.1f}, "
@@ -175,6 +181,11 @@ def _remains(data: Dataset, sight: Sight, after: FittedModel, naming: Naming) ->
     ]
     if not after.converged:
         told.append("The fit of the last model did not come to rest; its intervals are not to be trusted.")
+    whole = gains[0].noise_ratio if gains else None
+    if whole is not None and whole > WORSE:
+        told.append(
+            f"On the report runs {whole:.2g} times the noise is left: not all that is wrong there was found."
+        )
     if not data.of("select"):
         told.append("There is no run to select on: no cause was tested on data that it was not fitted to.")
     if not data.of("report"):

@@ -83,7 +83,8 @@ def split(dataset: Dataset, seed: int) -> Dataset:
     if count == 0:
         raise DiagnosisError("the dataset holds no runs")
     part = max(1, round(count / 5)) if count >= 3 else 0
-    others: list[Role] = ["report"] * part + ["select"] * part
+    kept_back: tuple[Role, Role] = ("report", "select")
+    others = [role for role in kept_back for _ in range(part)]
     order = np.random.default_rng(seed).permutation(count)
     roles: dict[int, Role] = dict(zip(order.tolist(), others, strict=False))
     return replace(
