@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from astb.menu import experiments
 from diagnosis.contracts import Dataset, DiagnosisError, Role, Simulator
-from diagnosis.finding import Cause, Estimate, Finding
+from diagnosis.finding import Cause, Estimate, Finding, decimals
 from test_plans.screening import SCREENING
 from test_plans.separating import MENU
 
@@ -226,7 +226,8 @@ def _cause(cause: Cause) -> str:
 def _estimate(one: Estimate) -> str:
     if one.value is None:
         return f"{one.name} unknown"
-    text = f"{one.name} {one.value:.3g} {one.unit}".rstrip()
     if one.low is None or one.high is None:
-        return text
-    return f"{text} (95 %: {one.low:.3g} to {one.high:.3g})"
+        return f"{one.name} {one.value:.4g} {one.unit}".rstrip()
+    digits = decimals(one.low, one.high)
+    text = f"{one.name} {one.value:.{digits}f} {one.unit}".rstrip()
+    return f"{text} (95 %: {one.low:.{digits}f} to {one.high:.{digits}f})"

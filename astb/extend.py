@@ -10,7 +10,7 @@ from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.model_file import Model, Notes, write_model
-from diagnosis.finding import Z95, Finding
+from diagnosis.finding import Z95, Finding, decimals
 from diagnosis.systems.air_spring_surfaces import TERMS
 
 #: Significant digits of every number: rounding moves an output by less than a fiftieth of its sensor's noise.
@@ -105,7 +105,8 @@ def _fitted(finding: Finding) -> Iterator[tuple[str, str, str]]:
 
 
 def _interval(low: float, high: float, unit: str) -> str:
-    return f"95 %: {low:.{DIGITS - 2}g} to {high:.{DIGITS - 2}g} {unit}".removesuffix(" 1")
+    digits = decimals(low, high)
+    return f"95 %: {low:.{digits}f} to {high:.{digits}f} {unit}".removesuffix(" 1")
 
 
 def _told(finding: Finding) -> dict[str, Any]:

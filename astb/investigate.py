@@ -141,7 +141,12 @@ def choose(
 ) -> tuple[Offer | None, str]:
     """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min)."""
     if finding.verdict not in OPEN:
-        return None, f"verdict: {finding.sentence}"
+        return None, f"a verdict was reached: {finding.verdict}"
+    if finding.verdict is Verdict.UNRESOLVED:
+        return (
+            None,
+            "what is wrong is too small for any cause to be named: there is nothing to decide between",
+        )
     ranked = [offer for offer in offers(finding, menu) if offer.plan not in done]
     worth = [offer for offer in ranked if offer.bic_gap >= WORTH]
     if not worth:

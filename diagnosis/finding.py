@@ -363,6 +363,12 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
             raise DiagnosisError(f"this is no finding of a diagnosis: {error}") from error
 
 
+def decimals(low: float, high: float) -> int:
+    """Return so many decimals as give the half width of an interval two significant digits."""
+    width = (high - low) / 2.0
+    return max(1 - math.floor(math.log10(width)), 0) if width > 0.0 else 6
+
+
 def number(value: float) -> float | None:
     """A float for JSON: null where it is no number."""
     return float(value) if math.isfinite(value) else None

@@ -178,7 +178,7 @@ def fit(
                 converged = here.promise(here.step()) < max(ROUGH, enough)
                 break
             if columns >= FRESH or not refresh:
-                converged = True
+                converged = promise < enough
                 break
             here, columns = linearise(replay, whiten, here.point, predictions, belief), FRESH
             continue

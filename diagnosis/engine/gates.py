@@ -22,7 +22,7 @@ def unfit(model: FittedModel, effect: str, base: FittedModel) -> str:
     """Return why the fit of a model with one more effect is no explanation, as a sentence; "" if it may be one."""
     gap = model.bic - base.bic
     if not gap < 0.0:
-        return f"BIC is worse by {gap:.1f}"
+        return f"BIC is worse by {gap:.1f}" if model.converged else "comes nowhere near another cause"
     return unphysical(model, effect, base)
 
 

@@ -7,20 +7,26 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from astb.diagnose import read_data
 from astb.investigate import LOG, WORTH, choose, course, investigate
 from astb.menu import experiments, offers
 from astb.rig_file import RigFile, Simulation
 from astb.run import Screen
 from astb.session import build_rig, virtual_session
+from bench_protocol.table import SIDES
 from bench_protocol.units import bar, minutes, mm, s
 from bench_records.layout import RecordError
 from bench_records.record import read
+from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Cause, Finding, Models, NextRun, Provenance, Rival, Verdict
 from diagnosis.report.page import write_report
 from test_plans.loads import AW0
 from test_plans.motions import Part, Programme, Stand, Stretch, Wave
 from test_plans.perform import lasts
+from test_plans.screening import SCREENING
 from test_plans.separating import MENU
 
 
@@ -116,7 +122,7 @@ def test_a_run_that_would_not_decide_is_not_run():
 def test_a_verdict_ends_the_investigation(verdict):
     causes = ["leak.left"] if verdict in {Verdict.NAMED, Verdict.REMAINDER} else []
     told = finding(verdict, causes, runs=[("quick 1 AW0", 1e3)])
-    assert choose(told, SMALL_MENU, 1e3, set()) == (None, f"verdict: the finding is {verdict}")
+    assert choose(told, SMALL_MENU, 1e3, set()) == (None, f"a verdict was reached: {verdict}")
 
 
 @contextmanager
@@ -148,7 +154,7 @@ def test_the_loop_runs_what_decides_and_diagnoses_all_data_again(tmp_path):
     assert [step.plan for step in log.steps] == ["look", "quick"]
     assert log.steps[0].rivals == ["heat.left"]
     assert "to decide between leak.left and heat.left" in log.steps[1].why
-    assert log.ended == "verdict: the finding is named"
+    assert log.ended == "a verdict was reached: named"
     assert log.spent == pytest.approx((lasts(LOOK) + lasts(QUICK)) / minutes, rel=0.1)
     told = json.loads((tmp_path / LOG).read_text())
     assert [step["verdict"] for step in told["steps"]] == ["ambiguous", "named"]
@@ -187,7 +193,7 @@ def test_a_check_that_failed_is_no_reason_not_to_diagnose(tmp_path):
     log, seen, _ = loop(tmp_path, [NAMED], frame_stiffness="1 MN/m")
     assert [step.outcome for step in log.steps] == ["fail"]
     assert seen == [["01-look"]]
-    assert log.ended == "verdict: the finding is named"
+    assert log.ended == "a verdict was reached: named"
 
 
 def test_whatever_ends_it_the_log_says_what(tmp_path):
@@ -217,10 +223,68 @@ def test_the_report_tells_how_it_was_found_out(tmp_path):
         "To see what the model gets wrong",
         "To decide between leak.left and heat.left: a BIC gap of 50 is expected",
         "The finding is ambiguous",
-        "of 20.0 minutes of the bench. It ended here: verdict: the finding is named",
+        "of 20.0 minutes of the bench. It ended here: a verdict was reached: named",
     ):
         assert words in page, words
     assert "How it was found out" not in write_report(NAMED, tmp_path / "alone.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_sealed_delay_is_ambiguous_until_the_run_that_decides(tmp_path):
+    """The whole loop with nobody told: at 1 Hz a lag of 3 ms is a delay of 3 ms; small fast sines tell them apart."""
+    sealed = tmp_path / "sealed.toml"
+    sealed.write_text('[effect.force_lag]\nlag = "3 ms"\n')
+    first = programme(
+        SCREENING.name,
+        Stretch((Wave("vertical", 4 * mm, 1.0, 3), Wave("lateral", 6 * mm, 1.0, 3))),
+        Stretch((Wave("vertical", 3 * mm, 1.5, 4),)),
+        Stretch((Wave("vertical", 4 * mm, 0.7, 2),)),
+    )
+    fast = programme(
+        "fast", Stretch((Wave("vertical", 0.5 * mm, 12.5, 50), Wave("lateral", 0.5 * mm, 10.0, 40)))
+    )
+    hold = programme("hold", Stretch((Stand(5 * mm, rest=4 * s),)))
+    menu = {one.name: one for one in (hold, fast)}
+    said = []
+
+    def look(records):
+        simulator, dataset = read_data(records, None, load("astb"))
+        config = Config(seed=3, effects=("force_lag", "force_latency", "heat"))
+        said.append(diagnose(dataset, simulator, config, menu=experiments(menu)))
+        return said[-1]
+
+    simulation = Simulation(seed=3, sealed=str(sealed))
+    out = tmp_path / "out"
+    out.mkdir()
+    with (
+        virtual_session(build_rig(simulation), simulation) as session,
+        Screen(Console(quiet=True)) as screen,
+    ):
+        rig = RigFile(name="virtual", simulation=simulation)
+        log = investigate(
+            session, rig, out, first=first, menu=menu, budget=20.0, diagnose=look, screen=screen
+        )
+
+    assert [step.plan for step in log.steps] == [SCREENING.name, "fast"]
+    before, after = said
+    assert before.verdict is Verdict.AMBIGUOUS
+    assert {*before.names, *(rival.effect for rival in before.ambiguous_with)} == {
+        "force_lag",
+        "force_latency",
+    }
+    assert after.verdict is Verdict.NAMED
+    assert after.names == ("force_lag",)
+    (lag,) = after.causes[0].parameters
+    assert lag.low < 3.0 < lag.high
+    assert log.ended == "a verdict was reached: named"
+
+
+def test_corners_of_set_points_promise_nothing():
+    """What a record will not tell is left out: the acceleration in the corners of a triangle, which no actuator has."""
+    for one in experiments(MENU):
+        for side in SIDES:
+            acceleration = np.diff(one.inputs[f"{side}.height"], 2) / (one.time[1] - one.time[0]) ** 2
+            assert np.abs(acceleration).max() < 3.0, one.name
 
 
 def test_the_menu_is_told_run_by_run_with_what_each_costs():
