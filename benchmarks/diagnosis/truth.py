@@ -41,6 +41,8 @@ NEAR: Final[Mapping[str, frozenset[str]]] = {
     "force_lag": frozenset({"force_latency"}),
     "force_latency": frozenset({"force_lag"}),
     "pressure_lag": frozenset({"pressure_latency", "sample_and_hold"}),
+    "pressure_latency": frozenset({"pressure_lag", "sample_and_hold"}),
+    "sample_and_hold": frozenset({"pressure_lag", "pressure_latency"}),
 }
 
 
