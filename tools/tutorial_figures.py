@@ -6,9 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from diagnosis.engine.config import Config
-from diagnosis.engine.naming import Search
-from diagnosis.engine.replay import Replay
+from diagnosis.engine.diagnose import diagnose
 from diagnosis.systems.mapping import read_mapped
 
 mpl.use("Agg")
@@ -44,17 +42,12 @@ def main(data: Path) -> None:
         line = np.polynomial.Polynomial.fit(np.array(pressures)[fitted], np.array(halves)[fitted], 1)
         law.plot((0.0, 7.5), line(np.array((0.0, 7.5))), color=colour, lw=1.0)
         if seal == "PK":
-            replay = Replay(simulator, dataset.of("fit"))
-            found = Search(
-                replay, dataset.of("select"), simulator.catalogue, Config(), lambda text, part: None
-            ).run()
+            models = diagnose(dataset, simulator).models
             run = dataset.of("report")[2]
             x = run.experiment.inputs["displacement"] / MM
             area = simulator.run(run.experiment, {}, {})
-            before, after = (
-                simulator.run(run.experiment, model.point.parameters(""), model.point.effects())
-                for model in (found.base, found.model)
-            )
+            before = simulator.run(run.experiment, models.before, {})
+            after = simulator.run(run.experiment, models.after, models.effects)
             for outputs, style, title in (
                 (run.outputs, {"color": "0.2", "lw": 0.8}, "measured, 7 bar"),
                 (before, {"color": "0.6", "lw": 1.2, "ls": "--"}, "before: F = p·A"),

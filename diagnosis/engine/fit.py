@@ -23,6 +23,7 @@ HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to 
 ROUGH: Final = 4.0  #: so much χ² may lie below a fit that comes to no better: two standard deviations
 IDLE: Final = 1.0  #: what a step failed to gain is not worth better columns below this, in units of χ²
 LEADING: Final = 0.01  #: part of a step² that the own numbers must make for their columns to learn from it
+HELD: Final = 1e4  #: weight of what a fit knows where its numbers must not move
 FLAT: Final = 1e-6  #: weight of a prior that says nothing, in units of the parameter's scale
 
 #: Where the columns of a fit come from: an earlier point, differences at this point for the model's own numbers or for
@@ -207,14 +208,18 @@ def fit(
 
 
 def predict(
-    fitted: FittedModel, runs: Sequence[MeasuredRun], known: Linearisation | None = None
+    fitted: FittedModel,
+    runs: Sequence[MeasuredRun],
+    known: Linearisation | None = None,
+    *,
+    held: bool = False,
 ) -> Prediction:
-    """Say what a fitted model predicts of other runs, with all its uncertainty.
+    """Say what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``held``.
 
     What the fit knows of the shared numbers is their prior now; those of each new run are found and marginalised by
     Laplace's approximation. ``known`` may hold columns of the nuisances for these runs, whitened alike.
     """
-    point, belief = _transferred(fitted, fitted.replay.of(runs))
+    point, belief = _transferred(fitted, fitted.replay.of(runs), HELD if held else 1.0)
     again = fit(fitted.replay.of(runs), fitted.noise, point, known, belief=belief)
     here = again.linearisation
     gram = here.gram / fitted.noise.dispersion
@@ -222,8 +227,11 @@ def predict(
     return Prediction(again.replay, 0.5 * float(evidence - again.cost), again.predictions, here)
 
 
-def _transferred(fitted: FittedModel, replay: Replay) -> tuple[Point, Belief]:
-    """Return the fitted point with the new runs' own nuisances, and what is known of all its numbers."""
+def _transferred(fitted: FittedModel, replay: Replay, weight: float) -> tuple[Point, Belief]:
+    """Return the fitted point with the new runs' own nuisances, and what is known of all its numbers.
+
+    The precision of the shared ones counts with a ``weight``.
+    """
     old = fitted.point
     shared = [i for i, c in enumerate(old.coordinates) if not c.run]
     own = [i for i, c in enumerate(old.coordinates) if c.run]
@@ -240,7 +248,7 @@ def _transferred(fitted: FittedModel, replay: Replay) -> tuple[Point, Belief]:
     precision = np.diag([*([0.0] * len(shared)), *(c.weight for c in fresh)]) + FLAT * np.eye(
         len(fresh) + len(shared)
     )
-    precision[: len(shared), : len(shared)] += known
+    precision[: len(shared), : len(shared)] += weight * known
     return point, Belief(point.numbers, precision)
 
 

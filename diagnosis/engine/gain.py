@@ -55,10 +55,14 @@ def measure(
 ) -> Measured:
     """Compare two fitted models on the report runs; ``noise`` (c,) is what noise alone leaves in each channel.
 
-    Each run finds its own nuisances (an initial pressure); shared ones stay within what the fit runs say of them.
+    Each run finds its own nuisances (an initial pressure); shared ones stay as they were fitted.
     """
     channels = after.replay.simulator.channels
-    arms = _Arms(tuple(runs), (predict(before, runs).outputs, predict(after, runs).outputs), noise)
+    arms = _Arms(
+        tuple(runs),
+        (predict(before, runs, held=True).outputs, predict(after, runs, held=True).outputs),
+        noise,
+    )
     errors = (arms.errors(0), arms.errors(1))
     rng = np.random.default_rng(seed)
     gains = [

@@ -38,6 +38,7 @@ class Trial:
     bic: float
     lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
     failed: str = ""
+    physical: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,7 +183,8 @@ class Search:
             if not failed and all(trial.failed for trial in trials):
                 prediction = self._predict(model, state.prediction)
                 failed = useless(model, prediction, state.model, state.prediction, floors, self.config)
-            trials.append(_trial(name, model, prediction, failed))
+            physical = not unphysical(model, name, state.model)
+            trials.append(_trial(name, model, prediction, failed, physical))
         return tuple(trials)
 
     def _fit(self, start: Point, state: _State, target: float = math.inf) -> FittedModel:
@@ -216,7 +218,10 @@ class Search:
         worth its parameters.
         """
         chosen = next((trial for trial in trials if not trial.failed), None)
-        if chosen is None or state.model.bic - chosen.bic < SUBSTITUTE * (state.model.bic - trials[0].bic):
+        if chosen is None:
+            return None
+        impossible = min((trial.bic for trial in trials if not trial.physical), default=math.inf)
+        if state.model.bic - chosen.bic < SUBSTITUTE * (state.model.bic - impossible):
             return None
         inside = state.model.effects
         singles: list[Trial] = []
@@ -311,9 +316,11 @@ class Search:
         )
 
 
-def _trial(effect: str, model: FittedModel, prediction: Prediction | None, failed: str) -> Trial:
+def _trial(
+    effect: str, model: FittedModel, prediction: Prediction | None, failed: str, physical: bool = True
+) -> Trial:
     lpd = prediction.lpd if prediction else float("nan")
-    return Trial(effect, model.point, model.covariance(), model.cost, model.bic, lpd, failed)
+    return Trial(effect, model.point, model.covariance(), model.cost, model.bic, lpd, failed, physical)
 
 
 def _replaced(point: Point, old: str, effect: Effect, start: Point) -> Point:

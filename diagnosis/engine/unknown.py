@@ -9,7 +9,7 @@ import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun, Surface
 from diagnosis.engine.errors import chi_square
-from diagnosis.engine.fit import FittedModel, fit, predict
+from diagnosis.engine.fit import HELD, FittedModel, fit, predict
 from diagnosis.engine.linear import Belief, Linearisation, prior, solve
 from diagnosis.engine.point import Point, surface_coordinates
 from diagnosis.engine.replay import Quotients
@@ -20,8 +20,6 @@ from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, 
 CLEAR, LARGE = 2.0, 0.25
 #: A coefficient was seen where the data halve the standard deviation that was believed.
 SEEN = 0.5
-#: Precision of numbers that are held, in that of the data.
-HELD = 1e4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,15 +64,15 @@ def explain(
     """Fit a surface inside a model and say where it acts and what it resembles; never what it is.
 
     The prior spread of its coefficients is the ridge. The named causes keep their numbers: the surface is what they
-    leave, and must not eat them. It is kept where it predicts the select runs better; then the model that is returned
-    holds it, otherwise it is ``model``.
+    leave, and must not eat them. It is kept where, as fitted, it predicts the select runs better; then the model that
+    is returned holds it, otherwise it is ``model``.
     """
     coordinates = surface_coordinates(test.surface)
     start = model.point.with_(
         coordinates, [c.outside(u) for c, u in zip(coordinates, test.start, strict=True)]
     )
     fitted = fit(model.replay, model.noise, start, model.linearisation, belief=_held(model, start))
-    gain = predict(fitted, select).lpd - predict(model, select).lpd if select else float("nan")
+    gain = _gain(model, fitted, select)
     kept = gain > 0.0
     places = [fitted.point.place(c) for c in coordinates]
     deviations = np.sqrt(np.maximum(np.diagonal(fitted.covariance())[places], 0.0))
@@ -94,6 +92,13 @@ def explain(
         figure=_map(test.surface, fitted.point.values()[places], deviations),
     )
     return (fitted if kept else model), unknown
+
+
+def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]) -> float:
+    """Return by how much better the select runs are predicted, as fitted: no other number makes up for a surface."""
+    if not select:
+        return float("nan")
+    return predict(fitted, select, held=True).lpd - predict(model, select, held=True).lpd
 
 
 def _held(model: FittedModel, start: Point) -> Belief:
