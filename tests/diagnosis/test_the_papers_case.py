@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from astb.menu import experiments
 from bench_protocol.units import Hz, mm
 from bench_sim.model.effects import CATALOGUE
 from diagnosis.engine.config import Config
@@ -11,6 +12,7 @@ from diagnosis.finding import Verdict
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.records import read_records
 from test_plans.motions import Stretch, Wave
+from test_plans.separating import MENU
 
 pytestmark = pytest.mark.slow
 
@@ -24,15 +26,36 @@ CASES = {
     "discharge": ({"change": -0.05}, 0.03, 0.06),
     "force_lag": ({"lag": 5e-3}, -0.1, -0.06),
 }
+#: Friction of the rubber adds loss as well. 50 is a likelihood ratio of e²⁵: gaps of 10 to 30 are near.
+WITH_FRICTION = Config(effects=(*CASES, "friction"), ambiguous=50.0)
+
+
+def recorded(bench_record, stretches, name="maxwell", seed=1):
+    """A record of a rig that hides one of the cases. The seed draws the noise and the zeros of the sensors."""
+    return bench_record(name, stretches, effects={name: CASES[name][0]}, seed=seed)
+
+
+def by_force(*records):
+    """Runs of one rig, and the simulator without what is hidden in it; forces are all that it predicts."""
+    simulator = AirSpring(records[0].parameters, effects=CATALOGUE, only=CELLS)
+    return read_records([record.directory for record in records], simulator), simulator
+
+
+def assert_named(finding, name, simulator):
+    """The finding has this cause alone, and every interval holds what is true."""
+    assert finding.verdict is Verdict.NAMED
+    assert list(finding.names) == [name]
+    effect = simulator.catalogue[name]
+    for one, parameter in zip(finding.causes[0].parameters, effect.parameters, strict=True):
+        assert one.low < CASES[name][0][parameter.name] / parameter.scale < one.high
 
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request, bench_record):
     """What is hidden in a rig, the simulator without it, and one sine on that rig."""
     name = request.param
-    record = bench_record(name, [Stretch((SINE,))], effects={name: CASES[name][0]})
-    simulator = AirSpring(record.parameters, effects=CATALOGUE, only=CELLS)
-    return name, simulator, read_records([record.directory], simulator)
+    data, simulator = by_force(recorded(bench_record, [Stretch((SINE,))], name))
+    return name, simulator, data
 
 
 def loss(run, outputs):
@@ -54,9 +77,33 @@ def test_damping_is_off_by_some_percent(case):
 def test_each_of_three_causes_is_named_by_force_alone(case):
     """Rubber and orifice deviate by the same amount, the lag by as much the other way: nothing but shape tells them."""
     name, simulator, data = case
-    finding = diagnose(data, simulator, Config(effects=tuple(CASES)))
-    assert finding.verdict is Verdict.NAMED
-    assert list(finding.names) == [name]
-    effect = simulator.catalogue[name]
-    for one, parameter in zip(finding.causes[0].parameters, effect.parameters, strict=True):
-        assert one.low < CASES[name][0][parameter.name] / parameter.scale < one.high
+    assert_named(diagnose(data, simulator, Config(effects=tuple(CASES))), name, simulator)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_sine_leaves_friction_near(bench_record, seed):
+    """At one frequency and one amplitude, rubber and friction lose the same work."""
+    finding = diagnose(*by_force(recorded(bench_record, [Stretch((SINE,))], seed=seed)), WITH_FRICTION)
+    assert finding.verdict is Verdict.AMBIGUOUS
+    assert {*finding.names, *(rival.effect for rival in finding.ambiguous_with)} == {"maxwell", "friction"}
+
+
+@pytest.mark.timeout(600)
+def test_sines_over_a_decade_are_recommended_before_fast_ones(bench_record):
+    """Whether the loss depends on the speed shows over a decade of frequencies, not in the fast half of it."""
+    menu = experiments({name: MENU[name] for name in ("small_fast_sines", "isolated_reservoirs")})
+    data, simulator = by_force(recorded(bench_record, [Stretch((SINE,))]))
+    best, other = diagnose(data, simulator, WITH_FRICTION, menu=menu).next_runs
+    assert best.experiment.startswith("isolated_reservoirs")
+    assert best.pair == "maxwell / friction"
+    assert best.bic_gap > other.bic_gap > 0.0
+    assert best.bic_gap > WITH_FRICTION.ambiguous
+
+
+@pytest.mark.timeout(600)
+def test_sines_over_a_decade_tell_them_apart(bench_record):
+    """Under the limit that one sine does not meet, the branch is named, with its two parameters."""
+    (part,) = MENU["isolated_reservoirs"].parts
+    records = [recorded(bench_record, stretches) for stretches in ([Stretch((SINE,))], part.stretches)]
+    data, simulator = by_force(*records)
+    assert_named(diagnose(data, simulator, WITH_FRICTION), "maxwell", simulator)
