@@ -88,7 +88,7 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Gain(msgspec.Struct, frozen=True, kw_only=True):
-    """What the extension gains in one channel on the report runs, both models re-tuned; ``channel`` may be "all".
+    """What the extension gains in one channel on the report runs, both models as fitted; ``channel`` may be "all".
 
     ``floor`` is the noise alone, ``noise_ratio`` the RMSE after over the floor.  ``fraction`` is the part of the
     explainable misfit that is explained, (RMSE0² − RMSE1²)/(RMSE0² − floor²), with its 95 % interval.

@@ -1,4 +1,4 @@
-"""What an extension gains on runs that were never used, both models tuned as well as they can be."""
+"""What an extension gains on runs that were never used, both models as they were tuned on the others."""
 
 from __future__ import annotations
 
