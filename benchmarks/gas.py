@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from bench_protocol.binding import bind
 from bench_protocol.units import Hz, mm, ms
-from bench_sim.model.compiled import bind, compiled, compiled_entry
+from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.gas import density_factor, energy_of, mass_of, temperature, transfer, wall_heat
 from bench_sim.model.orifice import effective_flow_area, orifice_between
 from bench_sim.parameters import load

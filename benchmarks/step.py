@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from bench_protocol.binding import bind
 from bench_protocol.units import Hz, mm, ms, s
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.compiled import bind, compiled_entry
+from bench_sim.model.compiled import compiled_entry
 from bench_sim.model.experiments import VERTICAL, Motion, Shape, impose, isolate, place_bolster
 from bench_sim.model.kernel import evaluate
 from bench_sim.model.layout import STATES, State
