@@ -47,13 +47,26 @@ class Ground:
 
     def strength(self, run: Callable[[Experiment, Effects], Array], effects: Effects) -> float:
         """Return λ of ``effects``, as ``run`` predicts them; the base model is refitted as if it were linear."""
-        columns = [
-            (run(one.experiment, effects) - predicted)[None]
+        return self._norms(self._columns(run, [effects]))[0]
+
+    def absorbed(self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]) -> Array:
+        """Return by how many of their spreads base parameters k would follow each of ``effects`` (k, m)."""
+        projection = self._here.project(self._whitened(self._columns(run, effects)))
+        shared = [i for i, c in enumerate(self._point.coordinates) if not c.run]
+        found: Array = projection.shadow[shared]
+        return found
+
+    def _columns(
+        self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]
+    ) -> list[Array]:
+        return [
+            np.stack([run(one.experiment, given) - predicted for given in effects])
             for one, predicted in zip(self._replay.runs, self._predictions, strict=True)
         ]
-        return self._norms(columns)[0]
 
     def _norms(self, columns: Sequence[NDArray[np.floating]]) -> list[float]:
-        white_columns = [f(x) for f, x in zip(self._whiten, columns, strict=True)]
-        norms: list[float] = self._here.project(white_columns).norm.tolist()
+        norms: list[float] = self._here.project(self._whitened(columns)).norm.tolist()
         return norms
+
+    def _whitened(self, columns: Sequence[NDArray[np.floating]]) -> list[NDArray[np.floating]]:
+        return [f(x) for f, x in zip(self._whiten, columns, strict=True)]

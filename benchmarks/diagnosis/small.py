@@ -95,7 +95,7 @@ class Small:
     def data(self, truth: Truth) -> Dataset:
         """Measure a specimen."""
         given: dict[str, dict[str, float]] = dict(truth.effects)
-        surface = truth.roughness / self._roughness() * _rough(truth.seed)
+        surface = truth.roughness / self._roughness() * self._rough(truth.seed)
         for name, size in truth.outside.items():
             if name == "stop":
                 given["stop"] = {"amplitude": size, "gap": GAP}
@@ -123,6 +123,20 @@ class Small:
             return list(families.values())[:2]
         return []
 
+    def _rough(self, seed: int) -> Array:
+        """A smooth random force over x and v, less what the base model would absorb: that is its own stiffness."""
+        chance = np.random.default_rng([seed, 77]).standard_normal(lab.ROWS * lab.COLUMNS)
+        followed = self._absorbed
+        return (chance - np.linalg.pinv(followed) @ followed @ chance).reshape(lab.ROWS, lab.COLUMNS)
+
+    @cached_property
+    def _absorbed(self) -> Array:
+        units = np.eye(lab.ROWS * lab.COLUMNS).reshape(-1, lab.ROWS, lab.COLUMNS)
+        return self._ground.absorbed(
+            lambda e, given: self.simulator.run(e, {}, given),
+            [{"force": _coefficients(unit)} for unit in units],
+        )
+
     @cached_property
     def _ground(self) -> Ground:
         quiet = lab.Laboratory(self.simulator, self.samples).measure(0, loud=0.0)
@@ -147,7 +161,7 @@ class Small:
             return self._ground.strength(lambda e, given: self.simulator.run(e, {}, given), effects)
 
         if kind == "rough":
-            return float(np.mean([of({"force": _coefficients(_rough(seed))}) for seed in range(5)]))
+            return float(np.mean([of({"force": _coefficients(self._rough(seed))}) for seed in range(5)]))
         size = OUTSIDE[name]
         if name == "stop":
             return of({"stop": {"amplitude": size, "gap": GAP}}) / size
@@ -157,10 +171,6 @@ class Small:
 @cache
 def _kept(system: Small, what: tuple[str, str, tuple[float, ...]]) -> float:
     return system.measured(what)
-
-
-def _rough(seed: int) -> Array:
-    return np.random.default_rng([seed, 77]).standard_normal((lab.ROWS, lab.COLUMNS))
 
 
 def _one_way() -> Array:

@@ -8,10 +8,10 @@ from importlib.metadata import version
 from itertools import combinations
 from typing import Final
 
-from diagnosis.contracts import Dataset, DiagnosisError, Effect, Experiment, Simulator
+from diagnosis.contracts import Dataset, DiagnosisError, Effect, Experiment, MeasuredRun, Simulator
 from diagnosis.engine.config import Config
 from diagnosis.engine.confusability import confusability, unseen
-from diagnosis.engine.fit import FittedModel, fit
+from diagnosis.engine.fit import PATIENT, FittedModel, fit
 from diagnosis.engine.gain import Measured, measure, models, shifts
 from diagnosis.engine.naming import Naming, Search
 from diagnosis.engine.next_run import rank, sensors
@@ -19,7 +19,7 @@ from diagnosis.engine.panel import panel
 from diagnosis.engine.point import Point
 from diagnosis.engine.replay import Replay
 from diagnosis.engine.runs import measured, split
-from diagnosis.engine.screen import Sight, candidates, footprints, look, with_surfaces
+from diagnosis.engine.screen import Footprints, Sight, candidates, footprints, joined, look, with_surfaces
 from diagnosis.engine.telling import cause, rivals, scores, sentence
 from diagnosis.engine.verdict import Judgement, judge
 from diagnosis.finding import Finding, Gain, NextRun, NextSensor, Provenance, Verdict
@@ -78,11 +78,12 @@ def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tu
     replay = naming.model.replay
     if not replay.simulator.surfaces:
         sight = Sight(naming.model, naming.screen, ())
-        return sight, judge(naming, sight, select, config), naming
+        return sight, judge(naming, sight, sight, select, config), naming
     around = with_surfaces(replay, naming.around)
     while True:
-        sight = look(replay, around, alpha=config.alpha, seed=config.seed)
-        judgement = judge(naming, sight, select, config)
+        sight = look(replay, around, alpha=config.alpha, seed=config.seed, steps=PATIENT)
+        whole = _with_more(around, replay, select, config) if select else sight
+        judgement = judge(naming, sight, whole, select, config)
         if not judgement.doubtful:
             return sight, judgement, naming
         naming = replace(
@@ -93,6 +94,14 @@ def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tu
             point = point.without(name)
         entries = candidates([e for name, e in effects.items() if name not in point.owners])
         around = with_surfaces(replay, footprints(replay, point, entries))
+
+
+def _with_more(around: Footprints, replay: Replay, select: Sequence[MeasuredRun], config: Config) -> Sight:
+    """Look at the select runs too: what has no name is often clearest where nothing was fitted."""
+    more = replay.of(select)
+    there = with_surfaces(more, footprints(more, around.point.among(more.names), around.entries))
+    together = replay.of((*replay.runs, *select))
+    return look(together, joined(around, there), alpha=config.alpha, seed=config.seed)
 
 
 def _conclusion(

@@ -16,8 +16,10 @@ from diagnosis.engine.point import Coordinate, Point
 from diagnosis.engine.replay import Replay
 
 ITERATIONS: Final = 30  #: steps that a fit may take
+PATIENT: Final = 150  #: the same of a model that is reported
 COARSE: Final = 1e-5  #: the same per unit of misfit beyond the noise, of which differences see no finer part
 FAIR: Final = 0.75  #: a step that gains less than this part of its promise was taken with poor columns
+GOOD: Final = 0.9  #: a step that gains this part of its promise had good columns
 ENOUGH: Final = 0.01  #: a fit ends where the next step promises less than this, in units of χ²
 HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to a better model is the last one
 ROUGH: Final = 4.0  #: so much χ² may lie below a fit that comes to no better: two standard deviations
@@ -152,13 +154,16 @@ def fit(
     belief: Belief | None = None,
     refresh: bool = False,
     target: float = math.inf,
+    steps: int = ITERATIONS,
 ) -> FittedModel:
     """Fit every number of a model to the runs of a replay, from ``start``; ``belief`` replaces the priors.
 
     The nuisances' columns are those of ``known`` (whitened by the same noise) if it is given. Those of the effects
     follow the steps by Broyden's rule and are computed anew where a step does not keep its promise; all columns are
     where it fails and, on ``refresh``, at the end; where it fails again, by central differences. A fit that stays far
-    above the cost ``target`` of another model is not carried to the last digit. Raises ``DiagnosisError`` where the
+    above the cost ``target`` of another model is not carried to the last digit; none takes more than so many ``steps``.
+    Along a narrow curved valley they are short: the damping falls slowly, and a step that fails after good ones is
+    tried shorter before columns are doubted. Raises ``DiagnosisError`` where the
     model fails at the start.
     """
     whiten = filters(noise, replay)
@@ -168,8 +173,8 @@ def fit(
     here = linearise(replay, whiten, start, predictions, belief, known)
     columns = BORROWED if known else FRESH
     samples = sum(int(counted(run).sum()) for run in replay.runs)
-    damping, converged = 0.0, False
-    for _ in range(ITERATIONS):
+    damping, converged, trusted = 0.0, False, False
+    for _ in range(steps):
         trial = here.point.at(here.point.numbers + here.step(damping))
         promise = here.promise(trial.numbers - here.point.numbers)
         enough = max(ENOUGH * noise.dispersion, COARSE * (here.misfit - samples))
@@ -192,10 +197,13 @@ def fit(
                 columns = OWN if trial.owners else FRESH
                 known = here if columns == OWN else None
                 here = linearise(replay, whiten, trial, predictions, belief, known)
-            damping = damping / 10.0 if damping > 1e-4 else 0.0
+            damping = damping / 3.0 if damping > 1e-6 else 0.0
+            trusted = gain > GOOD and damping > 0.0
         elif columns >= OWN and promise < IDLE * noise.dispersion:
             converged = True
             break
+        elif trusted:
+            damping, trusted = 2.0 * max(damping, 1e-6), False
         elif columns < CENTRAL:
             columns = max(columns + 1, OWN if trial.owners else FRESH)
             known = here if columns == OWN else None

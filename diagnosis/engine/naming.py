@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,7 @@ from diagnosis.engine.replay import Replay
 from diagnosis.engine.screen import Footprints, Screen, candidates, footprints, look
 
 RIVALS: Final = 4  #: so many others are tried in the place of each accepted effect
+PAIRED: Final = 4  #: so many causes that are not physical alone are tried two by two
 SUBSTITUTE: Final = (
     0.1  #: what passes the gates gains at least this part of what the best that does not would gain
 )
@@ -35,7 +37,7 @@ class Trial:
     point: Point
     covariance: Array  #: of the point's numbers (k, k)
     cost: float
-    bic: float
+    bic: float  #: with what a member of a family that contains others must explain beyond them
     lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
     failed: str = ""
     physical: bool = True
@@ -97,7 +99,10 @@ class _State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Search:
-    """A stepwise search over a catalogue: forwards with a swap pass at each step, then backwards."""
+    """A stepwise search over a catalogue: forwards with a swap pass at each step, then backwards.
+
+    A step takes in one cause, or two where neither makes sense alone.
+    """
 
     replay: Replay  #: on the fit runs
     select: tuple[MeasuredRun, ...]
@@ -124,13 +129,14 @@ class Search:
                 trials = self._trials(state, floors)
             steps.append(Step(state.model.effects, replace(state.screen, columns=()), trials))
             starts |= {trial.effect: trial.point for trial in trials}
-            chosen = self._choose(state, trials, starts, floors)
+            chosen = self._choose(state, trials, starts, floors) or self._pair(state, trials, floors)
             if chosen is None:
                 break
             for gone in set(state.model.effects) - set(chosen.point.owners):
                 pool[chosen.effect] = [gone, *pool.pop(gone)]
             others = _comparable(state.model.bic, chosen, trials)
-            pool[chosen.effect] = list(dict.fromkeys((*others, *pool.get(chosen.effect, ()))))
+            for new in set(chosen.point.owners) - set(state.model.effects):
+                pool[new] = list(dict.fromkeys((*others, *pool.get(new, ()))))
             explained = state.explained + state.model.cost - chosen.cost
             state = replace(self._stand(chosen.point), explained=explained)
             state, rivals = self._swap(state, pool, starts)
@@ -177,14 +183,14 @@ class Search:
             best = min((model.cost for model in fits.values()), default=math.inf)
             fits[name] = self._fit(start, state, best)
         trials: list[Trial] = []
-        for name in sorted(fits, key=lambda name: fits[name].bic):
+        for name in sorted(fits, key=lambda name: fits[name].bic + self._more(name, fits[name], state)):
             model, prediction = fits[name], None
             failed = unfit(model, name, state.model) or self._rough(state, model)
             if not failed and all(trial.failed for trial in trials):
                 prediction = self._predict(model, state.prediction)
                 failed = useless(model, prediction, state.model, state.prediction, floors, self.config)
             physical = not unphysical(model, name, state.model)
-            trials.append(_trial(name, model, prediction, failed, physical))
+            trials.append(_trial(name, model, prediction, failed, physical, self._more(name, model, state)))
         return tuple(trials)
 
     def _fit(self, start: Point, state: _State, target: float = math.inf) -> FittedModel:
@@ -194,7 +200,14 @@ class Search:
         """Fit and predict a model that must be physical."""
         model = self._fit(start, state, target)
         prediction = self._predict(model, state.prediction)
-        return _trial(effect, model, prediction, unphysical(model, effect, state.model))
+        failed = unphysical(model, effect, state.model)
+        return _trial(effect, model, prediction, failed, more=self._more(effect, model, state))
+
+    def _more(self, name: str, model: FittedModel, state: _State) -> float:
+        """Return the χ² that an effect could gain over a poorer member of its family where that is only rough."""
+        if not any(name in effect.richer for effect in self.effects.values()):
+            return 0.0
+        return self.config.rough**2 * max(state.explained + state.model.cost - model.cost, 0.0)
 
     def _rough(self, state: _State, model: FittedModel) -> str:
         """Return why a further cause may be no more than what the causes found so far are wrong by; "" if it is more.
@@ -246,13 +259,36 @@ class Search:
         worth = [single for single in singles if single.bic < state.model.bic]
         return min(worth, key=lambda trial: trial.bic, default=None)
 
+    def _pair(self, state: _State, trials: Sequence[Trial], floors: Array) -> Trial | None:
+        """Return the best model with two more causes at once, of those of which each alone is not physical.
+
+        A cause that is missing strains what is believed of the base model, and the other one gets the blame.
+        """
+        strained = [trial for trial in trials if not trial.physical][:PAIRED]
+        found: list[Trial] = []
+        for first, second in combinations(strained, 2):
+            one, two = self.effects[first.effect], self.effects[second.effect]
+            if one.family == two.family or len(state.model.effects) + 2 > self.config.max_effects:
+                continue
+            shapes = [second.point.effects()[two.name][shape.name] for shape in two.shapes]
+            start = first.point.with_(effect_coordinates(two), (0.0, *shapes))
+            model = self._fit(start, state)
+            failed = unfit(model, two.name, state.model) or unphysical(model, one.name, state.model)
+            if failed or self._rough(state, model):
+                continue
+            prediction = self._predict(model, state.prediction)
+            if not useless(model, prediction, state.model, state.prediction, floors, self.config):
+                more = self._more(one.name, model, state) + self._more(two.name, model, state)
+                found.append(_trial(two.name, model, prediction, "", more=more))
+        return min(found, key=lambda trial: trial.bic, default=None)
+
     def _swap(
         self, state: _State, pool: dict[str, list[str]], starts: Mapping[str, Point]
     ) -> tuple[_State, dict[str, tuple[Trial, ...]]]:
         """Try rivals in the place of each effect under the present noise, and let a better one in."""
-        rivals: dict[str, tuple[Trial, ...]] = {}
-        for _ in range(2 * self.config.max_effects):
-            rivals = {}
+        seen = {frozenset(state.model.effects)}  # under another noise, what went may look better again
+        while True:
+            rivals: dict[str, tuple[Trial, ...]] = {}
             for old in state.model.effects:
                 fits = [
                     self._attempt(
@@ -264,14 +300,18 @@ class Search:
                     for name in [n for n in pool[old] if n not in state.model.effects][:RIVALS]
                 ]
                 rivals[old] = tuple(sorted((t for t in fits if not t.failed), key=lambda trial: trial.bic))
-            better = [(trials[0].bic, old) for old, trials in rivals.items() if trials]
-            if not better or min(better)[0] >= state.model.bic:
+            better = [
+                (trial.bic, old, trial)
+                for old, trials in rivals.items()
+                for trial in trials
+                if trial.bic < state.model.bic and frozenset(trial.point.owners) not in seen
+            ]
+            if not better:
                 return state, rivals
-            old = min(better)[1]
-            new = rivals[old][0]
+            _, old, new = min(better, key=lambda swap: swap[0])
+            seen.add(frozenset(new.point.owners))
             pool[new.effect] = [old, *(name for name in pool.pop(old) if name != new.effect)]
             state = replace(self._stand(new.point), explained=state.explained)
-        return state, rivals
 
     def _settle(
         self, steps: list[Step], state: _State, rivals: dict[str, tuple[Trial, ...]], floors: Array
@@ -317,10 +357,15 @@ class Search:
 
 
 def _trial(
-    effect: str, model: FittedModel, prediction: Prediction | None, failed: str, physical: bool = True
+    effect: str,
+    model: FittedModel,
+    prediction: Prediction | None,
+    failed: str,
+    physical: bool = True,
+    more: float = 0.0,
 ) -> Trial:
     lpd = prediction.lpd if prediction else float("nan")
-    return Trial(effect, model.point, model.covariance(), model.cost, model.bic, lpd, failed, physical)
+    return Trial(effect, model.point, model.covariance(), model.cost, model.bic + more, lpd, failed, physical)
 
 
 def _replaced(point: Point, old: str, effect: Effect, start: Point) -> Point:

@@ -129,6 +129,15 @@ class Point:
         inside = [c.inside(v) for c, v in zip(more, values, strict=True)]
         return Point((*self.coordinates, *more), np.concatenate((self.numbers, inside)))
 
+    def among(self, runs: Iterable[str]) -> Point:
+        """Return the point with the nuisances of further runs, at their nominal values."""
+        fresh = [
+            Coordinate(parameter, run=run)
+            for parameter in dict.fromkeys(c.parameter for c in self.coordinates if c.run)
+            for run in runs
+        ]
+        return self.with_(fresh, [c.parameter.nominal for c in fresh])
+
     def without(self, owner: str) -> Point:
         """Return the point without an effect or surface."""
         keep = [i for i, c in enumerate(self.coordinates) if c.owner != owner]

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.contracts import Array, Effect, Surface
-from diagnosis.engine.fit import FittedModel, counted, filters, fit
+from diagnosis.engine.fit import ITERATIONS, FittedModel, counted, filters, fit
 from diagnosis.engine.linear import Block, Columns, Linearisation, Projection, prior, solve
 from diagnosis.engine.noise import Filter, Mask, Noise, estimate, quietest, white
 from diagnosis.engine.point import Coordinate, Point, effect_coordinates, neighbour, surface_coordinates
@@ -164,7 +164,19 @@ def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
     return replace(around, surfaces=tuple(surfaces))
 
 
-def look(replay: Replay, around: Footprints, *, alpha: float, seed: int) -> Sight:
+def joined(these: Footprints, others: Footprints) -> Footprints:
+    """Put footprints on further runs beside these; their point is the same, with the nuisances of those runs."""
+    return Footprints(
+        others.point,
+        these.predictions + others.predictions,
+        these.own + others.own,
+        these.entries,
+        these.more + others.more,
+        tuple(mine + more for mine, more in zip(these.surfaces, others.surfaces, strict=True)),
+    )
+
+
+def look(replay: Replay, around: Footprints, *, alpha: float, seed: int, steps: int = ITERATIONS) -> Sight:
     """Estimate the noise around a model, fit the model under it, and score every candidate against it.
 
     Noise is what a linear model of everything leaves: of the model's own numbers, of all candidates and of the
@@ -180,7 +192,7 @@ def look(replay: Replay, around: Footprints, *, alpha: float, seed: int) -> Sigh
     del everything
     inflation = overdispersion(model.linearisation, columns)
     noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
-    model = fit(replay, noise, model.point, model.linearisation)
+    model = fit(replay, noise, model.point, model.linearisation, steps=steps)
     ends = np.cumsum([len(around.entries), *(len(surface[0]) for surface in around.surfaces)])
     entry = [x[: ends[0]] for x in columns]
     return Sight(

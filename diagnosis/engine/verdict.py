@@ -10,7 +10,7 @@ import numpy as np
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import Config
-from diagnosis.engine.errors import at_most_one, chi_square
+from diagnosis.engine.errors import at_most_one
 from diagnosis.engine.fit import FittedModel, fit, predict
 from diagnosis.engine.linear import inverse
 from diagnosis.engine.naming import Accepted, Naming
@@ -43,27 +43,33 @@ class Judgement:
     doubtful: tuple[str, ...]
 
 
-def _seen(naming: Naming, sight: Sight, config: Config) -> list[Omnibus]:
+def _seen(naming: Naming, sight: Sight, whole: Sight, config: Config) -> list[Omnibus]:
     """Return the tests of surfaces that see a good part of what the named causes explain, the clearest first.
 
-    Their χ² counts as much less as their scores scatter more than the noise allows (Rao and Scott).
+    How clear they are is what the ``whole`` says, where to start from what the fit runs say.
     """
-    here, surfaces = sight.model.linearisation, sight.model.replay.simulator.surfaces
-    explained = sum(accepted.strength**2 for accepted in naming.accepted)
+    surfaces = sight.model.replay.simulator.surfaces
+    explained = sum(a.strength**2 + 2.0 * np.nan_to_num(max(a.lpd_gain, 0.0)) for a in naming.accepted)
     tests = []
-    for surface, columns in zip(surfaces, sight.surfaces, strict=True):
-        test = score_test(here, surface, columns)
-        statistic = test.statistic / float(np.mean(overdispersion(here, columns)))
-        p = at_most_one(chi_square(statistic, test.freedom), len(surfaces))
-        if p < config.alpha_unknown and statistic - test.freedom > REMAINDER * explained:
-            tests.append(replace(test, statistic=statistic, p=p))
+    for surface, columns, more in zip(surfaces, sight.surfaces, whole.surfaces, strict=True):
+        here = whole.model.linearisation
+        seen = score_test(here, surface, more, float(np.mean(overdispersion(here, more))))
+        p = at_most_one(seen.p, len(surfaces))
+        if p < config.alpha_unknown and seen.statistic - seen.freedom > REMAINDER * explained:
+            test = score_test(sight.model.linearisation, surface, columns)
+            tests.append(replace(test, statistic=seen.statistic, freedom=seen.freedom, p=p))
     return sorted(tests, key=lambda test: (test.p, -test.statistic))
 
 
-def judge(naming: Naming, sight: Sight, select: Sequence[MeasuredRun], config: Config) -> Judgement:
-    """Judge what the search found, and what the simulator's surfaces see beyond it in the last sight."""
+def judge(
+    naming: Naming, sight: Sight, whole: Sight, select: Sequence[MeasuredRun], config: Config
+) -> Judgement:
+    """Judge what the search found, and what the simulator's surfaces see beyond it in the last sight.
+
+    ``whole`` sees the select runs as well.
+    """
     model = sight.model
-    clear = _seen(naming, sight, config)
+    clear = _seen(naming, sight, whole, config)
     unknowns: tuple[Unknown, ...] = ()
     doubtful: tuple[str, ...] = ()
     if clear:

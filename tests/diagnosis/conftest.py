@@ -152,7 +152,14 @@ def _surface() -> Surface:
     coefficients = tuple(
         Parameter(f"c{i}{j}", "N", 0.0, 5.0, step=0.05) for i in range(ROWS) for j in range(COLUMNS)
     )
-    return Surface("force", "a force", ("displacement in m", "asinh of speed in 0.1 m/s"), coefficients)
+    x, v = (
+        reach * np.clip(2.0 * (np.arange(count) - 0.5) / (count - 2) - 1.0, -1.0, 1.0)
+        for reach, count in ((REACH, ROWS), (SWIFT, COLUMNS))
+    )
+    centres = tuple((float(a), float(b)) for a in x for b in v)
+    return Surface(
+        "force", "a force", ("displacement in m", "asinh of speed in 0.1 m/s"), coefficients, centres=centres
+    )
 
 
 @dataclass(frozen=True)
