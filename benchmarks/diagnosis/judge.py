@@ -22,7 +22,7 @@ LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
     """One case: what was hidden, what was said, and how right that was.
 
-    ``strength`` is λ of the weakest of what was hidden. ``errors`` are those of the amplitudes of rightly named causes,
+    ``strength`` is λ of the weakest of what was hidden, ``loudest`` of the strongest. ``errors`` are those of the amplitudes of rightly named causes,
     relative to the truth; ``deviations`` the same in standard deviations as the finding tells them, ``base`` those of
     the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
     """
@@ -36,6 +36,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     verdict: str
     causes: list[str]
     rivals: list[str]
+    loudest: float = 0.0
     near: list[str] = []
     errors: list[float] = []
     deviations: list[float] = []
@@ -122,6 +123,7 @@ def judge(
         verdict=finding.verdict.value,
         causes=list(finding.names),
         rivals=[rival.effect for rival in finding.ambiguous_with],
+        loudest=max(truth.strengths.values(), default=0.0),
         near=sorted(kin for name in truth.effects for kin in _kin(name)),
         errors=errors,
         deviations=deviations,

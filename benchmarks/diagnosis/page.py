@@ -15,7 +15,7 @@ from diagnosis.finding import Verdict
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "diagnosis-benchmark.md"
 DRAWINGS: Final = PAGE.parent.parent / "gallery"
 
-#: λ at which what nobody models, a fiftieth of it, is as large as the noise.
+#: λ at which what nobody models, a fiftieth of it, is as large as the noise; of a pair, the louder one decides.
 QUIET: Final = 50.0
 
 Test = Callable[[Judged], bool]
@@ -148,8 +148,8 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
         rows.append(
             _figure(f"amplitude error at λ about 12 (mean), {noise}", aim, errors, mean, 0.10, percent=True)
         )
-    quiet = [j for j in named if j.strength < QUIET]
-    rough = [j for j in named if j.strength >= QUIET]
+    quiet = [j for j in named if j.loudest < QUIET]
+    rough = [j for j in named if j.loudest >= QUIET]
     for among, where in (
         (quiet, f"λ < {QUIET:g}"),
         (rough, f"λ ≥ {QUIET:g}, where roughness exceeds the noise"),

@@ -49,7 +49,8 @@ def _seen(naming: Naming, sight: Sight, whole: Sight, config: Config) -> list[Om
     How clear they are is what the ``whole`` says, where to start from what the fit runs say.
     """
     surfaces = sight.model.replay.simulator.surfaces
-    explained = sum(a.strength**2 + 2.0 * np.nan_to_num(max(a.lpd_gain, 0.0)) for a in naming.accepted)
+    # The gain is NaN, and counts as none, where there are no select runs.
+    explained = sum(a.strength**2 + max(0.0, 2.0 * a.lpd_gain) for a in naming.accepted)
     tests = []
     for surface, columns, more in zip(surfaces, sight.surfaces, whole.surfaces, strict=True):
         here = whole.model.linearisation

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from diagnosis.contracts import Channel, DiagnosisError, Effect, Experiment, MeasuredRun, Nuisance, Parameter
-from diagnosis.engine.fit import fit, predict
+from diagnosis.engine.fit import PATIENT, fit, predict
 from diagnosis.engine.naming import Search
 from diagnosis.engine.noise import white
 from diagnosis.engine.point import base_point, effect_coordinates
@@ -168,3 +168,23 @@ def test_the_whole_search_is_right_about_a_line():
     found = naming.model.point.effects()["bend"]["amplitude"]
     sd = naming.model.deviation(naming.model.point.coordinates[-1])
     assert abs(found - 0.8) < 3.5 * sd
+
+
+def test_a_fit_follows_a_narrow_curved_valley(laboratory):
+    """Two relaxation times: stiffness and time of the fast branch trade places with the damper over a wide range."""
+    lab = laboratory(samples=1000)
+    branches = {"amplitude": 150.0, "tau": 0.03, "ratio": 1.0, "tau_two": 0.3}
+    data = lab.measure(1, {"maxwell_two": branches})
+    replay = Replay(lab.simulator, data.of("fit"), 1)
+    effect = lab.simulator.catalogue["maxwell_two"]
+    base = base_point(lab.simulator.nuisances, replay.names)
+
+    def fitted(**start):
+        values = [(branches | start)[parameter.name] for parameter in effect.parameters]
+        noise = white([channel.noise for channel in data.channels])
+        return fit(replay, noise, base.with_(effect_coordinates(effect), values), steps=PATIENT)
+
+    best = fitted()
+    away = fitted(amplitude=60.0, tau=0.06, ratio=2.0, tau_two=0.4)
+    assert away.converged
+    assert away.cost < best.cost + 4.0

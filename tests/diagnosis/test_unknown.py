@@ -49,6 +49,15 @@ def test_a_stop_that_no_catalogue_knows_is_seen_fitted_and_located(laboratory, f
     assert "not kept" not in unknown.sentence and "valid only inside" in unknown.sentence
 
 
+def test_what_depends_on_one_state_is_clearest_along_it(laboratory, force_surface):
+    """A stop that the sum of all coefficients would leave in doubt."""
+    small = {"stop": {"amplitude": 2.0, "gap": 0.012}}
+    clear = fitted(laboratory, force_surface, 3, small)[3]
+    blurred = fitted(laboratory, replace(force_surface, centres=()), 3, small)[3]
+    assert clear.freedom < blurred.freedom
+    assert clear.p < 0.1 * blurred.p
+
+
 @pytest.mark.slow
 def test_a_surface_of_noise_is_not_kept(laboratory, force_surface):
     kept = []

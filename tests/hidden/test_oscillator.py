@@ -43,7 +43,22 @@ def test_two_relaxation_times_are_not_called_friction(judged):
     assert not found.wrong
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("single", 2), ("near", 1025)])
+def test_a_stop_that_is_hardly_touched_is_no_cubic_spring(judged):
+    """In the fit runs it looks like one; the select run, which hits it harder, tells."""
+    found = judged("oscillator", "outside", "white", 1063)
+    assert found.hidden == ["stop"]
+    assert found.verdict == Verdict.UNKNOWN
+    assert not found.causes
+
+
+def test_two_causes_neither_of_which_makes_sense_alone(judged):
+    """A lag without the rubber, or the rubber without the lag, would need another mass."""
+    found = judged("oscillator", "pair", "white", 1227)
+    assert sorted(found.hidden) == ["lag", "maxwell"]
+    assert found.exact
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("single", 2), ("single", 1294), ("near", 1025)])
 def test_what_the_true_cause_is_wrong_by_is_no_second_cause(judged, kind, seed):
     """Of a cause in plain view, a fiftieth that nobody models is larger than the noise."""
     found = judged("oscillator", kind, "white", seed)
