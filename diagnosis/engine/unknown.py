@@ -13,7 +13,7 @@ from diagnosis.engine.fit import HELD, FittedModel, fit, predict
 from diagnosis.engine.linear import Belief, Linearisation, prior, solve
 from diagnosis.engine.point import Point, surface_coordinates
 from diagnosis.engine.replay import Quotients
-from diagnosis.engine.screen import Screen
+from diagnosis.engine.screen import Screen, overdispersion
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
 
 #: A surface acts where its coefficients are so many standard deviations from 0, and such a part of the largest ones.
@@ -38,14 +38,12 @@ class Omnibus:
     start: Array
 
 
-def score_test(
-    here: Linearisation, surface: Surface, columns: Sequence[Quotients], scatter: float = 1.0
-) -> Omnibus:
+def score_test(here: Linearisation, surface: Surface, columns: Sequence[Quotients]) -> Omnibus:
     """χ² = sᵀ G⁺ s of the projected scores s, in the directions that the data would show.
 
     G is the Gram matrix per prior spread: where one of its eigenvalues is below 1, a surface as large as is believed
-    stays under the noise, and looking there would only add chance. χ² counts by ``scatter`` less, as scores scatter
-    more than the noise allows (Rao and Scott).
+    stays under the noise, and looking there would only add chance. χ² counts as much less as scores scatter more than
+    the noise allows (Rao and Scott).
 
     The whole surface sees everything and nothing well. Most of what is unnamed depends on one state alone, a stop or a
     one-way damper, and is clearer among the few functions of that state. The clearest view counts.
@@ -56,7 +54,8 @@ def score_test(
         values, vectors = np.linalg.eigh(view @ projection.gram @ view.T)
         shown = values > 1.0
         along = vectors[:, shown].T @ view @ projection.score
-        statistic = float(np.sum(along**2 / values[shown])) / scatter
+        scatter = overdispersion(here, [np.tensordot(view, c, 1).astype(c.dtype) for c in columns])
+        statistic = float(np.sum(along**2 / values[shown]) / np.mean(scatter))
         freedom = int(shown.sum())
         seen.append((chi_square(statistic, freedom), statistic, freedom))
     p, statistic, freedom = min(seen, key=lambda view: view[0])

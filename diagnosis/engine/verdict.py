@@ -15,7 +15,7 @@ from diagnosis.engine.fit import FittedModel, fit, predict
 from diagnosis.engine.linear import inverse
 from diagnosis.engine.naming import Accepted, Naming
 from diagnosis.engine.point import surface_coordinates
-from diagnosis.engine.screen import Screen, Sight, overdispersion
+from diagnosis.engine.screen import Screen, Sight
 from diagnosis.engine.unknown import Omnibus, explain, score_test
 from diagnosis.finding import Unknown, Verdict
 
@@ -53,8 +53,7 @@ def _seen(naming: Naming, sight: Sight, whole: Sight, config: Config) -> list[Om
     explained = sum(a.strength**2 + max(0.0, 2.0 * a.lpd_gain) for a in naming.accepted)
     tests = []
     for surface, columns, more in zip(surfaces, sight.surfaces, whole.surfaces, strict=True):
-        here = whole.model.linearisation
-        seen = score_test(here, surface, more, float(np.mean(overdispersion(here, more))))
+        seen = score_test(whole.model.linearisation, surface, more)
         p = at_most_one(seen.p, len(surfaces))
         if p < config.alpha_unknown and seen.statistic - seen.freedom > REMAINDER * explained:
             test = score_test(sight.model.linearisation, surface, columns)

@@ -37,6 +37,7 @@ from diagnosis.contracts import (
 )
 from diagnosis.systems.air_spring_parameters import (
     CHAMBERS,
+    DRAG,
     SEAT,
     SHEAR,
     deviate,
@@ -80,8 +81,8 @@ _VALVES: Final = {
     "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
     "dpv": Input.DPV_CONNECTED,
 }
-#: What only shifts a reading.
-_SHIFTS: Final = (".offset", SEAT)
+#: What only shifts a reading, for good or with the speed.
+_SHIFTS: Final = (".offset", SEAT, DRAG)
 #: Offsets of sensors that tell the model where it is: they change more than the reading.
 _PHYSICAL: Final = (".bellows_pressure.offset", f"{SHEAR}.offset")
 #: As many experiments are kept ready, and as many readings of each: two let offsets be varied without a simulation.
@@ -140,7 +141,7 @@ class AirSpring:
         ready = self._prepare(experiment)
         offsets = np.array(
             [
-                sum(parameters.get(f"{channel.name}{what}", 0.0) for what in _SHIFTS)
+                sum(parameters.get(f"{channel.name}{what}", 0.0) for what in (".offset", SEAT))
                 for channel in self.channels
             ]
         )
@@ -158,7 +159,11 @@ class AirSpring:
                 ready.kept[key] = known
                 while len(ready.kept) > _KEPT:
                     ready.kept.popitem(last=False)
-        return known + offsets
+        shifted = known + offsets
+        for name, speed in ready.speeds.items():
+            if drag := parameters.get(f"{name}{DRAG}", 0.0):
+                shifted[:, [channel.name for channel in self.channels].index(name)] += drag * speed
+        return shifted
 
     def record(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Any:
         """Return the parameter record of a model: this set under the experiment's load, deviations and effects.
@@ -251,7 +256,18 @@ class _Ready:
         self.supply = (
             _input(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure
         )
+        self.speeds = _actuator_speeds(self.motion, par)
         self.kept: OrderedDict[str, Array] = OrderedDict()
+
+
+def _actuator_speeds(motion: Motion, par: Any) -> dict[str, Array]:
+    """Speeds (n,) of the bolster where the actuators are pinned, up or left positive, by the names of their forces."""
+    y, z, phi = motion.speed[:, :3].T
+    return {
+        "vertical_left.force": z + par.actuator_half_spacing * phi,
+        "vertical_right.force": z - par.actuator_half_spacing * phi,
+        "lateral.force": y - par.lateral_actuator_height * phi,
+    }
 
 
 def _motion(experiment: Experiment, par: Any) -> Array:

@@ -37,6 +37,10 @@ TIMING: Final = 2e-5
 #: actuators seem to stand higher or lower by it.
 SEAT: Final = ".seat"
 ROUNDING: Final = 3e-6
+#: A transducer in an actuator shows some newton in proportion to the speed that the bolster does not feel (N s/m): seals
+#: that rub; in the virtual rig about 50 N s/m, probably since its set-points wait for the next tick.
+DRAG: Final = ".drag"
+SEALS: Final = 100.0
 #: The transducer whose offset stands for that of the shear: the stiffer the springs, the more force it makes.
 SHEAR: Final = "lateral.displacement"
 #: Where a temperature is one chamber's own.
@@ -91,6 +95,11 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
             )
             for channel, _ in channels
             if channel.kind == "displacement"
+        ),
+        *(
+            Nuisance(f"{channel.name}{DRAG}", "N*s/m", 0.0, SEALS, step=_STEP * SEALS)
+            for channel, sensor in channels
+            if Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE
         ),
         *(
             Nuisance(
