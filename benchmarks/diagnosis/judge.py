@@ -22,9 +22,10 @@ LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
     """One case: what was hidden, what was said, and how right that was.
 
-    ``strength`` is λ of the weakest of what was hidden, ``loudest`` of the strongest. ``errors`` are those of the amplitudes of rightly named causes,
-    relative to the truth; ``deviations`` the same in standard deviations as the finding tells them, ``base`` those of
-    the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
+    ``strength`` is λ of the weakest of what was hidden, ``loudest`` of the strongest. ``errors`` are those of the
+    amplitudes of rightly named causes, relative to the truth; ``deviations`` the same in standard deviations as the
+    finding tells them, ``base`` those of the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on
+    the report runs.
     """
 
     system: str
