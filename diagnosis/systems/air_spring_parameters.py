@@ -37,8 +37,9 @@ TIMING: Final = 2e-5
 #: actuators seem to stand higher or lower by it.
 SEAT: Final = ".seat"
 ROUNDING: Final = 3e-6
-#: A transducer in an actuator shows some newton in proportion to the speed that the bolster does not feel (N s/m): seals
-#: that rub; in the virtual rig about 50 N s/m, probably since its set-points wait for the next tick.
+#: An actuator's transducer shows some newton in proportion to the speed (N s/m) that the bolster does not feel: seals
+#: that rub; in the virtual rig set-points that wait for the next tick Δt. Between ticks the piston falls behind and
+#: catches up; at a tick, when sensors look, the frame's damper shows c ω² Δt²/12 = 103 N s/m more than it does on average.
 DRAG: Final = ".drag"
 SEALS: Final = 100.0
 #: The transducer whose offset stands for that of the shear: the stiffer the springs, the more force it makes.
