@@ -39,7 +39,7 @@ SEAT: Final = ".seat"
 ROUNDING: Final = 3e-6
 #: An actuator's transducer shows some newton in proportion to the speed (N s/m) that the bolster does not feel: seals
 #: that rub; in the virtual rig set-points that wait for the next tick Δt. Between ticks the piston falls behind and
-#: catches up; at a tick, when sensors look, the frame's damper shows c ω² Δt²/12 = 103 N s/m more than it does on average.
+#: catches up; at a tick, when sensors look, the damper of the frame shows c ω² Δt²/12 = 103 N s/m more than on average.
 DRAG: Final = ".drag"
 SEALS: Final = 100.0
 #: The transducer whose offset stands for that of the shear: the stiffer the springs, the more force it makes.
