@@ -12,7 +12,7 @@ from benchmarks.diagnosis.truth import CONDITIONS
 
 SYSTEMS: Final = ("oscillator", "bench")
 #: So many of an oscillator's cases are cheap.
-CHEAP: Final = 1200
+CHEAP: Final = 800
 NULLS: Final = 500
 COLOURED_NULLS: Final = 200
 
