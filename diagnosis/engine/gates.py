@@ -14,6 +14,7 @@ from diagnosis.engine.noise import Noise
 
 PUSH: Final = 4.0  #: χ² that would be gained beyond the end of a range: two standard deviations
 STRAIN: Final = 4.0  #: so many prior standard deviations is no belief any more
+MORE: Final = 1.0  #: and a cause strains it that asks for so many more than the model without it
 SLACK: Final = 1.1  #: a noise floor is known to a tenth
 REST: Final = 50  #: so many samples at rest say how large the noise is
 
@@ -59,7 +60,7 @@ def unphysical(model: FittedModel, effect: str, base: FittedModel) -> str:
             and push**2 > PUSH * model.noise.dispersion * here.gram[i, i]
         ):
             return f"{coordinate.label} runs into the end of its range, {value}"
-        if coordinate.weight and abs(number) > max(STRAIN, strained.get(coordinate, 0.0)):
+        if coordinate.weight and abs(number) > max(STRAIN, strained.get(coordinate, 0.0) + MORE):
             return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from what is believed"
     return ""
 

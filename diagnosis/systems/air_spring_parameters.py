@@ -60,15 +60,18 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
     The data sheet's accuracy bounds an offset evenly: its standard deviation is the bound over √3. Offsets come
     first because they need no simulation of their own.
     """
-    accuracy = parameters.record.sensor_accuracy
+    accuracy = parameters.record.sensor_accuracy / sqrt(3.0)
+    accuracy[[Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_RIGHT_DISPLACEMENT]] = _pin_accuracy(
+        parameters
+    )
     return (
         *(
             Nuisance(
                 f"{channel.name}.offset",
                 channel.unit,
                 0.0,
-                float(accuracy[sensor]) / sqrt(3.0),
-                step=_STEP * float(accuracy[sensor]) / sqrt(3.0),
+                float(accuracy[sensor]),
+                step=_STEP * float(accuracy[sensor]),
                 display=channel.display,
                 scale=channel.scale,
             )
@@ -126,6 +129,25 @@ def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ..
         ),
         *(_tolerance(parameters, name, name, 0, share) for name, share in BOTH_SIDES.items()),
     )
+
+
+def _pin_accuracy(parameters: Parameters) -> float:
+    """Standard deviation of the offset of a vertical actuator's transducer, against the sensors that tell the motion.
+
+    The bolster stands at (ζ_L + ζ_R)/2 + z_P + a ((ζ_L − ζ_R)/2b + φ_P) where an actuator is pinned, and every one of
+    these has a zero of its own.
+    """
+    par = parameters.record
+    arm = par.actuator_half_spacing
+    ratio = arm / par.spring_half_spacing
+    shares = (
+        (Sensor.VERTICAL_LEFT_DISPLACEMENT, 1.0),
+        (Sensor.LEFT_HEIGHT, 0.5 * (1.0 + ratio)),
+        (Sensor.RIGHT_HEIGHT, 0.5 * (1.0 - ratio)),
+        (Sensor.PLATFORM_VERTICAL, 1.0),
+        (Sensor.PLATFORM_ROLL, arm),
+    )
+    return sqrt(sum((share * par.sensor_accuracy[sensor]) ** 2 for sensor, share in shares) / 3.0)
 
 
 def _shear_accuracy(parameters: Parameters) -> float:
