@@ -29,7 +29,7 @@ HELD: Final = 1e4  #: weight of what a fit knows where its numbers must not move
 FLAT: Final = 1e-6  #: weight of a prior that says nothing, in units of the parameter's scale
 
 #: Where the columns of a fit come from: an earlier point, differences at this point for the effects' own numbers or for
-#: all (with effects in the model, once), central differences of the effects' own or, without effects, of all.
+#: all, central differences of the effects' own or, without effects, of all.
 BORROWED, OWN, FRESH, CENTRAL = range(4)
 
 
@@ -173,7 +173,7 @@ def fit(
     here = linearise(replay, whiten, start, predictions, belief, known)
     columns = BORROWED if known else FRESH
     samples = sum(int(counted(run).sum()) for run in replay.runs)
-    damping, converged, trusted, renewed = 0.0, False, False, columns == FRESH
+    damping, converged, trusted = 0.0, False, False
     for _ in range(steps):
         trial = here.point.at(here.point.numbers + here.step(damping))
         promise = here.promise(trial.numbers - here.point.numbers)
@@ -206,9 +206,6 @@ def fit(
             damping, trusted = 2.0 * max(damping, 1e-6), False
         elif columns < CENTRAL:
             columns = max(columns + 1, OWN if trial.owners else FRESH)
-            if columns == FRESH and trial.owners and renewed:
-                columns = CENTRAL
-            renewed |= columns == FRESH
             known = here if trial.owners and columns != FRESH else None
             here = linearise(
                 replay, whiten, here.point, predictions, belief, known, central=columns == CENTRAL
