@@ -67,9 +67,10 @@ def write(kept: Mapping[str, Sequence[Judged]]) -> Path:
     ]
     lines += [row for system in good for row in _rows(system, good[system])]
     for system, cases in good.items():
-        if not cases:
-            continue
         lines += ["", f"## {system.capitalize()}", ""]
+        if not cases:
+            lines += ["No rates yet: each of its cases takes minutes.", ""]
+            continue
         for draw, title in (
             (power, "Rates over λ"),
             (reliability, "Intervals of exactly named cases"),
