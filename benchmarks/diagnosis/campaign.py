@@ -1,5 +1,8 @@
 """Many sealed cases, one after another in as many processes as are asked for; each leaves one line of JSON at once."""
 
+import multiprocessing
+import os
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -124,8 +127,19 @@ def _carried_out(left: Sequence[Case], processes: int) -> Iterator[Judged]:
     if processes == 1:
         yield from map(carry_out, left)
         return
-    import multiprocessing
-
-    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context, initializer=_outlive_nobody) as pool:
         for future in as_completed([pool.submit(carry_out, case) for case in left]):
             yield future.result()
+
+
+def _outlive_nobody() -> None:
+    """End this worker when its campaign is killed, and not hours of diagnoses later."""
+
+    def watch() -> None:
+        campaign = multiprocessing.parent_process()
+        assert campaign is not None
+        campaign.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
