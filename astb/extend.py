@@ -11,6 +11,7 @@ from bench_sim.model.layout import Sensor
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.model_file import Model, Notes, write_model
 from diagnosis.finding import Z95, Finding, decimals
+from diagnosis.systems.air_spring_parameters import DRAG
 from diagnosis.systems.air_spring_surfaces import TERMS
 
 #: Significant digits of every number: rounding moves an output by less than a fiftieth of its sensor's noise.
@@ -36,6 +37,8 @@ def _changes(values: Mapping[str, float], parameters: Parameters) -> dict[str, A
     changes: dict[str, Any] = {}
     for name, value in values.items():
         side, _, quantity = name.partition(".")
+        if name.endswith(DRAG):
+            continue  # a matter of the transducers and of the rig's ticks, which a rig has of itself
         if name.endswith(_OFFSET):
             sensor = _sensor(name)
             before = float(parameters.entries["sensor_bias"].value[Sensor[sensor.upper()]])
