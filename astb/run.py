@@ -15,16 +15,16 @@ from astb.rig_file import RigFile
 from astb.session import MAP_HASH, Session, open_session
 from bench_protocol.clock import utc_date
 from bench_records.layout import JUNIT, META, PARQUET, REPORT, RESULT, STREAM, RecordError
-from bench_records.result import Check, Outcome, Result, Verdict
+from bench_records.result import Check, CheckVerdict, Outcome, Result
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
 
 _COLOURS: Final = {
-    Verdict.PASS: "green",
-    Verdict.MARGINAL: "yellow",
-    Verdict.FAIL: "red",
-    Verdict.ERROR: "red",
+    CheckVerdict.PASS: "green",
+    CheckVerdict.MARGINAL: "yellow",
+    CheckVerdict.FAIL: "red",
+    CheckVerdict.ERROR: "red",
 }
 _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 

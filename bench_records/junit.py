@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from bench_records.layout import JUNIT
-from bench_records.result import Outcome, Result, Verdict
+from bench_records.result import CheckVerdict, Outcome, Result
 
 # What XML 1.0 cannot hold, even escaped.
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -15,8 +15,8 @@ _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 
 def junit(result: Result) -> bytes:
     """The document; failures are checks out of their limits, errors are what could not be judged."""
-    failures = result.count(Verdict.FAIL)
-    errors = result.count(Verdict.ERROR) + (result.verdict is Outcome.BLOCKED)
+    failures = result.count(CheckVerdict.FAIL)
+    errors = result.count(CheckVerdict.ERROR) + (result.verdict is Outcome.BLOCKED)
     totals = {
         "tests": str(len(result.checks) + 1),
         "failures": str(failures),
@@ -44,9 +44,9 @@ def junit(result: Result) -> bytes:
             suite, "testcase", {"classname": _text(result.plan), "name": _text(one.name), "time": "0.000"}
         )
         story = _text(str(one))
-        if one.verdict is Verdict.FAIL:
+        if one.verdict is CheckVerdict.FAIL:
             ET.SubElement(case, "failure", {"type": "limit", "message": story}).text = _text(one.note)
-        elif one.verdict is Verdict.ERROR:
+        elif one.verdict is CheckVerdict.ERROR:
             ET.SubElement(case, "error", {"type": "no value", "message": story}).text = _text(one.note)
         else:
             ET.SubElement(case, "system-out").text = "\n".join(filter(None, [story, _text(one.note)]))

@@ -63,7 +63,7 @@ class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
         return self.label or self.name
 
 
-class Event(msgspec.Struct, frozen=True, omit_defaults=True):
+class RecordedEvent(msgspec.Struct, frozen=True, omit_defaults=True):
     """Something that happened at one instant: ``kind`` is one word (state, trip, check, phase, ...)."""
 
     time_ns: int
@@ -86,14 +86,14 @@ class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
         return self.end - self.start
 
 
-def phases_of(events: list[Event], start_ns: int, end_ns: int) -> list[Phase]:
+def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[Phase]:
     """The phases told by begin and end events, in the order in which they began.
 
     A phase that nobody ended, because the run was cut off, ends with the record.
     """
     finished: list[Phase] = []
     order: list[int] = []
-    still_open: list[tuple[int, Event]] = []
+    still_open: list[tuple[int, RecordedEvent]] = []
 
     def finish(end: int) -> None:
         index, begin = still_open.pop()

@@ -16,8 +16,8 @@ from bench_records.layout import (
     RESERVED,
     SECOND,
     STREAM,
-    Event,
     Phase,
+    RecordedEvent,
     RecordError,
     SignalInfo,
     encode,
@@ -43,7 +43,7 @@ class Record:
         table: pa.Table,
         meta: dict[str, Any],
         signals: Sequence[SignalInfo],
-        events: list[Event],
+        events: list[RecordedEvent],
     ) -> None:
         self.path = path
         self.start_ns: int = meta.pop("start_ns")
@@ -70,7 +70,7 @@ class Record:
         """Named stretches of the run, in the order in which they began."""
         return phases_of(self.events, self.start_ns, self.start_ns + round(self.duration * SECOND))
 
-    def time_of(self, event: Event) -> float:
+    def time_of(self, event: RecordedEvent) -> float:
         """When an event happened, in seconds since the start."""
         return (event.time_ns - self.start_ns) / SECOND
 
@@ -167,7 +167,7 @@ def read(directory: Path | str) -> Record:
     meta = {key: msgspec.json.decode(value) for key, value in sorted(facts.items()) if key not in RESERVED}
     meta["start_ns"] = msgspec.json.decode(facts["start_ns"], type=int)
     signals = msgspec.json.decode(facts["signals"], type=list[SignalInfo])
-    events = msgspec.json.decode(facts["events"], type=list[Event])
+    events = msgspec.json.decode(facts["events"], type=list[RecordedEvent])
     return Record(path, table, meta, signals, events)
 
 

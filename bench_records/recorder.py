@@ -24,7 +24,7 @@ from bench_records.layout import (
     RESERVED,
     SECOND,
     STREAM,
-    Event,
+    RecordedEvent,
     RecordError,
     SignalInfo,
     encode,
@@ -76,7 +76,7 @@ class Recorder:
         self._limit = limit
         self._events_kept = 0
         self._pending: list[tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]] = []
-        self._events: list[Event] = []
+        self._events: list[RecordedEvent] = []
         self._batch_start_ns: int | None = None
         self._start_ns = start_ns
         self._closed = False
@@ -147,7 +147,7 @@ class Recorder:
 
     def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
         """Keep what happened at ``time_ns``: a change of state, a trip, a check.  ``data`` must fit into JSON."""
-        event = Event(int(time_ns), kind, text, data)
+        event = RecordedEvent(int(time_ns), kind, text, data)
         try:
             encode(event)
         except (TypeError, ValueError) as error:
@@ -310,14 +310,14 @@ def _convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) ->
             ) from error
         facts = _facts(reader.schema, stream)
         batches: list[pa.RecordBatch] = []
-        events: list[Event] = []
+        events: list[RecordedEvent] = []
         good = source.tell()
         while True:
             try:
                 batch, custom = reader.read_next_batch_with_custom_metadata()
                 batch.validate()
                 if custom is not None:
-                    events += msgspec.json.decode(custom[b"events"], type=list[Event])
+                    events += msgspec.json.decode(custom[b"events"], type=list[RecordedEvent])
             except (StopIteration, pa.ArrowException, OSError, msgspec.MsgspecError):
                 break
             batches.append(batch)
@@ -346,7 +346,11 @@ def _convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) ->
 
 
 def _write_parquet(
-    target: Path, table: pa.Table, signals: list[SignalInfo], events: list[Event], facts: dict[str, Any]
+    target: Path,
+    table: pa.Table,
+    signals: list[SignalInfo],
+    events: list[RecordedEvent],
+    facts: dict[str, Any],
 ) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -400,7 +404,7 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
     return facts
 
 
-def _span(start_ns: int | None, table: pa.Table, events: list[Event]) -> tuple[int, int]:
+def _span(start_ns: int | None, table: pa.Table, events: list[RecordedEvent]) -> tuple[int, int]:
     import pyarrow.compute as pc
 
     instants = [event.time_ns for event in events]

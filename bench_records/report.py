@@ -8,9 +8,18 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bench_records.layout import REPORT, RESULT, Event, Phase
+from bench_records.layout import REPORT, RESULT, Phase, RecordedEvent
 from bench_records.record import Record, read
-from bench_records.result import Check, Curve, Outcome, Result, Verdict, band_width, conclude, read_result
+from bench_records.result import (
+    Check,
+    CheckVerdict,
+    Curve,
+    Outcome,
+    Result,
+    band_width,
+    conclude,
+    read_result,
+)
 
 if TYPE_CHECKING:
     from bench_records.plots import Line
@@ -52,7 +61,7 @@ def render(record: Record, result: Result) -> str:
     return environment.get_template("report.html.j2").render(
         result=result,
         record=record,
-        counts={verdict.value: result.count(verdict) for verdict in Verdict},
+        counts={verdict.value: result.count(verdict) for verdict in CheckVerdict},
         paragraphs=_paragraphs(result.instruction),
         rows=_check_rows(result.checks),
         headline=headline(result),
@@ -159,7 +168,7 @@ def _figures(one: Check) -> list[str]:
         width = band_width(one.low, one.high) / one.scale or largest or 1.0
         decimals = min(6, max(0, math.ceil(-math.log10(width / 100) - 1e-9)))
     # A failed value must not be rounded onto its limit.
-    while one.verdict is Verdict.FAIL and decimals < 15:
+    while one.verdict is CheckVerdict.FAIL and decimals < 15:
         shown = [show(n, decimals) for n in numbers]
         if shown[0] not in shown[1:]:
             break
@@ -170,15 +179,20 @@ def _figures(one: Check) -> list[str]:
 # ---- checks -----------------------------------------------------------------------------------------------
 
 COLORS = {
-    Verdict.PASS: "#00694e",
-    Verdict.MARGINAL: "#b87a00",
-    Verdict.FAIL: "#a8201a",
-    Verdict.ERROR: "#5b3f8c",
+    CheckVerdict.PASS: "#00694e",
+    CheckVerdict.MARGINAL: "#b87a00",
+    CheckVerdict.FAIL: "#a8201a",
+    CheckVerdict.ERROR: "#5b3f8c",
 }
-SIGNS = {Verdict.PASS: "\u2713", Verdict.MARGINAL: "\u25b2", Verdict.FAIL: "\u2715", Verdict.ERROR: "?"}
+SIGNS = {
+    CheckVerdict.PASS: "\u2713",
+    CheckVerdict.MARGINAL: "\u25b2",
+    CheckVerdict.FAIL: "\u2715",
+    CheckVerdict.ERROR: "?",
+}
 
 
-class Row(NamedTuple):
+class CheckRow(NamedTuple):
     """A check as the table shows it."""
 
     check: Check
@@ -202,14 +216,14 @@ class Bar(NamedTuple):
     open_right: bool
 
 
-def _check_rows(checks: list[Check]) -> list[Row]:
+def _check_rows(checks: list[Check]) -> list[CheckRow]:
     figures = [_figures(one) for one in checks]
     decimals = [len(text.partition(".")[2]) for row in figures for text in row if not _is_scientific(text)]
     most = max(decimals, default=0)
     rows = []
     for one, texts in zip(checks, figures, strict=True):
         value, low, high = (text if _is_scientific(text) else _aligned(text, most) for text in texts)
-        rows.append(Row(one, SIGNS[one.verdict], value, low, high, _bar(one)))
+        rows.append(CheckRow(one, SIGNS[one.verdict], value, low, high, _bar(one)))
     return rows
 
 
@@ -248,7 +262,7 @@ def _bar(one: Check) -> Bar:
     )
 
 
-def _bar_svg(row: Row) -> Any:
+def _bar_svg(row: CheckRow) -> Any:
     """The range bar as an element; drawn by hand, since dozens of them must cost nothing."""
     from markupsafe import Markup
 
@@ -428,7 +442,7 @@ def _timing(result: Result) -> dict[str, Any] | None:
     }
 
 
-def _told(record: Record) -> list[Event]:
+def _told(record: Record) -> list[RecordedEvent]:
     """Events for the table: phases have one of their own, and settings are for whoever replays the run."""
     return [event for event in record.events if event.kind not in {"phase", "setting"}]
 
@@ -518,6 +532,6 @@ def headline(result: Result) -> str:
     total = len(result.checks)
     noun = "check" if total == 1 else "checks"
     if result.verdict is Outcome.FAIL:
-        return f"{result.count(Verdict.FAIL)} of {total} {noun} outside the limits"
-    marginal = result.count(Verdict.MARGINAL)
+        return f"{result.count(CheckVerdict.FAIL)} of {total} {noun} outside the limits"
+    marginal = result.count(CheckVerdict.MARGINAL)
     return f"{total} {noun} within the limits" + (f", {marginal} of them close to one" if marginal else "")

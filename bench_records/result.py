@@ -20,7 +20,7 @@ from bench_records.layout import RESULT, Phase, RecordError
 MARGIN = 0.05
 
 
-class Verdict(StrEnum):
+class CheckVerdict(StrEnum):
     """What one check says."""
 
     PASS = "pass"
@@ -37,19 +37,19 @@ class Outcome(StrEnum):
     BLOCKED = "blocked"
 
 
-def judge(value: float, low: float | None, high: float | None, margin: float = MARGIN) -> Verdict:
+def judge(value: float, low: float | None, high: float | None, margin: float = MARGIN) -> CheckVerdict:
     """The verdict on a value between limits, of which one may be absent.
 
     The band is ``high - low`` wide; with one limit only, the limit's own size stands for the width.
     """
     if not math.isfinite(value):
-        return Verdict.ERROR
+        return CheckVerdict.ERROR
     if (low is not None and value < low) or (high is not None and value > high):
-        return Verdict.FAIL
+        return CheckVerdict.FAIL
     zone = margin * band_width(low, high)
     near_low = low is not None and value - low < zone
     near_high = high is not None and high - value < zone
-    return Verdict.MARGINAL if near_low or near_high else Verdict.PASS
+    return CheckVerdict.MARGINAL if near_low or near_high else CheckVerdict.PASS
 
 
 def band_width(low: float | None, high: float | None) -> float:
@@ -69,7 +69,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     low: float | None
     high: float | None
     margin: float
-    verdict: Verdict
+    verdict: CheckVerdict
     phase: str = ""
     note: str = ""
 
@@ -92,7 +92,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def passed(self) -> bool:
         """Whether the value lies within its limits, near to one or not."""
-        return self.verdict in {Verdict.PASS, Verdict.MARGINAL}
+        return self.verdict in {CheckVerdict.PASS, CheckVerdict.MARGINAL}
 
     def __str__(self) -> str:
         low, high = (_shown(limit, self.scale, self.unit) for limit in (self.low, self.high))
@@ -130,7 +130,9 @@ def check(
         low=low,
         high=high,
         margin=margin,
-        verdict=judge(value, low, high, margin) if low is not None or high is not None else Verdict.ERROR,
+        verdict=judge(value, low, high, margin)
+        if low is not None or high is not None
+        else CheckVerdict.ERROR,
         phase=phase,
         note=note,
     )
@@ -253,7 +255,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         """Seconds from the start of the record to the end of the last phase."""
         return max((phase.end for phase in self.phases), default=0.0)
 
-    def count(self, verdict: Verdict) -> int:
+    def count(self, verdict: CheckVerdict) -> int:
         """How many checks got this verdict."""
         return sum(1 for one in self.checks if one.verdict is verdict)
 
@@ -301,9 +303,9 @@ def conclude(
 def _outcome(checks: Sequence[Check], reason: str) -> tuple[Outcome, str]:
     if reason:
         return Outcome.BLOCKED, reason
-    if any(one.verdict is Verdict.FAIL for one in checks):
+    if any(one.verdict is CheckVerdict.FAIL for one in checks):
         return Outcome.FAIL, ""
-    errors = [one.name for one in checks if one.verdict is Verdict.ERROR]
+    errors = [one.name for one in checks if one.verdict is CheckVerdict.ERROR]
     if errors:
         return Outcome.BLOCKED, f"the bench gave no value for: {', '.join(errors)}"
     if not checks:

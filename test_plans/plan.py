@@ -13,7 +13,7 @@ from bench_protocol.units import FACTORS, NS
 from test_plans.steps import make_safe, power_up
 
 if TYPE_CHECKING:
-    from bench_records.layout import Event
+    from bench_records.layout import RecordedEvent
     from bench_records.recorder import Recorder
     from bench_records.result import Axis, Check, Curve
     from drivers.bench import Bench
@@ -110,7 +110,7 @@ class Run:
     lasts: float = 0.0
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
-    phases: list[Event] = field(default_factory=list)  #: where each began and ended
+    phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
     _open: list[str] = field(default_factory=list)
     _start: int = field(init=False)
 
@@ -169,9 +169,9 @@ class Run:
             self._open.pop()
 
     def _edge(self, name: str, edge: str) -> None:
-        from bench_records.layout import Event
+        from bench_records.layout import RecordedEvent
 
-        self.phases.append(Event(self.now, "phase", name, {"edge": edge}))
+        self.phases.append(RecordedEvent(self.now, "phase", name, {"edge": edge}))
         self.keep("phase", name, edge=edge)
 
     def loop(

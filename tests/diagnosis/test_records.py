@@ -5,7 +5,7 @@ import pytest
 
 from bench_protocol.table import TICK
 from bench_protocol.units import Hz, mm
-from bench_records.layout import Event
+from bench_records.layout import RecordedEvent
 from bench_records.record import read
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.air_spring import OUTPUTS, AirSpring
@@ -143,7 +143,7 @@ class Told:
     """A record of events alone."""
 
     def __init__(self, *events):
-        self.events = [Event(round(time * 1e9), "setting", "", data) for time, data in events]
+        self.events = [RecordedEvent(round(time * 1e9), "setting", "", data) for time, data in events]
 
     def time_of(self, event):
         return event.time_ns / 1e9

@@ -11,7 +11,7 @@ from bench_protocol.table import STATES, TABLE
 from bench_protocol.units import kPa
 from bench_records.layout import RecordError
 from bench_records.record import read
-from bench_records.result import Outcome, Verdict, read_result
+from bench_records.result import CheckVerdict, Outcome, read_result
 from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, RigFault
 from test_plans import PLANS
 from test_plans.analysis import NotMeasured
@@ -103,7 +103,7 @@ def test_a_run_within_limits_passes_and_leaves_its_files(made, tmp_path):
 def test_a_broken_limit_fails_and_the_plan_goes_on(made):
     result, ran = made(lambda run: (bad(run), good(run)))
     assert (result.verdict, ran) == (Outcome.FAIL, ALL)
-    assert [one.verdict for one in result.checks] == [Verdict.FAIL, Verdict.PASS]
+    assert [one.verdict for one in result.checks] == [CheckVerdict.FAIL, CheckVerdict.PASS]
 
 
 def test_near_a_limit_is_marginal_and_nothing_measured_is_no_pass(made):
@@ -112,7 +112,7 @@ def test_near_a_limit_is_marginal_and_nothing_measured_is_no_pass(made):
         run.check("b", math.nan, "1", low=0, high=10)
 
     result, _ = made(main)
-    assert [one.verdict for one in result.checks] == [Verdict.MARGINAL, Verdict.ERROR]
+    assert [one.verdict for one in result.checks] == [CheckVerdict.MARGINAL, CheckVerdict.ERROR]
     assert result.verdict is Outcome.BLOCKED
 
 

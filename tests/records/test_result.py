@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from bench_records.layout import Phase, RecordError
 from bench_records.result import (
     Axis,
+    CheckVerdict,
     Outcome,
     Result,
     Timing,
-    Verdict,
     check,
     conclude,
     curve,
@@ -39,17 +39,17 @@ def test_passed_means_within_the_limits(
     inside = (low is None or value >= low) and (high is None or value <= high)
     one = check("x", value, low=low, high=high, margin=margin)
     assert one.passed == inside
-    assert (one.verdict is Verdict.FAIL) == (not inside)
+    assert (one.verdict is CheckVerdict.FAIL) == (not inside)
 
 
 @given(value=numbers, band=limits, margin=margins)
 def test_a_wider_margin_never_makes_a_check_better(
     value: float, band: tuple[float | None, float | None], margin: float
 ) -> None:
-    order = [Verdict.PASS, Verdict.MARGINAL, Verdict.FAIL]
+    order = [CheckVerdict.PASS, CheckVerdict.MARGINAL, CheckVerdict.FAIL]
     without, narrow, wide = (order.index(judge(value, *band, m)) for m in (0.0, margin / 2, margin))
     assert without <= narrow <= wide
-    assert without != order.index(Verdict.MARGINAL)
+    assert without != order.index(CheckVerdict.MARGINAL)
 
 
 @given(low=numbers, width=st.floats(1e-3, 1e6), place=st.floats(0, 1), margin=st.floats(0.01, 0.49))
@@ -59,7 +59,7 @@ def test_marginal_is_what_lies_near_a_limit(low: float, width: float, place: flo
     assume(low < value < high and width > 1e-6 * abs(low))
     nearest = min(place, 1 - place)
     assume(abs(nearest - margin) > 1e-3)  # on the edge itself, rounding decides
-    assert (judge(value, low, high, margin) is Verdict.MARGINAL) == (nearest < margin)
+    assert (judge(value, low, high, margin) is CheckVerdict.MARGINAL) == (nearest < margin)
 
 
 @pytest.mark.parametrize(
@@ -89,10 +89,10 @@ def test_what_is_no_number_never_passes(
     value: float, band: tuple[float | None, float | None], margin: float
 ) -> None:
     one = check("x", value, low=band[0], high=band[1], margin=margin)
-    assert one.verdict is Verdict.ERROR
+    assert one.verdict is CheckVerdict.ERROR
     assert not one.passed
     back = msgspec.json.decode(msgspec.json.encode(one), type=type(one))
-    assert back.verdict is Verdict.ERROR
+    assert back.verdict is CheckVerdict.ERROR
     assert math.isnan(back.number)
 
 
