@@ -310,7 +310,8 @@ class Air(Device):
     ) -> None:
         """Fill both springs ``to`` a pressure (Pa gauge), or ``left`` and ``right``; wait until it is there.
 
-        A side without a target keeps its valves as they are. The rig stays in filling until the next order.
+        A side without a target keeps its valves as they are. The rig stays in filling until the next order. Air
+        reaches a bellows only through its auxiliary chamber: Misuse where that is isolated.
         """
         targets = self._targets("fill", to, left, right)
         self._order("fill", targets)
@@ -330,7 +331,10 @@ class Air(Device):
         within: float = 2 * minutes,
         tolerance: float = PRESSURE_TOLERANCE,
     ) -> None:
-        """Let air out of both springs down ``to`` a pressure (Pa gauge), or one side; wait until it is there."""
+        """Let air out of both springs down ``to`` a pressure (Pa gauge), or one side; wait until it is there.
+
+        Air leaves a bellows only through its auxiliary chamber: Misuse where that is isolated.
+        """
         targets = self._targets("vent", to if left is None and right is None else None, left, right)
         self._order("vent", targets)
         what = " and ".join(f"{side} vented to {target / bar:g} bar" for side, target in targets.items())
@@ -373,6 +377,13 @@ class Air(Device):
         targets = {side: target for side, target in wanted.items() if target is not None}
         if not targets:
             raise Misuse(f"air.{verb}: no pressure was given; say to=5 * bar")
+        settings = self._bench.settings.in_force()
+        for side in targets:
+            if not settings[f"air.{side}_reservoir"]:
+                raise Misuse(
+                    f"air.{verb}: the {side} bellows is shut off from its auxiliary chamber, through which all its air "
+                    "goes, and would keep its pressure; air.connect_reservoirs() first"
+                )
         return targets
 
     def _order(self, mode: str, targets: dict[str, float]) -> None:

@@ -217,7 +217,8 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
             opening = -1.0
         u[Input.LEFT_SERVICE_VALVE + side] = opening
         u[Input.LEFT_LEVELING + side] = 1.0 if c.air == 2 and c.air_mode[side] == _LEVEL else 0.0
-        u[Input.LEFT_RESERVOIR_VALVE + side] = c.reservoir[side]
+        # An emergency stop empties the bellows too: the way through their auxiliary chambers stands open.
+        u[Input.LEFT_RESERVOIR_VALVE + side] = 1.0 if c.air == Air.VENTED else c.reservoir[side]
 
 
 @compiled

@@ -359,6 +359,18 @@ def test_the_valves_between(world, armed):
     assert (armed.air.dpv, armed.air.left_reservoir, armed.air.right_reservoir) == ("on", "on", "on")
 
 
+def test_a_bellows_that_is_shut_off_is_neither_filled_nor_vented(world, armed):
+    """All its air goes through the auxiliary chamber, whose pressure the rig controls."""
+    armed.settings.write({"air.left_reservoir": "off"})
+    for order in (armed.air.fill, armed.air.vent):
+        with pytest.raises(Misuse, match=r"left bellows is shut off .* air\.connect_reservoirs\(\) first"):
+            order(to=1 * bar)
+    assert armed.air.left_mode == "hold"
+    armed.air.fill(right=1 * bar, within=5 * s)
+    armed.air.connect_reservoirs()
+    armed.air.fill(to=1 * bar, within=5 * s)
+
+
 def test_filling_needs_one_clear_target(armed):
     with pytest.raises(Misuse, match="not both"):
         armed.air.fill(to=2 * bar, left=1 * bar)

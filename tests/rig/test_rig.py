@@ -165,6 +165,18 @@ def test_the_stop_button_vents_and_no_software_resets_it_alone(armed) -> None:
     assert armed.state == "DISABLED"
 
 
+def test_the_stop_button_empties_a_bellows_that_is_shut_off(armed) -> None:
+    """Its air can leave through the auxiliary chamber alone."""
+    armed.hold_height()
+    armed.apply(air_left_mode=FILL, air_left_target=1 * bar)
+    armed.beat(1000)
+    armed.apply(air_left_reservoir=0)
+    assert armed.read("left.bellows_pressure") > 0.8 * bar
+    armed.rig.press_estop()
+    armed.wait(20_000)
+    assert armed.read("left.bellows_pressure") < 0.3 * bar
+
+
 def test_a_limit_holds_and_the_first_one_is_named(armed) -> None:
     armed.beat(50, lateral_force_setpoint=50 * kN)
     assert armed.state == "FAULT_HOLD"
