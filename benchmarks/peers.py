@@ -17,8 +17,10 @@ from bench_protocol.frames import Block, frame
 from bench_protocol.socketcand import frame_bytes, send_bytes
 from bench_protocol.table import TABLE
 from bench_sim.parameters import load
+from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.modbus_server import ModbusTcpServer
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.servers import CanHub, ModbusTcpServer, serve_in_thread
+from bench_sim.rig.servers import serve_in_thread
 
 #: The frame that goes round, and what the hub makes of it on its way there and back.
 FRAME_BLOCK: Final = frame(0x123, bytes(range(8)), time=1_700_000_000_123_456_000)

@@ -10,8 +10,10 @@ from typing import Final
 from bench_protocol.clock import Clock, RealClock, hurry, hurry_process, relax, wall_time_ns
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
+from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.modbus_server import ModbusTcpServer
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.servers import CAN_PORT, CanHub, ModbusTcpServer, serve_in_thread
+from bench_sim.rig.servers import CAN_PORT, serve_in_thread
 from bench_sim.rig.socketcan import SocketCan
 from bench_sim.rig.tick import TICK_NS
 

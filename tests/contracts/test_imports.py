@@ -25,7 +25,7 @@ ENGINE = "The engine of the diagnosis reads no files and knows no bench"
 PURE = "The model is pure: no time, no chance, no I/O"
 CLOCK = "One clock: only bench_protocol.clock imports time"
 PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
-RIG = "The rig is sans-IO: only its servers and its SocketCAN door open sockets"
+RIG = "The rig is sans-IO: only its servers and its SocketCAN door know sockets"
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_port"
 
@@ -62,6 +62,7 @@ SABOTAGE = [
     (CLOCK, "astb/__init__.py", "import time as wall"),
     (PROTOCOL, "bench_protocol/__init__.py", "import socket"),
     (RIG, "bench_sim/rig/__init__.py", HIDDEN.format("import asyncio")),
+    (RIG, "bench_sim/rig/tick.py", "import socket"),
     (CAN, "test_plans/__init__.py", "import can"),
     (CAN, "bench_records/__init__.py", HIDDEN.format("from can import Message")),
     (MODBUS, "drivers/__init__.py", "from pymodbus.client import ModbusTcpClient"),

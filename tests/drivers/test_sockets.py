@@ -8,7 +8,9 @@ import pytest
 from bench_protocol.clock import RealClock, wall_time_ns
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, kN, mm, s
-from bench_sim.rig.servers import CanHub, ModbusTcpServer, serve_in_thread
+from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.modbus_server import ModbusTcpServer
+from bench_sim.rig.servers import serve_in_thread
 from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.errors import LinkLost

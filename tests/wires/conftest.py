@@ -11,7 +11,8 @@ import pytest
 from bench_protocol.frames import FRAME, Block
 from bench_protocol.modbus import DEVICE_FAILURE, ILLEGAL_ADDRESS, ModbusError
 from bench_protocol.modbus import answer as modbus_answer
-from bench_sim.rig.servers import ModbusTcpServer, serve_in_thread
+from bench_sim.rig.modbus_server import ModbusTcpServer
+from bench_sim.rig.servers import serve_in_thread
 
 
 class Registers:

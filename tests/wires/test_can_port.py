@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from bench_protocol.frames import Block, empty_block, frame, join
-from bench_sim.rig.servers import CanHub, serve_in_thread
+from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.servers import serve_in_thread
 from drivers.can_port import PythonCanPort, can_interfaces, has_interface, open_can, resolve_can
 from drivers.errors import LinkLost
 

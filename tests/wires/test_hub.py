@@ -15,7 +15,8 @@ import pytest
 from bench_protocol import socketcand
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import Block, empty_block, frame, join
-from bench_sim.rig.servers import CanHub, serve_in_thread
+from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.servers import serve_in_thread
 from drivers.hub_bus import HubBus
 
 

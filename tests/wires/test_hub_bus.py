@@ -15,7 +15,8 @@ import can
 import pytest
 
 from bench_protocol.frames import frame, join
-from bench_sim.rig.servers import CanHub, serve_in_thread
+from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.servers import serve_in_thread
 from drivers.can_port import PythonCanPort
 from drivers.hub_bus import HubBus
 
@@ -214,7 +215,8 @@ def test_closing_wakes_the_thread_that_waits(hub_port: int) -> None:
 
 HUB_PROCESS = """
 import sys, threading
-from bench_sim.rig.servers import CanHub, serve_in_thread
+from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.servers import serve_in_thread
 servers = serve_in_thread(CanHub(lambda block, peer: None))
 print(servers.can_port, flush=True)
 threading.Event().wait()

@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from bench_protocol.modbus import answer
-from bench_sim.rig.servers import ModbusTcpServer, serve_in_thread
+from bench_sim.rig.modbus_server import ModbusTcpServer
+from bench_sim.rig.servers import serve_in_thread
 from drivers.errors import LinkLost, Refused
 from drivers.modbus_port import InMemoryModbus, ModbusPort, open_modbus
 

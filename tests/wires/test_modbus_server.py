@@ -15,7 +15,8 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from bench_protocol.modbus import answer
-from bench_sim.rig.servers import ModbusTcpServer, serve_in_thread
+from bench_sim.rig.modbus_server import ModbusTcpServer
+from bench_sim.rig.servers import serve_in_thread
 
 
 def request(transaction: int, function: int, *numbers: int, unit: int = 1) -> bytes:

@@ -1,0 +1,248 @@
+"""The rig's CAN bus on TCP: a hub that speaks socketcand, whose clients hear every frame but their own."""
+
+import asyncio
+import contextlib
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from bench_protocol import socketcand
+from bench_protocol.clock import wall_time_ns
+from bench_protocol.frames import FRAME, Block
+from bench_sim.rig.connection import Connection, OnPeerLost, ignore
+
+OnFrames = Callable[[Block, str], None]
+
+# Written at once to one client. Larger blocks are cut, so that "drop the oldest" never drops a whole burst.
+_FRAMES_PER_WRITE: Final = 1024
+
+
+class _CanClient(Connection):
+    """One socketcand client of the hub."""
+
+    kind = "can"
+
+    def __init__(self, hub: "CanHub") -> None:
+        super().__init__()
+        self._hub = hub
+        self._parser = socketcand.Parser(sender="the client")
+        self._opened = False
+        self._raw = False
+        self._settling = False
+        self._blocked = False
+        self._queue: deque[tuple[int, bytes]] = deque()
+        self._queued = 0
+        self._bad_lines = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if not self._hub.admit(self):
+            self.drop()
+            return
+        self._write(socketcand.GREETING)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        del exc
+        self.stop_timer()
+        self._queue.clear()
+        self._hub.forget(self)
+
+    def data_received(self, data: bytes) -> None:
+        for event in self._parser.feed(data):
+            match event:
+                case socketcand.Sent(block) if self._opened:
+                    self._hub.take(block, self)
+                case socketcand.Sent() | socketcand.Received():
+                    self._refuse("frames are taken as < send … >, after < open … >")
+                case socketcand.Command(word, arguments):
+                    self._command(word, arguments)
+                case socketcand.Malformed(reason):
+                    self._refuse(reason)
+
+    def _command(self, word: str, arguments: tuple[str, ...]) -> None:
+        bus = self._hub.bus
+        if word == "open" and arguments == (bus,):
+            self._opened = True
+            self._write(socketcand.OK)
+        elif word == "open":
+            self._refuse(f"this hub serves {bus}, not {' '.join(arguments) or 'a bus without name'}")
+        elif word == "echo":
+            self._write(socketcand.ECHO)
+        elif word == "rawmode" and self._opened:
+            self._write(socketcand.OK)
+            if not self._raw:
+                self._raw = True
+                # python-can's own client reads this answer with one recv and fails if a frame comes along with it.
+                self._settling = True
+                self.loop.call_later(self._hub.first_frame_delay, self._settled)
+        elif word == "bcmmode" and self._opened:
+            self._raw = False
+            self._write(socketcand.OK)
+        else:
+            self._refuse(f"'{word}' is not served here, this hub knows open, rawmode, bcmmode, send, echo")
+
+    def _refuse(self, reason: str) -> None:
+        self._bad_lines += 1
+        if self._bad_lines > self._hub.bad_lines_max:
+            self.drop()
+        else:
+            self._write(socketcand.error_bytes(reason))
+
+    def _write(self, data: bytes) -> None:
+        if self.transport is not None and not self.transport.is_closing():
+            self.transport.write(data)
+
+    def deliver(self, count: int, lines: bytes) -> None:
+        """Send ``count`` frames now, or keep them, at the price of the oldest if the queue is full."""
+        if not self._raw:
+            return
+        if not (self._blocked or self._settling):
+            self._write(lines)
+            return
+        self._queue.append((count, lines))
+        self._queued += count
+        while self._queued > self._hub.queue_max:
+            lost, _ = self._queue.popleft()
+            self._queued -= lost
+            self._hub.dropped += lost
+
+    def pause_writing(self) -> None:
+        self._blocked = True
+        if not self.waiting:
+            self.drop_after(self._hub.slow_limit)
+
+    def resume_writing(self) -> None:
+        self._blocked = False
+        self._catch_up()
+
+    def _settled(self) -> None:
+        self._settling = False
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        while self._queue and not (self._blocked or self._settling):
+            count, lines = self._queue.popleft()
+            self._queued -= count
+            self._write(lines)
+        if not self._blocked:
+            self.stop_timer()
+
+
+class CanHub:
+    """A CAN bus on TCP, compatible with socketcand: every client hears every frame but its own, all in one order.
+
+    ``on_frames(block, peer)`` receives what clients send, stamped at ingress with ``now()`` (ns);
+    ``on_peer_lost(peer)`` hears of every client that leaves. ``publish(block)`` may be called from any thread.
+
+    Each client has a queue of ``queue_max`` frames behind the socket's own buffers; when it is full the oldest frames
+    are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected.
+    """
+
+    def __init__(
+        self,
+        on_frames: OnFrames,
+        on_peer_lost: OnPeerLost = ignore,
+        *,
+        bus: str = "vcan0",
+        now: Callable[[], int] = wall_time_ns,
+        queue_max: int = 65_536,
+        slow_limit: float = 2.0,
+        first_frame_delay: float = 0.02,
+        clients_max: int = 32,
+        bad_lines_max: int = 100,
+    ) -> None:
+        self.bus = bus
+        self.queue_max = queue_max
+        self.slow_limit = slow_limit
+        self.first_frame_delay = first_frame_delay
+        self.bad_lines_max = bad_lines_max
+        #: Frames that slow clients have lost since the start.
+        self.dropped = 0
+        self._clients_max = clients_max
+        self._on_frames = on_frames
+        self._on_peer_lost = on_peer_lost
+        self._now = now
+        self._clients: dict[_CanClient, None] = {}
+        self._published: deque[Block] = deque()
+        self._woken = False
+        self._closed = False
+        self._thread = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    @property
+    def clients(self) -> tuple[str, ...]:
+        """Return the names of the connected clients."""
+        return tuple(client.name for client in list(self._clients))
+
+    def publish(self, block: Block) -> None:
+        """Send ``block`` to every client, in the order of the calls; thread-safe, formats and sends elsewhere.
+
+        It wakes the loop's thread, which then wants the interpreter: let it be the last thing a tick does.
+        The hub keeps a reference until it is sent: do not write into the array afterwards.
+        Before the hub is open and after it has been closed, frames go nowhere, as on a bus without nodes.
+        """
+        if block.dtype != FRAME:
+            raise TypeError(
+                f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)"
+            )
+        loop = self._loop
+        if loop is None or not len(block):
+            return
+        self._published.append(block)
+        # One wake-up serves all blocks that have been appended by the time it is served.
+        if not self._woken:
+            self._woken = True
+            if threading.get_ident() == self._thread:
+                loop.call_soon(self._flush)
+                return
+            with contextlib.suppress(RuntimeError):  # the loop has been closed in the meantime
+                loop.call_soon_threadsafe(self._flush)
+
+    def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop, self._closed, self._thread = loop, False, threading.get_ident()
+
+    def close(self) -> None:
+        self._loop, self._closed = None, True
+        self._published.clear()
+        for client in list(self._clients):
+            client.drop()
+
+    def client(self) -> asyncio.Protocol:
+        """Return the protocol of a new connection."""
+        return _CanClient(self)
+
+    def admit(self, client: _CanClient) -> bool:
+        if self._closed or len(self._clients) >= self._clients_max:
+            return False
+        self._clients[client] = None
+        return True
+
+    def forget(self, client: _CanClient) -> None:
+        if client in self._clients:
+            del self._clients[client]
+            self._on_peer_lost(client.name)
+
+    def take(self, block: Block, sender: _CanClient) -> None:
+        """Stamp what ``sender`` has sent and pass it on."""
+        self._flush()  # what was published before comes before
+        block["time"] = self._now()
+        self._spread(block, sender)
+        self._on_frames(block, sender.name)
+
+    def _flush(self) -> None:
+        self._woken = (
+            False  # first: what is appended from now on either is seen below or wakes the loop again
+        )
+        while self._published:
+            self._spread(self._published.popleft(), None)
+
+    def _spread(self, block: Block, sender: _CanClient | None) -> None:
+        receivers = [client for client in self._clients if client is not sender]
+        if not receivers:
+            return
+        for start in range(0, len(block), _FRAMES_PER_WRITE):
+            part = block[start : start + _FRAMES_PER_WRITE]
+            lines = socketcand.frame_bytes(part)
+            for client in receivers:
+                client.deliver(len(part), lines)

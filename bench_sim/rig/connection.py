@@ -1,0 +1,70 @@
+"""One TCP connection of a client to a server of the rig: what the CAN hub and the Modbus server have in common."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Callable
+
+OnPeerLost = Callable[[str], None]
+
+
+def ignore(_: str) -> None:
+    """Hear of a lost peer and do nothing."""
+
+
+class Connection(asyncio.Protocol):
+    """One TCP connection to a client: its name, keep-alive so that a dead peer is noticed, and a timer that ends it."""
+
+    kind: str
+
+    def __init__(self) -> None:
+        self.name = ""
+        self.transport: asyncio.Transport | None = None
+        self.loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._deadline = 0.0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+        # A client that is gone again already has no address any more.
+        host, port = (transport.get_extra_info("peername") or ("unknown", 0))[:2]
+        self.name = f"{self.kind}:{host}:{port}"
+        sock = transport.get_extra_info("socket")
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            # A peer whose machine has lost its power says no good-bye: ask after 5 s, give up after 5 s more.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 1), ("TCP_KEEPCNT", 5)):
+                if hasattr(socket, option):
+                    sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+
+    def drop_after(self, delay: float) -> None:
+        """End the connection after ``delay`` s unless a new delay is set or the timer is stopped before."""
+        # A timer that runs is left to run and looks at the deadline only then: setting a new one costs nothing.
+        self._deadline = self.loop.time() + delay
+        if self._timer is None or self._timer.when() > self._deadline:
+            self.stop_timer()
+            self._timer = self.loop.call_at(self._deadline, self._due)
+
+    def _due(self) -> None:
+        self._timer = None
+        if self.loop.time() < self._deadline:
+            self._timer = self.loop.call_at(self._deadline, self._due)
+        else:
+            self.drop()
+
+    def stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the timer runs."""
+        return self._timer is not None
+
+    def drop(self) -> None:
+        """End the connection without waiting for the peer to take what is still to be sent."""
+        if self.transport is not None:
+            self.transport.abort()

@@ -1,0 +1,151 @@
+"""The rig's Modbus/TCP server: it takes requests from the stream of each client and writes the answers back."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from bench_protocol import modbus
+from bench_sim.rig.connection import Connection, OnPeerLost, ignore
+
+Answer = Callable[[bytes, str], bytes | None]
+
+# Some 0.5 ms of work for one client before the others have their turn.
+_REQUESTS_AT_ONCE: Final = 64
+
+
+class _ModbusClient(Connection):
+    """One Modbus connection."""
+
+    kind = "modbus"
+
+    def __init__(self, server: "ModbusTcpServer") -> None:
+        super().__init__()
+        self._server = server
+        self._stream = modbus.AduStream()
+        self._requests: deque[bytes] = deque()
+        self._blocked = False
+        self._closing = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if not self._server.admit(self):
+            self.drop()
+            return
+        self._expect()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        del exc
+        self.stop_timer()
+        self._requests.clear()
+        self._server.forget(self)
+
+    def data_received(self, data: bytes) -> None:
+        try:
+            adus = self._stream.feed(data)
+            while adus:
+                self._requests.extend(adus)
+                adus = self._stream.feed(b"")
+        except modbus.FramingError:
+            # Whatever was understood is answered; behind a wrong header nothing can be.
+            self._closing = True
+        self._respond()
+
+    def _respond(self) -> None:
+        """Answer what has come, but only a portion at a time: no client may keep the loop from the others."""
+        assert self.transport is not None
+        if self._blocked or self.transport.is_closing():
+            return
+        portion = [self._requests.popleft() for _ in range(min(_REQUESTS_AT_ONCE, len(self._requests)))]
+        responses = [self._server.respond(request, self.name) for request in portion]
+        self.transport.write(b"".join(response for response in responses if response))
+        if self._blocked:
+            return
+        if self._requests:
+            self.transport.pause_reading()
+            self.loop.call_soon(self._respond)
+        elif self._closing:
+            self.transport.close()
+            self.drop_after(self._server.split_limit)
+        else:
+            self.transport.resume_reading()
+            self._expect()
+
+    def _expect(self) -> None:
+        """Wait for the next request: long if nothing has come of it yet, briefly if it has begun."""
+        server = self._server
+        self.drop_after(server.split_limit if self._stream.partial else server.idle_limit)
+
+    def pause_writing(self) -> None:
+        """Stop reading from a client that does not fetch its answers; it has ``split_limit`` s to begin."""
+        self._blocked = True
+        assert self.transport is not None
+        self.transport.pause_reading()
+        self.drop_after(self._server.split_limit)
+
+    def resume_writing(self) -> None:
+        self._blocked = False
+        self._respond()
+
+
+class ModbusTcpServer:
+    """A Modbus/TCP server around ``answer(adu, peer)``, which returns the response ADU or None for silence.
+
+    Pipelined and split requests are fine; a wrong header ends the connection. So does silence for ``idle_limit`` s, a
+    request that stays incomplete or answers that stay unfetched for ``split_limit`` s. What goes wrong inside
+    ``answer`` is exception 4 to the client and is reported to the loop's exception handler.
+    """
+
+    def __init__(
+        self,
+        answer: Answer,
+        on_peer_lost: OnPeerLost = ignore,
+        *,
+        idle_limit: float = 60.0,
+        split_limit: float = 5.0,
+        clients_max: int = 64,
+    ) -> None:
+        self.idle_limit = idle_limit
+        self.split_limit = split_limit
+        self._answer = answer
+        self._on_peer_lost = on_peer_lost
+        self._clients_max = clients_max
+        self._clients: dict[_ModbusClient, None] = {}
+        self._closed = False
+
+    @property
+    def clients(self) -> tuple[str, ...]:
+        """Return the names of the connected clients."""
+        return tuple(client.name for client in list(self._clients))
+
+    def open(self) -> None:
+        self._closed = False
+
+    def close(self) -> None:
+        self._closed = True
+        for client in list(self._clients):
+            client.drop()
+
+    def client(self) -> asyncio.Protocol:
+        """Return the protocol of a new connection."""
+        return _ModbusClient(self)
+
+    def admit(self, client: _ModbusClient) -> bool:
+        if self._closed or len(self._clients) >= self._clients_max:
+            return False
+        self._clients[client] = None
+        return True
+
+    def forget(self, client: _ModbusClient) -> None:
+        if client in self._clients:
+            del self._clients[client]
+            self._on_peer_lost(client.name)
+
+    def respond(self, request: bytes, peer: str) -> bytes | None:
+        try:
+            return self._answer(request, peer)
+        except Exception as error:
+            asyncio.get_running_loop().call_exception_handler(
+                {"message": f"a Modbus request of {peer} failed: {request.hex(' ')}", "exception": error}
+            )
+            return modbus.refuse(request, modbus.DEVICE_FAILURE)
