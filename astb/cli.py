@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Final, NoReturn
 
 import click
 
+from astb.exit_codes import BLOCKED, FAIL, MISUSE, PASS
+
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
 
-PASS, FAIL, MISUSE, BLOCKED = 0, 1, 2, 3
 SEED: Final = click.IntRange(0, 2**32 - 1)
 _EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
 

@@ -256,7 +256,7 @@ def _decide(
 
 def _run(programme: Programme, session: Session, rig: "RigFile", directory: Path, screen: Screen) -> Result:
     from bench_records.report import write_report
-    from test_plans.run import execute
+    from test_plans.execution import execute
 
     prepare(directory, screen)
     screen.begin(programme.name)

@@ -102,7 +102,7 @@ def run_plans(
     a new one, so that what a plan measures does not depend on what ran before.
     """
     from bench_records.report import write_report
-    from test_plans.run import execute
+    from test_plans.execution import execute
 
     is_virtual = virtual or rig.time == "virtual"
     verdicts: list[Outcome] = []

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from astb.cli import MISUSE
+from astb.exit_codes import MISUSE
 from astb.rig_file import RigFile, RigFileError, Simulation, read
 from bench_protocol.clock import Clock, RealClock, VirtualClock, hurry_process, wall_time_ns
 from bench_protocol.table import TABLE

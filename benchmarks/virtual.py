@@ -15,7 +15,7 @@ from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
 from benchmarks.measure import Effort, Row, Section, Spread, compare
 from test_plans import PLANS
-from test_plans.run import execute
+from test_plans.execution import execute
 
 TICK: Final = 1 * ms
 BATCH: Final = 20
@@ -65,9 +65,9 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
 @contextlib.contextmanager
 def metered_record(meter: Meter) -> Iterator[None]:
     """Time what plans give to the record."""
-    import test_plans.run
+    import test_plans.recording
 
-    sink: Any = test_plans.run._Sink
+    sink: Any = test_plans.recording.Sink
     original = sink.__call__
     sink.__call__ = meter.of("record", original)
     try:

@@ -116,6 +116,10 @@ class Settings:
         register = self._holding[self._setting(name)]
         return from_words(*self._port.read_holding(register.address, 2))
 
+    def choice(self, name: str) -> str:
+        """Return the name of the choice that a setting has in the rig."""
+        return self._table[name].choices[round(self.read(name))]
+
     def in_force(self) -> dict[str, float]:
         """Return all settings (SI) as the rig has them."""
         with self._lock:

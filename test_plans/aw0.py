@@ -3,7 +3,8 @@
 from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW0
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 
 @plan(setup=steps.carry(AW0), lasts=90 * s)

@@ -27,7 +27,7 @@ from test_plans.tables import AMPLITUDE, DAMPING, FREQUENCY, MAGNITUDE, STORAGE,
 from test_plans.waves import TEMPERATURES, lateral_stiffness, shake, vertical_stiffness
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 SWEEP_AMPLITUDE: Final = 5 * mm
 #: Below, heat lost to the walls makes c = K''/ω grow without end.

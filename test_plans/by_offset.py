@@ -30,7 +30,7 @@ from test_plans.tables import (
 from test_plans.waves import lateral_stiffness, shake
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 OFFSETS: Final = tuple(y * mm for y in (0.0, 20.0, 40.0, 60.0, -20.0, -40.0, -60.0))
 DITHER: Final = 1 * mm

@@ -18,7 +18,7 @@ from test_plans.tables import AMPLITUDE, DAMPING, PRESSURE, STORAGE, keep
 from test_plans.waves import lateral_stiffness, pressure_of, shake
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 #: Slow enough for a quasi-static spring, and descending: a small loop settles sooner after a large one.
 SLOW: Final = 0.5 * Hz

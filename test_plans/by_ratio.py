@@ -20,7 +20,7 @@ from test_plans.tables import AMPLITUDE, DAMPING, RATIO, STORAGE, keep
 from test_plans.waves import PRESSURES, Values, shake, vertical_stiffness
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 NATURAL: Final = 1.2 * Hz
 SWINGS: Final = tuple(a * mm for a in (1.0, 2.0, 3.5, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0))

@@ -19,7 +19,7 @@ from test_plans.tables import DAMPING, ROLL, SECANT, STORAGE, keep
 from test_plans.waves import LEAD, PRESSURES, SHEAR_CELLS, lateral_stiffness, shake
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 ROLL_SHEAR: Final = 20 * mm
 ROLL_FREQUENCY: Final = 1 * Hz

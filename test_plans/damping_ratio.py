@@ -7,7 +7,8 @@ from test_plans import steps
 from test_plans.by_ratio import check_damping, damping_over_ratio
 from test_plans.fittings import fit_plate, leave_as_built, put_down
 from test_plans.loads import AW0
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 PLATES: Final = tuple(d * mm for d in (10.0, 13.0, 16.0, 18.0))
 

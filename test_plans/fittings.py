@@ -11,7 +11,7 @@ from test_plans import steps
 from test_plans.loads import EFFECTIVE_AREA, Load
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 #: Fitted when the bench was built.
 PLATE: Final = 13 * mm

@@ -5,7 +5,8 @@ from test_plans import steps
 from test_plans.by_frequency import frequency_sweep
 from test_plans.fittings import leave_as_built
 from test_plans.loads import AW3
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 
 @plan(setup=steps.carry(AW3), teardown=leave_as_built, lasts=370 * s)

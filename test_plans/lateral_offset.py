@@ -5,7 +5,8 @@ from test_plans import steps
 from test_plans.by_offset import lateral_offsets
 from test_plans.fittings import leave_connected, put_down
 from test_plans.loads import AW0, AW3
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 
 @plan(setup=steps.carry(AW0), teardown=leave_connected, lasts=375 * s)

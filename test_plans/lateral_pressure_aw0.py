@@ -7,7 +7,8 @@ from test_plans import steps
 from test_plans.by_pressure import lateral_stiffness_over_pressure
 from test_plans.fittings import other_load
 from test_plans.loads import AW0
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 PRELOADS: Final = tuple(P * kN for P in (43.0, 48.0, 53.5, 59.0, 64.0))
 LOADS: Final = tuple(other_load(AW0, P) for P in PRELOADS)

@@ -7,7 +7,8 @@ from test_plans import steps
 from test_plans.by_pressure import lateral_stiffness_over_pressure
 from test_plans.fittings import other_load
 from test_plans.loads import AW3
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 #: The shims end at 160 kN.
 PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))

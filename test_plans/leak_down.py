@@ -5,7 +5,8 @@ from typing import Final
 from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW3
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 #: The gas of a fast filling cools with 13 s; meanwhile pressure and temperature tell little.
 COOL: Final = 15 * s

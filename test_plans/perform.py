@@ -33,7 +33,7 @@ from test_plans.trajectory import RATE, trajectory
 
 if TYPE_CHECKING:
     from drivers.receiver import Capture
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 #: The gas of filling and leveling comes near the temperature of the walls before the valves are shut.
 COOL: Final = 10 * s

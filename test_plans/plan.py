@@ -1,29 +1,18 @@
-"""What a test plan is, and the run in which it measures, checks and tells how far it is."""
+"""What a test plan is, and the decorator that makes one of a function."""
 
 from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, overload
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import overload
 
-from bench_protocol.units import FACTORS, NS
+from test_plans.run import PlanError, Run
 from test_plans.steps import make_safe, power_up
 
-if TYPE_CHECKING:
-    from bench_records.layout import RecordedEvent
-    from bench_records.recorder import Recorder
-    from bench_records.result import Axis, Check, Curve
-    from drivers.bench import Bench
-
 #: A part of a plan: a function that is given the run.
-Part = Callable[["Run"], None]
-
-
-class PlanError(Exception):
-    """A plan that is written wrongly: the text names it and says what is missing."""
+Part = Callable[[Run], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,144 +61,3 @@ def _plan(main: Part, setup: Part, teardown: Part, lasts: float) -> Plan:
     if not instruction:
         raise PlanError(f"plan {main.__name__} has no docstring; it must say what is tested and what is good")
     return Plan(main.__name__, instruction.splitlines()[0], instruction, main, setup, teardown, lasts)
-
-
-class Watcher(Protocol):
-    """Who follows a run while it lasts: a progress bar, a log, nobody."""
-
-    def say(self, text: str) -> None:
-        """Hear what the plan is doing now."""
-
-    def progress(self, fraction: float) -> None:
-        """Hear how much of the plan is done (0 to 1)."""
-
-    def checked(self, check: Check) -> None:
-        """Hear of a check and its verdict."""
-
-
-class Nobody:
-    """A watcher that is not there."""
-
-    def say(self, text: str) -> None:
-        pass
-
-    def progress(self, fraction: float) -> None:
-        pass
-
-    def checked(self, check: Check) -> None:
-        pass
-
-
-@dataclass(slots=True)
-class Run:
-    """One execution of a plan: the bench, and everything that the plan concludes."""
-
-    bench: Bench
-    recorder: Recorder
-    watcher: Watcher = field(default_factory=Nobody)
-    lasts: float = 0.0
-    checks: list[Check] = field(default_factory=list)
-    curves: list[Curve] = field(default_factory=list)
-    phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
-    _open: list[str] = field(default_factory=list)
-    _start: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._start = self.now
-
-    def check(
-        self,
-        name: str,
-        value: float,
-        unit: str,
-        *,
-        low: float | None = None,
-        high: float | None = None,
-        margin: float | None = None,
-        note: str = "",
-    ) -> bool:
-        """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
-
-        ``unit`` is what people read; ``margin`` the fraction of the band next to a limit in which a value passes as
-        *marginal*. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met.
-        """
-        from bench_records.result import MARGIN
-        from bench_records.result import check as judged
-
-        if unit not in FACTORS:
-            raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
-        one = judged(
-            name,
-            value,
-            "" if unit == "1" else unit,
-            FACTORS[unit],
-            low=low,
-            high=high,
-            margin=MARGIN if margin is None else margin,
-            phase=self._open[-1] if self._open else "",
-            note=note,
-        )
-        self.checks.append(one)
-        self.keep("check", str(one), verdict=one.verdict.value)
-        self.watcher.checked(one)
-        return one.passed
-
-    @contextmanager
-    def phase(self, name: str) -> Iterator[None]:
-        """Name a stretch of the run; phases may lie inside one another."""
-        self._open.append(name)
-        self._edge(name, "begin")
-        self.watcher.say(name)
-        if self.lasts:
-            self.progress((self.now - self._start) / NS / self.lasts)
-        try:
-            yield
-        finally:
-            self._edge(name, "end")
-            self._open.pop()
-
-    def _edge(self, name: str, edge: str) -> None:
-        from bench_records.layout import RecordedEvent
-
-        self.phases.append(RecordedEvent(self.now, "phase", name, {"edge": edge}))
-        self.keep("phase", name, edge=edge)
-
-    def loop(
-        self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
-    ) -> None:
-        """Keep a closed curve of ``ys`` over ``xs`` (SI) for the report."""
-        from bench_records.result import curve
-
-        self.curves.append(curve(name, x, y, xs, ys, kind="loop", group=group))
-
-    def curve(
-        self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
-    ) -> None:
-        """Keep a table of few ``ys`` over ``xs`` (SI) for the report."""
-        from bench_records.result import curve
-
-        self.curves.append(curve(name, x, y, xs, ys, kind="sweep", group=group))
-
-    def say(self, text: str) -> None:
-        """Tell whoever watches, and the record, what is going on."""
-        self.keep("note", text)
-        self.watcher.say(text)
-
-    def keep(self, kind: str, text: str, **data: Any) -> None:
-        """Let the record keep an event.
-
-        A disk that fails must not keep the tear-down from its work: the record says so itself when it is closed.
-        """
-        from bench_records.layout import RecordError
-
-        with suppress(RecordError):
-            self.recorder.event(self.now, kind, text, **data)
-
-    def progress(self, fraction: float) -> None:
-        """Tell whoever watches how much of the plan is done (0 to 1)."""
-        self.watcher.progress(min(max(fraction, 0.0), 1.0))
-
-    @property
-    def now(self) -> int:
-        """The time of the bench's clock (ns)."""
-        return self.bench.clock.now()

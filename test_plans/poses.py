@@ -16,7 +16,7 @@ from test_plans.geometry import POSE_SIGNALS, pose, roll_of, shear_of, stop_trav
 from test_plans.waves import CELLS, PRESSURES, SHEAR_CELLS, TEMPERATURES, pressure_of
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 POSE_RATE: Final = 40 * mm / s
 POSE_ROLL_RATE: Final = 0.04 * rad / s

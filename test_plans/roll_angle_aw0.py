@@ -7,7 +7,8 @@ from test_plans import steps
 from test_plans.by_roll import lateral_stiffness_over_roll
 from test_plans.fittings import leave_connected
 from test_plans.loads import AW0
-from test_plans.plan import Run, plan
+from test_plans.plan import plan
+from test_plans.run import Run
 
 ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 9))
 

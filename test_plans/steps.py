@@ -40,7 +40,7 @@ from test_plans.loads import (
 
 if TYPE_CHECKING:
     from drivers.receiver import Capture
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 # -- what the instruction says of time and travel --------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from bench_protocol.units import FACTORS
 
 if TYPE_CHECKING:
     from bench_records.result import Axis
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 
 def _axis(label: str, unit: str) -> Axis:

@@ -15,7 +15,7 @@ from test_plans.analysis import Samples, Stiffness, first_harmonic, whole_cycles
 from test_plans.geometry import CENTRE_HEIGHT, LATERAL_ACTUATOR_HEIGHT, LATERAL_FRAME, POSE_SIGNALS, roll_of
 
 if TYPE_CHECKING:
-    from test_plans.plan import Run
+    from test_plans.run import Run
 
 SAMPLE_RATE: Final = 200 * Hz
 #: A wave is measured after so long at full amplitude, and for so long, but never less than whole cycles.

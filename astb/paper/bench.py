@@ -48,7 +48,7 @@ def measure(plan: str, seed: int, out: Path) -> None:
     from astb.run import connected, describe
     from astb.session import build_rig, virtual_session
     from test_plans import PLANS as KNOWN
-    from test_plans.run import execute
+    from test_plans.execution import execute
 
     simulation = Simulation(seed=seed)
     rig = RigFile(name="virtual", time="virtual", simulation=simulation)

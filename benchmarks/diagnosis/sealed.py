@@ -28,10 +28,10 @@ from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from test_plans import PLANS
+from test_plans.execution import execute
 from test_plans.motions import Part, Programme
 from test_plans.perform import programme_plan
 from test_plans.plan import Plan
-from test_plans.run import execute
 from test_plans.screening import SCREENING
 
 FAST: Final = round(1.0 / (FAST_RATE * TICK))

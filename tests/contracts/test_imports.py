@@ -17,6 +17,7 @@ CONTRACTS = CONFIG["tool"]["importlinter"]["contracts"]
 PACKAGES = CONFIG["tool"]["importlinter"]["root_packages"]
 
 LAYERS = "Imports go down; drivers, records and rig are apart"
+CIRCLES = "No circles, types included"
 INSIDE = "Inside the rig: shell, then parameters, then model"
 PLANS = "Test plans reach the rig only through drivers"
 REPLAY = "The diagnosis replays the model: it never sees the rig or the drivers"
@@ -32,6 +33,9 @@ MODBUS = "pymodbus belongs to drivers.modbus_port"
 HIDDEN = "def hidden():\n    {}\n"
 """An import inside a function is an import all the same."""
 
+TYPE_ONLY = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    {}\n"
+"""So is one for the eyes of the type checker alone."""
+
 ENVIRONMENT = {"COLUMNS": "200", "NO_COLOR": "1"}
 
 SABOTAGE = [
@@ -41,6 +45,9 @@ SABOTAGE = [
     (LAYERS, "bench_records/__init__.py", HIDDEN.format("from bench_sim import rig")),
     (LAYERS, "drivers/__init__.py", "import bench_records"),
     (LAYERS, "test_plans/__init__.py", "import astb"),
+    (CIRCLES, "astb/session.py", "from astb.run import run_plans"),
+    (CIRCLES, "drivers/settings.py", HIDDEN.format("from drivers.link import Link")),
+    (CIRCLES, "test_plans/run.py", TYPE_ONLY.format("from test_plans.plan import Plan")),
     (INSIDE, "bench_sim/model/__init__.py", "import bench_sim.parameters"),
     (INSIDE, "bench_sim/parameters/__init__.py", HIDDEN.format("from bench_sim import rig")),
     (INSIDE, "bench_sim/newcomer.py", '"""A module that no layer knows."""'),

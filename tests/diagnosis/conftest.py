@@ -344,10 +344,10 @@ def bench_record(tmp_path_factory):
     from drivers.bench import Bench
     from drivers.memory import FaultyCan, InMemoryCan
     from drivers.modbus_port import InMemoryModbus
+    from test_plans.execution import execute
     from test_plans.loads import AW0
     from test_plans.motions import Part, Programme
     from test_plans.perform import programme_plan
-    from test_plans.run import execute
 
     def make(name, stretches, *, effects=None, faults=None, seed=1, **changes):
         parameters = load("astb").with_values(**changes)

@@ -8,8 +8,9 @@ import pytest
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, bar, mm
+from drivers.declarations import Action, Bit, Contact, Declaration, Reading, Setpoint, Setting
 from drivers.devices import Spring
-from drivers.reading import UNKNOWN, Action, Bit, Contact, Declaration, Quality, Reading, Setpoint, Setting
+from drivers.reading import UNKNOWN, Quality
 
 
 def test_every_row_of_the_table_stands_in_exactly_one_device(world):

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from astb.cli import BLOCKED, MISUSE, commands
+from astb.cli import commands
+from astb.exit_codes import BLOCKED, MISUSE
 from astb.paper import findings, page, plant_curves, sensitivity, study
 from astb.paper.bench import Bench, NotMeasured, Points
 from astb.paper.checks import CHECKS

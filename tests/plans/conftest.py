@@ -13,7 +13,7 @@ from drivers.bench import Bench
 from drivers.memory import FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from test_plans import PLANS
-from test_plans.run import execute
+from test_plans.execution import execute
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from bench_protocol.units import ATMOSPHERE
 from bench_records.result import Outcome, read_result
 from bench_sim.parameters import load
 from test_plans import PLANS
+from test_plans.execution import execute
 from test_plans.identification import (
     FITTED,
     FITTED_LATERAL,
@@ -34,7 +35,6 @@ from test_plans.identification import (
     write_parameters,
 )
 from test_plans.loads import AW0, AW3
-from test_plans.run import execute
 
 BASE = (Path(bench_sim.parameters.__file__).parent / "astb.toml").read_text(encoding="utf-8")
 KNOWN = Known(BASE)

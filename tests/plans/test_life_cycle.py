@@ -15,8 +15,9 @@ from bench_records.result import CheckVerdict, Outcome, read_result
 from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, RigFault
 from test_plans import PLANS
 from test_plans.analysis import NotMeasured
-from test_plans.plan import Plan, PlanError, Run, plan
-from test_plans.run import execute
+from test_plans.execution import execute
+from test_plans.plan import Plan, plan
+from test_plans.run import PlanError, Run
 
 
 class FakeBench:

@@ -10,6 +10,7 @@ from bench_protocol.units import mm
 from bench_records.result import Outcome
 from bench_sim.model.layout import State
 from test_plans import PLANS, steps
+from test_plans.execution import execute
 from test_plans.geometry import (
     BUMP_STOP_GAP,
     CENTRE_HEIGHT,
@@ -21,7 +22,6 @@ from test_plans.geometry import (
 from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.poses import go_home, look, take_pose
-from test_plans.run import execute
 from test_plans.waves import lateral_stiffness, shake
 
 slow = pytest.mark.slow

@@ -13,7 +13,7 @@ from pathlib import Path
 import cantools
 import pytest
 
-from astb.cli import BLOCKED, MISUSE, PASS
+from astb.exit_codes import BLOCKED, MISUSE, PASS
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from drivers.can_port import open_can

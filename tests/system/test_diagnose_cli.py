@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from astb.cli import BLOCKED, MISUSE, PASS
 from astb.diagnose import chosen_effects, with_roles
+from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.extend import write_extended
 from astb.rig_file import Simulation
 from astb.run import connected
@@ -24,10 +24,10 @@ from bench_sim.parameters.model_file import Model, write_model
 from diagnosis.contracts import Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.finding import Cause, Estimate, Finding, Models, Provenance, Shift, Verdict
 from diagnosis.systems.air_spring import AirSpring
+from test_plans.execution import execute
 from test_plans.loads import AW0
 from test_plans.motions import Part, Programme, Stand, Stretch, Wave
 from test_plans.perform import programme_plan
-from test_plans.run import execute
 
 ROOT = Path(__file__).parents[2]
 SIMULATED = 'name = "test"\ntime = "virtual"\n[simulation]\nseed = 1\n'

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from astb.cli import FAIL, MISUSE, PASS
+from astb.exit_codes import FAIL, MISUSE, PASS
 from bench_protocol.clock import RealClock, wall_time_ns
 from bench_protocol.units import bar, s
 from bench_records.record import read

@@ -9,7 +9,7 @@ from drivers.bench import Bench
 from drivers.errors import RigFault
 from drivers.memory import Faults, FaultyCan
 from test_plans import PLANS
-from test_plans.run import execute
+from test_plans.execution import execute
 
 in_memory = pytest.mark.parametrize("site", ["memory"], indirect=True)
 on_every_wire = pytest.mark.parametrize(

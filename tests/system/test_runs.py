@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from astb.cli import BLOCKED, FAIL, PASS
+from astb.exit_codes import BLOCKED, FAIL, PASS
 from bench_protocol.table import HOLD_AFTER, STATES, TABLE
 from bench_protocol.units import ms
 from bench_records.record import read

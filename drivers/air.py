@@ -1,0 +1,122 @@
+"""The valves of both springs: fill, vent, level, hold, and what connects the chambers."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from bench_protocol.table import SIDES
+from bench_protocol.units import bar, mbar, minutes
+from drivers.declarations import ChoiceSetting, Device, Setting
+from drivers.errors import Misuse
+
+#: The rig's controller and the reading are two transducers: their zeros may differ by tens of mbar.
+PRESSURE_TOLERANCE: Final = 60 * mbar
+
+
+class Air(Device):
+    """The valves of both springs: ``bench.air``. Pressures are gauge."""
+
+    __slots__ = ()
+    left_mode = ChoiceSetting()  #: "hold" | "level" | "fill" | "vent"
+    left_target = Setting()  #: Pa gauge
+    left_reservoir = ChoiceSetting()  #: "off" | "on"
+    right_mode = ChoiceSetting()
+    right_target = Setting()
+    right_reservoir = ChoiceSetting()
+    dpv = ChoiceSetting()  #: "off" | "on"
+
+    def fill(
+        self,
+        to: float | None = None,
+        *,
+        left: float | None = None,
+        right: float | None = None,
+        within: float = 2 * minutes,
+        tolerance: float = PRESSURE_TOLERANCE,
+    ) -> None:
+        """Fill both springs ``to`` a pressure (Pa gauge), or ``left`` and ``right``; wait until it is there.
+
+        A side without a target keeps its valves as they are. The rig stays in filling until the next order. Air
+        reaches a bellows only through its auxiliary chamber: Misuse where that is isolated.
+        """
+        targets = self._targets("fill", to, left, right)
+        self._order("fill", targets)
+        what = " and ".join(f"{side} filled to {target / bar:g} bar" for side, target in targets.items())
+        self._link.wait_for(
+            lambda: all(self._pressure(side) >= target - tolerance for side, target in targets.items()),
+            within=within,
+            what=what,
+        )
+
+    def vent(
+        self,
+        to: float = 0.0,
+        *,
+        left: float | None = None,
+        right: float | None = None,
+        within: float = 2 * minutes,
+        tolerance: float = PRESSURE_TOLERANCE,
+    ) -> None:
+        """Let air out of both springs down ``to`` a pressure (Pa gauge), or one side; wait until it is there.
+
+        Air leaves a bellows only through its auxiliary chamber: Misuse where that is isolated.
+        """
+        targets = self._targets("vent", to if left is None and right is None else None, left, right)
+        self._order("vent", targets)
+        what = " and ".join(f"{side} vented to {target / bar:g} bar" for side, target in targets.items())
+        self._link.wait_for(
+            lambda: all(self._pressure(side) <= target + tolerance for side, target in targets.items()),
+            within=within,
+            what=what,
+        )
+
+    def level(self) -> None:
+        """Hand both springs to their leveling valves."""
+        self._link.settings.write({f"air.{side}_mode": "level" for side in SIDES})
+
+    def hold(self) -> None:
+        """Shut all valves of both springs."""
+        self._link.settings.write({f"air.{side}_mode": "hold" for side in SIDES})
+
+    def isolate_dpv(self) -> None:
+        """Take the differential pressure valve between the sides out of the circuit."""
+        self._link.settings.write({"air.dpv": "off"})
+
+    def connect_dpv(self) -> None:
+        """Put the differential pressure valve between the sides into the circuit."""
+        self._link.settings.write({"air.dpv": "on"})
+
+    def isolate_reservoirs(self) -> None:
+        """Shut both bellows off from their auxiliary chambers."""
+        self._link.settings.write({f"air.{side}_reservoir": "off" for side in SIDES})
+
+    def connect_reservoirs(self) -> None:
+        """Join both bellows with their auxiliary chambers through the orifices."""
+        self._link.settings.write({f"air.{side}_reservoir": "on" for side in SIDES})
+
+    def _targets(
+        self, verb: str, to: float | None, left: float | None, right: float | None
+    ) -> dict[str, float]:
+        if to is not None and not (left is None and right is None):
+            raise Misuse(f"air.{verb}: give one pressure for both sides or one per side, not both")
+        wanted = {"left": to if to is not None else left, "right": to if to is not None else right}
+        targets = {side: target for side, target in wanted.items() if target is not None}
+        if not targets:
+            raise Misuse(f"air.{verb}: no pressure was given; say to=5 * bar")
+        settings = self._link.settings.in_force()
+        for side in targets:
+            if not settings[f"air.{side}_reservoir"]:
+                raise Misuse(
+                    f"air.{verb}: the {side} bellows is shut off from its auxiliary chamber, through which all its air "
+                    "goes, and would keep its pressure; air.connect_reservoirs() first"
+                )
+        return targets
+
+    def _order(self, mode: str, targets: dict[str, float]) -> None:
+        settings: dict[str, float | str] = {}
+        for side, target in targets.items():
+            settings[f"air.{side}_mode"], settings[f"air.{side}_target"] = mode, target
+        self._link.settings.write(settings)
+
+    def _pressure(self, side: str) -> float:
+        return self._link.readings.value(f"{side}.bellows_pressure")

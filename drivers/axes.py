@@ -1,0 +1,186 @@
+"""The axes of the bench: vertical and lateral actuators and the platform, and how they are moved to a place."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+from bench_protocol.units import kN, minutes, mm, mrad, s
+from drivers.declarations import ChoiceSetting, Device, Reading, Setpoint
+from drivers.link import STREAM_BEATS, Link
+
+Mode = Literal["off", "force", "displacement"]
+
+#: What "there" means while one noisy sample is compared with its target.
+FORCE_TOLERANCE: Final = 0.5 * kN
+DISPLACEMENT_TOLERANCE: Final = 1 * mm
+ANGLE_TOLERANCE: Final = 1 * mrad
+#: What every move may take longer than its ramp.
+MARGIN: Final = 10 * s
+
+
+class VerticalActuator(Device):
+    """One vertical actuator: ``bench.vertical_left``, ``bench.vertical_right``; force positive downward."""
+
+    __slots__ = ()
+    force = Reading()  #: N
+    displacement = Reading()  #: m
+    force_setpoint = Setpoint()  #: N
+    displacement_setpoint = Setpoint()  #: m
+
+
+class ControlMode(ChoiceSetting):
+    """The control mode of an axis. Assigning changes it without a bump: the set-points are first what is measured."""
+
+    def set(self, link: Link, name: str, value: str) -> None:
+        axis = name.partition(".")[0]
+        actuators = ("vertical_left", "vertical_right") if axis == "vertical" else (axis,)
+        link.settings.number(name, value)
+        if value != "off":
+            link.take_over([f"{actuator}.{value}" for actuator in actuators])
+        link.settings.write({name: value})
+        link.wait_beats(STREAM_BEATS)
+
+
+class Vertical(Device):
+    """Both vertical actuators together: ``bench.vertical``."""
+
+    __slots__ = ()
+    control = ControlMode()  #: "off" | "force" | "displacement"
+
+    def preload(
+        self,
+        left: float,
+        right: float,
+        *,
+        rate: float = 10 * kN / s,
+        within: float = 2 * minutes,
+        tolerance: float = FORCE_TOLERANCE,
+    ) -> None:
+        """Press with ``left`` and ``right`` (N, downward): force control, ramps of ``rate`` (N/s).
+
+        BenchTimeout if the forces are not within ``tolerance`` after ``within`` s.
+        """
+        _mode(self, "force")
+        targets = {"vertical_left.force": left, "vertical_right.force": right}
+        _move(self._link, targets, rate, within, dict.fromkeys(targets, tolerance))
+
+    def move_to(
+        self,
+        left: float,
+        right: float,
+        *,
+        rate: float = 10 * mm / s,
+        within: float | None = None,
+        tolerance: float = DISPLACEMENT_TOLERANCE,
+    ) -> None:
+        """Move the two sides to ``left`` and ``right`` (m) with ``rate`` (m/s) in displacement control."""
+        _mode(self, "displacement")
+        targets = {"vertical_left.displacement": left, "vertical_right.displacement": right}
+        _move(self._link, targets, rate, within, dict.fromkeys(targets, tolerance))
+
+    def hold_position(self) -> None:
+        """Stay where the actuators are: displacement control at the present displacements."""
+        self.control = "displacement"
+
+
+class Lateral(Device):
+    """The lateral actuator and what stands in its direction: ``bench.lateral``; force and displacement to the left."""
+
+    __slots__ = ()
+    force = Reading()  #: N
+    displacement = Reading()  #: m
+    acceleration = Reading()  #: m/s² at the centre of the bolster
+    force_setpoint = Setpoint()  #: N
+    displacement_setpoint = Setpoint()  #: m
+    control = ControlMode()  #: "off" | "force" | "displacement"
+
+    def move_to(
+        self,
+        displacement: float,
+        rate: float = 10 * mm / s,
+        *,
+        within: float | None = None,
+        tolerance: float = DISPLACEMENT_TOLERANCE,
+    ) -> None:
+        """Move to ``displacement`` (m) with ``rate`` (m/s) in displacement control, until it is measured."""
+        _mode(self, "displacement")
+        name = "lateral.displacement"
+        _move(self._link, {name: displacement}, rate, within, {name: tolerance})
+
+    def push(
+        self,
+        force: float,
+        rate: float = 2 * kN / s,
+        *,
+        within: float | None = None,
+        tolerance: float = FORCE_TOLERANCE,
+    ) -> None:
+        """Push with ``force`` (N) reached with ``rate`` (N/s) in force control, until it is measured."""
+        _mode(self, "force")
+        _move(self._link, {"lateral.force": force}, rate, within, {"lateral.force": tolerance})
+
+    def hold_position(self) -> None:
+        """Stay where the actuator is: displacement control at the present displacement."""
+        self.control = "displacement"
+
+
+class Platform(Device):
+    """The vibration platform: ``bench.platform``; up, left, left side up."""
+
+    __slots__ = ()
+    vertical = Reading()  #: m
+    lateral = Reading()  #: m
+    roll = Reading()  #: rad
+    vertical_setpoint = Setpoint()  #: m
+    lateral_setpoint = Setpoint()  #: m
+    roll_setpoint = Setpoint()  #: rad
+
+    def move_to(
+        self,
+        vertical: float | None = None,
+        lateral: float | None = None,
+        roll: float | None = None,
+        *,
+        rate: float = 10 * mm / s,
+        roll_rate: float = 10 * mrad / s,
+        within: float | None = None,
+    ) -> None:
+        """Move the named axes (m, m, rad), the others stay, with ``rate`` (m/s) and ``roll_rate`` (rad/s)."""
+        straight = {"platform.vertical": vertical, "platform.lateral": lateral}
+        lengths = {name: to for name, to in straight.items() if to is not None}
+        angles = {"platform.roll": roll} if roll is not None else {}
+        tolerance = {
+            name: ANGLE_TOLERANCE if name in angles else DISPLACEMENT_TOLERANCE for name in lengths | angles
+        }
+        longest = max(_start(self._link, lengths, rate), _start(self._link, angles, roll_rate))
+        _arrive(self._link, lengths | angles, longest + MARGIN if within is None else within, tolerance)
+
+
+def _mode(device: Vertical | Lateral, mode: Mode) -> None:
+    if device.control != mode:
+        device.control = mode
+
+
+def _start(link: Link, targets: dict[str, float], rate: float) -> float:
+    """Start ramps of the set-points behind the readings ``targets``; return how long they take (s)."""
+    return link.commander.ramp_all({f"{name}_setpoint": to for name, to in targets.items()}, rate)
+
+
+def _move(
+    link: Link, targets: dict[str, float], rate: float, within: float | None, tolerance: dict[str, float]
+) -> None:
+    duration = _start(link, targets, rate)
+    _arrive(link, targets, duration + MARGIN if within is None else within, tolerance)
+
+
+def _arrive(link: Link, targets: dict[str, float], within: float, tolerance: dict[str, float]) -> None:
+    """Wait until all ramps are over and what is measured is near its target."""
+    read, moving = link.readings.value, link.commander.moving
+    setpoints = [f"{name}_setpoint" for name in targets]
+    link.wait_for(
+        lambda: (
+            not moving(*setpoints) and all(abs(read(n) - to) <= tolerance[n] for n, to in targets.items())
+        ),
+        within=within,
+        what=" and ".join(f"{name} at {link.table[name].show(to)}" for name, to in targets.items()),
+    )

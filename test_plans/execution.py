@@ -1,0 +1,121 @@
+"""The execution of a plan: set-up, main part, tear-down whatever happens, and the record of all of it."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from drivers.errors import BenchError
+from test_plans.analysis import NotMeasured
+from test_plans.plan import Part, Plan
+from test_plans.punctuality import lateness, timing
+from test_plans.recording import Sink, keep_settings, recorded_signals
+from test_plans.run import Nobody, Run, Watcher
+
+if TYPE_CHECKING:
+    from bench_records.result import Result
+    from drivers.bench import Bench
+
+#: Whose fault it is, in words.
+_WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan"}
+_STOPPED: Final = "stopped by the operator"
+
+
+def execute(
+    plan: Plan,
+    bench: Bench,
+    directory: Path | str,
+    *,
+    meta: Mapping[str, Any] | None = None,
+    rig: str = "",
+    seed: int | None = None,
+    watcher: Watcher | None = None,
+) -> Result:
+    """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
+
+    The verdict is *fail* if the product broke a limit and *blocked* if rig, link, plan or operator kept it from being
+    judged. Tear-down runs in every case, and its own troubles stand behind those that came first. KeyboardInterrupt
+    comes out again, once everything is written; the report is made of the directory by ``bench_records.report``.
+    """
+    from bench_records.junit import write_junit
+    from bench_records.layout import phases_of
+    from bench_records.recorder import Recorder
+    from bench_records.result import Outcome, conclude
+
+    signals = recorded_signals(bench.table)
+    start = bench.clock.now()
+    recorder = Recorder(
+        directory, list(signals.values()), {"plan": plan.name, **(meta or {})}, start_ns=start
+    )
+    run = Run(bench, recorder, watcher or Nobody(), plan.lasts)
+    bench.receiver.sink = Sink(bench.table, list(signals), recorder)
+    bench.settings.applied = lambda values: keep_settings(run, values)
+    before = lateness(bench)
+    try:
+        with suppress(BenchError):  # a rig that is gone is what set-up will complain of
+            keep_settings(run, bench.settings.in_force())
+        first, interrupted = _attempt(run, "set-up", plan.setup)
+        if not first:
+            first, interrupted = _attempt(run, "main", plan.main)
+        last, again = _attempt(run, "tear-down", plan.teardown)
+        punctuality = timing(before, lateness(bench))
+    finally:
+        bench.receiver.sink = None
+        bench.settings.applied = lambda values: None
+        recorder.close()
+    run.progress(1.0)
+
+    reason = "; then ".join(trouble for trouble in (first, last and f"in tear-down: {last}") if trouble)
+    if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
+        # The product was judged and failed; that the bench then misbehaved stands among the events.
+        reason = ""
+    result = conclude(
+        plan.name,
+        plan.title,
+        plan.instruction,
+        run.checks,
+        reason=reason,
+        curves=run.curves,
+        phases=phases_of(run.phases, start, bench.clock.now()),
+        rig=rig,
+        seed=seed,
+        timing=punctuality,
+    )
+    result.write(directory)
+    write_junit(result, directory)
+    if interrupted or again:
+        raise KeyboardInterrupt
+    return result
+
+
+def _attempt(run: Run, name: str, part: Part) -> tuple[str, bool]:
+    """Run one part; return what went wrong, whose fault it is included, and whether the operator stopped it."""
+    interrupted = False
+    try:
+        with run.phase(name):
+            part(run)
+        return "", False
+    except BenchError as error:
+        trouble = f"{_WHOSE[error.fault]}: {error}"
+    except NotMeasured as error:
+        trouble = f"the measurement: {error}"
+    except KeyboardInterrupt:
+        trouble, interrupted = _STOPPED, True
+    except Exception as error:
+        trouble = f"the plan: {type(error).__name__} at {_place(error)}: {error}"
+    run.keep("error", f"{name}: {trouble}")
+    run.watcher.say(f"{name}: {trouble}")
+    return trouble, interrupted
+
+
+def _place(error: Exception) -> str:
+    """The innermost line of a plan from which ``error`` came; with plans outside this package, the outermost one."""
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = Path(__file__)
+    outside = [frame for frame in frames if Path(frame.filename) != ours]
+    plans = [frame for frame in outside if Path(frame.filename).parent == ours.parent]
+    frame = (plans or outside or list(frames))[-1 if plans else 0]
+    return f"{Path(frame.filename).name}:{frame.lineno}"

@@ -1,0 +1,113 @@
+"""What the record of a run keeps: every sample that the rig reports, its changes of state, the settings in force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isnan
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.signals import Kind, Table
+from bench_protocol.units import FACTORS
+
+if TYPE_CHECKING:
+    from bench_records.layout import SignalInfo
+    from bench_records.recorder import Recorder
+    from test_plans.run import Run
+
+#: Signals whose changes are events of their own, and the kind of event.
+_TOLD: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
+
+#: The panels of the report, by the end of a signal's name.
+_QUANTITIES: Final = (
+    ("height", "Spring heights"),
+    ("temperature", "Gas temperatures"),
+    ("supply.pressure", "Supply (gauge)"),
+    ("pressure", "Spring pressures (gauge)"),
+    ("displacement", "Actuator displacements"),
+    ("lateral.force", "Lateral actuator force"),
+    ("force", "Vertical actuator forces"),
+    ("acceleration", "Lateral acceleration"),
+    ("platform.vertical", "Platform"),
+    ("platform.lateral", "Platform"),
+    ("platform.roll", "Platform roll"),
+    ("load_cell.5", "Lateral load cells"),
+    ("load_cell.6", "Lateral load cells"),
+)
+
+
+def recorded_signals(table: Table) -> dict[int, SignalInfo]:
+    """Return for every table row that a rig reports how the record describes it."""
+    from bench_records.layout import SignalInfo
+
+    found = {}
+    for row, signal in enumerate(table.signals):
+        if signal.kind not in (Kind.MEASUREMENT, Kind.STATUS):
+            continue
+        quantity = next((q for ending, q in _QUANTITIES if signal.name.endswith(ending)), "")
+        if signal.name.startswith("load_cell.") and not quantity:
+            quantity = "Vertical load cells"
+        found[row] = SignalInfo(
+            signal.name,
+            "" if signal.unit == "1" else signal.unit,
+            FACTORS[signal.unit],
+            signal.name.replace(".", " ").replace("_", " "),
+            quantity if signal.kind is Kind.MEASUREMENT else "",
+            dict(enumerate(signal.choices)),
+        )
+    return found
+
+
+class Sink:
+    """Takes every received sample for the record, and tells it of changes of the rig's state."""
+
+    def __init__(self, table: Table, rows: list[int], recorder: Recorder) -> None:
+        self._column = np.full(len(table.signals), -1, np.int16)
+        self._column[rows] = np.arange(len(rows))
+        self._recorder = recorder
+        self._table = table
+        self._kinds = {table.index[name]: kind for name, kind in _TOLD.items()}
+        self._last = np.zeros(len(table.signals))
+        self._watched = np.zeros(len(table.signals), np.bool_)
+        self._watched[list(self._kinds)] = True
+
+    def __call__(
+        self, times: npt.NDArray[np.int64], rows: npt.NDArray[np.int64], values: npt.NDArray[np.float64]
+    ) -> None:
+        self._recorder.append(times, self._column[rows], values)
+        places = self._watched[rows].nonzero()[0]
+        if (values[places] != self._last[rows[places]]).any():
+            self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
+
+    def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
+        """Tell every change; the cause comes in the same frame as the state that it led to, and is told first."""
+        for time, row, value in sorted(
+            zip(times, rows, values, strict=True), key=lambda one: (one[0], -one[1])
+        ):
+            if value != self._last[row] and not isnan(value):
+                self._last[row] = value
+                self._tell(time, row, value)
+
+    def _tell(self, time: int, row: int, value: float) -> None:
+        signal, kind = self._table.signals[row], self._kinds[row]
+        if kind != "trip":
+            self._recorder.event(time, kind, f"{signal.name}: {signal.show(value)}")
+        elif value >= 1:
+            tripped = self._table.signals[int(value) - 1].name
+            self._recorder.event(time, kind, f"limit of {tripped} tripped", signal=tripped)
+
+
+def keep_settings(run: Run, values: Mapping[str, float]) -> None:
+    """Let the record keep settings in force from now on: numbers in SI, choices as their names."""
+    table = run.bench.table
+    data = {
+        name: table[name].choices[round(value)] if table[name].choices else value
+        for name, value in values.items()
+    }
+    run.keep(
+        "setting",
+        ", ".join(f"{name}: {table[name].show(value)}" for name, value in values.items()),
+        **data,
+    )
