@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from astb.exit_codes import MISUSE
 from astb.rig_file import RigFile, RigFileError, Simulation, read
-from bench_protocol.clock import Clock, RealClock, VirtualClock, hurry_process, wall_time_ns
+from bench_protocol.clock import Clock, RealClock, hurry_process, wall_time_ns
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 
@@ -99,29 +99,14 @@ def open_session(
 @contextlib.contextmanager
 def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None) -> Iterator[Session]:
     """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can."""
-    from bench_sim.rig.tick import TICK_NS
-    from drivers.bench import Bench
-    from drivers.memory import InMemoryCan
-    from drivers.modbus_port import InMemoryModbus
+    from astb.rig_in_memory import RigInMemory
 
-    clock = VirtualClock()
-    can = InMemoryCan(lambda block: rig.receive(block, "memory"))
-    modbus = InMemoryModbus(lambda request: rig.answer(request, "memory"))
-    done = 0
     known = simulation.seed if seed is None else seed
     told = simulated_parameters(simulation).as_built(known)
-
-    def advance(until: int) -> None:
-        nonlocal done
-        ticks = until // TICK_NS - done
-        if ticks > 0:
-            done += ticks
-            can.deliver(rig.run(ticks))
-
-    clock.attach(advance)
-    bench = Bench(can, modbus, clock)
+    memory = RigInMemory(rig)
+    bench = memory.bench()
     try:
-        yield Session(bench, clock, True, told, known)
+        yield Session(bench, memory.clock, True, told, known)
     finally:
         bench.close()
 

@@ -8,25 +8,23 @@ truth goes into a file of its own.
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 import click
 import numpy as np
 
-from bench_protocol.clock import VirtualClock
+from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block, join
 from bench_protocol.table import FAST_RATE, SIDES, TICK
 from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import with_effects
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.tick import TICK_NS
 from benchmarks.diagnosis.outside import OUTSIDE, roughness, together
 from benchmarks.diagnosis.strengths import Strengths
 from benchmarks.diagnosis.truth import Condition, Kind, Truth, draw
 from drivers.bench import Bench
-from drivers.memory import Faults, FaultyCan, InMemoryCan
-from drivers.modbus_port import InMemoryModbus
+from drivers.memory import Faults
 from test_plans import PLANS
 from test_plans.execution import execute
 from test_plans.motions import Part, Programme
@@ -104,27 +102,11 @@ def bench_of(truth: Truth) -> Iterator[Bench]:
     run: Callable[[int], Block] = rig.run
     if truth.condition in COLOURS:
         run = Coloured(rig, COLOURS[truth.condition], truth.seed).run
-    can = InMemoryCan(lambda block: rig.receive(block, "memory"))
-    clock, done = VirtualClock(), 0
-
-    def advance(until: int) -> None:
-        nonlocal done
-        ticks = until // TICK_NS - done
-        if ticks > 0:
-            done += ticks
-            can.deliver(run(ticks))
-
-    clock.attach(advance)
-    port: Any = can
-    if truth.condition == "frames lost":
-        # Commands arrive: five lost in a row are a watchdog's business, and happen once in a screening.
-        port = FaultyCan(can, Faults(lose=LOST), truth.seed, outward=Faults())
-    bench = Bench(port, InMemoryModbus(lambda request: rig.answer(request, "memory")), clock)
-    bench.connect()
-    try:
+    memory = RigInMemory(rig, run)
+    # Commands arrive: five lost in a row are a watchdog's business, and happen once in a screening.
+    lossy = {"faults": Faults(lose=LOST), "outward": Faults()} if truth.condition == "frames lost" else {}
+    with memory.bench(**lossy, seed=truth.seed) as bench:
         yield bench
-    finally:
-        bench.close()
 
 
 def shortened(stretches: int) -> Plan:

@@ -336,14 +336,10 @@ def bench_record(tmp_path_factory):
     """
     from types import SimpleNamespace
 
-    from bench_protocol.clock import VirtualClock
+    from astb.rig_in_memory import RigInMemory
     from bench_sim.parameters import load
     from bench_sim.parameters.effects import with_effects
     from bench_sim.rig.rig import Rig
-    from bench_sim.rig.tick import TICK_NS
-    from drivers.bench import Bench
-    from drivers.memory import FaultyCan, InMemoryCan
-    from drivers.modbus_port import InMemoryModbus
     from test_plans.execution import execute
     from test_plans.loads import AW0
     from test_plans.motions import Part, Programme
@@ -352,26 +348,10 @@ def bench_record(tmp_path_factory):
     def make(name, stretches, *, effects=None, faults=None, seed=1, **changes):
         parameters = load("astb").with_values(**changes)
         rig = Rig(with_effects(parameters, effects or {}), seed=seed)
-        clock, done = VirtualClock(), 0
-        can = InMemoryCan(lambda block: rig.receive(block, "plan"))
-        modbus = InMemoryModbus(lambda request: rig.answer(request, "plan"))
-
-        def advance(until):
-            nonlocal done
-            ticks = until // TICK_NS - done
-            if ticks > 0:
-                done += ticks
-                can.deliver(rig.run(ticks))
-
-        clock.attach(advance)
-        bench = Bench(can if faults is None else FaultyCan(can, faults, seed), modbus, clock)
-        bench.connect()
         directory = tmp_path_factory.mktemp(name)
         programme = Programme("short", "Short motions", (Part(AW0, tuple(stretches)),), "To be replayed.")
-        try:
+        with RigInMemory(rig).bench(faults=faults, seed=seed) as bench:
             result = execute(programme_plan(programme), bench, directory, seed=seed)
-        finally:
-            bench.close()
         assert result.verdict.value == "pass" or not stretches, result.reason
         return SimpleNamespace(directory=directory, parameters=parameters)
 

@@ -2,31 +2,18 @@
 
 import pytest
 
-from bench_protocol.clock import VirtualClock
+from astb.rig_in_memory import RigInMemory
 from bench_protocol.units import Hz, bar, kN, minutes, mm, s
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.tick import TICK_NS
-from drivers.bench import Bench
 from drivers.errors import Refused, RigFault
-from drivers.memory import InMemoryCan
-from drivers.modbus_port import InMemoryModbus
 
 
 @pytest.fixture
 def pair():
     """A simulated rig and a connected bench, in memory."""
-    rig, clock = Rig(load()), VirtualClock()
-    can = InMemoryCan(lambda block: rig.receive(block, "memory"))
-    done = 0
-
-    def advance(until):
-        nonlocal done
-        ticks, done = until // TICK_NS - done, until // TICK_NS
-        can.deliver(rig.run(ticks))
-
-    clock.attach(advance)
-    with Bench(can, InMemoryModbus(lambda request: rig.answer(request, "memory")), clock) as bench:
+    rig = Rig(load())
+    with RigInMemory(rig).bench() as bench:
         yield rig, bench
 
 

@@ -5,43 +5,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench_protocol.clock import VirtualClock
+from astb.rig_in_memory import RigInMemory
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.tick import TICK_NS
-from drivers.bench import Bench
-from drivers.memory import FaultyCan, InMemoryCan
-from drivers.modbus_port import InMemoryModbus
 from test_plans import PLANS
 from test_plans.execution import execute
 
 
 @contextmanager
 def composed(seed=0, faults=None, latency=0.0, **changes):
-    rig = Rig(load("astb").with_values(**changes), seed=seed)
-    clock, done = VirtualClock(), 0
-    can = InMemoryCan(lambda block: rig.receive(block, "plan"))
-
-    def answer(request):
-        clock.sleep_until(clock.now() + round(latency * 1e9))
-        return rig.answer(request, "plan")
-
-    modbus = InMemoryModbus(answer)
-
-    def advance(until):
-        nonlocal done
-        ticks = until // TICK_NS - done
-        if ticks > 0:
-            done += ticks
-            can.deliver(rig.run(ticks))
-
-    clock.attach(advance)
-    bench = Bench(can if faults is None else FaultyCan(can, faults, seed), modbus, clock)
-    bench.connect()
-    try:
-        yield SimpleNamespace(rig=rig, clock=clock, can=can, bench=bench)
-    finally:
-        bench.close()
+    memory = RigInMemory(Rig(load("astb").with_values(**changes), seed=seed))
+    with memory.bench(faults=faults, seed=seed, latency=latency) as bench:
+        yield SimpleNamespace(rig=memory.rig, clock=memory.clock, cut=memory.cut, bench=bench)
 
 
 @pytest.fixture(scope="session")

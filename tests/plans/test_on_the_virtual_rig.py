@@ -102,7 +102,7 @@ def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
 
 
 def test_a_cut_bus_blocks_as_the_links_fault_and_the_rig_unloads_by_itself(bench_run):
-    run = bench_run("aw0", at=(30.0, lambda made: made.can.lose("the cable is cut")))
+    run = bench_run("aw0", at=(30.0, lambda made: made.cut("the cable is cut")))
     assert run.result.verdict is Outcome.BLOCKED
     assert run.result.reason.startswith("the link to the rig: the CAN bus is lost: the cable is cut")
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from astb.cli import main as astb_main
+from astb.rig_in_memory import RigInMemory
 from astb.run import undisturbed
 from bench_protocol.can_codec import Decoder
 from bench_protocol.clock import RealClock, VirtualClock, wall_time_ns
@@ -23,11 +24,9 @@ from bench_protocol.table import STATES, TABLE
 from bench_protocol.units import NS
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.tick import TICK_NS
 from drivers.bench import Bench
 from drivers.can_port import CanPort, has_interface, open_can
-from drivers.memory import InMemoryCan
-from drivers.modbus_port import InMemoryModbus, ModbusPort, open_modbus
+from drivers.modbus_port import ModbusPort, open_modbus
 
 ASTB = [sys.executable, "-m", "astb"]
 ROOT = Path(__file__).parents[2]
@@ -113,72 +112,25 @@ class Site:
 
 
 class MemorySite(Site):
-    """Rig and clients in this process, in virtual time, on a bus that is a loop over its ports."""
+    """Rig and clients in this process, in virtual time."""
 
     transport = "memory"
 
     def __init__(self) -> None:
-        self.rig, self.clock = Rig(load(), seed=1), VirtualClock()
-        self.ports: list[_MemoryPort] = []
-        self.clients = 0
-        self._done = 0
-        self.clock.attach(self._advance)
-
-    def _advance(self, until: int) -> None:
-        ticks = until // TICK_NS - self._done
-        if ticks > 0:
-            self._done += ticks
-            self.spread(self.rig.run(ticks))
-
-    def spread(self, block: Block, sender: "_MemoryPort | None" = None) -> None:
-        for port in self.ports:
-            if port is not sender:
-                port.deliver(block)
+        self._memory = RigInMemory(Rig(load(), seed=1))
+        self.rig, self.clock = self._memory.rig, self._memory.clock
 
     def can(self) -> CanPort:
-        return _MemoryPort(self)
+        return self._memory.can()
 
     def modbus(self) -> ModbusPort:
-        return _MemoryModbus(self)
+        return self._memory.modbus()
 
     def press_estop(self) -> None:
         self.rig.press_estop()
 
     def release_estop(self) -> None:
         self.rig.release_estop()
-
-    def name(self, kind: str) -> str:
-        self.clients += 1
-        return f"{kind}:{self.clients}"
-
-
-class _MemoryPort(InMemoryCan):
-    def __init__(self, site: MemorySite) -> None:
-        super().__init__(self._out)
-        self._site, self._name = site, site.name("can")
-        site.ports.append(self)
-
-    def _out(self, block: Block) -> None:
-        stamped = block.copy()
-        stamped["time"] = self._site.clock.now()
-        self._site.spread(stamped, self)
-        self._site.rig.receive(stamped, self._name)
-
-    def close(self) -> None:
-        super().close()
-        if self in self._site.ports:
-            self._site.ports.remove(self)
-            self._site.rig.peer_lost(self._name)
-
-
-class _MemoryModbus(InMemoryModbus):
-    def __init__(self, site: MemorySite) -> None:
-        self._site, self._name = site, site.name("modbus")
-        super().__init__(lambda request: site.rig.answer(request, self._name))
-
-    def close(self) -> None:
-        super().close()
-        self._site.rig.peer_lost(self._name)
 
 
 class RigProcess:

@@ -1,0 +1,120 @@
+"""A simulated rig in this process and in virtual time, with its CAN bus and its Modbus in memory."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from bench_protocol.clock import VirtualClock
+from bench_protocol.frames import Block
+from bench_protocol.units import NS
+from bench_sim.rig.tick import TICK_NS
+from drivers.bench import Bench
+from drivers.memory import Faults, FaultyCan, InMemoryCan
+from drivers.modbus_port import InMemoryModbus
+
+if TYPE_CHECKING:
+    from bench_sim.rig.rig import Rig
+
+
+class RigInMemory:
+    """A ``rig`` that ticks while its ``clock`` passes, and any number of ports to it.
+
+    Ports hear one another as on a real bus, and the rig knows who sent what and who is gone, as its hub does.
+    ``run`` stands in for ``rig.run`` where somebody has to do something to the rig between ticks.
+    """
+
+    def __init__(self, rig: "Rig", run: Callable[[int], Block] | None = None) -> None:
+        self.rig, self.clock = rig, VirtualClock()
+        self._run = run or rig.run
+        self._ports: list[_CanPort] = []
+        self._clients = 0
+        self._ticks = 0
+        self.clock.attach(self._advance)
+
+    def can(self) -> InMemoryCan:
+        """Return a new port of the CAN bus."""
+        port = _CanPort(self, self._name("can"))
+        self._ports.append(port)
+        return port
+
+    def modbus(self, latency: float = 0.0) -> InMemoryModbus:
+        """Return a new Modbus connection whose answers take ``latency`` (s)."""
+        return _ModbusPort(self, self._name("modbus"), round(latency * NS))
+
+    def bench(
+        self,
+        *,
+        token: int = 1,
+        faults: Faults | None = None,
+        outward: Faults | None = None,
+        seed: int = 0,
+        latency: float = 0.0,
+    ) -> Bench:
+        """Return a bench on ports of its own, not yet connected.
+
+        ``faults``, drawn from ``seed``, befall its CAN frames (``outward`` those that it sends, where they differ);
+        ``latency`` (s) is that of Modbus.
+        """
+        port = self.can()
+        can = port if faults is None else FaultyCan(port, faults, seed, outward=outward)
+        return Bench(can, self.modbus(latency), self.clock, token=token)
+
+    def cut(self, reason: str) -> None:
+        """Cut the CAN bus, as a hub that dies would; Modbus goes on."""
+        for port in self._ports:
+            port.lose(reason)
+
+    def spread(self, block: Block, sender: InMemoryCan | None = None) -> None:
+        """Deliver frames to every port but that of their sender."""
+        for port in self._ports:
+            if port is not sender:
+                port.deliver(block)
+
+    def send(self, block: Block, port: "_CanPort") -> None:
+        """Take frames from a port to the rig and, stamped with the time, to all other ports."""
+        if len(self._ports) > 1:
+            stamped = block.copy()
+            stamped["time"] = self.clock.now()
+            self.spread(stamped, port)
+        self.rig.receive(block, port.name)
+
+    def leave(self, port: "_CanPort") -> None:
+        """Take a port off the bus; the rig hears that it is gone."""
+        if port in self._ports:
+            self._ports.remove(port)
+            self.rig.peer_lost(port.name)
+
+    def _advance(self, until: int) -> None:
+        ticks = until // TICK_NS - self._ticks
+        if ticks > 0:
+            self._ticks += ticks
+            self.spread(self._run(ticks))
+
+    def _name(self, kind: str) -> str:
+        self._clients += 1
+        return f"{kind}:{self._clients}"
+
+
+class _CanPort(InMemoryCan):
+    def __init__(self, memory: RigInMemory, name: str) -> None:
+        super().__init__(lambda block: memory.send(block, self))
+        self.name, self._memory = name, memory
+
+    def close(self) -> None:
+        super().close()
+        self._memory.leave(self)
+
+
+class _ModbusPort(InMemoryModbus):
+    def __init__(self, memory: RigInMemory, name: str, latency: int) -> None:
+        self._memory, self._name, self._latency = memory, name, latency
+        super().__init__(self._answer)
+
+    def _answer(self, request: bytes) -> bytes:
+        if self._latency:
+            clock = self._memory.clock
+            clock.sleep_until(clock.now() + self._latency)
+        return self._memory.rig.answer(request, self._name)
+
+    def close(self) -> None:
+        super().close()
+        self._memory.rig.peer_lost(self._name)
