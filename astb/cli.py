@@ -17,6 +17,7 @@ from astb.exit_codes import BLOCKED, FAIL, MISUSE, PASS
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
+    from test_plans.plan import Plan
 
 SEED: Final = click.IntRange(0, 2**32 - 1)
 _EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
@@ -211,17 +212,17 @@ def run_command(
     from astb.run import run_plans
     from bench_records.layout import RecordError
     from drivers.errors import BenchError
-    from test_plans import PLANS
 
-    unknown = [name for name in plans if name not in PLANS]
+    known = _plans()
+    unknown = [name for name in plans if name not in known]
     if unknown:
-        misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(PLANS)}")
+        misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(known)}")
     rig, path = _rig(rig_path)
     rig = simulated(rig, path, model, effects, sealed)
     # Whoever ends the run, tear-down runs.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        verdicts = run_plans([PLANS[name] for name in plans], rig, path, virtual=virtual, seed=seed, out=out)
+        verdicts = run_plans([known[name] for name in plans], rig, path, virtual=virtual, seed=seed, out=out)
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
     except BenchError as error:
@@ -232,10 +233,9 @@ def run_command(
 @commands.command("plans")
 def plans_command() -> None:
     """List the test plans."""
-    from test_plans import PLANS
-
-    width = max(map(len, PLANS))
-    for name, plan in PLANS.items():
+    known = _plans()
+    width = max(map(len, known))
+    for name, plan in known.items():
         click.echo(f"{name:<{width}}  {plan.title}")
 
 
@@ -448,6 +448,16 @@ def simulated(
             sealed=sealed or rig.simulation.sealed,
         ),
     )
+
+
+def _plans() -> "dict[str, Plan]":
+    from test_plans.discovery import plans
+    from test_plans.run import PlanError
+
+    try:
+        return plans()
+    except PlanError as error:
+        misuse(error)
 
 
 def _rig(path: Path | None) -> "tuple[RigFile, Path]":

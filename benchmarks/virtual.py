@@ -14,7 +14,7 @@ from bench_records.report import write_report
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
 from benchmarks.measure import Effort, Row, Section, Spread, compare
-from test_plans import PLANS
+from test_plans.discovery import plans
 from test_plans.execution import execute
 
 TICK: Final = 1 * ms
@@ -55,7 +55,7 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
             receiver.accept = meter.of("drivers: frames", receiver.accept)
         session.bench.connect()
         simulated, start = session.clock.now(), time.perf_counter()
-        result = execute(PLANS[name], session.bench, directory / name, rig="virtual", seed=0)
+        result = execute(plans()[name], session.bench, directory / name, rig="virtual", seed=0)
         elapsed = time.perf_counter() - start
         if result.verdict != "pass":
             raise RuntimeError(f"{name}: {result.verdict} {result.reason}: not a run to be timed")

@@ -7,6 +7,7 @@ from typing import Final
 from bench_protocol.units import Hz, mm, mrad, s
 from test_plans.loads import AW0, AW3
 from test_plans.motions import Part, Programme, Segment, Stand, Stretch, Wave
+from test_plans.perform import programme_plan
 
 #: Five cycles at full amplitude, each a whole number of samples: what differs between them is noise.
 REPEATED: Final = (1.25 * Hz, 7)
@@ -93,3 +94,5 @@ SCREENING: Final = Programme(
     Nothing is judged here: `astb diagnose` compares the record with the model.
     """,
 )
+
+screening: Final = programme_plan(SCREENING)

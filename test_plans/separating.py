@@ -7,6 +7,7 @@ from typing import Final
 from bench_protocol.units import Hz, minutes, mm, mrad, s
 from test_plans.loads import AW0, AW3, Load
 from test_plans.motions import Part, Programme, Segment, Stand, Stretch, Valves, Wave
+from test_plans.perform import programme_plan
 
 LEVELING: Final = Valves(air="level", reservoirs="on", dpv="off")
 DPV_CONNECTED: Final = Valves(air="hold", reservoirs="on", dpv="on")
@@ -184,3 +185,5 @@ _PROGRAMMES: Final = (
 
 #: By name of the plan.
 MENU: Final = {programme.name: programme for programme in _PROGRAMMES}
+
+PLANS: Final = tuple(programme_plan(programme) for programme in _PROGRAMMES)

@@ -47,14 +47,14 @@ def measure(plan: str, seed: int, out: Path) -> None:
     from astb.rig_file import RigFile, Simulation
     from astb.run import connected, describe
     from astb.session import build_rig, virtual_session
-    from test_plans import PLANS as KNOWN
+    from test_plans.discovery import plans
     from test_plans.execution import execute
 
     simulation = Simulation(seed=seed)
     rig = RigFile(name="virtual", time="virtual", simulation=simulation)
     with virtual_session(build_rig(simulation), simulation) as session, connected(session):
         execute(
-            KNOWN[plan],
+            plans()[plan],
             session.bench,
             directory_of(out, plan, seed),
             meta=describe(session, rig),

@@ -25,7 +25,7 @@ from benchmarks.diagnosis.strengths import Strengths
 from benchmarks.diagnosis.truth import Condition, Kind, Truth, draw
 from drivers.bench import Bench
 from drivers.memory import Faults
-from test_plans import PLANS
+from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.motions import Part, Programme
 from test_plans.perform import programme_plan
@@ -117,7 +117,7 @@ def shortened(stretches: int) -> Plan:
 
 def measure(truth: Truth, out: Path, stretches: int = 3) -> None:
     """Screen the bench of ``truth`` and leave an ordinary record in ``out``. Raises NotMeasured."""
-    plan = shortened(stretches) if stretches < 3 else PLANS[SCREENING.name]
+    plan = shortened(stretches) if stretches < 3 else plans()[SCREENING.name]
     with bench_of(truth) as bench:
         result = execute(plan, bench, out, rig="virtual", seed=0)
     if result.verdict not in {"pass", "fail"}:

@@ -8,7 +8,7 @@ import pytest
 from astb.rig_in_memory import RigInMemory
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from test_plans import PLANS
+from test_plans.discovery import plans
 from test_plans.execution import execute
 
 
@@ -45,7 +45,7 @@ def bench_run(tmp_path):
         with composed(seed, faults, latency, **changes) as made:
             if at is not None:
                 After(made.clock, at[0], lambda: at[1](made))
-            result = execute(PLANS[name], made.bench, tmp_path / directory, rig="virtual", seed=seed)
+            result = execute(plans()[name], made.bench, tmp_path / directory, rig="virtual", seed=seed)
             return SimpleNamespace(
                 result=result,
                 failed={one.name for one in result.checks if not one.passed},

@@ -12,7 +12,7 @@ import bench_sim.parameters
 from bench_protocol.units import ATMOSPHERE
 from bench_records.result import Outcome, read_result
 from bench_sim.parameters import load
-from test_plans import PLANS
+from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.identification import (
     FITTED,
@@ -245,7 +245,7 @@ def identified(bench_composed, tmp_path_factory):
         for name in ("lateral_offset", "lateral_pressure_aw0", "lateral_pressure_aw3"):
             directory = tmp_path_factory.mktemp(name)
             with bench_composed(seed, **changes) as made:
-                assert execute(PLANS[name], made.bench, directory).verdict is not Outcome.BLOCKED
+                assert execute(plans()[name], made.bench, directory).verdict is not Outcome.BLOCKED
             curves[name] = read_result(directory).curves
         return curves, identify(*curves.values(), BASE)
 

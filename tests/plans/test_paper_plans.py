@@ -9,7 +9,8 @@ import pytest
 from bench_protocol.units import mm
 from bench_records.result import Outcome
 from bench_sim.model.layout import State
-from test_plans import PLANS, steps
+from test_plans import steps
+from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.geometry import (
     BUMP_STOP_GAP,
@@ -49,7 +50,7 @@ def run_of(bench_composed, tmp_path_factory):
             with bench_composed() as made:
                 before = made.rig.plant.parameters.copy()
                 result = execute(
-                    PLANS[name], made.bench, tmp_path_factory.mktemp(name), rig="virtual", seed=0
+                    plans()[name], made.bench, tmp_path_factory.mktemp(name), rig="virtual", seed=0
                 )
                 curves = {
                     (one.group, one.name): (np.array(one.xs), np.array(one.ys)) for one in result.curves
@@ -137,7 +138,7 @@ def test_a_sound_bench_passes_within_its_time_and_is_left_as_it_was(run_of, name
     failed = [str(one) for one in run.result.checks if not one.passed]
     assert run.result.verdict is Outcome.PASS, run.result.reason or failed
     assert run.result.duration < 390.0
-    assert run.result.duration == pytest.approx(PLANS[name].lasts, rel=0.1)
+    assert run.result.duration == pytest.approx(plans()[name].lasts, rel=0.1)
     assert run.made.rig.state.name == "DISABLED"
     after = run.made.rig.plant.parameters
     assert after.orifice_diameter.tolist() == run.before.orifice_diameter.tolist()

@@ -12,7 +12,8 @@ from bench_records.result import Outcome
 from bench_sim.rig.limits import LIMITS
 from bench_sim.rig.tick import waveform
 from drivers.memory import Faults
-from test_plans import PLANS, perform
+from test_plans import perform
+from test_plans.discovery import plans
 from test_plans.geometry import LATERAL_FORCE_MAX, POSE_SIGNALS, pose, shear_of
 from test_plans.loads import AW0, AW3
 from test_plans.motions import REPLAY, Part, Programme, Stand, Stretch, Valves, Wave
@@ -134,7 +135,7 @@ def test_a_stretch_ends_where_its_last_stand_was_and_rests_first():
 
 
 def test_the_bench_moves_as_predicted_and_the_record_knows_the_valves(bench_run, monkeypatch):
-    monkeypatch.setitem(PLANS, "short", programme_plan(SHORT))
+    monkeypatch.setitem(plans(), "short", programme_plan(SHORT))
     run = bench_run("short")
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
     assert (run.state, run.pressure < 0.5 * bar) == ("DISABLED", True)
@@ -164,7 +165,7 @@ def test_the_bench_moves_as_predicted_and_the_record_knows_the_valves(bench_run,
 def test_the_screening_does_under_both_loads_what_was_predicted(bench_run):
     run = bench_run("screening", 1)
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
-    assert run.result.duration == pytest.approx(PLANS["screening"].lasts, rel=0.1)
+    assert run.result.duration == pytest.approx(plans()["screening"].lasts, rel=0.1)
     assert_as_predicted(SCREENING, run.directory)
     record = read(run.directory)
     names = [phase.name for phase in replays(record)]
@@ -197,7 +198,7 @@ def assert_a_repeated_cycle_shows_the_noise(record):
 def test_a_separating_run_does_what_was_predicted(bench_run, name):
     run = bench_run(name, 2)
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
-    assert run.result.duration == pytest.approx(PLANS[name].lasts, rel=0.12)
+    assert run.result.duration == pytest.approx(plans()[name].lasts, rel=0.12)
     assert_as_predicted(MENU[name], run.directory)
 
 
@@ -219,20 +220,20 @@ def test_no_programme_asks_for_more_than_the_bench_can(programme):
 
 
 def test_two_programmes_never_have_one_name():
-    assert set(MENU) | {"screening"} <= set(PLANS)
-    assert len(PLANS) == len({plan.title for plan in PLANS.values()})
-    assert all(PLANS[name].lasts > 60 for name in MENU)
+    assert set(MENU) | {"screening"} <= set(plans())
+    assert len(plans()) == len({plan.title for plan in plans().values()})
+    assert all(plans()[name].lasts > 60 for name in MENU)
 
 
 def test_springs_that_do_not_follow_fail(bench_run, monkeypatch):
-    monkeypatch.setitem(PLANS, "short", programme_plan(SHORT))
+    monkeypatch.setitem(plans(), "short", programme_plan(SHORT))
     run = bench_run("short", actuator_speed_limit=[0.6, 0.6, 0.01])
     assert run.result.verdict is Outcome.FAIL
     assert run.failed == {"short 1 AW0: way of the springs, sideways"}
 
 
 def test_a_record_with_few_holes_is_good_and_one_with_too_many_is_not(bench_run, monkeypatch):
-    monkeypatch.setitem(PLANS, "short", programme_plan(SHORT))
+    monkeypatch.setitem(plans(), "short", programme_plan(SHORT))
     run = bench_run("short", faults=Faults(lose=0.1))
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
     monkeypatch.setattr(perform, "RECEIVED", 0.95)

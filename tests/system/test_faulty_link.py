@@ -8,7 +8,7 @@ from bench_records.result import Outcome
 from drivers.bench import Bench
 from drivers.errors import RigFault
 from drivers.memory import Faults, FaultyCan
-from test_plans import PLANS
+from test_plans.discovery import plans
 from test_plans.execution import execute
 
 in_memory = pytest.mark.parametrize("site", ["memory"], indirect=True)
@@ -67,7 +67,7 @@ def test_procedures_work_through_a_bad_link(site, through):
 def test_a_whole_plan_gives_its_verdict_through_a_bad_link(memory_site, tmp_path):
     site = memory_site()
     with Bench(FaultyCan(site.can(), BAD, seed=1), site.modbus(), site.clock) as bench:
-        result = execute(PLANS["aw0"], bench, tmp_path)
+        result = execute(plans()["aw0"], bench, tmp_path)
     assert result.verdict is Outcome.PASS, [str(c) for c in result.checks if c.verdict != "pass"]
 
 

@@ -1,0 +1,76 @@
+"""A file with a plan in it is a plan: nobody lists it anywhere."""
+
+import sys
+from importlib.metadata import EntryPoint
+from types import ModuleType
+
+import pytest
+
+import test_plans
+from test_plans import discovery
+from test_plans.aw0 import aw0
+from test_plans.run import PlanError
+
+CREEP = '''
+"""Creep: hold the load for a while."""
+
+from test_plans.plan import plan
+from test_plans.run import Run
+
+
+@plan
+def creep(run: Run) -> None:
+    """Creep: hold the load for a while."""
+    run.bench.wait(1.0)
+'''
+
+
+@pytest.fixture
+def find():
+    """Find all plans anew, now and whatever is changed."""
+    yield discovery.plans.__wrapped__
+    for name in ("our_plans", "test_plans.creep"):
+        sys.modules.pop(name, None)
+
+
+def module(name: str, **content: object) -> ModuleType:
+    made = ModuleType(name)
+    vars(made).update(content)
+    return made
+
+
+def test_a_new_file_is_a_new_plan(find, tmp_path, monkeypatch):
+    (tmp_path / "creep.py").write_text(CREEP)
+    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    found = find()
+    assert found["creep"].title == "Creep: hold the load for a while."
+    assert list(found) == sorted(found)
+
+
+def test_a_package_of_ones_own_brings_plans_through_an_entry_point(find, tmp_path, monkeypatch):
+    (tmp_path / "our_plans.py").write_text(CREEP)
+    monkeypatch.syspath_prepend(tmp_path)
+    entry = EntryPoint("ours", "our_plans", discovery.GROUP)
+    monkeypatch.setattr(discovery, "entry_points", lambda group: [entry] if group == entry.group else [])
+    assert "creep" in find()
+
+
+def test_two_plans_of_one_name_are_refused():
+    other = module("ours", mine=aw0.__class__("aw0", "", "", aw0.main, aw0.setup, aw0.teardown))
+    with pytest.raises(PlanError, match=r"two plans are named aw0, in theirs and in ours: rename one"):
+        discovery.by_name([module("theirs", aw0=aw0), other])
+
+
+def test_a_plan_that_a_file_only_imports_is_no_second_one():
+    assert discovery.by_name([module("its", aw0=aw0), module("another", aw0=aw0, both=(aw0, aw0))]) == {
+        "aw0": aw0
+    }
+
+
+def test_a_file_that_cannot_be_imported_is_named(find, tmp_path, monkeypatch):
+    (tmp_path / "half_written.py").write_text("def f(:\n")
+    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    with pytest.raises(
+        PlanError, match=r"test_plans\.half_written cannot be imported: SyntaxError: .*line 1"
+    ):
+        find()
