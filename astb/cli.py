@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 import click
 
 from astb.exit_codes import BLOCKED, FAIL, MISUSE, PASS
+from astb.plugins import ExtensibleGroup
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
@@ -100,7 +101,7 @@ def blocked(error: Exception | str) -> NoReturn:
     raise click.exceptions.Exit(BLOCKED)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=ExtensibleGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="astb")
 def commands() -> None:
     """A virtual test bench for railway air springs that behaves like the real rig down to its wires."""
@@ -372,35 +373,6 @@ def investigate_command(
         blocked(error)
     if not done:
         raise click.exceptions.Exit(BLOCKED)
-
-
-@commands.command("paper")
-@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: under a minute.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Draws the first rig's sensors.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    help="Where figures, page and claims go.",
-)
-def paper_command(quick: bool, seed: int, out: Path) -> None:
-    """Make the paper's figures, its table and its claims anew, on the virtual bench and in closed form.
-
-    Writes DIR/index.html, figures as SVG and PNG, claims.json, comfort.csv, identified.toml and the bench's records. A
-    claim that does not hold is a result, not an error.
-    """
-    from astb.paper.bench import NotMeasured
-    from astb.paper.make import make
-    from bench_records.layout import RecordError
-
-    try:
-        click.echo(make(out, quick=quick, seed=seed))
-    except NotMeasured as error:
-        blocked(error)
-    except RecordError as error:
-        misuse(error)
-    except OSError as error:
-        misuse(f"{out} cannot be written: {error.strerror or error}")
 
 
 def _keep_algebra_to_one_core() -> None:

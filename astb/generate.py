@@ -258,8 +258,10 @@ def commands_page() -> str:
     print(_NOTE.replace("table of signals", "command line"), file=out)
     print("# The command line\n", file=out)
     print("Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke).\n", file=out)
-    for name in ("", *commands.commands):
-        command = commands.commands[name] if name else commands
+    of_all = click.Context(commands)
+    for name in ("", *commands.list_commands(of_all)):
+        command = commands.get_command(of_all, name) if name else commands
+        assert command is not None
         title = f"astb {name}".strip()
         context = click.Context(command, info_name=title, terminal_width=100)
         print(f"## `{title}`\n\n```text\n{command.get_help(context)}\n```\n", file=out)

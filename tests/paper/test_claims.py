@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from astb.paper import checks
-from astb.paper.checks import CHECKS, evaluate_all, to_json
-from astb.paper.subject import Subject
 from bench_protocol.units import bar, mm
+from paper_study import checks
+from paper_study.checks import CHECKS, evaluate_all, to_json
+from paper_study.subject import Subject
 
 PLANT_ONLY = {f"A{n:02d}" for n in range(1, 31)} - {f"A{n}" for n in (11, 12, 13, 14, 15, 17, 18, 19, 26, 27)}
 BOTH_LAYERS = {"A11", "A12", "A14", "A15", "A17", "A18", "A19", "A27"} | {f"T{n}" for n in range(1, 12)}

@@ -15,15 +15,15 @@ from click.testing import CliRunner
 
 from astb.cli import commands
 from astb.exit_codes import BLOCKED, MISUSE
-from astb.paper import findings, page, plant_curves, sensitivity, study
-from astb.paper.bench import Bench, NotMeasured, Points
-from astb.paper.checks import CHECKS
-from astb.paper.findings import Finding
-from astb.paper.laws import closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
-from astb.paper.subject import LOADS, Subject
 from bench_protocol.clock import RealClock
 from bench_protocol.units import bar, mm, ms
 from bench_records.result import Axis, curve
+from paper_study import findings, page, plant_curves, sensitivity, study
+from paper_study.bench import Bench, NotMeasured, Points
+from paper_study.checks import CHECKS
+from paper_study.findings import Finding
+from paper_study.laws import closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
+from paper_study.subject import LOADS, Subject
 
 slow = pytest.mark.slow
 KN = 1e3
@@ -240,7 +240,7 @@ def test_the_table_leaves_out_what_is_not_known():
 def test_the_error_bars_are_those_of_the_rigs():
     from matplotlib.figure import Figure
 
-    from astb.paper.figures import _points
+    from paper_study.figures import _points
 
     axes = Figure().subplots()
     y = np.array([2.0, 3.0])
@@ -256,7 +256,7 @@ def test_a_blocked_bench_ends_with_3_and_says_why(tmp_path, monkeypatch):
     def blocked(*args, **kwargs):
         raise NotMeasured("roll_angle_aw0 on rig 0 was blocked: the rig: emergency stop")
 
-    monkeypatch.setattr("astb.paper.make.make", blocked)
+    monkeypatch.setattr("paper_study.make.make", blocked)
     done = CliRunner().invoke(
         commands, ["paper", "--quick", "--out", str(tmp_path / "out")], standalone_mode=False
     )
@@ -277,7 +277,7 @@ def test_a_directory_that_cannot_be_made_is_misuse(tmp_path):
 def test_a_quick_run_leaves_every_figure_table_and_claim(tmp_path, record_property):
     from matplotlib.image import imread
 
-    from astb.paper.make import make
+    from paper_study.make import make
 
     clock = RealClock()
     start = clock.now()

@@ -14,13 +14,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from astb.paper import plant_curves, sensitivity
-from astb.paper.bench import PLANS, Bench, gather, measure
-from astb.paper.checks import CHECKS, entry, select
-from astb.paper.experiments import paper_ride, plant_ride
-from astb.paper.sensitivity import Indices
-from astb.paper.subject import LOADS, Subject
 from bench_protocol.units import Hz, mm
+from paper_study import plant_curves, sensitivity
+from paper_study.bench import PLANS, Bench, gather, measure
+from paper_study.checks import CHECKS, entry, select
+from paper_study.experiments import paper_ride, plant_ride
+from paper_study.sensitivity import Indices
+from paper_study.subject import LOADS, Subject
 from test_plans.by_frequency import SMALL_FREQUENCIES
 from test_plans.by_offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
 from test_plans.by_pressure import AMPLITUDES

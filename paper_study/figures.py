@@ -7,10 +7,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from astb.paper.bench import Points
-from astb.paper.laws import SMALL_LOSS, closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
-from astb.paper.study import SWEEPS, Study
-from astb.paper.subject import LOADS, Subject
 from bench_protocol.units import bar, litre, mm
 from bench_records.plots import INK, PALETTE, SHADE, SOFT, style
 from bench_records.plots import svg as inline
@@ -23,6 +19,10 @@ from bench_sim.model.paper import (
     roll_factor,
     unilateral_cosine,
 )
+from paper_study.bench import Points
+from paper_study.laws import SMALL_LOSS, closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
+from paper_study.study import SWEEPS, Study
+from paper_study.subject import LOADS, Subject
 from test_plans.by_frequency import SWEEP_AMPLITUDE
 from test_plans.by_pressure import AMPLITUDES
 from test_plans.by_ratio import NATURAL
@@ -642,7 +642,7 @@ def comfort(study: Study) -> "Figure":
 
 def sensitivity(study: Study) -> "Figure":
     """Total and first-order Sobol indices of the geometric parameters in both layers."""
-    from astb.paper.sensitivity import PAPER, PLANT
+    from paper_study.sensitivity import PAPER, PLANT
 
     figure, axes = _figure(4, 2, height=2.75)
     for row, (layer, names) in zip(axes, (("paper", PAPER), ("plant", PLANT)), strict=True):

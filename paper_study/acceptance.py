@@ -4,26 +4,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from astb.paper.check import Check, Measured
-from astb.paper.experiments import (
-    PIPE,
-    STILL,
-    WIND_SPEEDS,
-    closed_form,
-    damping,
-    damping_peak,
-    lateral_secant,
-    lateral_stiffness,
-    moved_aside,
-    natural_frequency,
-    paper_ride,
-    plant_ride,
-    quasi_static_lateral,
-    rolled,
-    upper_sway,
-    wind_alone,
-)
-from astb.paper.subject import BARE, ISOTHERMAL, LOADS, Subject, remembered
 from bench_protocol.units import bar, kN, mm, s
 from bench_sim.model import spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
@@ -52,6 +32,26 @@ from bench_sim.model.paper import (
 )
 from bench_sim.model.plant import Plant
 from bench_sim.model.vehicle import Vehicle
+from paper_study.check import Check, Measured
+from paper_study.experiments import (
+    PIPE,
+    STILL,
+    WIND_SPEEDS,
+    closed_form,
+    damping,
+    damping_peak,
+    lateral_secant,
+    lateral_stiffness,
+    moved_aside,
+    natural_frequency,
+    paper_ride,
+    plant_ride,
+    quasi_static_lateral,
+    rolled,
+    upper_sway,
+    wind_alone,
+)
+from paper_study.subject import BARE, ISOTHERMAL, LOADS, Subject, remembered
 from test_plans.comfort import weighting
 
 OMEGA: Final = 2.0 * np.pi * 1.2

@@ -8,10 +8,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from astb.paper.acceptance import ACCEPTANCE
-from astb.paper.check import Check
-from astb.paper.claims import CLAIMS
-from astb.paper.subject import Subject
+from paper_study.acceptance import ACCEPTANCE
+from paper_study.check import Check
+from paper_study.claims import CLAIMS
+from paper_study.subject import Subject
 
 #: Claims first; the order of every list that comes from here.
 CHECKS: Final[tuple[Check, ...]] = (*CLAIMS, *ACCEPTANCE)

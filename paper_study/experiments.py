@@ -5,7 +5,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from astb.paper.subject import LOADS, Subject, remembered
 from bench_protocol.units import mm, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
@@ -23,6 +22,7 @@ from bench_sim.model.paper import dynamic_stiffness as paper_stiffness
 from bench_sim.model.ride import Cell, ride_cell
 from bench_sim.model.vehicle import NaturalMode, Vehicle
 from bench_sim.model.wind import wind_force
+from paper_study.subject import LOADS, Subject, remembered
 from test_plans.comfort import (
     Samples,
     block_percentiles,

@@ -5,7 +5,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from astb.paper.acceptance import (
+from bench_protocol.units import kN, mm
+from bench_sim.model.paper import (
+    combined,
+    diaphragm_stiffness,
+    gas_stiffness,
+    layered_stiffness,
+    orifice_damping,
+    peak_ratio,
+)
+from paper_study.acceptance import (
     DIAMETERS,
     FREQUENCIES,
     OMEGA,
@@ -23,8 +32,8 @@ from astb.paper.acceptance import (
     why_the_heavy_car_shakes,
     within,
 )
-from astb.paper.check import Check, Measured
-from astb.paper.experiments import (
+from paper_study.check import Check, Measured
+from paper_study.experiments import (
     PIPE,
     WIND_SPEEDS,
     damping,
@@ -37,16 +46,7 @@ from astb.paper.experiments import (
     pressure_ratio_and_damping,
     rolled,
 )
-from astb.paper.subject import LOADS, Subject
-from bench_protocol.units import kN, mm
-from bench_sim.model.paper import (
-    combined,
-    diaphragm_stiffness,
-    gas_stiffness,
-    layered_stiffness,
-    orifice_damping,
-    peak_ratio,
-)
+from paper_study.subject import LOADS, Subject
 
 PRELOADS: Final = tuple(P * kN for P in (40.0, 53.5, 80.0, 110.0, 145.0, 160.0))
 AMPLITUDES: Final = tuple(a * mm for a in (1, 5, 20))

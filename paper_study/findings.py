@@ -6,12 +6,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from astb.paper.bench import Points
-from astb.paper.laws import closed_secant, closed_stiffness, fitted_lateral_area
-from astb.paper.study import Study
-from astb.paper.subject import LOADS, Subject
 from bench_protocol.units import bar, mm, ms
 from bench_sim.model.paper import amplitude_damping, lateral_area, unilateral_cosine
+from paper_study.bench import Points
+from paper_study.laws import closed_secant, closed_stiffness, fitted_lateral_area
+from paper_study.study import Study
+from paper_study.subject import LOADS, Subject
 from test_plans.by_frequency import SWEEP_AMPLITUDE
 from test_plans.by_pressure import AMPLITUDES
 from test_plans.by_ratio import NATURAL

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
-from astb.paper.subject import Subject
+from paper_study.subject import Subject
 
 #: plant: the energy-consistent model of the rig; paper: the closed forms; both: outside of the springs.
 Layer = Literal["plant", "paper", "both"]

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from astb.paper.subject import LOADS, Subject
 from bench_protocol.units import mm
 from bench_sim.model.paper import combined, diaphragm_stiffness, layered_stiffness
+from paper_study.subject import LOADS, Subject
 
 if TYPE_CHECKING:
-    from astb.paper.study import Study
+    from paper_study.study import Study
 
 Floats = npt.NDArray[np.float64]
 

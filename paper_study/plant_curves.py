@@ -6,7 +6,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from astb.paper.subject import Subject
 from bench_protocol.units import Hz, m, ms, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
@@ -20,6 +19,7 @@ from bench_sim.model.experiments import (
 )
 from bench_sim.model.layout import Input
 from bench_sim.model.plant import Plant
+from paper_study.subject import Subject
 from test_plans.by_frequency import PIPE_PLATE
 
 Floats = npt.NDArray[np.float64]

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from astb.paper.subject import Subject
 from bench_protocol.units import Hz, mm
 from bench_sim.model.experiments import LATERAL, dynamic_stiffness
 from bench_sim.model.paper import (
@@ -21,6 +20,7 @@ from bench_sim.model.paper import (
     layered_stiffness,
     orifice_damping,
 )
+from paper_study.subject import Subject
 
 Floats = npt.NDArray[np.float64]
 

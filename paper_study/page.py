@@ -9,13 +9,13 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from astb.paper.checks import to_json
-from astb.paper.figures import draw
-from astb.paper.findings import FINDINGS, MINUS, deviations
-from astb.paper.sensitivity import PAPER, PLANT, SPREAD
-from astb.paper.study import FIGURES as DRAWN
-from astb.paper.study import IDENTIFIED, Progress, Study
-from astb.paper.subject import Subject
+from paper_study.checks import to_json
+from paper_study.figures import draw
+from paper_study.findings import FINDINGS, MINUS, deviations
+from paper_study.sensitivity import PAPER, PLANT, SPREAD
+from paper_study.study import FIGURES as DRAWN
+from paper_study.study import IDENTIFIED, Progress, Study
+from paper_study.subject import Subject
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

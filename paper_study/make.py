@@ -6,8 +6,8 @@ from typing import Final
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from astb.paper import page
-from astb.paper.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, pool, study
+from paper_study import page
+from paper_study.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, pool, study
 
 _KINDS: Final = (BENCH, MODEL, CHECKED, SENSITIVITY, FIGURES)
 

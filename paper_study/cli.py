@@ -1,0 +1,36 @@
+"""The command `astb paper`, which `astb` finds by its entry point."""
+
+from pathlib import Path
+
+import click
+
+from astb.cli import SEED, blocked, misuse
+
+
+@click.command("paper")
+@click.option("--quick", is_flag=True, help="One rig and one realisation of the wind: under a minute.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Draws the first rig's sensors.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Where figures, page and claims go.",
+)
+def paper_command(quick: bool, seed: int, out: Path) -> None:
+    """Make the paper's figures, its table and its claims anew, on the virtual bench and in closed form.
+
+    Writes DIR/index.html, figures as SVG and PNG, claims.json, comfort.csv, identified.toml and the bench's records. A
+    claim that does not hold is a result, not an error.
+    """
+    from bench_records.layout import RecordError
+    from paper_study.bench import NotMeasured
+    from paper_study.make import make
+
+    try:
+        click.echo(make(out, quick=quick, seed=seed))
+    except NotMeasured as error:
+        blocked(error)
+    except RecordError as error:
+        misuse(error)
+    except OSError as error:
+        misuse(f"{out} cannot be written: {error.strerror or error}")
