@@ -52,7 +52,7 @@ class Nuisance(Parameter):
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class Hypothesis:
     """A cause that the base model leaves out.
 
     ``amplitude`` is 0 where the effect is absent (its ``low`` is 0 where only one sign is physical); ``shapes`` are
@@ -145,6 +145,12 @@ class MeasuredRun:
     rest: NDArray[np.bool_]
     role: Role = "fit"
 
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which samples (n, c) count: measured and scored."""
+        counted: NDArray[np.bool_] = self.scored[:, None] & np.isfinite(self.outputs)
+        return counted
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
@@ -181,7 +187,7 @@ class Simulator(Protocol):
     def nuisances(self) -> tuple[Nuisance, ...]: ...
 
     @property
-    def catalogue(self) -> Mapping[str, Effect]: ...
+    def catalogue(self) -> Mapping[str, Hypothesis]: ...
 
     @property
     def surfaces(self) -> tuple[Surface, ...]: ...

@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Effects, Experiment, MeasuredRun, Simulator
-from diagnosis.engine.fit import filters
-from diagnosis.engine.linear import Block, Columns, Linearisation, prior
-from diagnosis.engine.noise import white
-from diagnosis.engine.point import base_point, neighbour
-from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import Candidate
+from diagnosis.engine.fitting.linear import Block, Columns, Linearisation, prior_of
+from diagnosis.engine.fitting.point import base_point, neighbour
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import Candidate
+from diagnosis.engine.noise import filters, white
 
 #: Columns that are held at once.
 _BATCH = 12
@@ -28,19 +27,19 @@ class Ground:
         self._predictions = self._replay.predictions(self._point)
         own = self._replay.sensitivities(self._point, self._predictions)
         blocks = [
-            Block(name, np.zeros_like(predicted), ((tuple(self._point.own(name)), Columns(f(x))),))
+            Block(name, np.zeros_like(predicted), ((tuple(self._point.places_of(name)), Columns(f(x))),))
             for name, f, predicted, x in zip(
                 self._replay.names, self._whiten, self._predictions, own, strict=True
             )
         ]
-        self._here = Linearisation(self._point, prior(self._point), tuple(blocks))
+        self._here = Linearisation(self._point, prior_of(self._point), tuple(blocks))
 
     def strengths(self, entries: Sequence[Candidate]) -> list[float]:
         """Return λ per unit of amplitude of each candidate."""
         found: list[float] = []
         for k in range(0, len(entries), _BATCH):
             batch = entries[k : k + _BATCH]
-            steps = [neighbour(c.entered(self._point), len(self._point.numbers)) for c in batch]
+            steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in batch]
             norms = self._norms(self._replay.differences(self._predictions, [steps] * len(self._predictions)))
             found += [norm / c.amplitude.scale for c, norm in zip(batch, norms, strict=True)]
         return found
@@ -53,7 +52,7 @@ class Ground:
         """Return by how many of their spreads base parameters k would follow each of ``effects`` (k, m)."""
         projection = self._here.project(self._whitened(self._columns(run, effects)))
         shared = [i for i, c in enumerate(self._point.coordinates) if not c.run]
-        found: Array = projection.shadow[shared]
+        found: Array = projection.regression[shared]
         return found
 
     def _columns(

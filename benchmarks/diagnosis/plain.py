@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.contracts import Array, Effect, MeasuredRun, Simulator
+from diagnosis.contracts import Array, Hypothesis, MeasuredRun, Simulator
 
 #: Gauss-Newton steps of the base model.
 STEPS = 4
@@ -19,7 +19,7 @@ class Plain:
     the base model cannot imitate of them, ``errors`` (N,) what it leaves of the data.
     """
 
-    effects: tuple[Effect, ...]  #: of each footprint
+    effects: tuple[Hypothesis, ...]  #: of each footprint
     shapes: tuple[tuple[int, int], ...]  #: samples and channels of each run
     errors: Array
     footprints: Array
@@ -90,7 +90,7 @@ class Plain:
         return [i for i, effect in enumerate(self.effects) if effect.name == name]
 
 
-def linearised(simulator: Simulator, runs: Sequence[MeasuredRun], effects: Sequence[Effect]) -> Plain:
+def linearised(simulator: Simulator, runs: Sequence[MeasuredRun], effects: Sequence[Hypothesis]) -> Plain:
     """Fit the base model of a simulator to runs and return it with the footprints of effects."""
     noise = np.array([channel.noise for channel in simulator.channels])
     coordinates = [

@@ -19,7 +19,7 @@ from benchmarks.diagnosis.truth import (
     even_in_logarithm,
 )
 from diagnosis.contracts import Array, Dataset, Effects, Experiment
-from diagnosis.engine.screen import Candidate
+from diagnosis.engine.footprints import Candidate
 from tests.diagnosis import conftest as lab
 
 #: So many steps of the truth for one of the model.

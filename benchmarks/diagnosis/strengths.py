@@ -17,7 +17,7 @@ from bench_sim.parameters import load
 from benchmarks.diagnosis.footprint import Ground
 from benchmarks.diagnosis.outside import OUTSIDE, roughness
 from diagnosis.contracts import Effects, Experiment
-from diagnosis.engine.screen import candidates
+from diagnosis.engine.footprints import candidates
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.records import read_records
 

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from diagnosis.contracts import Array, Parameter
-from diagnosis.engine.linear import Linearisation
-from diagnosis.engine.screen import Screen
+from diagnosis.engine.fitting.linear import Linearisation
+from diagnosis.engine.screening import Screening
 from diagnosis.finding import Confusability, Pair, Unseen, number, numbers
 
 #: A BIC gap below this does not tell two effects apart.
@@ -25,7 +25,7 @@ BELIEVED: Final = 5.0
 HIDDEN: Final = 0.3
 
 
-def confusability(screen: Screen) -> Confusability:
+def confusability(screen: Screening) -> Confusability:
     """Cosines of the footprints of all effects, each pair at the points of their grids where they are most alike.
 
     An effect as large as its prior spread has a certain λ in these runs; the predicted BIC gap to another one that
@@ -56,12 +56,12 @@ def confusability(screen: Screen) -> Confusability:
     )
 
 
-def typical(screen: Screen) -> Array:
+def typical(screen: Screening) -> Array:
     """λ (m,) of every candidate as large as its prior spread."""
     return screen.strength * np.array([c.effect.amplitude.spread for c in screen.candidates])
 
 
-def unseen(screen: Screen, here: Linearisation, found: Collection[str] = ()) -> list[Unseen]:
+def unseen(screen: Screening, here: Linearisation, found: Collection[str] = ()) -> list[Unseen]:
     """For each effect that was not found, the smallest one that would have been found in 95 % of cases.
 
     It is told for the point of the grid where the effect is seen best.  ``here`` is what the screen projected on.
@@ -75,7 +75,7 @@ def unseen(screen: Screen, here: Linearisation, found: Collection[str] = ()) -> 
     return result
 
 
-def _unseen(screen: Screen, here: Linearisation, place: int) -> Unseen:
+def _unseen(screen: Screening, here: Linearisation, place: int) -> Unseen:
     candidate, strength = screen.candidates[place], float(screen.strength[place])
     effect, amplitude = candidate.effect, candidate.effect.amplitude
     raw = float(screen.projection.raw[place])
@@ -83,7 +83,7 @@ def _unseen(screen: Screen, here: Linearisation, place: int) -> Unseen:
     most = min(BELIEVED * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
     smallest = (screen.threshold + POWER95) / strength if strength > 0.0 else float("inf")
     # What of the model imitates the footprint best, by the size of its part.
-    parts = np.abs(screen.projection.shadow[:, place]) * np.sqrt(np.diagonal(here.gram))
+    parts = np.abs(screen.projection.regression[:, place]) * np.sqrt(np.diagonal(here.information))
     hidden_by = here.point.coordinates[int(np.argmax(parts))].label if visible < HIDDEN and parts.size else ""
     unit = _unit(amplitude)
     if raw == 0.0:

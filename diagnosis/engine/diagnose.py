@@ -8,20 +8,21 @@ from importlib.metadata import version
 from itertools import combinations
 from typing import Final
 
-from diagnosis.contracts import Dataset, DiagnosisError, Effect, Experiment, MeasuredRun, Simulator
+from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, MeasuredRun, Simulator
 from diagnosis.engine.config import Config
 from diagnosis.engine.confusability import confusability, unseen
-from diagnosis.engine.fit import PATIENT, FittedModel, fit
+from diagnosis.engine.fitting.fit import PATIENT, FittedModel, fit
+from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import Footprints, candidates, footprints, joined, with_surfaces
 from diagnosis.engine.gain import Measured, measure, models, shifts
 from diagnosis.engine.naming import Naming, Search
 from diagnosis.engine.next_run import rank, sensors
-from diagnosis.engine.panel import panel
-from diagnosis.engine.point import Point
-from diagnosis.engine.replay import Replay
+from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured, split
-from diagnosis.engine.screen import Footprints, Sight, candidates, footprints, joined, look, with_surfaces
-from diagnosis.engine.telling import cause, rivals, scores, sentence
+from diagnosis.engine.screening import ScreenedModel, fit_and_screen
 from diagnosis.engine.verdict import Judgement, judge
+from diagnosis.engine.wording import cause, rivals, scores, sentence
 from diagnosis.finding import Finding, Gain, NextRun, NextSensor, Provenance, Verdict
 
 #: So many times the noise on the report runs are worth a sentence.
@@ -59,7 +60,7 @@ def diagnose(
     return _conclusion(data, naming, sight, judgement, effects, config, menu)
 
 
-def _chosen(catalogue: Mapping[str, Effect], config: Config) -> dict[str, Effect]:
+def _chosen(catalogue: Mapping[str, Hypothesis], config: Config) -> dict[str, Hypothesis]:
     """Return the part of the catalogue that is looked for."""
     if config.effects is None:
         return dict(catalogue)
@@ -69,7 +70,9 @@ def _chosen(catalogue: Mapping[str, Effect], config: Config) -> dict[str, Effect
     return {name: catalogue[name] for name in config.effects}
 
 
-def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tuple[Sight, Judgement, Naming]:
+def _judged(
+    naming: Naming, effects: Mapping[str, Hypothesis], config: Config
+) -> tuple[ScreenedModel, Judgement, Naming]:
     """Judge the result of the search, with the noise estimated anew without what surfaces explain.
 
     What is doubtful leaves the model.
@@ -77,11 +80,11 @@ def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tu
     select = naming.prediction.replay.runs if naming.prediction else ()
     replay = naming.model.replay
     if not replay.simulator.surfaces:
-        sight = Sight(naming.model, naming.screen, ())
+        sight = ScreenedModel(naming.model, naming.screen, ())
         return sight, judge(naming, sight, sight, select, config), naming
     around = with_surfaces(replay, naming.around)
     while True:
-        sight = look(replay, around, alpha=config.alpha, seed=config.seed, steps=PATIENT)
+        sight = fit_and_screen(replay, around, alpha=config.alpha, seed=config.seed, steps=PATIENT)
         whole = _with_more(around, replay, select, config) if select else sight
         judgement = judge(naming, sight, whole, select, config)
         if not judgement.doubtful:
@@ -96,20 +99,22 @@ def _judged(naming: Naming, effects: Mapping[str, Effect], config: Config) -> tu
         around = with_surfaces(replay, footprints(replay, point, entries))
 
 
-def _with_more(around: Footprints, replay: Replay, select: Sequence[MeasuredRun], config: Config) -> Sight:
+def _with_more(
+    around: Footprints, replay: Replay, select: Sequence[MeasuredRun], config: Config
+) -> ScreenedModel:
     """Look at the select runs too: what has no name is often clearest where nothing was fitted."""
     more = replay.of(select)
-    there = with_surfaces(more, footprints(more, around.point.among(more.names), around.entries))
+    there = with_surfaces(more, footprints(more, around.point.with_runs(more.names), around.entries))
     together = replay.of((*replay.runs, *select))
-    return look(together, joined(around, there), alpha=config.alpha, seed=config.seed)
+    return fit_and_screen(together, joined(around, there), alpha=config.alpha, seed=config.seed)
 
 
 def _conclusion(
     data: Dataset,
     naming: Naming,
-    sight: Sight,
+    sight: ScreenedModel,
     judgement: Judgement,
-    effects: Mapping[str, Effect],
+    effects: Mapping[str, Hypothesis],
     config: Config,
     menu: Sequence[Experiment],
 ) -> Finding:
@@ -175,7 +180,7 @@ def _separating(
 
 
 def _remains(
-    data: Dataset, sight: Sight, after: FittedModel, naming: Naming, gains: Sequence[Gain]
+    data: Dataset, sight: ScreenedModel, after: FittedModel, naming: Naming, gains: Sequence[Gain]
 ) -> list[str]:
     """Return sentences on what is still not explained, or could not be checked."""
     told = [

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from diagnosis.contracts import Array, Channel, MeasuredRun
-from diagnosis.engine.fit import FittedModel, counted, predict
-from diagnosis.engine.point import Coordinate, Point
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.point import Coordinate, Point
+from diagnosis.engine.fitting.predict import predict
 from diagnosis.finding import Coverage, Gain, Models, Shift, Trace, number, numbers
 
 #: Nominal levels of the predicted intervals.
@@ -45,7 +46,7 @@ class _Arms:
     def errors(self, arm: int) -> list[Array]:
         """Measured less predicted (n, c) of each run."""
         return [
-            np.where(counted(run), run.outputs - predicted, np.nan)
+            np.where(run.counted, run.outputs - predicted, np.nan)
             for run, predicted in zip(self.runs, self.outputs[arm], strict=True)
         ]
 
@@ -70,7 +71,7 @@ def measure(
     ]
     for c, channel in enumerate(channels):
         one = [[e[:, c : c + 1] for e in arm] for arm in errors]
-        measured = np.concatenate([run.outputs[counted(run)[:, c], c] for run in runs])
+        measured = np.concatenate([run.outputs[run.counted[:, c], c] for run in runs])
         gains.append(
             _gain(
                 channel.name,

@@ -9,8 +9,9 @@ import numpy as np
 
 from diagnosis.contracts import Array, Channel, MeasuredRun
 from diagnosis.engine.config import Config
-from diagnosis.engine.fit import FittedModel, Prediction, counted, filters
-from diagnosis.engine.noise import Noise
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.predict import Prediction
+from diagnosis.engine.noise import Noise, filters
 
 PUSH: Final = 4.0  #: χ² that would be gained beyond the end of a range: two standard deviations
 STRAIN: Final = 4.0  #: so many prior standard deviations is no belief any more
@@ -57,7 +58,7 @@ def unphysical(model: FittedModel, effect: str, base: FittedModel) -> str:
         if (
             coordinate.owner == effect
             and outwards
-            and push**2 > PUSH * model.noise.dispersion * here.gram[i, i]
+            and push**2 > PUSH * model.noise.dispersion * here.information[i, i]
         ):
             return f"{coordinate.label} runs into the end of its range, {value}"
         if coordinate.weight and abs(number) > max(STRAIN, strained.get(coordinate, 0.0) + MORE):
@@ -83,7 +84,7 @@ def idle(
         replay, old, new = base.replay, base.predictions, model.predictions
     else:
         replay, old, new = before.replay, before.outputs, after.outputs
-    footprint = [f(b - a) for f, a, b in zip(filters(base.noise, replay), old, new, strict=True)]
+    footprint = [f(b - a) for f, a, b in zip(filters(base.noise, replay.runs), old, new, strict=True)]
     channel = int(np.argmax(sum(np.sum(p**2, axis=0) for p in footprint)))
     square0, square1 = (_mean_square(replay.runs, outputs, channel) for outputs in (old, new))
     explainable = square0 - SLACK * floors[channel] ** 2
@@ -115,7 +116,7 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
 
 def _rests(run: MeasuredRun, channel: int) -> list[slice]:
     """Return the stretches at rest of one channel that are long enough; what stands still may stand elsewhere later."""
-    still = np.concatenate(([False], run.rest & counted(run)[:, channel], [False]))
+    still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
     borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
     return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= REST]
 
@@ -129,7 +130,7 @@ def _straightened(values: Array) -> Array:
 
 def _mean_square(runs: Sequence[MeasuredRun], outputs: Sequence[Array], channel: int) -> float:
     errors = [
-        (run.outputs[:, channel] - predicted[:, channel])[counted(run)[:, channel]]
+        (run.outputs[:, channel] - predicted[:, channel])[run.counted[:, channel]]
         for run, predicted in zip(runs, outputs, strict=True)
     ]
     return float(np.mean(np.concatenate(errors) ** 2))

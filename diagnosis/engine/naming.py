@@ -10,14 +10,16 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.contracts import Array, Effect, MeasuredRun
+from diagnosis.contracts import Array, Hypothesis, MeasuredRun
 from diagnosis.engine.config import Config
-from diagnosis.engine.fit import FittedModel, Prediction, counted, fit, predict
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.point import Point, base_point, effect_coordinates
+from diagnosis.engine.fitting.predict import Prediction, predict
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import Footprints, candidates, footprints
 from diagnosis.engine.gates import noise_floors, unfit, unphysical, useless
 from diagnosis.engine.noise import quietest, white
-from diagnosis.engine.point import Point, base_point, effect_coordinates
-from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import Footprints, Screen, candidates, footprints, look
+from diagnosis.engine.screening import Screening, fit_and_screen
 
 RIVALS: Final = 4  #: so many others are tried in the place of each accepted effect
 PAIRED: Final = 4  #: so many causes that are not physical alone are tried two by two
@@ -36,7 +38,7 @@ class Trial:
     effect: str
     point: Point
     covariance: Array  #: of the point's numbers (k, k)
-    cost: float
+    penalised_chi2: float
     bic: float  #: with what a member of a family that contains others must explain beyond them
     lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
     failed: str = ""
@@ -48,7 +50,7 @@ class Step:
     """The effects that were in the model, the scores of all others against it, and the trials of what stood out."""
 
     effects: tuple[str, ...]
-    screen: Screen
+    screen: Screening
     trials: tuple[Trial, ...]
 
 
@@ -77,7 +79,7 @@ class Naming:
     base: FittedModel
     model: FittedModel
     prediction: Prediction | None
-    screen: Screen
+    screen: Screening
     around: Footprints
     floors: Array
 
@@ -91,7 +93,7 @@ class _State:
     """A model with its scores, its prediction of the select runs, and the χ² that its effects have explained."""
 
     model: FittedModel
-    screen: Screen
+    screen: Screening
     around: Footprints
     prediction: Prediction | None
     explained: float = 0.0
@@ -106,7 +108,7 @@ class Search:
 
     replay: Replay  #: on the fit runs
     select: tuple[MeasuredRun, ...]
-    effects: Mapping[str, Effect]
+    effects: Mapping[str, Hypothesis]
     config: Config
     progress: Progress
 
@@ -137,7 +139,7 @@ class Search:
             others = _comparable(state.model.bic, chosen, trials)
             for new in set(chosen.point.owners) - set(state.model.effects):
                 pool[new] = list(dict.fromkeys((*others, *pool.get(new, ()))))
-            explained = state.explained + state.model.cost - chosen.cost
+            explained = state.explained + state.model.penalised_chi2 - chosen.penalised_chi2
             state = replace(self._stand(chosen.point), explained=explained)
             state, rivals = self._swap(state, pool, starts)
         return self._settle(steps, state, rivals, floors)
@@ -150,7 +152,7 @@ class Search:
         deviations = []
         for i, channel in enumerate(replay.simulator.channels):
             errors = np.concatenate(
-                [r[counted(run)[:, i], i] for r, run in zip(residuals, replay.runs, strict=True)]
+                [r[run.counted[:, i], i] for r, run in zip(residuals, replay.runs, strict=True)]
             )
             deviations.append(channel.noise or max(float(np.std(errors)), quietest(channel), 1e-150))
         return fit(replay, white(deviations), point, target=0.0).point
@@ -159,7 +161,7 @@ class Search:
         """Re-estimate the noise around a point, refit, score everything that is not in the model, predict."""
         entries = candidates([e for name, e in self.effects.items() if name not in point.owners])
         around = footprints(self.replay, point, entries)
-        sight = look(self.replay, around, alpha=self.config.alpha, seed=self.config.seed)
+        sight = fit_and_screen(self.replay, around, alpha=self.config.alpha, seed=self.config.seed)
         return _State(sight.model, sight.screen, around, self._predict(sight.model))
 
     def _predict(self, model: FittedModel, before: Prediction | None = None) -> Prediction | None:
@@ -180,7 +182,7 @@ class Search:
         fits: dict[str, FittedModel] = {}
         for name, i in wanted.items():
             start = scores.start(state.model.point, i)
-            best = min((model.cost for model in fits.values()), default=math.inf)
+            best = min((model.penalised_chi2 for model in fits.values()), default=math.inf)
             fits[name] = self._fit(start, state, best)
         trials: list[Trial] = []
         for name in sorted(fits, key=lambda name: fits[name].bic + self._more(name, fits[name], state)):
@@ -207,14 +209,16 @@ class Search:
         """Return the χ² that an effect could gain over a poorer member of its family where that is only rough."""
         if not any(name in effect.richer for effect in self.effects.values()):
             return 0.0
-        return self.config.rough**2 * max(state.explained + state.model.cost - model.cost, 0.0)
+        return self.config.rough**2 * max(
+            state.explained + state.model.penalised_chi2 - model.penalised_chi2, 0.0
+        )
 
     def _rough(self, state: _State, model: FittedModel) -> str:
         """Return why a further cause may be no more than what the causes found so far are wrong by; "" if it is more.
 
         No equation is exact: of a cause in plain view, a small part is left that noise would not leave.
         """
-        gained = max(state.model.cost - model.cost, 0.0)
+        gained = max(state.model.penalised_chi2 - model.penalised_chi2, 0.0)
         roughness = self.config.rough**2 * state.explained
         if not state.explained or gained >= roughness + state.screen.threshold**2:
             return ""
@@ -271,7 +275,7 @@ class Search:
             if one.family == two.family or len(state.model.effects) + 2 > self.config.max_effects:
                 continue
             shapes = [second.point.effects()[two.name][shape.name] for shape in two.shapes]
-            start = first.point.with_(effect_coordinates(two), (0.0, *shapes))
+            start = first.point.extended(effect_coordinates(two), (0.0, *shapes))
             model = self._fit(start, state)
             failed = unfit(model, two.name, state.model) or unphysical(model, one.name, state.model)
             if failed or self._rough(state, model):
@@ -295,7 +299,7 @@ class Search:
                         name,
                         _replaced(state.model.point, old, self.effects[name], starts[name]),
                         state,
-                        target=state.model.cost,
+                        target=state.model.penalised_chi2,
                     )
                     for name in [n for n in pool[old] if n not in state.model.effects][:RIVALS]
                 ]
@@ -338,7 +342,7 @@ class Search:
             Accepted(
                 name,
                 scores[name],
-                float(np.sqrt(max(without[name].cost - model.cost, 0.0))),
+                float(np.sqrt(max(without[name].penalised_chi2 - model.penalised_chi2, 0.0))),
                 without[name].bic - model.bic,
                 lpd - without[name].lpd,
                 rivals[name],
@@ -365,14 +369,16 @@ def _trial(
     more: float = 0.0,
 ) -> Trial:
     lpd = prediction.lpd if prediction else float("nan")
-    return Trial(effect, model.point, model.covariance(), model.cost, model.bic + more, lpd, failed, physical)
+    return Trial(
+        effect, model.point, model.covariance(), model.penalised_chi2, model.bic + more, lpd, failed, physical
+    )
 
 
-def _replaced(point: Point, old: str, effect: Effect, start: Point) -> Point:
+def _replaced(point: Point, old: str, effect: Hypothesis, start: Point) -> Point:
     """Return a point with an effect in the place of another, where ``start`` has it."""
     values = start.effects()[effect.name]
     coordinates = effect_coordinates(effect)
-    return point.without(old).with_(coordinates, [values[c.parameter.name] for c in coordinates])
+    return point.without(old).extended(coordinates, [values[c.parameter.name] for c in coordinates])
 
 
 def _comparable(bic: float, chosen: Trial, trials: Iterable[Trial]) -> list[str]:

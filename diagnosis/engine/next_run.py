@@ -11,8 +11,10 @@ import numpy as np
 
 from diagnosis.contracts import Array, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.engine.confusability import SEPARABLE
-from diagnosis.engine.fit import FittedModel, Prediction, filters, predict
-from diagnosis.engine.linear import Linearisation, solve
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.linear import Linearisation, solve
+from diagnosis.engine.fitting.predict import Prediction, predict
+from diagnosis.engine.noise import filters
 from diagnosis.finding import NextRun, NextSensor, number
 
 #: References that are worth a line.
@@ -86,7 +88,7 @@ def _simulated(models: Sequence[FittedModel], experiment: Experiment) -> dict[Fi
 
 def _distance(first: FittedModel, second: FittedModel, runs: Mapping[FittedModel, MeasuredRun]) -> float:
     """χ² between the predictions of two models before any parameter adapts, under the noise of the first."""
-    (whiten,) = filters(first.noise, first.replay.of([runs[first]]))
+    (whiten,) = filters(first.noise, [runs[first]])
     return float(np.sum(whiten(runs[first].outputs - runs[second].outputs) ** 2)) / first.noise.dispersion
 
 
@@ -152,7 +154,9 @@ def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
     without = first.replay.predictions(point.at(numbers))
     return [
         f(whole - less)
-        for f, whole, less in zip(filters(first.noise, first.replay), first.predictions, without, strict=True)
+        for f, whole, less in zip(
+            filters(first.noise, first.replay.runs), first.predictions, without, strict=True
+        )
     ]
 
 
@@ -164,5 +168,5 @@ def _left(
     for block, values in zip(here.blocks, footprint, strict=True):
         mixed[block.places] += block.against(values.reshape(1, -1))[:, 0]
         own += float(np.vdot(values, values))
-    gram = here.gram[np.ix_(free, free)]
+    gram = here.information[np.ix_(free, free)]
     return max(own - float(mixed[free] @ solve(gram, mixed[free])), 0.0)

@@ -7,7 +7,7 @@ over its standard deviation is white whatever is missing, and a run's first samp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.contracts import Array, Channel
+from diagnosis.contracts import Array, Channel, MeasuredRun
 
 Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
@@ -201,3 +201,8 @@ def _whitener(noise: ChannelNoise, counted: Mask) -> tuple[Places, Places, Array
     entries = table[which.ravel()]
     used = entries != 0.0
     return np.broadcast_to(rows[:, None], places.shape)[used], places[used], entries[used]
+
+
+def filters(noise: Noise, runs: Iterable[MeasuredRun]) -> tuple[Filter, ...]:
+    """Return the whitening filter of every run."""
+    return tuple(noise.filter(run.counted) for run in runs)

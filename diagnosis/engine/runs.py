@@ -12,15 +12,14 @@ from diagnosis.contracts import (
     Channel,
     Dataset,
     DiagnosisError,
-    Effect,
     Effects,
     Experiment,
+    Hypothesis,
     Nuisance,
     Role,
     Simulator,
     Surface,
 )
-from diagnosis.engine.fit import counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +39,7 @@ class Measured:
         return self.whole.nuisances
 
     @property
-    def catalogue(self) -> Mapping[str, Effect]:
+    def catalogue(self) -> Mapping[str, Hypothesis]:
         return self.whole.catalogue
 
     @property
@@ -63,7 +62,7 @@ def measured(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator
                 f"the data have a channel {channel.name!r} that {simulator.name} does not predict; it has "
                 + ", ".join(names)
             )
-    keep = [i for i in range(len(dataset.channels)) if any(counted(run)[:, i].any() for run in dataset.runs)]
+    keep = [i for i in range(len(dataset.channels)) if any(run.counted[:, i].any() for run in dataset.runs)]
     if not keep:
         raise DiagnosisError("no run holds a single measured and scored sample: there is nothing to diagnose")
     channels = tuple(dataset.channels[i] for i in keep)

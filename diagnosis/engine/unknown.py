@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun, Surface
-from diagnosis.engine.errors import at_most_one, chi_square
-from diagnosis.engine.fit import HELD, FittedModel, fit, predict
-from diagnosis.engine.linear import Belief, Linearisation, prior, solve
-from diagnosis.engine.point import Point, surface_coordinates
-from diagnosis.engine.replay import Quotients
-from diagnosis.engine.screen import Screen, overdispersion
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.linear import Linearisation, Prior, prior_of, solve
+from diagnosis.engine.fitting.point import Point, surface_coordinates
+from diagnosis.engine.fitting.predict import HELD, predict
+from diagnosis.engine.fitting.replay import Quotients
+from diagnosis.engine.noise_estimate import overdispersion
+from diagnosis.engine.p_values import bonferroni, p_of_chi2
+from diagnosis.engine.screening import Screening
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
 
 #: A surface acts where its coefficients are so many standard deviations from 0, and such a part of the largest ones.
@@ -51,21 +53,21 @@ def score_test(here: Linearisation, surface: Surface, columns: Sequence[Quotient
     projection = here.project(columns)
     seen = []
     for view in _views(surface):
-        values, vectors = np.linalg.eigh(view @ projection.gram @ view.T)
+        values, vectors = np.linalg.eigh(view @ projection.information @ view.T)
         shown = values > 1.0
         along = vectors[:, shown].T @ view @ projection.score
         scatter = overdispersion(here, [np.tensordot(view, c, 1).astype(c.dtype) for c in columns])
         statistic = float(np.sum(along**2 / values[shown]) / np.mean(scatter))
         freedom = int(shown.sum())
-        seen.append((chi_square(statistic, freedom), statistic, freedom))
+        seen.append((p_of_chi2(statistic, freedom), statistic, freedom))
     p, statistic, freedom = min(seen, key=lambda view: view[0])
     return Omnibus(
         surface=surface,
         columns=tuple(columns),
         statistic=statistic,
         freedom=freedom,
-        p=at_most_one(p, len(seen)),
-        start=solve(projection.gram + np.eye(len(surface.coefficients)), projection.score),
+        p=bonferroni(p, len(seen)),
+        start=solve(projection.information + np.eye(len(surface.coefficients)), projection.score),
     )
 
 
@@ -79,7 +81,7 @@ def _views(surface: Surface) -> list[Array]:
 
 
 def explain(
-    model: FittedModel, test: Omnibus, screen: Screen | None, select: Sequence[MeasuredRun]
+    model: FittedModel, test: Omnibus, screen: Screening | None, select: Sequence[MeasuredRun]
 ) -> tuple[FittedModel, Unknown]:
     """Fit a surface inside a model and say where it acts and what it resembles; never what it is.
 
@@ -88,10 +90,10 @@ def explain(
     is returned holds it, otherwise it is ``model``.
     """
     coordinates = surface_coordinates(test.surface)
-    start = model.point.with_(
+    start = model.point.extended(
         coordinates, [c.outside(u) for c, u in zip(coordinates, test.start, strict=True)]
     )
-    fitted = fit(model.replay, model.noise, start, model.linearisation, belief=_held(model, start))
+    fitted = fit(model.replay, model.noise, start, model.linearisation, prior=_held(model, start))
     gain = _gain(model, fitted, select)
     kept = gain > 0.0
     places = [fitted.point.place(c) for c in coordinates]
@@ -121,17 +123,17 @@ def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]
     return predict(fitted, select, held=True).lpd - predict(model, select, held=True).lpd
 
 
-def _held(model: FittedModel, start: Point) -> Belief:
+def _held(model: FittedModel, start: Point) -> Prior:
     """Return the priors of a larger model that leave the effects of a fitted one where they are."""
-    belief = prior(start)
+    prior = prior_of(start)
     for i, coordinate in enumerate(model.point.coordinates):
         if coordinate.owner:
-            belief.mean[i] = model.point.numbers[i]
-            belief.precision[i, i] = HELD * model.linearisation.gram[i, i] / model.noise.dispersion
-    return belief
+            prior.mean[i] = model.point.numbers[i]
+            prior.precision[i, i] = HELD * model.linearisation.information[i, i] / model.noise.dispersion
+    return prior
 
 
-def resemblance(here: Linearisation, test: Omnibus, screen: Screen, most: int = 3) -> list[Nearest]:
+def resemblance(here: Linearisation, test: Omnibus, screen: Screening, most: int = 3) -> list[Nearest]:
     """The named effects whose footprint is most like that of the surface, by the cosine after projection."""
     together = [
         np.concatenate((named, np.tensordot(test.start, unnamed, 1)[np.newaxis]))

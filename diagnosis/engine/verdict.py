@@ -10,12 +10,13 @@ import numpy as np
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import Config
-from diagnosis.engine.errors import at_most_one
-from diagnosis.engine.fit import FittedModel, fit, predict
-from diagnosis.engine.linear import inverse
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.linear import inverse
+from diagnosis.engine.fitting.point import surface_coordinates
+from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.naming import Accepted, Naming
-from diagnosis.engine.point import surface_coordinates
-from diagnosis.engine.screen import Screen, Sight
+from diagnosis.engine.p_values import bonferroni
+from diagnosis.engine.screening import ScreenedModel, Screening
 from diagnosis.engine.unknown import Omnibus, explain, score_test
 from diagnosis.finding import Unknown, Verdict
 
@@ -43,7 +44,7 @@ class Judgement:
     doubtful: tuple[str, ...]
 
 
-def _seen(naming: Naming, sight: Sight, whole: Sight, config: Config) -> list[Omnibus]:
+def _seen(naming: Naming, sight: ScreenedModel, whole: ScreenedModel, config: Config) -> list[Omnibus]:
     """Return the tests of surfaces that see a good part of what the named causes explain, the clearest first.
 
     How clear they are is what the ``whole`` says, where to start from what the fit runs say.
@@ -54,7 +55,7 @@ def _seen(naming: Naming, sight: Sight, whole: Sight, config: Config) -> list[Om
     tests = []
     for surface, columns, more in zip(surfaces, sight.surfaces, whole.surfaces, strict=True):
         seen = score_test(whole.model.linearisation, surface, more)
-        p = at_most_one(seen.p, len(surfaces))
+        p = bonferroni(seen.p, len(surfaces))
         if p < config.alpha_unknown and seen.statistic - seen.freedom > REMAINDER * explained:
             test = score_test(sight.model.linearisation, surface, columns)
             tests.append(replace(test, statistic=seen.statistic, freedom=seen.freedom, p=p))
@@ -62,7 +63,7 @@ def _seen(naming: Naming, sight: Sight, whole: Sight, config: Config) -> list[Om
 
 
 def judge(
-    naming: Naming, sight: Sight, whole: Sight, select: Sequence[MeasuredRun], config: Config
+    naming: Naming, sight: ScreenedModel, whole: ScreenedModel, select: Sequence[MeasuredRun], config: Config
 ) -> Judgement:
     """Judge what the search found, and what the simulator's surfaces see beyond it in the last sight.
 
@@ -85,7 +86,7 @@ def judge(
 
 def _verdict(
     naming: Naming,
-    screen: Screen,
+    screen: Screening,
     unknowns: Sequence[Unknown],
     doubtful: Sequence[str],
     config: Config,
@@ -111,8 +112,8 @@ def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
     covariance = here.covariance()
     place = next(i for i, c in enumerate(here.point.coordinates) if c.owner == effect)
     projection = here.project(test.columns)
-    shadow = projection.shadow[place]
-    more = shadow @ inverse(projection.gram + np.eye(len(test.start)) / GENEROUS**2) @ shadow
+    shadow = projection.regression[place]
+    more = shadow @ inverse(projection.information + np.eye(len(test.start)) / GENEROUS**2) @ shadow
     return bool(covariance[place, place] < (1.0 - LIKENESS) * (covariance[place, place] + more))
 
 
@@ -128,7 +129,7 @@ def _superfluous(
     A true cause remembers what no surface does, or is right where no run has been yet.
     """
     coefficients = surface_coordinates(test.surface)
-    beside = model.point.with_(coefficients, [c.parameter.nominal for c in coefficients])
+    beside = model.point.extended(coefficients, [c.parameter.nominal for c in coefficients])
     alone = beside
     for one in accepted:
         alone = alone.without(one.effect)

@@ -29,9 +29,9 @@ from diagnosis.contracts import (
     Array,
     Channel,
     DiagnosisError,
-    Effect,
     Effects,
     Experiment,
+    Hypothesis,
     Nuisance,
     Surface,
 )
@@ -128,7 +128,7 @@ class AirSpring:
         self.name = "air springs on the bench" + (f" with {', '.join(held)}" if held else "")
         self._bare = replace(parameters, effects={}).record
         self._terms = {name: term.over(parameters.record) for name, term in TERMS.items()}
-        self.catalogue: Mapping[str, Effect] = hypotheses(effects, self._has_room)
+        self.catalogue: Mapping[str, Hypothesis] = hypotheses(effects, self._has_room)
         self.nuisances: tuple[Nuisance, ...] = nuisances(
             parameters, tuple(zip(self.channels, self._sensors, strict=True))
         )

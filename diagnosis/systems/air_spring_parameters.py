@@ -9,7 +9,7 @@ from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import QUANTITIES
 from bench_sim.parameters import Parameters
-from diagnosis.contracts import Channel, Effect, Nuisance, Parameter
+from diagnosis.contracts import Channel, Hypothesis, Nuisance, Parameter
 
 #: Geometry and materials that no two springs share, with the standard deviation of a good delivery, relative. What
 #: load cells see of one spring only is told by side; the lateral cells see the sum of both.
@@ -191,7 +191,7 @@ def deviate(record: Any, values: Mapping[str, float]) -> None:
             record[name][:] = values[name]
 
 
-def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bool]) -> dict[str, Effect]:
+def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bool]) -> dict[str, Hypothesis]:
     """Return the ``possible`` effects of the bench as causes to be named: one for every place, like ``leak.left``."""
     causes = {
         name: (effect, place)
@@ -223,9 +223,9 @@ def _label(name: str, place: str) -> str:
 
 def _hypothesis(
     name: str, effect: bench.Effect, place: str, confusers: tuple[str, ...], richer: tuple[str, ...]
-) -> Effect:
+) -> Hypothesis:
     amplitude = effect.amplitude
-    return Effect(
+    return Hypothesis(
         name,
         effect.family,
         f"{effect.title}, {place}" if place else effect.title,

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_sim.model.compiled import compiled, compiled_entry
-from diagnosis.contracts import Array, Channel, DiagnosisError, Effect, Effects, Experiment, Nuisance, Surface
+from diagnosis.contracts import (
+    Array,
+    Channel,
+    DiagnosisError,
+    Effects,
+    Experiment,
+    Hypothesis,
+    Nuisance,
+    Surface,
+)
 from diagnosis.systems.chamber_effects import KAPPA, R_AIR, RHO_0, T_0, chamber_effects
 from diagnosis.systems.signals import Setting, Signal, System
 
@@ -40,7 +49,7 @@ class Chamber:
     ambient_pressure: float
     wall_temperature: float
     channels: tuple[Channel, ...]
-    catalogue: Mapping[str, Effect]
+    catalogue: Mapping[str, Hypothesis]
 
     @property
     def name(self) -> str:

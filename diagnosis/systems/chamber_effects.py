@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from diagnosis.contracts import Effect, Parameter
+from diagnosis.contracts import Hypothesis, Parameter
 
 R_AIR: Final = 287.05  #: J/(kg·K)
 KAPPA: Final = 1.4
@@ -22,16 +22,16 @@ _BAR: Final = 1e5
 _LEAKS: Final = ("leak_orifice", "leak_linear", "leak_laminar", "leak_inertial", "leak_opening")
 
 
-def chamber_effects(volume: float) -> Mapping[str, Effect]:
+def chamber_effects(volume: float) -> Mapping[str, Hypothesis]:
     """Return the effects of a chamber of ``volume`` in m³ by name."""
     mass_per_pressure = volume / (R_AIR * T_0)
 
     def leak(
         name: str, title: str, amplitude: Parameter, equation: str, source: str,
         shapes: tuple[Parameter, ...] = (), grid: tuple[tuple[float, ...], ...] = ((),), richer: tuple[str, ...] = (),
-    ) -> Effect:  # fmt: skip
+    ) -> Hypothesis:  # fmt: skip
         confusers = (*(other for other in _LEAKS if other != name), "sensor_drift")
-        return Effect(
+        return Hypothesis(
             name,
             "leak",
             title,
@@ -93,7 +93,7 @@ def chamber_effects(volume: float) -> Mapping[str, Effect]:
             ),
             grid=((0.1 / _BAR,), (1.0 / _BAR,)),
         ),
-        Effect(
+        Hypothesis(
             name="heat_exchange",
             family="heat",
             title="heat that the wall gives in finite time",
@@ -103,7 +103,7 @@ def chamber_effects(volume: float) -> Mapping[str, Effect]:
             equation="dT/dt = (T_w − T)/τ − (κ − 1)·T·G/m",
             source="first law for a gas that leaves; τ = m·c_v/(hS)",
         ),
-        Effect(
+        Hypothesis(
             name="filling_heat",
             family="heat",
             title="gas still warm from filling",
@@ -115,7 +115,7 @@ def chamber_effects(volume: float) -> Mapping[str, Effect]:
             equation="T = T_w + ΔT·exp(−t/τ), t since the start of the file",
             source="compression while filling",
         ),
-        Effect(
+        Hypothesis(
             name="sensor_drift",
             family="sensor",
             title="drift of the pressure sensor",

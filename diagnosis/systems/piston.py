@@ -17,7 +17,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.contracts import Array, Channel, DiagnosisError, Effect, Effects, Experiment, Nuisance, Surface
+from diagnosis.contracts import (
+    Array,
+    Channel,
+    DiagnosisError,
+    Effects,
+    Experiment,
+    Hypothesis,
+    Nuisance,
+    Surface,
+)
 from diagnosis.systems.piston_effects import FORCES, PISTON_EFFECTS, Stroke
 from diagnosis.systems.signals import Setting, Signal, System
 from diagnosis.systems.splines import Axis, TensorSplines
@@ -56,7 +65,7 @@ class Piston:
         return _NUISANCES
 
     @property
-    def catalogue(self) -> Mapping[str, Effect]:
+    def catalogue(self) -> Mapping[str, Hypothesis]:
         return PISTON_EFFECTS
 
     @property

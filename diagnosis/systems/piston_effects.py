@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.contracts import Array, Effect, Parameter
+from diagnosis.contracts import Array, Hypothesis, Parameter
 from diagnosis.systems.friction import friction_state
 
 #: Gauge pressure at which the friction of a seal is told: the middle of what an actuator sees.
@@ -47,7 +47,7 @@ def _lag() -> Parameter:
 
 
 _EFFECTS: Final = (
-    Effect(
+    Hypothesis(
         name="coulomb",
         family="friction",
         title="Coulomb friction",
@@ -58,7 +58,7 @@ _EFFECTS: Final = (
         equation="F = p·A + F_c·sign(v)",
         source="C. A. de Coulomb, 1785",
     ),
-    Effect(
+    Hypothesis(
         name="seal_friction",
         family="friction",
         title="seal friction growing with pressure",
@@ -71,7 +71,7 @@ _EFFECTS: Final = (
         equation="F = p·A + F_4·(1 − w + w·p/4 bar)·sign(v)",
         source=_SEALS,
     ),
-    Effect(
+    Hypothesis(
         name="seal_presliding",
         family="friction",
         title="seal friction growing with pressure, with presliding",
@@ -83,7 +83,7 @@ _EFFECTS: Final = (
         equation="F = p·A + F_4·(1 − w + w·p/4 bar)·α(x; x_2)",
         source=f"{_SEALS}; presliding: {_BERG}",
     ),
-    Effect(
+    Hypothesis(
         name="stribeck",
         family="friction",
         title="friction falling with speed (Stribeck)",
@@ -107,7 +107,7 @@ _EFFECTS: Final = (
         equation="F = p·A + F_s·exp(−(v/v_s)²)·sign(v)",
         source=_STRIBECK,
     ),
-    Effect(
+    Hypothesis(
         name="friction_gradient",
         family="friction",
         title="friction growing along the stroke",
@@ -117,7 +117,7 @@ _EFFECTS: Final = (
         equation="F = p·A + G·(x − x_m)·sign(v), x_m the middle of the stroke",
         source="a bore that is not cylindrical, a guide that is not straight",
     ),
-    Effect(
+    Hypothesis(
         name="viscous",
         family="lubrication",
         title="viscous friction",
@@ -127,7 +127,7 @@ _EFFECTS: Final = (
         equation="F = p·A + d·v",
         source=_STRIBECK,
     ),
-    Effect(
+    Hypothesis(
         name="spring",
         family="geometry",
         title="spring beside the piston (hose, cable)",
@@ -137,7 +137,7 @@ _EFFECTS: Final = (
         equation="F = p·A + k·(x − x_m)",
         source="Hooke",
     ),
-    Effect(
+    Hypothesis(
         name="area_gradient",
         family="geometry",
         title="area changing along the stroke",
@@ -147,7 +147,7 @@ _EFFECTS: Final = (
         equation="F = p·A·(1 + g·(x − x_m))",
         source="a conical bore",
     ),
-    Effect(
+    Hypothesis(
         name="drive_ripple",
         family="drive",
         title="ripple of the drive's spindle",
@@ -176,7 +176,7 @@ _EFFECTS: Final = (
         equation="F = p·A + R·sin(2π·x/λ + φ)",
         source="a spindle out of line presses on the guide once in a turn",
     ),
-    Effect(
+    Hypothesis(
         name="force_lag",
         family="sensor",
         title="lag of the force signal",
@@ -186,7 +186,7 @@ _EFFECTS: Final = (
         equation="τ·Ḟ_m + F_m = F, exact for a straight line between samples",
         source="first-order filter of the amplifier",
     ),
-    Effect(
+    Hypothesis(
         name="pressure_lag",
         family="sensor",
         title="lag of the pressure signal",
@@ -195,7 +195,7 @@ _EFFECTS: Final = (
         equation="p = p_m + τ·ṗ_m",
         source="first-order filter of the amplifier",
     ),
-    Effect(
+    Hypothesis(
         name="force_drift",
         family="sensor",
         title="drift of the force signal",
@@ -207,7 +207,9 @@ _EFFECTS: Final = (
 )
 
 #: Effects of the actuator by name.
-PISTON_EFFECTS: Final[Mapping[str, Effect]] = MappingProxyType({effect.name: effect for effect in _EFFECTS})
+PISTON_EFFECTS: Final[Mapping[str, Hypothesis]] = MappingProxyType(
+    {effect.name: effect for effect in _EFFECTS}
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,9 +13,9 @@ from diagnosis.contracts import (
     Array,
     Channel,
     Dataset,
-    Effect,
     Effects,
     Experiment,
+    Hypothesis,
     MeasuredRun,
     Nuisance,
     Parameter,
@@ -93,9 +93,9 @@ def _oscillate(drive: Array, dt: float, p: Array, surface: Array) -> Array:
 
 def _effect(
     name: str, unit: str, spread: float, *, low: float = -np.inf, high: float = np.inf, **rest
-) -> Effect:
+) -> Hypothesis:
     rest.setdefault("family", "spring")
-    return Effect(
+    return Hypothesis(
         name=name, title=name, amplitude=Parameter("amplitude", unit, 0.0, spread, low, high), **rest
     )
 
@@ -175,7 +175,7 @@ class Oscillator:
         Nuisance("force_offset", "N", 0.0, 5.0),
         Nuisance("start", "m", 0.0, 1e-3, per_run=True),
     )
-    catalogue: Mapping[str, Effect] = field(default_factory=lambda: CATALOGUE)
+    catalogue: Mapping[str, Hypothesis] = field(default_factory=lambda: CATALOGUE)
     surfaces: tuple[Surface, ...] = ()
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:

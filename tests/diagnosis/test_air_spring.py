@@ -10,10 +10,10 @@ from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import with_effects
 from diagnosis.contracts import DiagnosisError, Experiment
-from diagnosis.engine.fit import counted, fit
+from diagnosis.engine.fitting.fit import fit
+from diagnosis.engine.fitting.point import base_point, effect_coordinates
+from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
-from diagnosis.engine.point import base_point, effect_coordinates
-from diagnosis.engine.replay import Replay
 from diagnosis.systems.air_spring import OUTPUTS, AirSpring
 from diagnosis.systems.air_spring_surfaces import TERMS
 from diagnosis.systems.records import read_records
@@ -46,7 +46,7 @@ def fitted(simulator, runs, cause=None, start=0.0):
     point = base_point(simulator.nuisances, [run.experiment.name for run in runs])
     if cause:
         effect = simulator.catalogue[cause]
-        point = point.with_(effect_coordinates(effect), (start, *effect.grid[0]))
+        point = point.extended(effect_coordinates(effect), (start, *effect.grid[0]))
     noise = white([np.hypot(c.noise, c.resolution / np.sqrt(12.0)) for c in simulator.channels])
     return fit(Replay(simulator, runs, 2), noise, point)
 
@@ -54,7 +54,7 @@ def fitted(simulator, runs, cause=None, start=0.0):
 def leftover(model, runs):
     """Whitened residuals of the first run by channel, only what counts."""
     whole = model.linearisation.blocks[0].residual
-    mask = counted(runs[0])
+    mask = runs[0].counted
     return {c.name: whole[mask[:, k], k] for k, c in enumerate(model.replay.simulator.channels)}
 
 
@@ -129,8 +129,8 @@ def test_a_hidden_effect_is_measured_by_the_right_candidate(bench_record, health
     assert within.point.values()[place] == pytest.approx(truth, abs=5.0 * deviation)
     assert deviation < 0.3 * truth
     # The base model cannot explain it away, and with the effect the residual is as small as a healthy one.
-    assert without.linearisation.cost - within.linearisation.cost > 50.0
-    assert within.linearisation.misfit < 1.02 * healthy.model.linearisation.misfit
+    assert without.linearisation.penalised_chi2 - within.linearisation.penalised_chi2 > 50.0
+    assert within.linearisation.chi2 < 1.02 * healthy.model.linearisation.chi2
 
 
 # -- contracts ---------------------------------------------------------------------------------------------------------

@@ -9,12 +9,13 @@ import pytest
 
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.engine.confusability import POWER95, confusability, typical, unseen
-from diagnosis.engine.fit import fit
+from diagnosis.engine.fitting.fit import fit
+from diagnosis.engine.fitting.point import base_point, effect_coordinates
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import candidates, footprints
 from diagnosis.engine.next_run import rank, sensors, separation
 from diagnosis.engine.noise import white
-from diagnosis.engine.point import base_point, effect_coordinates
-from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import candidates, footprints, look
+from diagnosis.engine.screening import fit_and_screen
 
 
 class Bench:
@@ -31,13 +32,13 @@ class Bench:
 
     def with_effect(self, name, *values):
         coordinates = effect_coordinates(self.simulator.catalogue[name])
-        start = self.base.point.with_(coordinates, values)
+        start = self.base.point.extended(coordinates, values)
         return fit(self.replay, self.noise, start, self.base.linearisation)
 
     def screen(self, *names):
         effects = [self.simulator.catalogue[n] for n in names] or list(self.simulator.catalogue.values())
         around = footprints(self.replay, self.base.point, candidates(effects))
-        sight = look(self.replay, around, alpha=0.01, seed=0)
+        sight = fit_and_screen(self.replay, around, alpha=0.01, seed=0)
         return sight.model, sight.screen
 
 

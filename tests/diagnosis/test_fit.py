@@ -7,12 +7,21 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from diagnosis.contracts import Channel, DiagnosisError, Effect, Experiment, MeasuredRun, Nuisance, Parameter
-from diagnosis.engine.fit import PATIENT, fit, predict
+from diagnosis.contracts import (
+    Channel,
+    DiagnosisError,
+    Experiment,
+    Hypothesis,
+    MeasuredRun,
+    Nuisance,
+    Parameter,
+)
+from diagnosis.engine.fitting.fit import PATIENT, fit
+from diagnosis.engine.fitting.point import base_point, effect_coordinates
+from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.naming import Search
 from diagnosis.engine.noise import white
-from diagnosis.engine.point import base_point, effect_coordinates
-from diagnosis.engine.replay import Replay
 
 N = 60
 SD = (0.5, 2.0)
@@ -30,7 +39,7 @@ class Straight:
     )
     catalogue: dict = field(
         default_factory=lambda: {
-            "bend": Effect("bend", "shape", "a bend", Parameter("amplitude", "V/s²", 0.0, 0.5))
+            "bend": Hypothesis("bend", "shape", "a bend", Parameter("amplitude", "V/s²", 0.0, 0.5))
         }
     )
     surfaces: tuple = ()
@@ -79,14 +88,14 @@ def test_mean_covariance_cost_and_bic_of_a_linear_gaussian_model(bend):
     replay = Replay(Straight(), tuple(runs), 1)
     start = base_point(replay.simulator.nuisances, replay.names)
     if bend:
-        start = start.with_(effect_coordinates(replay.simulator.catalogue["bend"]), (0.1,))
+        start = start.extended(effect_coordinates(replay.simulator.catalogue["bend"]), (0.1,))
     model = fit(replay, white(SD), start)
     mean, cov, X, y = posterior(runs, bend)
     assert model.converged
     assert model.point.numbers == pytest.approx(mean, abs=1e-6)
     assert model.covariance() == pytest.approx(cov, rel=1e-6, abs=1e-12)
     cost = np.sum((y - X @ mean) ** 2) + np.sum(mean[: 1 + len(runs)] ** 2)
-    assert model.linearisation.cost == pytest.approx(cost, rel=1e-9)
+    assert model.linearisation.penalised_chi2 == pytest.approx(cost, rel=1e-9)
     assert model.bic == pytest.approx(cost + bend * math.log(len(y)), rel=1e-9)
 
 
@@ -103,7 +112,7 @@ def test_the_predictive_density_is_that_of_the_joint_normal():
         replay = Replay(Straight(), tuple(old), 1)
         start = base_point(replay.simulator.nuisances, replay.names)
         if bend:
-            start = start.with_(effect_coordinates(replay.simulator.catalogue["bend"]), (0.0,))
+            start = start.extended(effect_coordinates(replay.simulator.catalogue["bend"]), (0.0,))
         lpds.append(predict(fit(replay, white(SD), start), [new]).lpd)
         mean, cov, _, _ = posterior(old, bend)
         shared = [0, -1] if bend else [0]
@@ -121,12 +130,12 @@ def test_columns_of_a_neighbour_lead_to_as_good_a_fit(laboratory):
     replay = Replay(lab.simulator, data.of("fit"), 1)
     noise = white([c.noise for c in lab.simulator.channels])
     base = fit(replay, noise, base_point(lab.simulator.nuisances, replay.names))
-    start = base.point.with_(effect_coordinates(lab.simulator.catalogue["cubic"]), (1e5,))
+    start = base.point.extended(effect_coordinates(lab.simulator.catalogue["cubic"]), (1e5,))
     borrowed = fit(replay, noise, start, base.linearisation)
     own = fit(replay, noise, start, refresh=True)
     assert borrowed.converged
     assert own.converged
-    assert borrowed.linearisation.cost == pytest.approx(own.linearisation.cost, abs=0.1)
+    assert borrowed.linearisation.penalised_chi2 == pytest.approx(own.linearisation.penalised_chi2, abs=0.1)
     sd = np.sqrt(np.diagonal(own.covariance()))
     assert np.all(np.abs(borrowed.point.numbers - own.point.numbers) < 0.25 * sd)
 
@@ -182,9 +191,9 @@ def test_a_fit_follows_a_narrow_curved_valley(laboratory):
     def fitted(**start):
         values = [(branches | start)[parameter.name] for parameter in effect.parameters]
         noise = white([channel.noise for channel in data.channels])
-        return fit(replay, noise, base.with_(effect_coordinates(effect), values), steps=PATIENT)
+        return fit(replay, noise, base.extended(effect_coordinates(effect), values), steps=PATIENT)
 
     best = fitted()
     away = fitted(amplitude=60.0, tau=0.06, ratio=2.0, tau_two=0.4)
     assert away.converged
-    assert away.cost < best.cost + 4.0
+    assert away.penalised_chi2 < best.penalised_chi2 + 4.0

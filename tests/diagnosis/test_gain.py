@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.engine.fit import fit
+from diagnosis.engine.fitting.fit import fit
+from diagnosis.engine.fitting.point import base_point, effect_coordinates
+from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import measure, models, shifts
 from diagnosis.engine.noise import white
-from diagnosis.engine.point import base_point, effect_coordinates
-from diagnosis.engine.replay import Replay
 
 TRUTH = {"cubic": {"amplitude": 1.5e6}}
 
@@ -20,7 +20,7 @@ def arms(laboratory, seed, effect, size, truth=TRUTH):
     replay = Replay(lab.simulator, data.of("fit"), 1)
     noise = white([c.noise for c in data.channels])
     base = fit(replay, noise, base_point(lab.simulator.nuisances, replay.names))
-    start = base.point.with_(effect_coordinates(lab.simulator.catalogue[effect]), (size,))
+    start = base.point.extended(effect_coordinates(lab.simulator.catalogue[effect]), (size,))
     return data, base, fit(replay, noise, start, base.linearisation, refresh=True)
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from diagnosis.contracts import Parameter
-from diagnosis.engine.linear import Belief, Block, Columns, Linearisation, inverse, prior, solve
-from diagnosis.engine.point import Coordinate, Point
+from diagnosis.engine.fitting.linear import Block, Columns, Linearisation, Prior, inverse, prior_of, solve
+from diagnosis.engine.fitting.point import Coordinate, Point
 
 RUNS = ("a", "b")
 
@@ -20,20 +20,20 @@ def problem(rng, samples=40, channels=3):
     point = Point(coordinates, rng.standard_normal(4))
     blocks, full = [], []
     for run in RUNS:
-        places = tuple(point.own(run))
+        places = tuple(point.places_of(run))
         columns = rng.standard_normal((3, samples, channels))
         parts = (places[:1], Columns(columns[:1])), (places[1:], Columns(columns[1:]))
         blocks.append(Block(run, rng.standard_normal((samples, channels)), parts))
         wide = np.zeros((samples * channels, 4))
         wide[:, places] = columns.reshape(3, -1).T
         full.append(wide)
-    here = Linearisation(point, prior(point), tuple(blocks))
+    here = Linearisation(point, prior_of(point), tuple(blocks))
     return here, np.vstack(full), np.concatenate([b.residual.ravel() for b in blocks])
 
 
 def stacked(here, X, r):
     """The priors as further observations."""
-    w = np.diag(here.belief.precision)
+    w = np.diag(here.prior.precision)
     return np.vstack((X, np.diag(np.sqrt(w)))), np.concatenate((r, -np.sqrt(w) * here.point.numbers))
 
 
@@ -42,14 +42,14 @@ def test_step_and_covariance_are_those_of_least_squares_with_the_priors_as_obser
     X, r = stacked(here, X, r)
     assert here.step() == pytest.approx(np.linalg.lstsq(X, r, rcond=None)[0], rel=1e-10)
     assert here.covariance() == pytest.approx(np.linalg.inv(X.T @ X), rel=1e-9)
-    assert here.cost == pytest.approx(r @ r, rel=1e-12)
+    assert here.penalised_chi2 == pytest.approx(r @ r, rel=1e-12)
 
 
 def test_the_promise_of_a_step_is_kept_by_a_linear_model():
     here, X, r = problem(np.random.default_rng(2))
     X, r = stacked(here, X, r)
     step = here.step(damping=0.3)
-    assert here.promise(step) == pytest.approx(r @ r - np.sum((r - X @ step) ** 2), rel=1e-9)
+    assert here.predicted_decrease(step) == pytest.approx(r @ r - np.sum((r - X @ step) ** 2), rel=1e-9)
 
 
 def test_projection_is_the_residual_of_a_regression_on_all_columns():
@@ -61,7 +61,7 @@ def test_projection_is_the_residual_of_a_regression_on_all_columns():
     S = np.vstack((S, np.zeros((4, 5))))
     left = S - X @ np.linalg.lstsq(X, S, rcond=None)[0]
     projection = here.project(extra)
-    assert projection.gram == pytest.approx(left.T @ left, rel=1e-9, abs=1e-9)
+    assert projection.information == pytest.approx(left.T @ left, rel=1e-9, abs=1e-9)
     assert projection.score == pytest.approx(left.T @ r, rel=1e-9, abs=1e-9)
     assert projection.z == pytest.approx(left.T @ r / np.linalg.norm(left, axis=0), rel=1e-9)
 
@@ -83,8 +83,8 @@ def test_a_step_stays_in_range_and_the_others_make_the_best_of_it():
     r = X @ np.array([2.0, -1.5, 0.5]) + 0.1 * rng.standard_normal(200)
     coordinates = tuple(Coordinate(Parameter(n, "1", 0.0, 1.0, -0.7, 0.8), believed=False) for n in "abc")
     point = Point(coordinates, np.zeros(3))
-    belief = Belief(np.zeros(3), np.zeros((3, 3)))
-    here = Linearisation(point, belief, (Block("a", r[:, None], (((0, 1, 2), Columns(X.T[:, :, None])),)),))
+    prior = Prior(np.zeros(3), np.zeros((3, 3)))
+    here = Linearisation(point, prior, (Block("a", r[:, None], (((0, 1, 2), Columns(X.T[:, :, None])),)),))
     from scipy.optimize import lsq_linear
 
     assert here.step() == pytest.approx(lsq_linear(X, r, (-0.7, 0.8), tol=1e-12).x, abs=1e-6)

@@ -6,11 +6,11 @@ import pytest
 from diagnosis.contracts import DiagnosisError
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.engine.fit import fit
+from diagnosis.engine.fitting.fit import fit
+from diagnosis.engine.fitting.point import base_point
+from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.naming import Search
 from diagnosis.engine.noise import white
-from diagnosis.engine.point import base_point
-from diagnosis.engine.replay import Replay
 from diagnosis.engine.runs import measured, split
 from diagnosis.finding import Verdict
 
@@ -33,7 +33,7 @@ def strength(lab, effects):
     replay = Replay(lab.simulator, data.of("fit"), 1)
     noise = white([c.noise for c in lab.simulator.channels])
     base = fit(replay, noise, base_point(lab.simulator.nuisances, replay.names), refresh=True)
-    return np.sqrt(base.linearisation.misfit)
+    return np.sqrt(base.linearisation.chi2)
 
 
 def sized(lab, effect, lam, **shapes):

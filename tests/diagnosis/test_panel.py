@@ -10,11 +10,11 @@ from scipy.signal import lfilter
 from scipy.stats import kstest
 
 from diagnosis.contracts import Channel, Experiment
-from diagnosis.engine.errors import Hit, Mute, errors
 from diagnosis.engine.noise import ChannelNoise, Noise, white
-from diagnosis.engine.panel import TESTS, benjamini_hochberg, judged
-from diagnosis.engine.panel_parity import draw, parity
-from diagnosis.engine.stretches import holds, swings
+from diagnosis.engine.residual.panel import TESTS, benjamini_hochberg, judged
+from diagnosis.engine.residual.parity import draw, parity
+from diagnosis.engine.residual.residuals import Hit, Mute, errors
+from diagnosis.engine.residual.stretches import holds, swings
 from diagnosis.finding import PanelRow
 
 STEP = 0.01

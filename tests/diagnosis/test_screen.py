@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm
 
-from diagnosis.engine.fit import fit
-from diagnosis.engine.point import base_point
-from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import candidates, footprints, look, signs, threshold
+from diagnosis.engine.fitting.fit import fit
+from diagnosis.engine.fitting.point import base_point
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import candidates, footprints
+from diagnosis.engine.screening import fit_and_screen, signs
+from diagnosis.engine.threshold import threshold
 
 
 def test_threshold_of_independent_scores_is_that_of_the_largest_of_them():
@@ -49,10 +51,10 @@ def test_only_the_physical_sign_scores(oscillator):
 def sight(lab, data, **settings):
     replay = Replay(lab.simulator, data.of("fit"), 1)
     start = base_point(lab.simulator.nuisances, replay.names)
-    noise = look(replay, footprints(replay, start, ()), alpha=0.01, seed=1).model.noise
+    noise = fit_and_screen(replay, footprints(replay, start, ()), alpha=0.01, seed=1).model.noise
     near = fit(replay, noise, start).point
     entries = candidates(list(lab.simulator.catalogue.values()))
-    return look(replay, footprints(replay, near, entries), alpha=0.01, seed=1)
+    return fit_and_screen(replay, footprints(replay, near, entries), alpha=0.01, seed=1)
 
 
 @pytest.mark.slow
@@ -82,7 +84,7 @@ def test_noise_of_a_large_effect_in_the_library_is_still_noise(laboratory):
     """An effect thirty times the noise must not be called noise."""
     lab = laboratory()
     model = sight(lab, lab.measure(6, {"drift": {"amplitude": 3.0}})).model
-    assert model.linearisation.misfit > 2.0 * model.samples
+    assert model.linearisation.chi2 > 2.0 * model.samples
     assert model.noise.channels[1].deviation == pytest.approx(1.0, rel=0.05)
 
 
@@ -96,4 +98,4 @@ def test_a_fit_starts_near_its_end(laboratory):
     errors = replay.residuals(replay.predictions(start))
     whiten = [found.model.noise.filter(np.ones_like(e, bool)) for e in errors]
     cost = sum(np.sum(f(e) ** 2) for f, e in zip(whiten, errors, strict=True))
-    assert cost < found.model.linearisation.misfit
+    assert cost < found.model.linearisation.chi2

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from diagnosis.engine.fit import fit
+from diagnosis.engine.fitting.fit import fit
+from diagnosis.engine.fitting.point import base_point
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import candidates, footprints, with_surfaces
 from diagnosis.engine.noise import white
-from diagnosis.engine.point import base_point
-from diagnosis.engine.replay import Replay
-from diagnosis.engine.screen import candidates, footprints, look, with_surfaces
+from diagnosis.engine.screening import fit_and_screen
 from diagnosis.engine.unknown import explain, score_test
 
 
@@ -25,7 +26,7 @@ def fitted(laboratory, surface, seed, effects=None, **noise):
         replay, white([c.noise for c in data.channels]), base_point(lab.simulator.nuisances, replay.names)
     )
     around = with_surfaces(replay, footprints(replay, near.point, entries))
-    sight = look(replay, around, alpha=0.01, seed=0)
+    sight = fit_and_screen(replay, around, alpha=0.01, seed=0)
     test = score_test(sight.model.linearisation, surface, sight.surfaces[0])
     return data, sight.model, sight.screen, test
 

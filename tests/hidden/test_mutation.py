@@ -9,7 +9,7 @@ import pytest
 from benchmarks.diagnosis.judge import judge
 from benchmarks.diagnosis.small import Small
 from benchmarks.diagnosis.truth import Truth
-from diagnosis.engine import naming, noise, screen
+from diagnosis.engine import naming, noise, noise_estimate, screening
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 
@@ -30,7 +30,7 @@ def test_with_all_guards_nothing_is_amiss(alarms):
 
 
 def test_without_the_threshold_chance_is_accused(alarms, monkeypatch):
-    monkeypatch.setattr(screen, "threshold", lambda *_: 0.0)
+    monkeypatch.setattr(screening, "threshold", lambda *_: 0.0)
     assert alarms(WHITE)
 
 
@@ -42,7 +42,7 @@ def test_without_whitening_coloured_noise_is_accused(alarms, monkeypatch):
         ]
         return noise.white([float(np.std(error)) for error in errors])
 
-    monkeypatch.setattr(screen, "estimate", as_if_white)
+    monkeypatch.setattr(noise_estimate, "estimate", as_if_white)
     assert alarms(COLOURED)
 
 

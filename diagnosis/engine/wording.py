@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.contracts import Array, Effect
+from diagnosis.contracts import Array, Hypothesis
+from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.naming import Accepted, Naming
-from diagnosis.engine.point import Point, effect_coordinates
-from diagnosis.engine.screen import Screen
+from diagnosis.engine.screening import Screening
 from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, estimate, number
 
 SENTENCES: Final = {
@@ -23,7 +23,7 @@ SENTENCES: Final = {
 }
 
 
-def estimates(effect: Effect, point: Point, covariance: Array) -> list[Estimate]:
+def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estimate]:
     """Return amplitude and shapes of an effect where a fit ended, in the units that people read."""
     values = point.values()
     found = []
@@ -34,7 +34,7 @@ def estimates(effect: Effect, point: Point, covariance: Array) -> list[Estimate]
     return found
 
 
-def cause(accepted: Accepted, effect: Effect, point: Point, covariance: Array) -> Cause:
+def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Array) -> Cause:
     """Tell an accepted effect."""
     return Cause(
         effect=effect.name,
@@ -50,7 +50,9 @@ def cause(accepted: Accepted, effect: Effect, point: Point, covariance: Array) -
     )
 
 
-def rivals(naming: Naming, causes: Sequence[str], effects: Mapping[str, Effect], gap: float) -> list[Rival]:
+def rivals(
+    naming: Naming, causes: Sequence[str], effects: Mapping[str, Hypothesis], gap: float
+) -> list[Rival]:
     """Tell which other effects explain the data as well as a cause does."""
     first = naming.steps[0].screen
     return [
@@ -134,7 +136,7 @@ def _size(parameters: Sequence[Estimate]) -> str:
     return f"{first.value:.4g}{error} {first.unit}"
 
 
-def _cosine(screen: Screen, first: str, second: str) -> float | None:
+def _cosine(screen: Screening, first: str, second: str) -> float | None:
     places = {c.effect.name for c in screen.candidates}
     if not {first, second} <= places:
         return None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array
-from diagnosis.engine.point import Point
+from diagnosis.engine.fitting.point import Point
 
 SEEN: Final = 1e-13  #: eigenvalues below this part of the largest are rounding
 
@@ -71,19 +71,19 @@ class Block:
 class Projection:
     """Extra columns after everything that the linearisation can explain has been taken out of them.
 
-    ``gram`` (m, m) are their inner products, ``score`` (m,) those with the residual, ``raw`` (m,) their norms before
-    the projection, ``shadow`` (k, m) what of the coordinates imitates them best.
+    ``information`` (m, m) are their inner products, ``score`` (m,) those with the residual, ``raw`` (m,) their norms
+    before the projection, ``regression`` (k, m) the coefficients with which the coordinates imitate them best.
     """
 
-    gram: Array
+    information: Array
     score: Array
     raw: Array
-    shadow: Array
+    regression: Array
 
     @property
     def norm(self) -> Array:
         """Norms |s| (m,); 0 where nothing but rounding is left of a column."""
-        square = np.diagonal(self.gram)
+        square = np.diagonal(self.information)
         return np.sqrt(np.where(square > 1e-10 * self.raw**2, square, 0.0))
 
     @property
@@ -97,24 +97,24 @@ class Projection:
         """Cosines (m, m) between the projected columns; 0 with an invisible one."""
         norm = self.norm
         product = np.outer(norm, norm)
-        return np.divide(self.gram, product, out=np.eye(len(norm)), where=product > 0.0)
+        return np.divide(self.information, product, out=np.eye(len(norm)), where=product > 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class Prior:
     """What is known of the numbers of a point without these data: mean (k,) and precision (k, k)."""
 
     mean: Array
     precision: Array
 
-    def times(self, factor: float) -> Belief:
+    def times(self, factor: float) -> Prior:
         """Return the belief that outweighs data by a factor."""
-        return Belief(self.mean, factor * self.precision)
+        return Prior(self.mean, factor * self.precision)
 
 
-def prior(point: Point) -> Belief:
+def prior_of(point: Point) -> Prior:
     """Return what the parameters themselves say: nominal value and spread."""
-    return Belief(np.zeros(len(point.numbers)), np.diag([c.weight for c in point.coordinates]))
+    return Prior(np.zeros(len(point.numbers)), np.diag([c.weight for c in point.coordinates]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,37 +122,37 @@ class Linearisation:
     """The model around a point: what each run leaves, and what each coordinate would change."""
 
     point: Point
-    belief: Belief
+    prior: Prior
     blocks: tuple[Block, ...]
-    gram: Array = field(init=False)  #: XᵀX + W (k, k)
+    information: Array = field(init=False)  #: XᵀX + W (k, k)
     gradient: Array = field(init=False)  #: Xᵀr − W (u − m) (k,): downhill
 
     def __post_init__(self) -> None:
-        gram = self.belief.precision.copy()
-        gradient = -self.belief.precision @ (self.point.numbers - self.belief.mean)
+        information = self.prior.precision.copy()
+        gradient = -self.prior.precision @ (self.point.numbers - self.prior.mean)
         for block in self.blocks:
-            gram[np.ix_(block.places, block.places)] += block.gram
+            information[np.ix_(block.places, block.places)] += block.gram
             gradient[block.places] += block.against(block.residual.reshape(1, -1))[:, 0]
-        object.__setattr__(self, "gram", gram)
+        object.__setattr__(self, "information", information)
         object.__setattr__(self, "gradient", gradient)
 
     @property
-    def misfit(self) -> float:
+    def chi2(self) -> float:
         """χ² of the data."""
         return float(sum(np.vdot(b.residual, b.residual) for b in self.blocks))
 
     @property
-    def cost(self) -> float:
+    def penalised_chi2(self) -> float:
         """χ² of the data and the priors."""
-        away = self.point.numbers - self.belief.mean
-        return self.misfit + float(away @ self.belief.precision @ away)
+        away = self.point.numbers - self.prior.mean
+        return self.chi2 + float(away @ self.prior.precision @ away)
 
     def step(self, damping: float = 0.0) -> Array:
         """Return the step (k,) to the optimum, as Levenberg and Marquardt damp it.
 
         A number that would leave its range goes to the end of it, and the others make the best of that.
         """
-        damped = self.gram + damping * np.diag(np.diagonal(self.gram))
+        damped = self.information + damping * np.diag(np.diagonal(self.information))
         ranges = np.array([c.range for c in self.point.coordinates]).reshape(-1, 2)
         low, high = (ranges - self.point.numbers[:, None]).T
         step = solve(damped, self.gradient)
@@ -166,13 +166,13 @@ class Linearisation:
         right = vectors[:, keep].T @ (scale * self.gradient) / np.sqrt(values[keep])
         return scale * lsq_linear(root.T, right, (low / scale, high / scale), method="bvls").x
 
-    def promise(self, step: Array) -> float:
+    def predicted_decrease(self, step: Array) -> float:
         """Return how much a step would lower the cost if the model were linear."""
-        return float(2.0 * step @ self.gradient - step @ self.gram @ step)
+        return float(2.0 * step @ self.gradient - step @ self.information @ step)
 
     def covariance(self) -> Array:
         """Return the covariance (k, k) of the numbers by Laplace's approximation."""
-        return inverse(self.gram)
+        return inverse(self.information)
 
     def project(self, extra: Sequence[NDArray[np.floating]]) -> Projection:
         """Project whitened columns (m, n, c) of each run onto what no coordinate can imitate."""
@@ -183,9 +183,12 @@ class Linearisation:
             mixed[block.places] += block.against(columns)
             own += columns @ columns.T
             score += columns @ block.residual.ravel()
-        shadow = solve(self.gram, mixed)
+        regression = solve(self.information, mixed)
         return Projection(
-            own - mixed.T @ shadow, score - shadow.T @ self.gradient, np.sqrt(np.diagonal(own)), shadow
+            own - mixed.T @ regression,
+            score - regression.T @ self.gradient,
+            np.sqrt(np.diagonal(own)),
+            regression,
         )
 
 

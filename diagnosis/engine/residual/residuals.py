@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.contracts import Array, Channel, Experiment
-from diagnosis.engine.stretches import Hold, Swing, holds, moving, swings
+from diagnosis.engine.residual.stretches import Hold, Swing, holds, moving, swings
 from diagnosis.finding import Figure
 
 
@@ -90,25 +90,6 @@ class Mute:
     """A test that does not apply, and why."""
 
     why: str
-
-
-def chi_square(value: float, freedom: int) -> float:
-    """The chance of a χ² at least as large."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(freedom, max(value, 0.0))) if freedom > 0 else 1.0
-
-
-def student(value: float, freedom: int) -> float:
-    """The chance of a Student t at least as far from 0."""
-    from scipy.special import stdtr
-
-    return float(2.0 * stdtr(freedom, -abs(value)))
-
-
-def at_most_one(p: float, looks: int) -> float:
-    """Bonferroni: the chance of the smallest of so many p-values."""
-    return min(1.0, p * max(looks, 1))
 
 
 def wald(columns: Array, y: Array, tested: slice) -> tuple[float, int]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.contracts import Array, DiagnosisError, Effect, Nuisance, Parameter, Surface
+from diagnosis.contracts import Array, DiagnosisError, Hypothesis, Nuisance, Parameter, Surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ class Point:
                 )
         return effects
 
-    def own(self, run: str) -> list[int]:
+    def places_of(self, run: str) -> list[int]:
         """Return the places of the coordinates that one run depends on."""
         return [i for i, c in enumerate(self.coordinates) if c.run in {"", run}]
 
@@ -123,20 +123,20 @@ class Point:
         low, high = np.array([c.range for c in self.coordinates]).reshape(-1, 2).T
         return replace(self, numbers=np.clip(numbers, low, high))
 
-    def with_(self, coordinates: Iterable[Coordinate], values: Iterable[float]) -> Point:
+    def extended(self, coordinates: Iterable[Coordinate], values: Iterable[float]) -> Point:
         """Return the point with further coordinates at the given values (in their own units)."""
         more = tuple(coordinates)
         inside = [c.inside(v) for c, v in zip(more, values, strict=True)]
         return Point((*self.coordinates, *more), np.concatenate((self.numbers, inside)))
 
-    def among(self, runs: Iterable[str]) -> Point:
+    def with_runs(self, runs: Iterable[str]) -> Point:
         """Return the point with the nuisances of further runs, at their nominal values."""
         fresh = [
             Coordinate(parameter, run=run)
             for parameter in dict.fromkeys(c.parameter for c in self.coordinates if c.run)
             for run in runs
         ]
-        return self.with_(fresh, [c.parameter.nominal for c in fresh])
+        return self.extended(fresh, [c.parameter.nominal for c in fresh])
 
     def without(self, owner: str) -> Point:
         """Return the point without an effect or surface."""
@@ -155,7 +155,7 @@ def base_point(nuisances: Iterable[Nuisance], runs: Iterable[str]) -> Point:
     return Point(coordinates, np.zeros(len(coordinates)))
 
 
-def effect_coordinates(effect: Effect) -> tuple[Coordinate, ...]:
+def effect_coordinates(effect: Hypothesis) -> tuple[Coordinate, ...]:
     """Return amplitude and shapes of an effect; the data alone speak of the amplitude."""
     return (
         Coordinate(effect.amplitude, effect.name, believed=False),

@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 
 from diagnosis.contracts import Array
-from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, chi_square, wald
-from diagnosis.engine.stretches import Swing, harmonics
+from diagnosis.engine.p_values import bonferroni, p_of_chi2
+from diagnosis.engine.residual.residuals import Errors, Hit, Mute, wald
+from diagnosis.engine.residual.stretches import Swing, harmonics
 from diagnosis.finding import Figure, Series, numbers
 
 Parity = Literal["linear", "even", "odd"]
@@ -43,7 +44,7 @@ def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
         for name, u in errors.inputs.items():
             columns = regressors(u, errors.step)[:, : 4 if parity == "linear" else 8]
             value, freedom = wald(columns[known], y, TESTED[parity])
-            p = chi_square(value, freedom)
+            p = p_of_chi2(value, freedom)
             if best is None or (p, -value) < (best[0], -best[1]):
                 best = (p, value, name)
         assert best is not None  # at least one input moves
@@ -52,7 +53,7 @@ def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
         how = {"linear": "follows", "even": "is even in", "odd": "has an odd, nonlinear part in"}[parity]
         return Hit(
             statistic=value,
-            p=at_most_one(p, len(errors.inputs)),
+            p=bonferroni(p, len(errors.inputs)),
             sentence=f"the error of {errors.channels[c].name} {how} {name} (correlation {share:.2f})",
             points_to=POINTS_TO[parity],
             draw=lambda: _over_input(errors, c, name),
@@ -99,12 +100,12 @@ def rings(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
         if not sines:
             return Mute("no input is a sine")
         hits = [(*_ringing(errors, c, sine, orders), sine) for sine in sines]
-        value, freedom, sine = min(hits, key=lambda hit: (chi_square(hit[0], hit[1]), -hit[0]))
+        value, freedom, sine = min(hits, key=lambda hit: (p_of_chi2(hit[0], hit[1]), -hit[0]))
         channel, sizes = errors.channels[c], _amplitudes(errors, c, sine)[np.array(orders) - 1]
         unit, largest = channel.display or channel.unit, int(np.argmax(sizes))
         return Hit(
             statistic=value,
-            p=at_most_one(chi_square(value, freedom), len(sines)),
+            p=bonferroni(p_of_chi2(value, freedom), len(sines)),
             sentence=f"while {sine.signal} is a sine of {sine.frequency:.3g} Hz, the error of {channel.name} has "
             f"{sizes[largest] / channel.scale:.3g} {unit} at {orders[largest]} times that",
             points_to=POINTS_TO[parity],
@@ -237,7 +238,7 @@ def _surface(
 
     return Hit(
         statistic=value,
-        p=chi_square(value, int(filled.sum())),
+        p=p_of_chi2(value, int(filled.sum())),
         sentence=f"the error of {channel.name} depends on {across[0]} and {up[0]}{rest}",
         points_to=points_to,
         draw=draw,

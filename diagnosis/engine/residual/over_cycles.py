@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from diagnosis.contracts import Array, Channel
-from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, chi_square, student, wald
-from diagnosis.engine.stretches import Hold, Swing
+from diagnosis.engine.p_values import bonferroni, p_of_chi2, p_of_t
+from diagnosis.engine.residual.residuals import Errors, Hit, Mute, wald
+from diagnosis.engine.residual.stretches import Hold, Swing
 from diagnosis.finding import Figure, Series, numbers
 
 #: Below this a loop counts as quasi-static.
@@ -37,7 +38,7 @@ def loss(errors: Errors, c: int) -> Hit | Mute:
     law, points_to = _law(sure)
     return Hit(
         statistic=abs(t),
-        p=at_most_one(p, len(tests)),
+        p=bonferroni(p, len(tests)),
         sentence=f"{channel.name} loses {mean / channel.scale:+.3g} {unit} a cycle beyond the model at "
         f"{swing.frequency:.3g} Hz{law}",
         points_to=points_to,
@@ -80,7 +81,7 @@ def _against_zero(values: Array) -> tuple[float, float]:
     """p and t of a mean that should be 0."""
     error = float(values.std(ddof=1)) / np.sqrt(values.size)
     t = float(values.mean()) / error if error > 0.0 else 0.0
-    return student(t, values.size - 1), t
+    return p_of_t(t, values.size - 1), t
 
 
 def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
@@ -137,7 +138,7 @@ def quasi_static(errors: Errors, c: int) -> Hit | Mute:
     same = apart < 3.0 * error or apart < 0.15 * max(abs(float(w.mean())) for w in widths)
     return Hit(
         statistic=max(abs(t) for _, t in tests),
-        p=at_most_one(min(p for p, _ in tests), 2),
+        p=bonferroni(min(p for p, _ in tests), 2),
         sentence=f"half the width of the loop of {channel.name} is off by {shown[0]:.3g} {unit} at "
         f"{first.frequency:.3g} Hz and by {shown[1]:.3g} {unit} at {second.frequency:.3g} Hz: "
         + ("it does not depend on the speed" if same else "it depends on the speed"),
@@ -180,7 +181,7 @@ def settles(errors: Errors, c: int) -> Hit | Mute:
     unit = channel.display or channel.unit
     return Hit(
         statistic=value,
-        p=at_most_one(p, looks),
+        p=bonferroni(p, looks),
         sentence=f"in a hold of {e.size * errors.step:.3g} s the error of {channel.name} "
         + (
             f"settles by {-size:+.3g} {unit} within about {tau:g} s"
@@ -199,7 +200,7 @@ def _in_hold(white: Array, hold: Hold, step: float, tau: float) -> tuple[float, 
     time = step * np.arange(y.size)
     columns = np.column_stack((np.ones(y.size), np.exp(-time / tau) if tau else time))
     value, freedom = wald(columns[known], y[known], slice(1, 2))
-    return chi_square(value, freedom), value, tau
+    return p_of_chi2(value, freedom), value, tau
 
 
 def _settling(channel: Channel, unit: str, time: Array, e: Array) -> Figure:

@@ -9,27 +9,28 @@ import msgspec
 import numpy as np
 
 from diagnosis.contracts import Array
-from diagnosis.engine import panel_cycles, panel_input, panel_time
-from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, errors
-from diagnosis.engine.fit import FittedModel
-from diagnosis.engine.panel_parity import HasParity, parity
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.p_values import bonferroni
+from diagnosis.engine.residual import over_cycles, over_inputs, over_time
+from diagnosis.engine.residual.parity import HasParity, parity
+from diagnosis.engine.residual.residuals import Errors, Hit, Mute, errors
 from diagnosis.finding import PanelRow, number
 
 Test = Callable[[Errors, int], Hit | Mute]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
-    ("size", "size against the noise", panel_time.size),
-    ("memory", "memory (Ljung-Box)", panel_time.memory),
-    ("drift", "drift (block means)", panel_time.drift),
-    ("linear", "follows an input", panel_input.follows("linear")),
-    ("even", "even in an input", panel_input.follows("even")),
-    ("odd", "odd and nonlinear in an input", panel_input.follows("odd")),
-    ("even harmonics", "even harmonics", panel_input.rings("even")),
-    ("odd harmonics", "odd harmonics", panel_input.rings("odd")),
-    ("loss", "loss per cycle", panel_cycles.loss),
-    ("quasi-static", "quasi-static loop at two speeds", panel_cycles.quasi_static),
-    ("hold", "hold and relaxation", panel_cycles.settles),
-    ("x-v surface", "surface over motion and speed", panel_input.velocity_surface),
-    ("x-p surface", "surface over motion and pressure", panel_input.pressure_surface),
+    ("size", "size against the noise", over_time.size),
+    ("memory", "memory (Ljung-Box)", over_time.memory),
+    ("drift", "drift (block means)", over_time.drift),
+    ("linear", "follows an input", over_inputs.follows("linear")),
+    ("even", "even in an input", over_inputs.follows("even")),
+    ("odd", "odd and nonlinear in an input", over_inputs.follows("odd")),
+    ("even harmonics", "even harmonics", over_inputs.rings("even")),
+    ("odd harmonics", "odd harmonics", over_inputs.rings("odd")),
+    ("loss", "loss per cycle", over_cycles.loss),
+    ("quasi-static", "quasi-static loop at two speeds", over_cycles.quasi_static),
+    ("hold", "hold and relaxation", over_cycles.settles),
+    ("x-v surface", "surface over motion and speed", over_inputs.velocity_surface),
+    ("x-p surface", "surface over motion and pressure", over_inputs.pressure_surface),
 )
 
 
@@ -90,7 +91,7 @@ def _row(test: str, title: str, channel: str, found: Sequence[tuple[str, Hit | M
         run=run,
         channel=channel,
         statistic=number(hit.statistic),
-        p=number(at_most_one(hit.p, len(hits))),
+        p=number(bonferroni(hit.p, len(hits))),
         sentence=hit.sentence,
         points_to=hit.points_to,
         figure=hit.draw() if hit.draw else None,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, DiagnosisError, MeasuredRun, Simulator
-from diagnosis.engine.point import Point, neighbour, opposite
+from diagnosis.engine.fitting.point import Point, neighbour, opposite
 
 Quotients = NDArray[np.float32]
 Job = TypeVar("Job")
@@ -69,7 +69,7 @@ class Replay:
 
         Differences are one-sided; ``central`` ones cost twice as much and have no error of first order.
         """
-        wanted = [point.own(name) for name in self.names] if places is None else places
+        wanted = [point.places_of(name) for name in self.names] if places is None else places
         steps = {i: neighbour(point, i) for i in sorted({i for own in wanted for i in own})}
         ahead = self.differences(predictions, [[steps[i] for i in own] for own in wanted])
         if not central:

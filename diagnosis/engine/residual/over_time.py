@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from diagnosis.contracts import Array
-from diagnosis.engine.errors import Errors, Hit, Mute, at_most_one, chi_square
-from diagnosis.engine.panel_input import regressors
+from diagnosis.engine.p_values import bonferroni, p_of_chi2
+from diagnosis.engine.residual.over_inputs import regressors
+from diagnosis.engine.residual.residuals import Errors, Hit, Mute
 from diagnosis.finding import Figure, Series, numbers
 
 BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
@@ -37,7 +38,7 @@ def size(errors: Errors, c: int) -> Hit | Mute:
     name = errors.channels[c].name
     return Hit(
         statistic=float(ratios[worst]),
-        p=at_most_one(chi_square(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
+        p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
         sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise, and {np.sqrt(ratios[worst]):.3g} "
         f"times from {low:g} to {high:g} Hz",
         points_to="any cause",
@@ -67,7 +68,7 @@ def memory(errors: Errors, c: int) -> Hit | Mute:
     name = errors.channels[c].name
     return Hit(
         statistic=q,
-        p=chi_square(q, LAGS),
+        p=p_of_chi2(q, LAGS),
         sentence=f"the error of {name} remembers itself: correlation {rho[lag - 1]:.2f} "
         f"after {lag * errors.step:.3g} s",
         points_to="lag, delay, fast dynamics",
@@ -99,7 +100,7 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
         sums, counts = _blocks(white, blocks)
         used = counts > 0
         value = float(np.sum(sums[used] ** 2 / counts[used]))
-        p = chi_square(value, int(used.sum()))
+        p = p_of_chi2(value, int(used.sum()))
         if best is None or p < best[1]:
             best = (value, p, blocks)
     assert best is not None  # there is at least one scale
@@ -110,7 +111,7 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
     unit = channel.display or channel.unit
     return Hit(
         statistic=value,
-        p=at_most_one(p, len(BLOCKS)),
+        p=bonferroni(p, len(BLOCKS)),
         sentence=f"means of {channel.name} over {seconds:.3g} s are off by {np.nanmin(means):.3g} to "
         f"{np.nanmax(means):.3g} {unit}",
         points_to="leak, heat, drift, volume",

@@ -9,8 +9,8 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 
 from diagnosis.contracts import Array, Experiment
-from diagnosis.engine.errors import Errors, Hit, Mute
 from diagnosis.engine.noise import ChannelNoise, Noise
+from diagnosis.engine.residual.residuals import Errors, Hit, Mute
 from diagnosis.finding import Figure, Series, numbers
 
 BLOCKS: Final = 24

@@ -9,11 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.contracts import Array, DiagnosisError, MeasuredRun
-from diagnosis.engine.linear import Belief, Block, Columns, Linearisation, prior, solve
-from diagnosis.engine.noise import Filter, Mask, Noise
-from diagnosis.engine.point import Coordinate, Point
-from diagnosis.engine.replay import Replay
+from diagnosis.contracts import Array, DiagnosisError
+from diagnosis.engine.fitting.linear import Block, Columns, Linearisation, Prior, prior_of
+from diagnosis.engine.fitting.linearise import linearise
+from diagnosis.engine.fitting.point import Coordinate, Point
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.noise import Filter, Noise, filters
 
 ITERATIONS: Final = 30  #: steps that a fit may take
 PATIENT: Final = 150  #: the same of a model that is reported
@@ -25,8 +26,6 @@ HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to 
 ROUGH: Final = 4.0  #: so much χ² may lie below a fit that comes to no better: two standard deviations
 IDLE: Final = 1.0  #: what a step failed to gain is not worth better columns below this, in units of χ²
 LEADING: Final = 0.01  #: part of a step² that the own numbers must make for their columns to learn from it
-HELD: Final = 1e4  #: weight of what a fit knows where its numbers must not move
-FLAT: Final = 1e-6  #: weight of a prior that says nothing, in units of the parameter's scale
 
 #: Where the columns of a fit come from: an earlier point, differences at this point for the effects' own numbers or for
 #: all, central differences of the effects' own or, without effects, of all.
@@ -56,18 +55,18 @@ class FittedModel:
     @property
     def samples(self) -> int:
         """How many samples count."""
-        return sum(int(counted(run).sum()) for run in self.replay.runs)
+        return sum(int(run.counted.sum()) for run in self.replay.runs)
 
     @property
     def bic(self) -> float:
         """χ² and priors at the optimum, and ln N for each parameter of an effect; only differences mean something."""
         extra = sum(1 for c in self.point.coordinates if c.owner)
-        return self.cost + extra * math.log(self.samples)
+        return self.penalised_chi2 + extra * math.log(self.samples)
 
     @property
-    def cost(self) -> float:
+    def penalised_chi2(self) -> float:
         """χ² of the data, as far as they count, and of the priors."""
-        return self.linearisation.cost / self.noise.dispersion
+        return self.linearisation.penalised_chi2 / self.noise.dispersion
 
     def covariance(self) -> Array:
         """Return the covariance (k, k) of the numbers of the point, by Laplace's approximation."""
@@ -79,84 +78,18 @@ class FittedModel:
         return float(math.sqrt(max(self.covariance()[place, place], 0.0))) * coordinate.scale
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
-    """What a fitted model says of runs that it was not fitted to, once their own nuisances are found.
-
-    ``lpd`` is the log density of the data up to a constant of the noise; ``outputs`` (n, c) of each run.
-    """
-
-    replay: Replay
-    lpd: float
-    outputs: tuple[Array, ...]
-    linearisation: Linearisation
-
-
-def counted(run: MeasuredRun) -> Mask:
-    """Return which samples (n, c) of a run count: measured and scored."""
-    return run.scored[:, None] & np.isfinite(run.outputs)
-
-
-def filters(noise: Noise, replay: Replay) -> tuple[Filter, ...]:
-    """Return the whitening filter of every run."""
-    return tuple(noise.filter(counted(run)) for run in replay.runs)
-
-
-def linearise(
-    replay: Replay,
-    whiten: Sequence[Filter],
-    point: Point,
-    predictions: Sequence[Array],
-    belief: Belief,
-    known: Linearisation | None = None,
-    *,
-    central: bool = False,
-) -> Linearisation:
-    """Linearise a model; where ``known`` (whitened alike) has the columns of a run's nuisances, they are shared."""
-    places = [point.own(run) for run in replay.names]
-    common = [[i for i in own if not point.coordinates[i].owner] for own in places]
-    special = [[i for i in own if point.coordinates[i].owner] for own in places]
-    shared = [
-        _shared(known, run, [point.coordinates[i] for i in own])
-        for run, own in zip(replay.names, common, strict=True)
-    ]
-    missing = [
-        [*(own if held is None else ()), *more]
-        for own, more, held in zip(common, special, shared, strict=True)
-    ]
-    quotients = replay.sensitivities(point, predictions, missing, central=central)
-    residuals = replay.residuals(predictions)
-    blocks = []
-    for r, filter_ in enumerate(whiten):
-        white, old = filter_(quotients[r]), shared[r]
-        count = len(white) - len(special[r])
-        nuisances = Columns(white[:count]) if old is None else old
-        parts = (tuple(common[r]), nuisances), (tuple(special[r]), Columns(white[count:]))
-        blocks.append(Block(replay.names[r], filter_(residuals[r]), parts))
-    return Linearisation(point, belief, tuple(blocks))
-
-
-def _shared(known: Linearisation | None, run: str, nuisances: Sequence[Coordinate]) -> Columns | None:
-    """Return the columns of a run's nuisances if they are known."""
-    for block in known.blocks if known else ():
-        places, columns = block.parts[0]
-        if known and block.run == run and [known.point.coordinates[i] for i in places] == nuisances:
-            return columns
-    return None
-
-
 def fit(
     replay: Replay,
     noise: Noise,
     start: Point,
     known: Linearisation | None = None,
     *,
-    belief: Belief | None = None,
+    prior: Prior | None = None,
     refresh: bool = False,
     target: float = math.inf,
     steps: int = ITERATIONS,
 ) -> FittedModel:
-    """Fit every number of a model to the runs of a replay, from ``start``; ``belief`` replaces the priors.
+    """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces the priors.
 
     The nuisances' columns are those of ``known`` (whitened by the same noise) if it is given. Those of the effects
     follow the steps by Broyden's rule and are computed anew where a step does not keep its promise; all columns are
@@ -166,37 +99,37 @@ def fit(
     tried shorter before columns are doubted. Raises ``DiagnosisError`` where the
     model fails at the start.
     """
-    whiten = filters(noise, replay)
+    whiten = filters(noise, replay.runs)
     predictions = replay.predictions(start)
     _check(replay, predictions, start)
-    belief = (belief or prior(start)).times(noise.dispersion)
-    here = linearise(replay, whiten, start, predictions, belief, known)
+    prior = (prior or prior_of(start)).times(noise.dispersion)
+    here = linearise(replay, whiten, start, predictions, prior, known)
     columns = BORROWED if known else FRESH
-    samples = sum(int(counted(run).sum()) for run in replay.runs)
+    samples = sum(int(run.counted.sum()) for run in replay.runs)
     damping, converged, trusted = 0.0, False, False
     for _ in range(steps):
         trial = here.point.at(here.point.numbers + here.step(damping))
-        promise = here.promise(trial.numbers - here.point.numbers)
-        enough = max(ENOUGH * noise.dispersion, COARSE * (here.misfit - samples))
-        if promise < max(enough, HOPELESS * (here.cost - noise.dispersion * target)):
+        promise = here.predicted_decrease(trial.numbers - here.point.numbers)
+        enough = max(ENOUGH * noise.dispersion, COARSE * (here.chi2 - samples))
+        if promise < max(enough, HOPELESS * (here.penalised_chi2 - noise.dispersion * target)):
             if damping > 0.0:
                 # No step is short enough: the model is rougher than its differences. As good as it gets.
-                converged = here.promise(here.step()) < max(ROUGH, enough)
+                converged = here.predicted_decrease(here.step()) < max(ROUGH, enough)
                 break
             if columns >= FRESH or not refresh:
                 converged = promise < enough
                 break
-            here, columns = linearise(replay, whiten, here.point, predictions, belief), FRESH
+            here, columns = linearise(replay, whiten, here.point, predictions, prior), FRESH
             continue
         tried = replay.predictions(trial)
         there = _follow(here, trial, whiten, replay, tried)
-        gain = (here.cost - there.cost) / promise
+        gain = (here.penalised_chi2 - there.penalised_chi2) / promise
         if gain > 0.01:
             here, predictions, columns = there, tried, BORROWED
             if gain < FAIR:
                 columns = OWN if trial.owners else FRESH
                 known = here if columns == OWN else None
-                here = linearise(replay, whiten, trial, predictions, belief, known)
+                here = linearise(replay, whiten, trial, predictions, prior, known)
             damping = damping / 3.0 if damping > 1e-6 else 0.0
             trusted = gain > GOOD and damping > 0.0
         elif columns >= OWN and promise < IDLE * noise.dispersion:
@@ -208,56 +141,11 @@ def fit(
             columns = max(columns + 1, OWN if trial.owners else FRESH)
             known = here if trial.owners and columns != FRESH else None
             here = linearise(
-                replay, whiten, here.point, predictions, belief, known, central=columns == CENTRAL
+                replay, whiten, here.point, predictions, prior, known, central=columns == CENTRAL
             )
         else:
             damping = max(10.0 * damping, 1e-3)
     return FittedModel(replay, noise, here, tuple(predictions), converged)
-
-
-def predict(
-    fitted: FittedModel,
-    runs: Sequence[MeasuredRun],
-    known: Linearisation | None = None,
-    *,
-    held: bool = False,
-) -> Prediction:
-    """Say what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``held``.
-
-    What the fit knows of the shared numbers is their prior now; those of each new run are found and marginalised by
-    Laplace's approximation. ``known`` may hold columns of the nuisances for these runs, whitened alike.
-    """
-    point, belief = _transferred(fitted, fitted.replay.of(runs), HELD if held else 1.0)
-    again = fit(fitted.replay.of(runs), fitted.noise, point, known, belief=belief)
-    here = again.linearisation
-    gram = here.gram / fitted.noise.dispersion
-    evidence = np.linalg.slogdet(belief.precision)[1] - np.linalg.slogdet(gram)[1]
-    return Prediction(again.replay, 0.5 * float(evidence - again.cost), again.predictions, here)
-
-
-def _transferred(fitted: FittedModel, replay: Replay, weight: float) -> tuple[Point, Belief]:
-    """Return the fitted point with the new runs' own nuisances, and what is known of all its numbers.
-
-    The precision of the shared ones counts with a ``weight``.
-    """
-    old = fitted.point
-    shared = [i for i, c in enumerate(old.coordinates) if not c.run]
-    own = [i for i, c in enumerate(old.coordinates) if c.run]
-    gram = fitted.linearisation.gram / fitted.noise.dispersion
-    known = gram[np.ix_(shared, shared)] - gram[np.ix_(shared, own)] @ solve(
-        gram[np.ix_(own, own)], gram[np.ix_(own, shared)]
-    )
-    names = dict.fromkeys(c.parameter for c in (old.coordinates[i] for i in own))
-    fresh = [Coordinate(parameter, run=run) for parameter in names for run in replay.names]
-    point = Point(
-        (*(old.coordinates[i] for i in shared), *fresh),
-        np.concatenate((old.numbers[shared], np.zeros(len(fresh)))),
-    )
-    precision = np.diag([*([0.0] * len(shared)), *(c.weight for c in fresh)]) + FLAT * np.eye(
-        len(fresh) + len(shared)
-    )
-    precision[: len(shared), : len(shared)] += weight * known
-    return point, Belief(point.numbers, precision)
 
 
 def _follow(
@@ -275,13 +163,13 @@ def _follow(
             surprise = block.residual - white - block.along(moved)
             columns = Columns(columns.values + surprise * (mine / square)[:, None, None])
         blocks.append(Block(block.run, white, ((common, nuisances), (own, columns))))
-    return Linearisation(trial, here.belief, tuple(blocks))
+    return Linearisation(trial, here.prior, tuple(blocks))
 
 
 def _check(replay: Replay, predictions: Sequence[Array], point: Point) -> None:
     """Refuse a model that has no finite output where it starts."""
     for run, predicted in zip(replay.runs, predictions, strict=True):
-        if not np.isfinite(predicted[counted(run)]).all():
+        if not np.isfinite(predicted[run.counted]).all():
             raise DiagnosisError(
                 f"{replay.simulator.name} returns NaN or infinity for the run {run.experiment.name} at "
                 f"{dict(zip((c.label for c in point.coordinates), point.values().tolist(), strict=True))}; "

@@ -1,0 +1,1 @@
+"""Least squares on what a simulator predicts: points, replays, linearisations, fits, predictions."""
