@@ -23,8 +23,9 @@ from test_plans.geometry import (
 )
 from test_plans.loads import BOLSTER_MASS, Load, within
 from test_plans.poses import COOL, go_home
+from test_plans.readings import BELLOWS_TEMPERATURES
 from test_plans.tables import AMPLITUDE, DAMPING, FREQUENCY, MAGNITUDE, STORAGE, TEMPERATURE, keep
-from test_plans.waves import TEMPERATURES, lateral_stiffness, shake, vertical_stiffness
+from test_plans.waves import lateral_stiffness, shake, vertical_stiffness
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -147,7 +148,7 @@ class FrequencySweep:
             with run.phase(f"vertical sine {frequency:g} Hz, {size / mm:g} mm"):
                 times, values = shake(run, "vertical", frequency, amplitude)
             self.vertical.append(vertical_stiffness(times, values, frequency))
-            self.temperatures.append(float(np.mean([values[name].mean() for name in TEMPERATURES])))
+            self.temperatures.append(float(np.mean([values[name].mean() for name in BELLOWS_TEMPERATURES])))
             bellows, auxiliary = (
                 sum(first_harmonic(times, values[f"{side}.{part}_pressure"], frequency) for side in SIDES)
                 for part in ("bellows", "auxiliary")

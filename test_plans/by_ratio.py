@@ -16,8 +16,9 @@ from test_plans.analysis import Samples, Stiffness, one_cycle
 from test_plans.fittings import PLATE
 from test_plans.loads import DAMPING_TOLERANCE, Load, within
 from test_plans.poses import COOL, go_home
+from test_plans.readings import PRESSURES
 from test_plans.tables import AMPLITUDE, DAMPING, RATIO, STORAGE, keep
-from test_plans.waves import PRESSURES, Values, shake, vertical_stiffness
+from test_plans.waves import Values, shake, vertical_stiffness
 
 if TYPE_CHECKING:
     from test_plans.run import Run

@@ -15,8 +15,9 @@ from test_plans.analysis import Stiffness
 from test_plans.geometry import roll_of, shear_of
 from test_plans.loads import AW0, AW3, Load, within
 from test_plans.poses import COOL, Home, go_home, restore_the_air, take_pose
+from test_plans.readings import PRESSURES, SHEAR_CELLS
 from test_plans.tables import DAMPING, ROLL, SECANT, STORAGE, keep
-from test_plans.waves import LEAD, PRESSURES, SHEAR_CELLS, lateral_stiffness, shake
+from test_plans.waves import LEAD, lateral_stiffness, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run

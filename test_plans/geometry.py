@@ -16,8 +16,9 @@ from bench_protocol.table import SIDES
 from bench_protocol.units import MN, Hz, kN, m, mm, s
 from test_plans.analysis import Samples
 from test_plans.loads import BOLSTER_MASS
-from test_plans.steps import SPRING_HALF_SPACING
 
+#: b: from the middle of the bench to each spring.
+SPRING_HALF_SPACING: Final = 1.0 * m
 #: e: the bolster's centre of gravity above the top plates; h_a: the lateral actuator above that; h: height of a spring.
 CENTRE_HEIGHT: Final = 0.25 * m
 LATERAL_ACTUATOR_HEIGHT: Final = 0.35 * m

@@ -32,6 +32,9 @@ class Band:
     low: float
     high: float
 
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
 
 def within(expected: float, tolerance: float) -> Band:
     """Return ``expected`` plus or minus ``tolerance``, a fraction of it."""

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from bench_protocol.units import Hz, mm, mrad, s
-from test_plans.geometry import pose
+from test_plans.geometry import SPRING_HALF_SPACING, pose
 from test_plans.loads import Load
-from test_plans.steps import SPRING_HALF_SPACING
 
 Axis = Literal["vertical", "lateral", "roll"]
 Form = Literal["sine", "triangle"]

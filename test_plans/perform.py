@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import Hz, s
 from test_plans import steps
 from test_plans.fittings import leave_connected, put_down
@@ -29,6 +28,7 @@ from test_plans.motions import (
 )
 from test_plans.plan import Plan
 from test_plans.poses import POSE_SETTLE, Home, go_home
+from test_plans.readings import HEIGHTS
 from test_plans.trajectory import RATE, trajectory
 
 if TYPE_CHECKING:
@@ -47,7 +47,6 @@ BETWEEN: Final = SETTLE + 1 * s
 RECEIVED: Final = 0.8
 #: Actuators follow within a few per cent; frame and emergency springs give way by a little more.
 WAY: Final = Band(0.8, 1.2)
-HEIGHTS: Final = tuple(f"{side}.height" for side in SIDES)
 
 #: What taking up a load, and letting the air off at the end, take beside the stretches.
 TAKE_UP: Final = {AW0.name: 40 * s, AW3.name: 52 * s}

@@ -12,8 +12,10 @@ from bench_protocol.table import SIDES
 from bench_protocol.units import mbar, mm, rad, s
 from test_plans import steps
 from test_plans.analysis import straight_line
-from test_plans.geometry import POSE_SIGNALS, pose, roll_of, shear_of, stop_travel_of
-from test_plans.waves import CELLS, PRESSURES, SHEAR_CELLS, TEMPERATURES, pressure_of
+from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, pose, roll_of, shear_of, stop_travel_of
+from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, THERMOMETER_LAG, VERTICAL_CELLS
+from test_plans.steps.carrying import FILL_WITHIN
+from test_plans.waves import pressure_of
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -54,12 +56,8 @@ def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, he
     commander = run.bench.commander
     to = pose(shear, roll)
     targets = {
-        "vertical_left.displacement_setpoint": home.left
-        + height
-        + steps.SPRING_HALF_SPACING * to.bolster_roll,
-        "vertical_right.displacement_setpoint": home.right
-        + height
-        - steps.SPRING_HALF_SPACING * to.bolster_roll,
+        "vertical_left.displacement_setpoint": home.left + height + SPRING_HALF_SPACING * to.bolster_roll,
+        "vertical_right.displacement_setpoint": home.right + height - SPRING_HALF_SPACING * to.bolster_roll,
         "lateral.displacement_setpoint": to.lateral,
         "platform.roll_setpoint": to.platform_roll,
     }
@@ -77,7 +75,7 @@ def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, he
     run.bench.wait(POSE_SETTLE)
 
 
-_LOOK: Final = (*POSE_SIGNALS, *CELLS, *SHEAR_CELLS, *PRESSURES, *TEMPERATURES)
+_LOOK: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
 LOOK_OVER: Final = 2 * s
 
 
@@ -103,7 +101,7 @@ def look(run: Run, over: float = LOOK_OVER) -> Look:
     for name in _LOOK:
         mean[name], slope[name] = straight_line(capture.times(name), capture.values(name))
     # A thermometer that follows with first order reads what was.
-    gas = [mean[name] + steps.THERMOMETER_LAG * slope[name] for name in TEMPERATURES]
+    gas = [mean[name] + THERMOMETER_LAG * slope[name] for name in BELLOWS_TEMPERATURES]
     values = {name: np.array([value]) for name, value in mean.items()}
     return Look(
         shear=float(shear_of(values)[0]),
@@ -112,7 +110,7 @@ def look(run: Run, over: float = LOOK_OVER) -> Look:
         stop_travel=float(stop_travel_of(values)[0]),
         pressure=pressure_of(values),
         temperature=float(np.mean(gas)),
-        vertical=0.5 * sum(mean[cell] for cell in CELLS),
+        vertical=0.5 * sum(mean[cell] for cell in VERTICAL_CELLS),
         lateral=-0.5 * sum(mean[cell] for cell in SHEAR_CELLS),
     )
 
@@ -122,6 +120,6 @@ def restore_the_air(run: Run, pressures: Mapping[str, float]) -> None:
     air = run.bench.air
     left, right = (pressures[f"{side}.auxiliary_pressure"] for side in SIDES)
     for change in (air.fill, air.vent):
-        change(left=left, right=right, tolerance=PRESSURE_BACK, within=steps.FILL_WITHIN)
+        change(left=left, right=right, tolerance=PRESSURE_BACK, within=FILL_WITHIN)
         run.bench.wait(PRESSURE_STEADY)
     air.hold()

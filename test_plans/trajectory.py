@@ -10,7 +10,7 @@ import numpy as np
 
 from bench_protocol.units import Hz, s
 from test_plans.analysis import Samples
-from test_plans.geometry import CENTRE_HEIGHT, COLUMN_HEIGHT, LATERAL_ACTUATOR_HEIGHT
+from test_plans.geometry import CENTRE_HEIGHT, COLUMN_HEIGHT, LATERAL_ACTUATOR_HEIGHT, SPRING_HALF_SPACING
 from test_plans.motions import (
     REST_AFTER,
     REST_BEFORE,
@@ -22,7 +22,6 @@ from test_plans.motions import (
     Wave,
 )
 from test_plans.poses import POSE_SETTLE
-from test_plans.steps import SPRING_HALF_SPACING
 
 RATE: Final = 200 * Hz
 #: From the order to start a wave until the plan hears of its end: beats of commands and looks at the state.

@@ -10,9 +10,20 @@ import numpy as np
 
 from bench_protocol.table import PROGRAM_STATES, SIDES
 from bench_protocol.units import Hz, s
-from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, first_harmonic, whole_cycles, without_lag
 from test_plans.geometry import CENTRE_HEIGHT, LATERAL_ACTUATOR_HEIGHT, LATERAL_FRAME, POSE_SIGNALS, roll_of
+from test_plans.readings import (
+    ACCELEROMETER_LAG,
+    BELLOWS_TEMPERATURES,
+    GENERATOR,
+    HEIGHTS,
+    LASER_LAG,
+    LOAD_CELL_LAG,
+    PRESSURES,
+    SHEAR_CELLS,
+    TRANSDUCER_LAG,
+    VERTICAL_CELLS,
+)
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -25,15 +36,9 @@ MEASURED: Final = 1.0 * s
 COUNT_LATE: Final = 0.04 * s
 #: From here on the accelerometer tells more of the bolster than the piston behind oil and frame.
 SEISMIC: Final = 3 * Hz
-ACCELEROMETER_LAG: Final = steps.LOAD_CELL_LAG
 
-_GENERATOR: Final = ("rig.program", "rig.generator_cycle")
-CELLS: Final = tuple(f"load_cell.{cell}" for pair in steps.CELLS.values() for cell in pair)
-SHEAR_CELLS: Final = ("load_cell.5", "load_cell.6")
-PRESSURES: Final = tuple(f"{side}.{part}_pressure" for side in SIDES for part in ("bellows", "auxiliary"))
-TEMPERATURES: Final = tuple(f"{side}.bellows_temperature" for side in SIDES)
 _LATERAL: Final = (*POSE_SIGNALS, *SHEAR_CELLS, "lateral.acceleration", *PRESSURES)
-_VERTICAL: Final = (*(f"{side}.height" for side in SIDES), *CELLS, *PRESSURES, *TEMPERATURES)
+_VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
 
 Values = dict[str, Samples]
 
@@ -47,7 +52,7 @@ def shake(
     cycles = before + count + ceil(COUNT_LATE * frequency)
     cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
     names = _VERTICAL if axis == "vertical" else _LATERAL
-    with run.bench.capture(*names, *_GENERATOR) as capture:
+    with run.bench.capture(*names, *GENERATOR) as capture:
         run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=cycles)
     times, values = capture.aligned(SAMPLE_RATE)
     running = values["rig.program"] == PROGRAM_STATES.index("RUN")
@@ -60,9 +65,9 @@ def shake(
 def vertical_stiffness(times: Samples, values: Values, frequency: float) -> Stiffness:
     """Complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
     heights = 0.5 * (values["left.height"] + values["right.height"])
-    loads = 0.5 * np.sum([values[cell] for cell in CELLS], axis=0)
-    X = -without_lag(first_harmonic(times, heights, frequency), steps.LASER_LAG, frequency)
-    F = without_lag(first_harmonic(times, loads, frequency), steps.LOAD_CELL_LAG, frequency)
+    loads = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    X = -without_lag(first_harmonic(times, heights, frequency), LASER_LAG, frequency)
+    F = without_lag(first_harmonic(times, loads, frequency), LOAD_CELL_LAG, frequency)
     return Stiffness(F / X, frequency, abs(X))
 
 
@@ -72,15 +77,15 @@ def lateral_stiffness(times: Samples, values: Values, frequency: float) -> Stiff
     def of(name: str, lag: float) -> complex:
         return without_lag(first_harmonic(times, values[name], frequency), lag, frequency)
 
-    roll = without_lag(first_harmonic(times, roll_of(values), frequency), steps.LASER_LAG, frequency)
+    roll = without_lag(first_harmonic(times, roll_of(values), frequency), LASER_LAG, frequency)
     if frequency < SEISMIC:
-        pinned = of("lateral.displacement", steps.TRANSDUCER_LAG)
-        pinned -= of("lateral.force", steps.TRANSDUCER_LAG) / LATERAL_FRAME
+        pinned = of("lateral.displacement", TRANSDUCER_LAG)
+        pinned -= of("lateral.force", TRANSDUCER_LAG) / LATERAL_FRAME
         X = pinned + (CENTRE_HEIGHT + LATERAL_ACTUATOR_HEIGHT) * roll
     else:
         centre = -of("lateral.acceleration", ACCELEROMETER_LAG) / (tau * frequency) ** 2
         X = centre + CENTRE_HEIGHT * roll
-    F = -0.5 * sum(of(cell, steps.LOAD_CELL_LAG) for cell in SHEAR_CELLS)
+    F = -0.5 * sum(of(cell, LOAD_CELL_LAG) for cell in SHEAR_CELLS)
     return Stiffness(F / X, frequency, abs(X))
 
 

@@ -1,0 +1,39 @@
+"""The named steps of the test instructions: raise the air, level, shake, roll, let the air off."""
+
+from test_plans.steps.air import check_air, check_tightness, weigh_the_air
+from test_plans.steps.carrying import (
+    AVERAGE_OVER,
+    carry,
+    depressurise,
+    free_the_bolster,
+    hold_the_height,
+    lock_the_air,
+    make_safe,
+    power_up,
+    raise_the_air,
+    shim,
+)
+from test_plans.steps.stiffness import lateral_loop, lateral_sweep, vertical_loop, vertical_sweep
+from test_plans.steps.track_and_roll import roll_by_unequal_preload, track_excitation
+
+__all__ = [
+    "AVERAGE_OVER",
+    "carry",
+    "check_air",
+    "check_tightness",
+    "depressurise",
+    "free_the_bolster",
+    "hold_the_height",
+    "lateral_loop",
+    "lateral_sweep",
+    "lock_the_air",
+    "make_safe",
+    "power_up",
+    "raise_the_air",
+    "roll_by_unequal_preload",
+    "shim",
+    "track_excitation",
+    "vertical_loop",
+    "vertical_sweep",
+    "weigh_the_air",
+]

@@ -1,0 +1,147 @@
+"""Taking up a load on the air springs, holding it, and letting the air off again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.table import SIDES
+from bench_protocol.units import K, bar, kN, minutes, mm, s
+from drivers.errors import RigFault
+from test_plans.loads import REST_HEIGHT, Load
+from test_plans.readings import CHAMBERS
+
+if TYPE_CHECKING:
+    from test_plans.run import Run
+
+ARM_WITHIN: Final = 10 * s
+LIFT_RATE: Final = 40 * mm / s
+FILL_WITHIN: Final = 60 * s
+#: The valves close in proportion over the last 0.15 bar below their target.
+FILL_BEYOND: Final = 0.15 * bar
+PRELOAD_RATE: Final = 20 * kN / s
+PRELOAD_WITHIN: Final = 10 * s
+#: Leveled: both heights within the dead zone of their valves for so long.
+LEVEL_STEADY: Final = 1 * s
+LEVEL_WITHIN: Final = 20 * s
+#: Settled: the gas still cools after filling, but slower than this. What remains moves no result by 2 %.
+SETTLE_BAND: Final = 2.0 * K
+SETTLE_WITHIN: Final = 30 * s
+AVERAGE_OVER: Final = 1 * s
+KEEP_AVERAGE: Final = 0.4 * s
+KEEP_TOLERANCE: Final = 0.1 * bar
+LATERAL_RATE: Final = 2 * kN / s
+
+#: What counts as depressurised: too little to lift the bolster (0.23 bar).
+RESIDUAL_PRESSURE: Final = 0.2 * bar
+VENT_WITHIN: Final = 3 * minutes
+LIVE: Final = ("AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE")
+
+
+def power_up(run: Run) -> None:
+    """Bring the bench to ACTIVE."""
+    with run.phase("power up"):
+        run.bench.arm(within=ARM_WITHIN)
+
+
+def make_safe(run: Run) -> None:
+    """Stop the generator, let the air off, disarm: each even if the one before could not be done."""
+    with ExitStack() as last_first:
+        last_first.callback(run.bench.disarm)
+        last_first.callback(depressurise, run)
+        last_first.callback(run.bench.generator.stop)
+
+
+def depressurise(run: Run) -> None:
+    """Let the air out of both springs under their load, so that nothing jumps.
+
+    RigFault if the bench shut its valves in a fault: then somebody has to look, reset and vent.
+    """
+    bench = run.bench
+
+    def empty() -> bool:
+        return max(bench.left.bellows_pressure, bench.right.bellows_pressure) <= RESIDUAL_PRESSURE
+
+    with run.phase("depressurise"):
+        if bench.rig.state in LIVE:
+            if bench.vertical.control != "force":
+                bench.vertical.control = "force"
+            bench.air.vent(tolerance=RESIDUAL_PRESSURE, within=VENT_WITHIN)
+        elif bench.rig.state == "ESTOP":
+            with bench.despite_faults():  # the stop itself lets the air off
+                bench.wait_for(empty, within=VENT_WITHIN, what="both springs without air")
+        elif not empty():
+            raise RigFault(f"the springs keep their air, for the bench shut its valves: {bench.describe()}")
+
+
+def carry(load: Load) -> Callable[[Run], None]:
+    """Return the set-up that lets both springs carry ``load`` on their leveling valves."""
+
+    def set_up(run: Run) -> None:
+        shim(run, load)
+        power_up(run)
+        raise_the_air(run, load)
+        level_to_the_preload(run, load)
+
+    return set_up
+
+
+def shim(run: Run, load: Load) -> None:
+    """Set the height to zero for this load: the emergency springs give 15 mm between the empty and the full car."""
+    with run.phase("shim"):
+        run.bench.rig.nominal_preload = load.preload
+
+
+def raise_the_air(run: Run, load: Load) -> None:
+    """Lift the bolster to design height and fill both springs to the pressure that will carry the load."""
+    bench = run.bench
+    with run.phase("raise the air"):
+        # At design height from the start, the springs need no more travel when they take the load over.
+        bench.vertical.move_to(0.0, 0.0, rate=LIFT_RATE)
+        # Aim beyond and stop on the way: the leveling valves do the rest anyway.
+        bench.air.fill(to=load.fill_pressure + FILL_BEYOND, tolerance=FILL_BEYOND, within=FILL_WITHIN)
+
+
+def level_to_the_preload(run: Run, load: Load) -> None:
+    """Hand the springs to their leveling valves, load them, and let the gas come near the temperature of the walls."""
+    bench = run.bench
+    with run.phase("level to the preload"):
+        bench.air.level()
+        force = load.actuator_force
+        bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
+        bench.wait_for(
+            lambda: all(height in REST_HEIGHT for height in (bench.left.height, bench.right.height)),
+            within=LEVEL_WITHIN,
+            what="both springs leveled",
+            steady=LEVEL_STEADY,
+        )
+    with run.phase("settle"):
+        gas = [f"{side}.{chamber}_temperature" for side in SIDES for chamber in CHAMBERS]
+        bench.settle(*gas, band=SETTLE_BAND, over=AVERAGE_OVER, within=SETTLE_WITHIN)
+
+
+def hold_the_height(run: Run) -> None:
+    """Hold the bolster where the leveling valves brought it, and replace the pressure that cooling takes."""
+    bench = run.bench
+    with run.phase("hold the height"):
+        bench.vertical.hold_position()
+        bench.lateral.hold_position()
+        # The valves follow the transducers of the auxiliary chambers: each side keeps what its own one reads.
+        names = [f"{side}.auxiliary_pressure" for side in SIDES]
+        left, right = bench.averages(*names, over=KEEP_AVERAGE).values()
+        bench.air.fill(left=left, right=right, tolerance=KEEP_TOLERANCE)
+
+
+def lock_the_air(run: Run) -> None:
+    """Shut all valves: from here on the springs keep the air they have."""
+    with run.phase("lock the air"):
+        run.bench.air.hold()
+
+
+def free_the_bolster(run: Run) -> None:
+    """Let the actuators press with constant force instead of holding the position."""
+    bench = run.bench
+    with run.phase("free the bolster"):
+        bench.vertical.control = "force"
+        bench.lateral.push(0.0, rate=LATERAL_RATE)

@@ -1,0 +1,122 @@
+"""A wave of 5 mm on one axis, its samples at full amplitude, and how what they tell is checked and kept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.table import PROGRAM_STATES, SIDES
+from bench_protocol.units import Hz, kN, mm
+from test_plans.analysis import (
+    Samples,
+    Stiffness,
+    loop_energy,
+    secant_stiffness,
+    whole_cycles,
+    without_drift,
+)
+from test_plans.loads import Band
+from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+
+if TYPE_CHECKING:
+    from drivers.receiver import Capture
+    from test_plans.run import Run
+
+AMPLITUDE: Final = 5 * mm
+#: Slow: below it, a vertical spring loses little through its orifice; above 0.1 Hz, little through its walls.
+LOOP_FREQUENCY: Final = 0.3 * Hz
+#: The generator fades in over its first cycle and out over its last: what lies between is measured.
+CYCLES: Final = {LOOP_FREQUENCY: 3, 0.5 * Hz: 3, 1.0 * Hz: 4, 2.0 * Hz: 5, 3.0 * Hz: 7}
+SAMPLE_RATE: Final = 200 * Hz
+
+#: What is read while an axis is shaken.
+VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
+LATERAL: Final = ("lateral.displacement", *SHEAR_CELLS, *GENERATOR)
+
+
+def shake(
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    frequency: float,
+    names: tuple[str, ...],
+    wave: Literal["sine", "triangle"] = "sine",
+) -> tuple[Samples, dict[str, Samples]]:
+    """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude."""
+    cycles = CYCLES[frequency]
+    with run.bench.capture(*names) as capture:
+        run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
+    return _at_full_amplitude(capture, frequency, cycles)
+
+
+def _at_full_amplitude(capture: Capture, frequency: float, cycles: int) -> tuple[Samples, dict[str, Samples]]:
+    times, values = capture.aligned(SAMPLE_RATE)
+    steady = generator_cycles(times, values, 1, cycles - 2, frequency)
+    return times[steady], {name: series[steady] for name, series in values.items()}
+
+
+def generator_cycles(
+    times: Samples, values: dict[str, Samples], first: int, count: int, frequency: float
+) -> npt.NDArray[np.bool_]:
+    """Return which samples belong to ``count`` cycles of the generator from cycle ``first`` on."""
+    running = values["rig.program"] == PROGRAM_STATES.index("RUN")
+    return whole_cycles(
+        times, values["rig.generator_cycle"], running, first=first, count=count, frequency=frequency
+    )
+
+
+def spring_motion(values: dict[str, Samples], side: str) -> tuple[Samples, Samples]:
+    """Compression of a spring (m) and the force on it (N), both growing downward."""
+    first, second = CELLS_UNDER[side]
+    return -values[f"{side}.height"], values[first] + values[second]
+
+
+def lateral_motion(values: dict[str, Samples]) -> tuple[Samples, Samples]:
+    """Displacement of the bolster (m) and the force that the springs oppose to it (N)."""
+    return values["lateral.displacement"], -(values["load_cell.5"] + values["load_cell.6"])
+
+
+def check_band(run: Run, name: str, value: float, unit: str, band: Band) -> None:
+    """Check that ``value`` (SI) lies in ``band``."""
+    run.check(name, value, unit, low=band.low, high=band.high)
+
+
+def check_secant(run: Run, name: str, motion: Samples, force: Samples, band: Band) -> None:
+    """Check the slope (N/m) of a slow loop from end to end."""
+    force = without_drift(motion, force)  # the gas cools while a slow loop lasts
+    lost = f"{loop_energy(motion, force):.2f} J lost in the loop"
+    run.check(name, secant_stiffness(motion, force), "kN/m", low=band.low, high=band.high, note=lost)
+
+
+def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:
+    """Keep force over displacement, both about their means, for the report."""
+    from bench_records.result import Axis
+
+    run.loop(
+        name,
+        Axis("displacement", "mm", mm),
+        Axis("force", "kN", kN),
+        motion - motion.mean(),
+        force - force.mean(),
+        group=f"{what.capitalize()}: force over displacement",
+    )
+
+
+def keep_sweep(run: Run, name: str, direction: str, found: list[Stiffness]) -> None:
+    """Keep stiffness and damping over frequency for the report."""
+    from bench_records.result import Axis
+
+    frequencies = [one.frequency for one in found]
+    for what, unit, values in (
+        ("stiffness K'", "kN/m", [one.storage for one in found]),
+        ("damping c", "kN*s/m", [one.damping for one in found]),
+    ):
+        run.curve(
+            name,
+            Axis("frequency", "Hz"),
+            Axis(what, unit, kN),
+            frequencies,
+            values,
+            group=f"{direction.capitalize()} {what}",
+        )

@@ -1,0 +1,104 @@
+"""Vertical stiffness of each spring and lateral stiffness of the pair: slow loops and sines, first harmonic."""
+
+from __future__ import annotations
+
+from math import tau
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.table import SIDES
+from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_harmonic, without_inertia
+from test_plans.loads import BOLSTER_MASS, Load
+from test_plans.readings import LASER_LAG, LOAD_CELL_LAG, TRANSDUCER_LAG, VERTICAL_CELLS
+from test_plans.steps.shaking import (
+    LATERAL,
+    LOOP_FREQUENCY,
+    VERTICAL,
+    check_band,
+    check_secant,
+    keep_loop,
+    keep_sweep,
+    lateral_motion,
+    shake,
+    spring_motion,
+)
+
+if TYPE_CHECKING:
+    from test_plans.run import Run
+
+#: Chain of measurement: load cells against actuators, each good for 1 % of the force that a shaken spring makes.
+BALANCE_TOLERANCE: Final = 0.04
+
+
+def vertical_loop(run: Run, load: Load) -> None:
+    """Measure the quasi-static vertical stiffness of each spring: a slow triangle of 5 mm to either side."""
+    with run.phase("vertical triangle"):
+        _, values = shake(run, "vertical", LOOP_FREQUENCY, VERTICAL, "triangle")
+        for side in SIDES:
+            motion, force = spring_motion(values, side)
+            check_secant(run, f"{side} vertical stiffness, slow", motion, force, load.vertical_secant)
+            keep_loop(run, "slow", f"{side} spring", motion, force)
+
+
+def vertical_sweep(run: Run, load: Load) -> None:
+    """Measure vertical stiffness and damping of each spring, first harmonic, 5 mm."""
+    found: dict[str, list[Stiffness]] = {side: [] for side in SIDES}
+    for frequency, (storage, damping) in load.vertical.items():
+        with run.phase(f"vertical sine {frequency:g} Hz"):
+            times, values = shake(run, "vertical", frequency, VERTICAL)
+            for side in SIDES:
+                motion, force = spring_motion(values, side)
+                K = dynamic_stiffness(times, motion, force, frequency, motion_lag=LASER_LAG - LOAD_CELL_LAG)
+                found[side].append(K)
+                check_band(run, f"{side} vertical K' at {frequency:g} Hz", K.storage, "kN/m", storage)
+                check_band(run, f"{side} vertical c at {frequency:g} Hz", K.damping, "kN*s/m", damping)
+                one = times < times[0] + 1 / frequency
+                keep_loop(run, f"{frequency:g} Hz", f"{side} spring", motion[one], force[one])
+            if frequency == max(load.vertical):
+                _check_balance(run, times, values, frequency)
+    for side in SIDES:
+        keep_sweep(run, f"{side} spring", "vertical", found[side])
+
+
+def _check_balance(run: Run, times: Samples, values: dict[str, Samples], frequency: float) -> None:
+    """Compare load cells with actuators, which also move the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
+    actuators = values["vertical_left.force"] + values["vertical_right.force"]
+    motion = -0.5 * (values["left.height"] + values["right.height"])
+    cells = np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    x = first_harmonic(times, motion, frequency) * (1 + 1j * tau * frequency * LASER_LAG)
+    F = first_harmonic(times, actuators, frequency) * (1 + 1j * tau * frequency * TRANSDUCER_LAG)
+    S = first_harmonic(times, cells, frequency) * (1 + 1j * tau * frequency * LOAD_CELL_LAG)
+    ratio = abs(without_inertia(F, x, BOLSTER_MASS, frequency) / S)
+    run.check(
+        f"actuators without inertia over load cells at {frequency:g} Hz",
+        ratio,
+        "1",
+        low=1 - BALANCE_TOLERANCE,
+        high=1 + BALANCE_TOLERANCE,
+    )
+
+
+def lateral_loop(run: Run, load: Load) -> None:
+    """Measure the quasi-static lateral stiffness of the pair: a slow triangle of 5 mm to either side."""
+    with run.phase("lateral triangle"):
+        _, values = shake(run, "lateral", LOOP_FREQUENCY, LATERAL, "triangle")
+        motion, force = lateral_motion(values)
+        check_secant(run, "lateral stiffness, slow", motion, force, load.lateral_secant)
+        keep_loop(run, "slow", "lateral", motion, force)
+
+
+def lateral_sweep(run: Run, load: Load) -> None:
+    """Measure lateral stiffness and damping of the pair, first harmonic, 5 mm."""
+    found: list[Stiffness] = []
+    for frequency, (storage, damping) in load.lateral.items():
+        with run.phase(f"lateral sine {frequency:g} Hz"):
+            times, values = shake(run, "lateral", frequency, LATERAL)
+            motion, force = lateral_motion(values)
+            K = dynamic_stiffness(times, motion, force, frequency, motion_lag=TRANSDUCER_LAG - LOAD_CELL_LAG)
+            found.append(K)
+            check_band(run, f"lateral K' at {frequency:g} Hz", K.storage, "kN/m", storage)
+            check_band(run, f"lateral c at {frequency:g} Hz", K.damping, "kN*s/m", damping)
+            one = times < times[0] + 1 / frequency
+            keep_loop(run, f"{frequency:g} Hz", "lateral", motion[one], force[one])
+    keep_sweep(run, "pair", "lateral", found)
