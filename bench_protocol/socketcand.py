@@ -32,6 +32,9 @@ _NS_PER_S: Final = 1_000_000_000
 # An extended identifier is known by its eight digits; shorter ones are extended only if they must be.
 _EXTENDED_DIGITS: Final = 8
 
+#: A time stamp is kept in 64 bits of nanoseconds: the last whole second that fits, in the year 2262.
+_SECONDS_MAX: Final = (1 << 63) // _NS_PER_S - 1
+
 # The two messages that carry frames, in their usual spelling: one pass of a regular expression over everything
 # that arrived. The repetitions are bounded, so that no line matched here can exceed LINE_MAX; any other
 # spelling goes the slower way through _Line.
@@ -128,13 +131,16 @@ class Parser:
             if identifier > EXTENDED_ID_MAX:
                 _flush(kind, records, events)
                 events.append(self._malformed(_identifier_error(digits)))
+            elif rx_id and int(seconds) > _SECONDS_MAX:
+                _flush(kind, records, events)
+                events.append(self._malformed(_time_error(seconds)))
             elif rx_id:
                 payload = from_hex(rx_data.decode())
                 time = int(seconds) * _NS_PER_S + int(fraction.ljust(9, b"0"))
                 records.append(pack(time, identifier, extended, len(payload), payload))
             else:
                 length = int(count)
-                if len(tx_data) == 3 * length and tx_data.count(b" ") == length:
+                if len(tx_data) == 3 * length and tx_data.count(b" ") == length and b"\t" not in tx_data:
                     # Only two digits for each byte give these counts, and then the fast conversion is right.
                     payload = from_hex(tx_data.decode())
                 else:
@@ -283,6 +289,8 @@ def _received_record(arguments: list[bytes], text: bytes) -> bytes:
     stamp = re.fullmatch(rb"(\d{1,10})(?:\.(\d*))?", arguments[1])
     if not stamp:
         raise _LineError(f"time stamp '{_shown(arguments[1])}' is not seconds.microseconds")
+    if int(stamp[1]) > _SECONDS_MAX:
+        raise _LineError(_time_error(stamp[1]))
     time = int(stamp[1]) * _NS_PER_S + int((stamp[2] or b"")[:9].ljust(9, b"0"))
     # The data is one word today; older servers put spaces between the bytes.
     try:
@@ -325,6 +333,10 @@ def _byte(word: bytes) -> int:
 
 def _identifier_error(digits: bytes) -> str:
     return f"identifier '{_shown(digits)}' is not a hexadecimal number from 0 to {EXTENDED_ID_MAX:x}"
+
+
+def _time_error(seconds: bytes) -> str:
+    return f"time stamp of {int(seconds)} s, the latest that can be kept is {_SECONDS_MAX} s"
 
 
 def _count_error(announced: int, found: int) -> str:

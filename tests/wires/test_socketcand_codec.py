@@ -97,6 +97,10 @@ LINES = st.one_of(
             b"< send 12 2 1 >",
             b"< frame 123 17.5 1 >",
             b"< frame FFFFFFFF 17.5  >",
+            b"< frame 7FF 9700000000.0 00 >",
+            b"< frame 7FF 9223372035.999999999 00 >",
+            b"< send 800 1\t 0 >",
+            b"< send 123 2 \t1 2 >",
             b"<>",
             b"< fr< echo >",
             b"> >",
@@ -159,6 +163,7 @@ def test_savvycan_sign_extends_bytes_and_does_not_pad_identifiers() -> None:
     [
         (b"< send 123 0 >", (0x123, False, b"")),
         (b"<send 123 1 5>", (0x123, False, b"\x05")),
+        (b"< send 800 1\t 0 >", (0x800, True, b"\x00")),
         (b"<   send\t1F   2  0a B  >", (0x1F, False, b"\x0a\x0b")),
         (b"< send 00000123 1 ff >", (0x123, True, b"\xff")),
         (b"< send 12345 1 ff >", (0x12345, True, b"\xff")),  # cannot be a standard identifier
@@ -193,6 +198,10 @@ def test_a_server_may_be_old(line: bytes, expected: tuple[int, int, bool, str]) 
     [
         (b"< send 123 9 1 2 3 4 5 6 7 8 9 >", "length 9, a classic CAN frame carries 0 to 8 bytes"),
         (b"< send 123 3 1 2 >", "length 3 announced, but 2 data bytes follow"),
+        (
+            b"< frame 7FF 9700000000.0 00 >",
+            "time stamp of 9700000000 s, the latest that can be kept is 9223372035 s",
+        ),
         (b"< send 123 1 1 2 >", "length 1 announced, but 2 data bytes follow"),
         (b"< send 123 1 100 >", "data byte '100' is not a hexadecimal number from 0 to ff"),
         (b"< send 123 1 ffffff7f >", "data byte 'ffffff7f'"),  # sign extension of a positive number
