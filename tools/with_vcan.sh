@@ -19,7 +19,7 @@ Three ways, in this order:
   3. The Debian/Ubuntu package user-mode-linux (41 MB, unpacked into ~/.cache/vcan-uml, nothing is installed, root
      is not needed) boots a kernel that has vcan: the machine's files read-only but for -w, its own 127.0.0.1, /tmp
      and TMPDIR in memory, one CPU (before all other processes, where the user may), system calls some ten times
-     slower, computing at full speed.
+     slower, computing at full speed. On processors with AMX it needs a C compiler (CC, else cc), once.
 USAGE
     exit 2
 }
@@ -77,18 +77,44 @@ fi
 [ -x "$kernel" ] || fail "the package user-mode-linux holds no usr/bin/linux.uml"
 modules=$cache/usr/lib/uml/modules/$("$kernel" --version)/kernel
 
+# A processor may have more registers than user-mode Linux has room for; see there. Elsewhere it changes nothing, so
+# where there is no compiler the kernel is tried without. Its name holds what it was made of: caches outlive sources.
+source=$(dirname "$(realpath -- "${BASH_SOURCE[0]}")")/uml_xstate.c
+registers=$cache/uml_xstate.$(sha256sum <"$source" | cut -c 1-16).so
+compiler_said=''
+if [ ! -f "$registers" ]; then
+    if command -v "${CC:-cc}" >/dev/null; then
+        made=$(mktemp "$cache/uml_xstate.XXXXXX") || fail "cannot write the cache $cache (VCAN_UML_CACHE chooses another)"
+        if compiler_said=$("${CC:-cc}" -O2 -shared -fPIC -o "$made" "$source" -ldl 2>&1); then
+            mv -f "$made" "$registers"
+        else
+            rm -f "$made"
+            compiler_said="${CC:-cc} could not compile $source: $compiler_said"
+        fi
+    else
+        compiler_said="there is no C compiler ${CC:-cc} here (on Debian and Ubuntu: apt-get install gcc libc6-dev)"
+    fi
+fi
+
 # User-mode Linux keeps its memory in a file that must be mappable as executable: /dev/shm, unless it is too small.
 ram=${UML_TMPDIR:-/dev/shm}
 free=$(df -Pm "$ram" 2>/dev/null | awk 'NR == 2 {print $4}')
 [ "${free:-0}" -ge 300 ] || ram=${TMPDIR:-/tmp}
 
+# Neither the command line of a kernel nor LD_PRELOAD can quote a space.
+[[ ${TMPDIR:-/tmp} == *[[:space:]]* ]] && TMPDIR=/tmp
 scratch=$(mktemp -d "${TMPDIR:-/tmp}/with-vcan.XXXXXX") || fail "cannot make a scratch directory"
 trap 'rm -rf "$scratch"' EXIT
+preload=()
+if [ -f "$registers" ] && cp "$registers" "$scratch/uml_xstate.so"; then
+    preload=(env "LD_PRELOAD=$scratch/uml_xstate.so${LD_PRELOAD:+:$LD_PRELOAD}")
+fi
+up="with_vcan: up in $scratch" # what the console shows before this line is the kernel's
 # The command and its surroundings travel as files: a kernel command line is too short and quotes too little.
 declare -p -x | sed -E '/^declare -x (TMPDIR|HOME|SHLVL|_|OLDPWD|PWD)=/d' >"$scratch/environment"
 printf '%q ' "$@" >"$scratch/command"
 {
-    printf '#!/bin/bash\nscratch=%q modules=%q directory=%q home=%q\n' "$scratch" "$modules" "$PWD" "$HOME"
+    printf '#!/bin/bash\nscratch=%q modules=%q directory=%q home=%q up=%q\n' "$scratch" "$modules" "$PWD" "$HOME" "$up"
     printf 'writable=('; printf '%q ' "${writable[@]}"; printf ')\n'
     cat <<'INIT'
 export PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin HOME=$home
@@ -114,6 +140,9 @@ PYTHON
 ip link set lo up
 ip link add vcan0 type vcan && ip link set vcan0 txqueuelen 4096 up
 echo up >"$scratch/booted"
+# From here on the console is the command's alone: of the kernel only a panic speaks.
+echo 1 >/proc/sys/kernel/printk
+echo "$up" >/dev/console
 (
     . "$scratch/environment"
     export TMPDIR=/dev/shm HOME=$home WITH_VCAN=uml
@@ -138,14 +167,19 @@ first=()
 if command -v setsid >/dev/null; then
     first=(setsid bash -c '{ echo -10 >/proc/self/autogroup; renice -n -10 $$; } >/dev/null 2>&1; exec "$@"' uml)
 fi
-TMPDIR=$ram timeout -k 5 "$limit" "${first[@]}" "${pin[@]}" "$kernel" "mem=$memory" "umid=vcan$$" "uml_dir=$scratch/" \
-    rootfstype=hostfs rootflags=/ ro "init=$scratch/init" con=null con0=null,fd:1 ssl=null quiet loglevel=0 \
+TMPDIR=$ram timeout -k 5 "$limit" "${first[@]}" "${pin[@]}" "${preload[@]}" "$kernel" "mem=$memory" "umid=vcan$$" \
+    "uml_dir=$scratch/" rootfstype=hostfs rootflags=/ ro "init=$scratch/init" con=null con0=null,fd:1 ssl=null quiet loglevel=4 \
     </dev/null 2>"$scratch/errors" |
-    sed -u 's/\r$//' |
-    grep -v --line-buffered -E '^(reboot: System halted|Core dump limits|Checking |Adding |\[ *[0-9.]+\])'
+    sed -u -e 's/\r$//' -e "1,\\|^$up\$|{w $scratch/boot" -e 'd}' -e '/^reboot: System halted/d'
 kernel_status=${PIPESTATUS[0]}
 [ -f "$scratch/status" ] && exit "$(cat "$scratch/status")"
 [ "$kernel_status" = 124 ] && { echo "with_vcan: time limit of $limit s" >&2; exit 124; }
-tail -n 5 "$scratch/errors" >&2
-[ -f "$scratch/booted" ] && fail "user-mode Linux ended before the command did"
-fail "user-mode Linux did not boot"
+[ -f "$scratch/booted" ] && { tail -n 5 "$scratch/errors" >&2; fail "user-mode Linux ended before the command did"; }
+{
+    echo "with_vcan: user-mode Linux did not boot. The last lines of its kernel:"
+    cat "$scratch/errors" "$scratch/boot" | grep -v -E '^( |CPU: |Stack:|Call Trace:|$)' | tail -n 6 | sed 's/^/    /'
+    if [ -n "$compiler_said" ]; then
+        echo "with_vcan: what $source does for processors with AMX is missing: $compiler_said"
+    fi
+} >&2
+exit 125
