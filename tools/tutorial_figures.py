@@ -1,6 +1,5 @@
-"""Draw the figure of docs/tutorials/diagnose-measured-data.md: python tools/tutorial_figures.py DATA_DIRECTORY."""
+"""Draw the figure of docs/tutorials/diagnose-measured-data.md: python tools/tutorial_figures.py."""
 
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -29,12 +28,13 @@ def half_loops(simulator, dataset) -> tuple[list[float], list[float]]:
     return pressures, halves
 
 
-def main(data: Path) -> None:
+def main() -> None:
     plt.rcParams.update({"font.size": 9, "svg.hashsalt": "astb", "svg.fonttype": "none"})
     figure, (loop, law) = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
     for seal, colour in SEALS.items():
         simulator, dataset = read_mapped(
-            sorted(data.glob(f"friction__{seal}_*bar.csv")), TUTORIALS / "maps" / "piston.toml"
+            sorted((TUTORIALS / "data" / "zillen").glob(f"friction__{seal}_*bar.csv")),
+            TUTORIALS / "maps" / "piston.toml",
         )
         pressures, halves = half_loops(simulator, dataset)
         law.plot(pressures, halves, "o", color=colour, ms=3.5, mfc="none", label=seal)
@@ -68,4 +68,4 @@ def main(data: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()

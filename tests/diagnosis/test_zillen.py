@@ -1,6 +1,5 @@
 """Data that nobody on this project made: an actuator and two chambers, measured at TU Delft in 2021 by E. Zillen."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +8,10 @@ import pytest
 from diagnosis.contracts import Dataset, MeasuredRun, Simulator
 from diagnosis.systems.mapping import read_mapped
 
-ROOT = Path(__file__).parents[2]
-DATA = Path(os.environ.get("ASTB_DATA", ROOT.parent / "shared" / "data")) / "zillen"
-MAPS = ROOT / "docs" / "tutorials" / "maps"
+TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
+DATA = TUTORIALS / "data" / "zillen"
+MAPS = TUTORIALS / "maps"
 SEALS = ("NAPN", "O-ring", "PK")
-
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"no measured data in {DATA}; ASTB_DATA may say where"
-)
 
 
 def actuator(seal: str) -> tuple[Simulator, Dataset]:
