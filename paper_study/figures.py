@@ -28,7 +28,7 @@ from test_plans.by_pressure import AMPLITUDES
 from test_plans.by_ratio import NATURAL
 from test_plans.damping_ratio import PLATES
 from test_plans.fittings import PLATE
-from test_plans.identification import shape
+from test_plans.identification.area_and_volume import shape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

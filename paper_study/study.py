@@ -27,7 +27,8 @@ from test_plans.by_pressure import AMPLITUDES
 from test_plans.by_ratio import NATURAL
 from test_plans.by_roll import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
 from test_plans.damping_ratio import PLATES
-from test_plans.identification import Identified, identify, write_parameters
+from test_plans.identification.parameter_file import write_parameters
+from test_plans.identification.spring import Identified, identify
 
 Floats = npt.NDArray[np.float64]
 Curves = dict[str, npt.NDArray[Any]]

@@ -14,26 +14,12 @@ from bench_records.result import Outcome, read_result
 from bench_sim.parameters import load
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.identification import (
-    FITTED,
-    FITTED_LATERAL,
-    Estimate,
-    Fit,
-    Isolated,
-    Known,
-    NotIdentified,
-    Sheared,
-    estimates,
-    fit,
-    fit_area_and_volume,
-    fit_lateral_stiffness,
-    fit_paper_law,
-    friction_stiffness,
-    identify,
-    isolated,
-    lateral_stiffness,
-    write_parameters,
-)
+from test_plans.identification.area_and_volume import fit_area_and_volume, fit_paper_law
+from test_plans.identification.curves import Isolated, Sheared, isolated
+from test_plans.identification.fits import Fit, NotIdentified, fit
+from test_plans.identification.lateral import fit_lateral_stiffness, friction_stiffness, lateral_stiffness
+from test_plans.identification.parameter_file import FittedValue, Known, fitted_values, write_parameters
+from test_plans.identification.spring import FITTED, FITTED_LATERAL, identify
 from test_plans.loads import AW0, AW3
 
 BASE = (Path(bench_sim.parameters.__file__).parent / "astb.toml").read_text(encoding="utf-8")
@@ -193,11 +179,11 @@ def test_what_the_record_does_not_hold_is_said():
 # -- the parameter file --------------------------------------------------------------------------------------------
 
 SOME = {
-    "effective_area": Estimate(0.25, 0.249, 0.251),
-    "bellows_volume": Estimate(0.033, 0.0329, 0.0331),
-    "shell_stiffness_lateral": Estimate(47e3, 46e3, 48e3),
-    "friction_lateral_slope": Estimate(1.1e-3, 1.0e-3, 1.2e-3),
-    "friction_lateral_travel": Estimate(4.4e-3, 4.3e-3, 4.5e-3),
+    "effective_area": FittedValue(0.25, 0.249, 0.251),
+    "bellows_volume": FittedValue(0.033, 0.0329, 0.0331),
+    "shell_stiffness_lateral": FittedValue(47e3, 46e3, 48e3),
+    "friction_lateral_slope": FittedValue(1.1e-3, 1.0e-3, 1.2e-3),
+    "friction_lateral_travel": FittedValue(4.4e-3, 4.3e-3, 4.5e-3),
 }
 
 
@@ -222,9 +208,9 @@ def test_the_file_loads_with_the_fitted_values_and_says_where_they_come_from(tmp
 @pytest.mark.parametrize(
     ("fitted", "said"),
     [
-        ({"effective_area": Estimate(0.7, 0.6, 0.8)}, "0.7 m2 is outside 0.1 to 0.5 m2"),
-        ({"effective_aera": Estimate(0.2, 0.1, 0.3)}, "no effective_aera"),
-        ({"effective_area": Estimate(float("nan"), 0.1, 0.3)}, "nan m2 is outside"),
+        ({"effective_area": FittedValue(0.7, 0.6, 0.8)}, "0.7 m2 is outside 0.1 to 0.5 m2"),
+        ({"effective_aera": FittedValue(0.2, 0.1, 0.3)}, "no effective_aera"),
+        ({"effective_area": FittedValue(float("nan"), 0.1, 0.3)}, "nan m2 is outside"),
     ],
 )
 def test_what_does_not_fit_is_refused_and_nothing_written(tmp_path, fitted, said):
@@ -297,9 +283,9 @@ def test_another_spring_on_the_bench_is_not_taken_for_this_one(identified):
         assert away(found.area_and_volume, name, KNOWN[name]) > 3.0, name
 
 
-def test_estimates_carry_the_interval():
+def test_fitted_values_carry_the_interval():
     made = Fit(("a",), np.array([2.0]), np.array([[0.01]]), 1.0, 10_000)
-    assert estimates(made, ["a"])["a"].low == pytest.approx(2.0 - 1.96 * 0.1, abs=1e-3)
+    assert fitted_values(made, ["a"])["a"].low == pytest.approx(2.0 - 1.96 * 0.1, abs=1e-3)
     with pytest.raises(NotIdentified, match="b was not fitted; there is a"):
         made["b"]
     assert made.sigma("a") == pytest.approx(0.1)
