@@ -162,7 +162,6 @@ def undisturbed() -> Iterator[None]:
     With the drawing of an earlier report in memory a full collection takes more than 100 ms, in which no command
     leaves this process: the rig would hold. What exists now is set aside; what comes is little.
     """
-    gc.collect()
     gc.freeze()
     try:
         yield

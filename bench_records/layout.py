@@ -119,3 +119,9 @@ def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[P
 def encode(value: Any) -> bytes:
     """One value as JSON whose bytes depend on the value alone (keys sorted, NaN as null)."""
     return msgspec.json.encode(msgspec.to_builtins(value, str_keys=True), order="sorted")
+
+
+def flat(column: Any) -> Any:
+    """A column of an Arrow table as one array: Arrow gives it in chunks, even where there is only one."""
+    whole = column.combine_chunks() if hasattr(column, "combine_chunks") else column
+    return whole.chunk(0) if hasattr(whole, "chunk") else whole

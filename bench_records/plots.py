@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
 from io import StringIO
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,6 +39,12 @@ LEFT_IN, RIGHT_IN = 0.72, 1.72
 BINS = 700
 LOOP_POINTS = 900
 MANY_LINES = 6
+#: Digits of a path behind the hundredth of a point.
+FINER_THAN_SEEN = re.compile(r"(?<=\.\d\d)\d+")
+
+
+#: A rectangle: left, low, right, high.
+Box = tuple[float, float, float, float]
 
 
 class Line(NamedTuple):
@@ -85,17 +93,18 @@ def time_panel(
     marks: Sequence[float] = (),
 ) -> str:
     """Signals of one quantity over time, phases shaded, trips marked."""
-    with style():
-        height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
-        figure, axes = panel(height, bottom=0.30, top=0.24)
-        for index, phase in enumerate(phases):
-            if index % 2 == 0:
-                axes.axvspan(phase.start, phase.end, color=SHADE, linewidth=0, zorder=0)
+    from matplotlib.lines import Line2D
+
+    height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
+    with style(), reused(height, bottom=0.30, top=0.24) as axes:
+        shades = [(phase.start, 0.0, phase.end, 1.0) for phase in phases[::2]]
+        _fill(axes, shades, SHADE, transform=axes.get_xaxis_transform(), zorder=0)
         for index, line in enumerate(lines):
             color, dash = PALETTE[index % len(PALETTE)], DASHES[(index // len(PALETTE)) % len(DASHES)]
             # Earlier lines are wider, so that one which runs under another still shows at its edges.
             wide = 0.9 + 0.8 * (len(lines) - 1 - index) / max(1, len(lines) - 1) if len(lines) > 1 else 1.0
-            axes.plot(*envelope(line.times, line.values), color=color, linestyle=dash, linewidth=wide)
+            points = envelope(line.times, line.values)
+            axes.add_line(Line2D(*points, color=color, linestyle=dash, linewidth=wide))
         for mark in marks:
             axes.axvline(mark, color=ALARM, linewidth=0.8, linestyle=(0, (3, 2)))
         axes.set_xlim(*span)
@@ -104,37 +113,34 @@ def time_panel(
         heading(axes, title, unit)
         _side_labels(axes, [(line.label, PALETTE[i % len(PALETTE)]) for i, line in enumerate(lines)], height)
         _seconds_axis(axes)
-        return svg(figure, name)
+        return svg(axes.figure, name)
 
 
 def strips(
     name: str, rows: Sequence[tuple[str, Sequence[tuple[float, float, str]]]], span: tuple[float, float]
 ) -> str:
     """Rows of named stretches over time: the phases, and every signal whose values have names."""
-    with style():
-        row_in = 0.23
-        figure, axes = panel(row_in * len(rows) + 0.30, bottom=0.28, top=0.02)
-        inches = WIDTH_IN - LEFT_IN - RIGHT_IN
-        for row, (_, stretches) in enumerate(rows):
-            # Two tones take turns, so that neighbours stay apart even in a poor copy.
+    with style(), reused(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02) as axes:
+        points = (WIDTH_IN - LEFT_IN - RIGHT_IN) * 72 / (span[1] - span[0])
+        # Two tones take turns, so that neighbours stay apart even in a poor copy.
+        tones: tuple[list[Box], list[Box]] = ([], [])
+        for row, (label, stretches) in enumerate(rows):
             for index, (start, end, text) in enumerate(stretches):
-                face = ("#d6e4ef", "#eaf1f6")[index % 2]
-                axes.barh(row, end - start, left=start, height=0.82, color=face, linewidth=0)
-                room = (end - start) / (span[1] - span[0]) * inches * 72 / 4.4
-                label = text if len(text) <= room else ""
-                if label:
-                    axes.text((start + end) / 2, row, label, ha="center", va="center", fontsize=7, color=INK)
-        for row, (label, _) in enumerate(rows):
+                tones[index % 2].append((start, row - 0.41, end, row + 0.41))
+                if text and len(text) * 4.4 <= (end - start) * points:
+                    axes.text((start + end) / 2, row, text, ha="center", va="center", fontsize=7, color=INK)
             axes.text(
                 1.012, row, label, transform=axes.get_yaxis_transform(), va="center", fontsize=8, color=SOFT
             )
+        for boxes, tone in zip(tones, ("#d6e4ef", "#eaf1f6"), strict=True):
+            _fill(axes, boxes, tone, zorder=1)
         axes.set_xlim(*span)
         axes.set_ylim(len(rows) - 0.5, -0.5)
         axes.set_yticks([])
         axes.grid(visible=False)
         axes.spines["left"].set_visible(False)
         _seconds_axis(axes)
-        return svg(figure, name)
+        return svg(axes.figure, name)
 
 
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
@@ -142,9 +148,8 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     import numpy as np
     from matplotlib import colormaps
 
-    with style():
-        x, y = curves[0].x, curves[0].y
-        figure, axes = panel(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
+    x, y = curves[0].x, curves[0].y
+    with style(), reused(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30) as axes:
         many = len(curves) > 3
         for index, one in enumerate(curves):
             # An order (frequencies, amplitudes) reads best on a scale from dark to light.
@@ -172,7 +177,7 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
             )
         heading(axes, title, y.unit, what=y.label)
         axes.set_xlabel(f"{x.label}, {x.unit}" if x.unit else x.label, loc="right")
-        return svg(figure, name)
+        return svg(axes.figure, name)
 
 
 def lateness(name: str, timing: Timing) -> str:
@@ -241,7 +246,9 @@ def style() -> Any:
             "ytick.color": SOFT,
             "xtick.labelsize": 8,
             "ytick.labelsize": 8,
+            "xtick.bottom": False,
             "xtick.major.size": 0,
+            "ytick.left": False,
             "ytick.major.size": 0,
             "lines.linewidth": 1.2,
             "lines.solid_joinstyle": "round",
@@ -270,11 +277,47 @@ def panel(
     return figure, axes
 
 
+@contextmanager
+def reused(height: float, **sizes: float) -> Iterator[Axes]:
+    """The axes of a `panel` that drawings of one size share, cleared at the end of all that was added meanwhile.
+
+    Making axes and their scales takes as long as drawing ten lines in them.
+    """
+    axes = _shared(height, **sizes)
+    before = set(axes.get_children())
+    axes.relim()
+    axes.autoscale()
+    try:
+        yield axes
+    finally:
+        for artist in axes.get_children():
+            if artist not in before:
+                artist.remove()
+
+
+@cache
+def _shared(height: float, **sizes: float) -> Axes:
+    return panel(height, **sizes)[1]
+
+
+def _fill(axes: Axes, boxes: Sequence[Box], color: str, **rest: Any) -> None:
+    """Fill rectangles, all as one shape; they do not count for the limits of the axes."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    corners = [[(x0, y0), (x0, y1), (x1, y1), (x1, y0), (x0, y0)] for x0, y0, x1, y1 in boxes]
+    if corners:
+        codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(corners)
+        shape = Path([point for box in corners for point in box], codes)
+        axes.add_artist(PathPatch(shape, facecolor=color, linewidth=0, **rest))
+
+
 def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
     """The title on the left of the axes, what is drawn and its unit on the right."""
-    axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold", pad=5)
+    # With y given nothing else of the drawing is measured to find the place.
+    axes.set_title(title, loc="left", fontsize=9.5, fontweight="bold", pad=5, y=1.0)
     told = ", ".join(filter(None, [what, unit]))
-    axes.set_title(told, loc="right", fontsize=8.5, color=SOFT, pad=5)
+    axes.set_title(told, loc="right", fontsize=8.5, color=SOFT, pad=5, y=1.0)
 
 
 def _side_labels(axes: Axes, labels: Sequence[tuple[str, Any]], height: float) -> None:
@@ -309,7 +352,7 @@ def svg(figure: Figure, name: str) -> str:
     text = out.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r' d="[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m.group()).replace("\n", ""), text)
+    text = re.sub(r' d="[^"]*"', lambda m: FINER_THAN_SEEN.sub("", m.group()).replace("\n", ""), text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = text.replace("url(#", f"url(#{name}-").replace('href="#', f'href="#{name}-')
     # The page's type rules; only size and weight are the drawing's own.

@@ -28,6 +28,7 @@ from bench_records.layout import (
     RecordError,
     SignalInfo,
     encode,
+    flat,
 )
 
 if TYPE_CHECKING:
@@ -355,7 +356,9 @@ def _write_parquet(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    names = pa.array([signal.name for signal in signals], pa.string())
+    builder = pa.lib.StringBuilder()  # as in `_drain`: pa.array would import pandas
+    builder.append_values([signal.name for signal in signals])
+    names = builder.finish()
     schema = pa.schema(
         [
             pa.field("time_ns", pa.int64(), nullable=False),
@@ -378,20 +381,14 @@ def _write_parquet(
         for first in range(0, table.num_rows, ROW_GROUP):
             # One chunk per row group, so that the pages do not follow the accidents of batching.
             part = table.slice(first, ROW_GROUP).combine_chunks()
-            index = part.column("signal").combine_chunks()
-            column = pa.DictionaryArray.from_arrays(_flat(index), names)
+            column = pa.DictionaryArray.from_arrays(flat(part.column("signal")), names)
             writer.write_table(
                 pa.Table.from_arrays(
-                    [_flat(part.column("time_ns")), column, _flat(part.column("value"))], schema=schema
+                    [flat(part.column("time_ns")), column, flat(part.column("value"))], schema=schema
                 )
             )
         writer.add_key_value_metadata({PREFIX + key: encode(facts[key]).decode() for key in sorted(facts)})
     unfinished.replace(target)
-
-
-def _flat(column: Any) -> Any:
-    """The one chunk of a column (Arrow wraps even a single one)."""
-    return column.chunk(0) if hasattr(column, "chunk") else column
 
 
 def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
