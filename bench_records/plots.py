@@ -96,7 +96,7 @@ def time_panel(
     from matplotlib.lines import Line2D
 
     height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
-    with style(), reused(height, bottom=0.30, top=0.24) as axes:
+    with style(), reused(height, bottom=0.30, top=0.24) as (figure, axes):
         shades = [(phase.start, 0.0, phase.end, 1.0) for phase in phases[::2]]
         _fill(axes, shades, SHADE, transform=axes.get_xaxis_transform(), zorder=0)
         for index, line in enumerate(lines):
@@ -113,14 +113,14 @@ def time_panel(
         heading(axes, title, unit)
         _side_labels(axes, [(line.label, PALETTE[i % len(PALETTE)]) for i, line in enumerate(lines)], height)
         _seconds_axis(axes)
-        return svg(axes.figure, name)
+        return svg(figure, name)
 
 
 def strips(
     name: str, rows: Sequence[tuple[str, Sequence[tuple[float, float, str]]]], span: tuple[float, float]
 ) -> str:
     """Rows of named stretches over time: the phases, and every signal whose values have names."""
-    with style(), reused(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02) as axes:
+    with style(), reused(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02) as (figure, axes):
         points = (WIDTH_IN - LEFT_IN - RIGHT_IN) * 72 / (span[1] - span[0])
         # Two tones take turns, so that neighbours stay apart even in a poor copy.
         tones: tuple[list[Box], list[Box]] = ([], [])
@@ -140,7 +140,7 @@ def strips(
         axes.grid(visible=False)
         axes.spines["left"].set_visible(False)
         _seconds_axis(axes)
-        return svg(axes.figure, name)
+        return svg(figure, name)
 
 
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
@@ -149,7 +149,7 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     from matplotlib import colormaps
 
     x, y = curves[0].x, curves[0].y
-    with style(), reused(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30) as axes:
+    with style(), reused(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30) as (figure, axes):
         many = len(curves) > 3
         for index, one in enumerate(curves):
             # An order (frequencies, amplitudes) reads best on a scale from dark to light.
@@ -177,7 +177,7 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
             )
         heading(axes, title, y.unit, what=y.label)
         axes.set_xlabel(f"{x.label}, {x.unit}" if x.unit else x.label, loc="right")
-        return svg(axes.figure, name)
+        return svg(figure, name)
 
 
 def lateness(name: str, timing: Timing) -> str:
@@ -278,17 +278,17 @@ def panel(
 
 
 @contextmanager
-def reused(height: float, **sizes: float) -> Iterator[Axes]:
-    """The axes of a `panel` that drawings of one size share, cleared at the end of all that was added meanwhile.
+def reused(height: float, **sizes: float) -> Iterator[tuple[Figure, Axes]]:
+    """A `panel` that drawings of one size share, cleared at the end of all that was added meanwhile.
 
     Making axes and their scales takes as long as drawing ten lines in them.
     """
-    axes = _shared(height, **sizes)
+    figure, axes = _shared(height, **sizes)
     before = set(axes.get_children())
     axes.relim()
     axes.autoscale()
     try:
-        yield axes
+        yield figure, axes
     finally:
         for artist in axes.get_children():
             if artist not in before:
@@ -296,8 +296,8 @@ def reused(height: float, **sizes: float) -> Iterator[Axes]:
 
 
 @cache
-def _shared(height: float, **sizes: float) -> Axes:
-    return panel(height, **sizes)[1]
+def _shared(height: float, **sizes: float) -> tuple[Figure, Axes]:
+    return panel(height, **sizes)
 
 
 def _fill(axes: Axes, boxes: Sequence[Box], color: str, **rest: Any) -> None:
