@@ -11,7 +11,17 @@ from benchmarks.measure import Effort, Section, machine
 from benchmarks.page import show, write_json, write_page
 
 #: In the order of the page; each is a module with ``run(effort)``.
-NAMES: Final = ("step", "gas", "tick", "virtual", "lateness", "can_trip", "modbus_trip", "codec", "naming")
+NAMES: Final = (
+    "step",
+    "gas",
+    "tick",
+    "virtual",
+    "lateness",
+    "can_trip",
+    "modbus_trip",
+    "codec",
+    "diagnosis_duration",
+)
 
 
 @click.command()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bench_protocol.units import NS, ms, s, us
 from benchmarks import gcc
-from benchmarks.measure import Effort, Row, Section, Skipped, Spread, compare
+from benchmarks.measure import BenchmarkRow, Effort, Section, Skipped, Spread, compare
 from benchmarks.peers import MODBUS_REPLY, MODBUS_REQUEST, REGISTERS
 from drivers.hub_bus import HubBus
 
@@ -101,7 +101,7 @@ def run(effort: Effort) -> Section:
             return Section("Lateness at 1 kHz", (), (f"Skipped: {reason}.",))
         ours_file, control_file = directory / "ours", directory / "control"
         rig = stack.enter_context(
-            child(sys.executable, "-m", "benchmarks.loud_rig", str(seconds), str(ours_file))
+            child(sys.executable, "-m", "benchmarks.lateness_rig", str(seconds), str(ours_file))
         )
         can_port, modbus_port = (int(word) for word in rig.stdout.readline().split())
         listener = Listener(can_port)
@@ -150,9 +150,11 @@ def section(
         )
     )
     expected, missing = listener.ticks()
-    rows.append(Row("ticks lost on the bus", "", Spread.of([missing]), aim="none", met=missing == 0))
-    rows.append(Row("Modbus answer p50, as the clients see it", "s", Spread.of([float(np.median(trips))])))
-    rows.append(Row("Modbus answer p99", "s", Spread.of([float(np.percentile(trips, 99))])))
+    rows.append(BenchmarkRow("ticks lost on the bus", "", Spread.of([missing]), aim="none", met=missing == 0))
+    rows.append(
+        BenchmarkRow("Modbus answer p50, as the clients see it", "s", Spread.of([float(np.median(trips))]))
+    )
+    rows.append(BenchmarkRow("Modbus answer p99", "s", Spread.of([float(np.percentile(trips, 99))])))
     notes = (
         f"The rig in its own process ticked {ours.size} times at 1 kHz in real time with {FRAMES} frames in every "
         f"tick, a hub client that read them all ({expected} ticks) and {CLIENTS} Modbus clients that asked for "

@@ -40,7 +40,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Row:
+class BenchmarkRow:
     """One measurement beside its control. ``unit`` is "s" for times, else what is shown behind the number."""
 
     what: str
@@ -58,7 +58,7 @@ class Section:
     """One benchmark's rows and what one must know to read them."""
 
     title: str
-    rows: Sequence[Row]
+    rows: Sequence[BenchmarkRow]
     notes: Sequence[str] = field(default=())
 
 
@@ -71,11 +71,11 @@ def compare(
     unit: str = "s",
     aim: str = "",
     met: bool | None = None,
-) -> Row:
+) -> BenchmarkRow:
     """Return the row of two interleaved series; the ratio is taken repetition by repetition."""
     ratios = [a / b for a, b in zip(ours, control, strict=True) if b > 0]
     ratio = Spread.of(ratios) if ratios else None
-    return Row(what, unit, Spread.of(ours), against, Spread.of(control), ratio, aim, met)
+    return BenchmarkRow(what, unit, Spread.of(ours), against, Spread.of(control), ratio, aim, met)
 
 
 def interleaved(repetitions: int, subjects: Mapping[str, Callable[[], float]]) -> dict[str, list[float]]:

@@ -9,7 +9,7 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.measure import Row, Section, Spread
+from benchmarks.measure import BenchmarkRow, Section, Spread
 
 _ROOT: Final = Path(__file__).parent.parent
 PAGE: Final = _ROOT / "docs" / "reference" / "benchmarks.md"
@@ -50,7 +50,7 @@ def spread(value: Spread, unit: str) -> str:
     return f"{number(value.middle, unit)} ({number(value.low, unit)} … {number(value.high, unit)})"
 
 
-def cells(row: Row) -> tuple[str, ...]:
+def cells(row: BenchmarkRow) -> tuple[str, ...]:
     """Return what stands in the columns of one row."""
     ratio = row.ratio
     if ratio is None:

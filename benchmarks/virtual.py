@@ -13,7 +13,7 @@ from bench_protocol.units import NS, ms
 from bench_records.report import write_report
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
-from benchmarks.measure import Effort, Row, Section, Spread, compare
+from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare
 from test_plans.discovery import plans
 from test_plans.execution import execute
 
@@ -131,7 +131,7 @@ def run(effort: Effort) -> Section:
         ),
         *(compare(f"of that, {part}", shares[part], "the bare model", control) for part in PARTS),
         compare("of that, waits, plan and the end of the record", rest, "the bare model", control),
-        Row("drawing one report", "s", Spread.of(drawing)),
+        BenchmarkRow("drawing one report", "s", Spread.of(drawing)),
     ]
     notes = (
         f"Both plans simulate {simulated:.1f} s and take {simulated / speed:.2f} s: "

@@ -7,8 +7,8 @@ import click
 from rich.console import Console
 
 from benchmarks.diagnosis.campaign import cases, done, file_of, nulls, run
+from benchmarks.diagnosis.ground_truth import CONDITIONS
 from benchmarks.diagnosis.judge import Judged
-from benchmarks.diagnosis.truth import CONDITIONS
 
 SYSTEMS: Final = ("oscillator", "bench")
 #: So many of an oscillator's cases are cheap.
@@ -38,7 +38,7 @@ def main(count: int, small: int, null_count: int, processes: int, again: bool, p
         if judged.rivals:
             text += f" or {', '.join(judged.rivals)}"
         hidden = ", ".join(judged.hidden) or "nothing"
-        line = f"{judged.system} {judged.seed} {judged.kind}, {judged.condition}: {hidden} (λ {judged.strength:.3g})"
+        line = f"{judged.system} {judged.seed} {judged.kind}, {judged.condition}: {hidden} (λ {judged.weakest:.3g})"
         style = "red" if judged.failure or judged.wrong else ""
         console.print(f"{line} → {text}; {judged.elapsed:.0f} s, {left} left", style=style, highlight=False)
 
@@ -54,7 +54,7 @@ def main(count: int, small: int, null_count: int, processes: int, again: bool, p
             tell,
         )
         run(cases("bench", count), processes, tell)
-    from benchmarks.diagnosis.page import write
+    from benchmarks.diagnosis.rate_page import write
 
     console.print(f"page: {write({system: done(system) for system in SYSTEMS})}", highlight=False)
 

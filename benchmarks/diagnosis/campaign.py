@@ -12,8 +12,8 @@ from typing import Final
 
 import msgspec
 
+from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
 from benchmarks.diagnosis.judge import Judged, failed, judge
-from benchmarks.diagnosis.truth import Condition, Kind, Truth
 
 KEPT: Final = Path(__file__).parents[2] / "runs" / "diagnosis"
 #: What is drawn, over and over: half of it ordinary, the rest what a diagnosis may stumble over.
@@ -83,21 +83,21 @@ def carry_out(case: Case, stretches: int = 3, effects: tuple[str, ...] | None = 
 
     start = time.perf_counter()
     config = Config(seed=case.seed, workers=1, effects=effects)
-    truth: Truth | None = None
+    truth: GroundTruth | None = None
     try:
         if case.system == "oscillator":
-            from benchmarks.diagnosis.small import Small
+            from benchmarks.diagnosis.oscillator_cases import OscillatorCases
 
-            small = Small()
-            truth = small.draw(case.seed, case.kind, case.condition)
-            finding = diagnose(small.data(truth), small.simulator, config)
-            simulator = small.simulator
+            oscillators = OscillatorCases()
+            truth = oscillators.draw(case.seed, case.kind, case.condition)
+            finding = diagnose(oscillators.data(truth), oscillators.simulator, config)
+            simulator = oscillators.simulator
         else:
-            from benchmarks.diagnosis.big import Bench, in_a_room
+            from benchmarks.diagnosis.bench_cases import BenchCases, temporary_directory
 
-            bench = Bench(stretches=stretches)
-            with in_a_room() as room:
-                sealed = bench.measure(case.seed, case.kind, case.condition, Path(room))
+            bench = BenchCases(stretches=stretches)
+            with temporary_directory() as directory:
+                sealed = bench.measure(case.seed, case.kind, case.condition, Path(directory))
                 start = time.perf_counter()
                 finding = diagnose(sealed.dataset, bench.simulator, config)
                 truth = sealed.open()
@@ -105,7 +105,7 @@ def carry_out(case: Case, stretches: int = 3, effects: tuple[str, ...] | None = 
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         why = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}: {error}"
-        truth = truth or Truth(seed=case.seed, kind=case.kind, condition=case.condition)
+        truth = truth or GroundTruth(seed=case.seed, kind=case.kind, condition=case.condition)
         return failed(truth, why, system=case.system, elapsed=time.perf_counter() - start)
     return judge(finding, truth, simulator, system=case.system, elapsed=time.perf_counter() - start)
 
@@ -128,13 +128,13 @@ def _carried_out(left: Sequence[Case], processes: int) -> Iterator[Judged]:
         yield from map(carry_out, left)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context, initializer=_outlive_nobody) as pool:
+    with ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent) as pool:
         for future in as_completed([pool.submit(carry_out, case) for case in left]):
             yield future.result()
 
 
-def _outlive_nobody() -> None:
-    """End this worker when its campaign is killed, and not hours of diagnoses later."""
+def _end_with_parent() -> None:
+    """End this worker when the campaign that started it is killed, not hours of diagnoses later."""
 
     def watch() -> None:
         campaign = multiprocessing.parent_process()

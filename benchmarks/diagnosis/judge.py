@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from benchmarks.diagnosis.truth import NEAR, Truth
+from benchmarks.diagnosis.ground_truth import NEAR, GroundTruth
 from diagnosis.contracts import Simulator
 from diagnosis.finding import Estimate, Finding, Verdict
 
@@ -22,7 +22,7 @@ LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
     """One case: what was hidden, what was said, and how right that was.
 
-    ``strength`` is λ of the weakest of what was hidden, ``loudest`` of the strongest. ``errors`` are those of the
+    ``weakest`` and ``strongest`` are the least and the largest λ of what was hidden. ``errors`` are those of the
     amplitudes of rightly named causes, relative to the truth; ``deviations`` the same in standard deviations as the
     finding tells them, ``base`` those of the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on
     the report runs.
@@ -32,12 +32,12 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     kind: str
     condition: str
-    strength: float
+    weakest: float
     hidden: list[str]
     verdict: str
     causes: list[str]
     rivals: list[str]
-    loudest: float = 0.0
+    strongest: float = 0.0
     near: list[str] = []
     errors: list[float] = []
     deviations: list[float] = []
@@ -84,7 +84,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
             return f"false alarm: {said}" if self.detected else ""
         if self.wrong:
             return f"wrong cause: {said}"
-        if self.strength < CLEAR:
+        if self.weakest < CLEAR:
             return ""
         if not self.detected:
             return "not seen"
@@ -95,7 +95,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def judge(
-    finding: Finding, truth: Truth, simulator: Simulator, *, system: str, elapsed: float = 0.0
+    finding: Finding, truth: GroundTruth, simulator: Simulator, *, system: str, elapsed: float = 0.0
 ) -> Judged:
     """Compare a finding with the truth."""
     right = [cause for cause in finding.causes if cause.effect in truth.effects]
@@ -119,12 +119,12 @@ def judge(
         seed=truth.seed,
         kind=truth.kind,
         condition=truth.condition,
-        strength=truth.strength,
+        weakest=truth.weakest,
         hidden=[*truth.effects, *truth.outside],
         verdict=finding.verdict.value,
         causes=list(finding.names),
         rivals=[rival.effect for rival in finding.ambiguous_with],
-        loudest=max(truth.strengths.values(), default=0.0),
+        strongest=max(truth.lambdas.values(), default=0.0),
         near=sorted(kin for name in truth.effects for kin in _kin(name)),
         errors=errors,
         deviations=deviations,
@@ -135,14 +135,14 @@ def judge(
     )
 
 
-def failed(truth: Truth, why: str, *, system: str, elapsed: float = 0.0) -> Judged:
+def failed(truth: GroundTruth, why: str, *, system: str, elapsed: float = 0.0) -> Judged:
     """Return the case that came to no finding."""
     return Judged(
         system=system,
         seed=truth.seed,
         kind=truth.kind,
         condition=truth.condition,
-        strength=truth.strength,
+        weakest=truth.weakest,
         hidden=[*truth.effects, *truth.outside],
         verdict="",
         causes=[],

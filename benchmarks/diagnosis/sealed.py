@@ -20,9 +20,9 @@ from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import with_effects
 from bench_sim.rig.rig import Rig
-from benchmarks.diagnosis.outside import OUTSIDE, roughness, together
-from benchmarks.diagnosis.strengths import Strengths
-from benchmarks.diagnosis.truth import Condition, Kind, Truth, draw
+from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind, draw
+from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
 from drivers.bench import Bench
 from drivers.memory import Faults
 from test_plans.discovery import plans
@@ -40,11 +40,11 @@ BITS: Final = 2.0**-12
 LOST: Final = 0.1
 
 
-class NotMeasured(RuntimeError):
+class ScreeningFailed(RuntimeError):
     """The rig did not get through the plan: there is no record to diagnose."""
 
 
-def parameters_of(truth: Truth) -> Parameters:
+def parameters_of(truth: GroundTruth) -> Parameters:
     """Return the bench of a truth: its springs, its effects, what is outside, its roughness and its noise."""
     bench = load()
     springs = {
@@ -52,9 +52,9 @@ def parameters_of(truth: Truth) -> Parameters:
         for name in {label.rpartition(".")[2] for label in truth.base}
     }
     bench = bench.with_values(**springs)
-    terms = [OUTSIDE[name](size) for name, size in truth.outside.items()]
+    terms = [UNCATALOGUED[name](size) for name, size in truth.outside.items()]
     if truth.roughness:
-        terms.append(roughness(truth.seed, truth.roughness / Strengths.read().roughness))
+        terms.append(roughness(truth.seed, truth.roughness / LambdaPerUnit.read().roughness))
     bench = with_effects(bench.with_values(**together(*terms)), truth.effects)
     if truth.condition == "12 bits":
         span = bench.entries["sensor_high"].value - bench.entries["sensor_low"].value
@@ -96,7 +96,7 @@ class Coloured:
 
 
 @contextlib.contextmanager
-def bench_of(truth: Truth) -> Iterator[Bench]:
+def bench_of(truth: GroundTruth) -> Iterator[Bench]:
     """Yield a connected bench on the rig of a truth, in memory and virtual time."""
     rig = Rig(parameters_of(truth), seed=truth.seed)
     run: Callable[[int], Block] = rig.run
@@ -115,13 +115,13 @@ def shortened(stretches: int) -> Plan:
     return programme_plan(Programme(SCREENING.name, SCREENING.title, parts, SCREENING.purpose))
 
 
-def measure(truth: Truth, out: Path, stretches: int = 3) -> None:
-    """Screen the bench of ``truth`` and leave an ordinary record in ``out``. Raises NotMeasured."""
+def measure(truth: GroundTruth, out: Path, stretches: int = 3) -> None:
+    """Screen the bench of ``truth`` and leave an ordinary record in ``out``. Raises ScreeningFailed."""
     plan = shortened(stretches) if stretches < 3 else plans()[SCREENING.name]
     with bench_of(truth) as bench:
         result = execute(plan, bench, out, rig="virtual", seed=0)
     if result.verdict not in {"pass", "fail"}:
-        raise NotMeasured(f"{plan.name}: {result.verdict}: {result.reason}")
+        raise ScreeningFailed(f"{plan.name}: {result.verdict}: {result.reason}")
 
 
 @click.command()

@@ -11,8 +11,8 @@ import pytest
 from bench_protocol.table import FAST_RATE
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
+from benchmarks.diagnosis.ground_truth import draw
 from benchmarks.diagnosis.sealed import measure
-from benchmarks.diagnosis.truth import draw
 
 ROOT = Path(__file__).parents[2]
 #: A few candidates of every family; the whole catalogue is the benchmark's.

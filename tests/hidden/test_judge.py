@@ -11,24 +11,24 @@ from hypothesis import strategies as st
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
+from benchmarks.diagnosis.ground_truth import CONDITIONS, KINDS, NEAR, GroundTruth, draw, visible
 from benchmarks.diagnosis.judge import Judged, covered
-from benchmarks.diagnosis.outside import OUTSIDE, roughness, together
+from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
 from benchmarks.diagnosis.sealed import COLOURED, Coloured, parameters_of
 from benchmarks.diagnosis.statistics import Rate
-from benchmarks.diagnosis.strengths import Strengths
-from benchmarks.diagnosis.truth import CONDITIONS, KINDS, NEAR, Truth, draw, visible
+from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
 from diagnosis.finding import Verdict
 
 NAMED, NONE = Verdict.NAMED.value, Verdict.NO_EFFECT.value
 
 
-def said(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), strength=50.0, **more):
+def said(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), weakest=50.0, **more):
     return Judged(
         system="test",
         seed=0,
         kind=kind,
         condition="white",
-        strength=strength,
+        weakest=weakest,
         hidden=list(hidden),
         verdict=verdict,
         causes=list(causes),
@@ -56,19 +56,19 @@ def said(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), st
         ),
         (said(["maxwell_two"], ["maxwell"], near=["maxwell"]), False, False, [], "not reported"),
         (said(["leak.left"], [], verdict=NONE), False, False, [], "not seen"),
-        (said(["leak.left"], [], verdict=NONE, strength=5.0), False, False, [], ""),
+        (said(["leak.left"], [], verdict=NONE, weakest=5.0), False, False, [], ""),
         (said(["leak.left"], [], verdict=Verdict.UNRESOLVED.value), False, False, [], "not reported"),
         (said(["snag"], [], verdict=Verdict.UNKNOWN.value, kind="outside"), False, False, [], ""),
         (said(["snag"], ["maxwell"], kind="outside"), False, False, ["maxwell"], "wrong cause"),
-        (said([], [], verdict=NONE, kind="null", strength=0.0), True, True, [], ""),
+        (said([], [], verdict=NONE, kind="null", weakest=0.0), True, True, [], ""),
         (
-            said([], [], verdict=Verdict.UNKNOWN.value, kind="null", strength=0.0),
+            said([], [], verdict=Verdict.UNKNOWN.value, kind="null", weakest=0.0),
             True,
             True,
             [],
             "false alarm",
         ),
-        (said([], ["heat"], kind="null", strength=0.0), False, True, ["heat"], "false alarm"),
+        (said([], ["heat"], kind="null", weakest=0.0), False, True, ["heat"], "false alarm"),
         (said(["leak.left"], ["leak.left"], deviations=[5.0]), True, True, [], "off by 5"),
     ],
 )
@@ -106,19 +106,19 @@ def test_a_seed_hides_the_same_again_and_another_something_else(kind, tmp_path):
     for one in drawn:
         parameters_of(one)  # all of it fits into the ranges of the bench
         one.write(tmp_path / "truth")
-        assert Truth.read(tmp_path / "truth") == one
+        assert GroundTruth.read(tmp_path / "truth") == one
         assert len(one.effects) == {"null": 0, "outside": 0, "pair": 2}.get(kind, 1)
         assert bool(one.outside) == (kind == "outside")
 
 
 def test_every_visible_effect_is_hidden_by_some_seed_and_fits_the_bench():
-    first: dict[str, Truth] = {}
+    first: dict[str, GroundTruth] = {}
     for seed in range(300):
         one = draw(seed, "single", CONDITIONS[seed % len(CONDITIONS)])
         for name in one.effects:
             first.setdefault(name.partition(".")[0], one)
-    strengths = Strengths.read()
-    assert first.keys() == {name for name, effect in CATALOGUE.items() if visible(effect, strengths)}
+    per_unit = LambdaPerUnit.read()
+    assert first.keys() == {name for name, effect in CATALOGUE.items() if visible(effect, per_unit)}
     assert first.keys() >= NEAR.keys()
     assert not first.keys() & {"leveling_delay", "quantisation"}
     for one in first.values():
@@ -126,11 +126,11 @@ def test_every_visible_effect_is_hidden_by_some_seed_and_fits_the_bench():
 
 
 def test_terms_outside_are_linear_in_their_size_and_add_up():
-    one, two = (together(OUTSIDE["snag"](size), roughness(3, 1.0)) for size in (1.0, 2.0))
-    snag = OUTSIDE["snag"](1.0)["force_surface"]
+    one, two = (together(UNCATALOGUED["snag"](size), roughness(3, 1.0)) for size in (1.0, 2.0))
+    snag = UNCATALOGUED["snag"](1.0)["force_surface"]
     assert np.allclose(two["force_surface"] - one["force_surface"], snag)
     assert 0.5 < snag.max() <= 1.0
-    for name, term in OUTSIDE.items():
+    for name, term in UNCATALOGUED.items():
         load().with_values(**term(1e-6 if name == "flap" else 1.0))
 
 

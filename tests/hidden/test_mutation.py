@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.diagnosis.ground_truth import GroundTruth
 from benchmarks.diagnosis.judge import judge
-from benchmarks.diagnosis.small import Small
-from benchmarks.diagnosis.truth import Truth
+from benchmarks.diagnosis.oscillator_cases import OscillatorCases
 from diagnosis.engine import naming, noise, noise_estimate, screening
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
@@ -47,14 +47,16 @@ def test_without_whitening_coloured_noise_is_accused(alarms, monkeypatch):
 
 
 def with_effects(seed, effects):
-    small = Small()
-    return small.data(msgspec.structs.replace(small.draw(seed, "null", "white"), effects=effects))
+    cases = OscillatorCases()
+    return cases.data(msgspec.structs.replace(cases.draw(seed, "null", "white"), effects=effects))
 
 
 def said(data, simulator, what):
     """Judge what is said of something that is in no catalogue."""
     finding = diagnose(data, simulator, Config(seed=31, workers=1))
-    sealed = Truth(seed=31, kind="outside", condition="white", strengths={what: 50.0}, outside={what: 1.0})
+    sealed = GroundTruth(
+        seed=31, kind="outside", condition="white", lambdas={what: 50.0}, outside={what: 1.0}
+    )
     return judge(finding, sealed, simulator, system="oscillator")
 
 
@@ -67,17 +69,17 @@ def said_of_an_incident():
     """A force that crept away while the fitted runs were made and never again: no property of the oscillator."""
     crept, healthy = (with_effects(32, effects) for effects in ({"drift": {"amplitude": 0.1}}, {}))
     runs = tuple(a if a.role == "fit" else b for a, b in zip(crept.runs, healthy.runs, strict=True))
-    return said(replace(crept, runs=runs), Small().simulator, "incident")
+    return said(replace(crept, runs=runs), OscillatorCases().simulator, "incident")
 
 
 def test_a_push_is_not_called_friction():
-    found = said_of_a_push(Small().simulator)
+    found = said_of_a_push(OscillatorCases().simulator)
     assert found.detected
     assert not found.amiss
 
 
 def test_without_physical_signs_a_push_is_called_friction():
-    simulator = Small().simulator
+    simulator = OscillatorCases().simulator
     coulomb = simulator.catalogue["coulomb"]
     free = replace(coulomb, amplitude=replace(coulomb.amplitude, low=-np.inf))
     simulator = replace(simulator, catalogue={**simulator.catalogue, "coulomb": free})

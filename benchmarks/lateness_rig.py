@@ -1,6 +1,6 @@
 """A rig process for the lateness benchmark: the real loop and doors, twelve frames a tick, every lateness kept.
 
-python -m benchmarks.loud_rig SECONDS FILE    prints its ports, then writes the lateness of every tick (ns) to FILE
+python -m benchmarks.lateness_rig SECONDS FILE    prints its ports, then writes the lateness of every tick (ns) to FILE
 """
 
 import sys
@@ -21,7 +21,7 @@ from bench_sim.rig.tick import FRAMES_PER_TICK_MAX, SLOW, TICK_NS
 WARM_UP_TICKS: Final = 2000
 
 
-class LoudRig(Rig):
+class LatenessRig(Rig):
     """Sends twelve frames in every tick, stops after so many ticks, and keeps the lateness of each."""
 
     def __init__(self, ticks: int, stop: threading.Event) -> None:
@@ -50,7 +50,7 @@ class LoudRig(Rig):
 def main(seconds: int, file: Path) -> None:
     """Run the rig for so long and leave the latenesses in ``file``."""
     stop = threading.Event()
-    rig = LoudRig(1000 * seconds, stop)
+    rig = LatenessRig(1000 * seconds, stop)
     # Whoever started this has gone: nothing stays behind.
     threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
 

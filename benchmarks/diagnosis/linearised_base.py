@@ -16,7 +16,7 @@ from diagnosis.engine.noise import filters, white
 _BATCH = 12
 
 
-class Ground:
+class LinearisedBase:
     """The base model at its nominal values on some runs, on which footprints stand."""
 
     def __init__(self, simulator: Simulator, runs: Sequence[MeasuredRun]) -> None:
@@ -32,9 +32,9 @@ class Ground:
                 self._replay.names, self._whiten, self._predictions, own, strict=True
             )
         ]
-        self._here = Linearisation(self._point, prior_of(self._point), tuple(blocks))
+        self._linearisation = Linearisation(self._point, prior_of(self._point), tuple(blocks))
 
-    def strengths(self, entries: Sequence[Candidate]) -> list[float]:
+    def lambdas_per_unit(self, entries: Sequence[Candidate]) -> list[float]:
         """Return λ per unit of amplitude of each candidate."""
         found: list[float] = []
         for k in range(0, len(entries), _BATCH):
@@ -44,13 +44,13 @@ class Ground:
             found += [norm / c.amplitude.scale for c, norm in zip(batch, norms, strict=True)]
         return found
 
-    def strength(self, run: Callable[[Experiment, Effects], Array], effects: Effects) -> float:
+    def lambda_of(self, run: Callable[[Experiment, Effects], Array], effects: Effects) -> float:
         """Return λ of ``effects``, as ``run`` predicts them; the base model is refitted as if it were linear."""
         return self._norms(self._columns(run, [effects]))[0]
 
     def absorbed(self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]) -> Array:
         """Return by how many of their spreads base parameters k would follow each of ``effects`` (k, m)."""
-        projection = self._here.project(self._whitened(self._columns(run, effects)))
+        projection = self._linearisation.project(self._whitened(self._columns(run, effects)))
         shared = [i for i, c in enumerate(self._point.coordinates) if not c.run]
         found: Array = projection.regression[shared]
         return found
@@ -64,7 +64,7 @@ class Ground:
         ]
 
     def _norms(self, columns: Sequence[NDArray[np.floating]]) -> list[float]:
-        norms: list[float] = self._here.project(self._whitened(columns)).norm.tolist()
+        norms: list[float] = self._linearisation.project(self._whitened(columns)).norm.tolist()
         return norms
 
     def _whitened(self, columns: Sequence[NDArray[np.floating]]) -> list[NDArray[np.floating]]:

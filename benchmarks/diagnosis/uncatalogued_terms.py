@@ -69,7 +69,7 @@ def flap(size: float) -> dict[str, Any]:
 
 
 #: Parameter changes of a unit of each term, by name; all are linear in their size.
-OUTSIDE: Final[Mapping[str, Callable[[float], dict[str, Any]]]] = {
+UNCATALOGUED: Final[Mapping[str, Callable[[float], dict[str, Any]]]] = {
     "snag": snag,
     "one_way": one_way,
     "buckle": buckle,

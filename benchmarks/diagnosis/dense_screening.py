@@ -12,7 +12,7 @@ STEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Plain:
+class DenseScreening:
     """A base model at its best fit; samples of all runs and channels are rows, in standard deviations of the noise.
 
     ``footprints`` (N, m) are per unit of amplitude, one for each effect and point of its grid; ``left`` (N, m) is what
@@ -90,7 +90,9 @@ class Plain:
         return [i for i, effect in enumerate(self.effects) if effect.name == name]
 
 
-def linearised(simulator: Simulator, runs: Sequence[MeasuredRun], effects: Sequence[Hypothesis]) -> Plain:
+def dense_screening(
+    simulator: Simulator, runs: Sequence[MeasuredRun], effects: Sequence[Hypothesis]
+) -> DenseScreening:
     """Fit the base model of a simulator to runs and return it with the footprints of effects."""
     noise = np.array([channel.noise for channel in simulator.channels])
     coordinates = [
@@ -137,7 +139,7 @@ def linearised(simulator: Simulator, runs: Sequence[MeasuredRun], effects: Seque
     shadow = np.linalg.solve(X.T @ X + one, mixed)
     errors = measured - here
     parts = np.abs(shadow) * np.sqrt(np.diagonal(X.T @ X + one))[:, None]
-    return Plain(
+    return DenseScreening(
         tuple(effect for effect, _ in entries),
         tuple(run.outputs.shape for run in runs),
         errors,

@@ -1,4 +1,7 @@
-"""The drawings of docs/explanation/how-the-diagnosis-reasons.md: ``python -m benchmarks.diagnosis.explained``."""
+"""The drawings of docs/explanation/how-the-diagnosis-reasons.md.
+
+``python -m benchmarks.diagnosis.explanation_drawings`` makes them anew.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -10,16 +13,17 @@ from bench_protocol.units import Hz, kN, mm, s
 from bench_records.plots import ALARM, INK, PALETTE, SHADE, SOFT, heading, style
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from benchmarks.diagnosis.drawings import _save
-from benchmarks.diagnosis.plain import Plain, linearised
+from benchmarks.diagnosis.dense_screening import DenseScreening, dense_screening
+from benchmarks.diagnosis.rate_drawings import save
 from diagnosis.contracts import Array, Effects, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.friction import friction_state
+from diagnosis.systems.oscillator import Oscillator
+from diagnosis.systems.oscillator_specimen import Laboratory
 from test_plans.loads import AW0
 from test_plans.motions import Part, Programme, Stretch, Wave
 from test_plans.screening import SCREENING
-from tests.diagnosis import conftest as lab
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,11 +61,11 @@ COMPARED: Final = (
 )
 
 
-def _oscillator(hidden: Effects) -> Plain:
-    """Return the oscillator with everything of its catalogue, linearised where its base model fits best."""
-    simulator = lab.Oscillator()
-    runs = lab.Laboratory().measure(SEED, hidden).of("fit")
-    return linearised(simulator, runs, tuple(simulator.catalogue.values()))
+def _oscillator(hidden: Effects) -> DenseScreening:
+    """Return the oscillator with everything of its catalogue, dense_screening where its base model fits best."""
+    simulator = Oscillator()
+    runs = Laboratory().measure(SEED, hidden).of("fit")
+    return dense_screening(simulator, runs, tuple(simulator.catalogue.values()))
 
 
 def footprints(path: Path) -> None:
@@ -107,7 +111,7 @@ def footprints(path: Path) -> None:
         for row in axes:
             low, high = row[0].get_ylim()
             row[0].set_ylim(low, high + 0.22 * (high - low))
-        _save(figure, path)
+        save(figure, path)
 
 
 def scores(path: Path) -> None:
@@ -141,7 +145,7 @@ def scores(path: Path) -> None:
             f"threshold {threshold:.1f}", (threshold, 0.5), (6, 0), "data", "offset points", color=ALARM
         )
         chance.legend(frameon=False, labelcolor=SOFT, loc="upper left")
-        _save(figure, path)
+        save(figure, path)
 
 
 def one_frequency(path: Path) -> None:
@@ -192,7 +196,7 @@ def one_frequency(path: Path) -> None:
         loss_axes.set_xlabel("Hz")
         heading(loss_axes, "Loss over frequency", "K'', kN/m")
         loss_axes.legend(frameon=False, labelcolor=SOFT, loc="lower left", fontsize=8)
-        _save(figure, path)
+        save(figure, path)
 
 
 def _stiffness(x: Array, force: Array) -> complex:
@@ -224,7 +228,7 @@ def alike(path: Path) -> None:
                 outputs = outputs + deviations * rng.standard_normal(outputs.shape)
                 everywhere = np.ones(len(outputs), dtype=bool)
                 runs.append(MeasuredRun(experiment, outputs, everywhere, ~everywhere))
-            plain = linearised(simulator, runs, [simulator.catalogue[name] for name in COMPARED])
+            plain = dense_screening(simulator, runs, [simulator.catalogue[name] for name in COMPARED])
             _map(axes, plain.alike, title)
             filled = "none" if marker == "o" else PALETTE[0]
             left = [plain.visible[plain.most_visible(name)] for name in COMPARED]
@@ -243,7 +247,7 @@ def alike(path: Path) -> None:
             frameon=False, labelcolor=SOFT, loc="upper center", bbox_to_anchor=(0.5, -0.09), fontsize=8
         )
         rest.set_title("Left of it; most taken by", loc="left", fontsize=8.5, fontweight="bold", pad=5)
-        _save(figure, path)
+        save(figure, path)
 
 
 def _map(axes: "Axes", cosines: Array, title: str) -> None:

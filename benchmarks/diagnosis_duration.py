@@ -9,9 +9,9 @@ from astb.diagnose import with_roles
 from bench_protocol.units import s
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
+from benchmarks.diagnosis.ground_truth import GroundTruth
 from benchmarks.diagnosis.sealed import measure
-from benchmarks.diagnosis.truth import Truth
-from benchmarks.measure import Effort, Row, Section, compare, wall
+from benchmarks.measure import BenchmarkRow, Effort, Section, compare, wall
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
@@ -41,7 +41,7 @@ def run(effort: Effort) -> Section:
     simulator = AirSpring(load(), effects=CATALOGUE)
     with tempfile.TemporaryDirectory() as directory:
         record = Path(directory) / "record"
-        measure(Truth(seed=0, kind="single", condition="white", effects=HIDDEN), record)
+        measure(GroundTruth(seed=0, kind="single", condition="white", effects=HIDDEN), record)
         dataset = read_records([record], simulator)
     dataset = with_roles(replace(dataset, runs=tuple(_cut(one) for one in dataset.runs[:RUNS])))
     names = tuple(name for name in simulator.catalogue if name not in HIDDEN)[: CANDIDATES - 1]
@@ -61,7 +61,7 @@ def run(effort: Effort) -> Section:
     for _ in range(QUICK_REPETITIONS if effort.quick else REPETITIONS):
         control.append(wall(replay_once, 1))
         ours.append(wall(name_it, 1))
-    row: Row = compare(
+    row: BenchmarkRow = compare(
         f"diagnosis, {CANDIDATES} candidates, two threads",
         ours,
         "all runs replayed once",

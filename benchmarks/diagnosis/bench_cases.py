@@ -1,4 +1,4 @@
-"""The bench as a system with something hidden: measured in a process of its own, of which only files come back."""
+"""Benches with something hidden in them: each is screened in a process of its own, of which only files come back."""
 
 import subprocess
 import sys
@@ -8,15 +8,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from benchmarks.diagnosis.truth import Condition, Kind, Truth
+from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
+from benchmarks.diagnosis.sealed import ScreeningFailed
 from diagnosis.contracts import Dataset, Simulator
 
 #: A bench is screened within a minute; on a busy machine in several.
 LIMIT: Final = 1800.0
-
-
-class NotMeasured(RuntimeError):
-    """The process that hides and measures came to no record; says why."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +23,14 @@ class Sealed:
     dataset: Dataset
     truth: Path
 
-    def open(self) -> Truth:
+    def open(self) -> GroundTruth:
         """Open the seal."""
-        return Truth.read(self.truth)
+        return GroundTruth.read(self.truth)
 
 
 @dataclass(frozen=True)
-class Bench:
-    """The air springs, by a screening with so many stretches under each load."""
+class BenchCases:
+    """Hides in the bench of two air springs, and screens it with so many ``stretches`` under each load."""
 
     name: str = "bench"
     stretches: int = 3
@@ -48,7 +45,7 @@ class Bench:
         return AirSpring(load(), effects=CATALOGUE)
 
     def measure(self, seed: int, kind: Kind, condition: Condition, directory: Path) -> Sealed:
-        """Let another process hide something and measure it; read the record. Raises NotMeasured."""
+        """Let another process hide something and measure it; read the record. Raises ScreeningFailed."""
         from astb.diagnose import with_roles
         from diagnosis.systems.air_spring import AirSpring
         from diagnosis.systems.records import read_records
@@ -65,11 +62,11 @@ class Bench:
             cwd=Path(__file__).parents[2],
         )
         if done.returncode:
-            raise NotMeasured(done.stderr.strip().rpartition("\n")[2])
+            raise ScreeningFailed(done.stderr.strip().rpartition("\n")[2])
         assert isinstance(self.simulator, AirSpring)
         return Sealed(with_roles(read_records([record], self.simulator)), sealed)
 
 
-def in_a_room() -> "tempfile.TemporaryDirectory[str]":
+def temporary_directory() -> "tempfile.TemporaryDirectory[str]":
     """Return a directory for one case, which goes with it."""
     return tempfile.TemporaryDirectory(prefix="sealed-")

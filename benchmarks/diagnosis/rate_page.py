@@ -6,8 +6,8 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Final
 
-from benchmarks.diagnosis.drawings import confusion, power, reliability
 from benchmarks.diagnosis.judge import Judged, covered
+from benchmarks.diagnosis.rate_drawings import confusion, power, reliability
 from benchmarks.diagnosis.statistics import Rate
 from benchmarks.measure import machine
 from diagnosis.finding import Verdict
@@ -15,7 +15,7 @@ from diagnosis.finding import Verdict
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "diagnosis-benchmark.md"
 DRAWINGS: Final = PAGE.parent.parent / "gallery"
 
-#: λ at which what nobody models, a fiftieth of it, is as large as the noise; of a pair, the louder one decides.
+#: λ at which what nobody models, a fiftieth of it, is as large as the noise; of a pair, the larger one decides.
 QUIET: Final = 50.0
 
 Test = Callable[[Judged], bool]
@@ -109,9 +109,9 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
             lambda j: j.condition != "white",
         ),
         _rate("of all nulls, a cause accused", "≤ 1 %", 0.01, nulls, lambda j: bool(j.causes)),
-        _rate("detected at λ ≥ 6", "≥ 95 %", 0.95, single, lambda j: j.detected, lambda j: j.strength >= 6),
+        _rate("detected at λ ≥ 6", "≥ 95 %", 0.95, single, lambda j: j.detected, lambda j: j.weakest >= 6),
         _rate(
-            "named exactly at λ ≥ 10", "≥ 95 %", 0.95, single, lambda j: j.exact, lambda j: j.strength >= 10
+            "named exactly at λ ≥ 10", "≥ 95 %", 0.95, single, lambda j: j.exact, lambda j: j.weakest >= 10
         ),
         _rate(
             "named exactly at λ 6 to 10",
@@ -119,7 +119,7 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
             0.8,
             single,
             lambda j: j.exact,
-            lambda j: 6 <= j.strength < 10,
+            lambda j: 6 <= j.weakest < 10,
         ),
         _rate(
             "truth in what is reported, λ ≥ 6",
@@ -127,7 +127,7 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
             0.97,
             single,
             lambda j: j.reported,
-            lambda j: j.strength >= 6,
+            lambda j: j.weakest >= 6,
         ),
         _rate("wrong cause, in the catalogue", "≤ 1 %", 0.01, library, lambda j: bool(j.wrong)),
         _rate("wrong cause, near miss", "≤ 5 %", 0.05, near, lambda j: bool(j.wrong)),
@@ -140,7 +140,7 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
         ),
         _rate("outside the catalogue: a cause named", "≤ 2 %", 0.02, outside, lambda j: bool(j.causes)),
     ]
-    twelve = [j for j in named if 9 <= j.strength < 16]
+    twelve = [j for j in named if 9 <= j.weakest < 16]
     for noise, aim, among in (
         ("white noise", "≤ 10 %", [j for j in twelve if j.condition == "white"]),
         ("other conditions, where λ says less", "", [j for j in twelve if j.condition != "white"]),
@@ -149,8 +149,8 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
         rows.append(
             _figure(f"amplitude error at λ about 12 (mean), {noise}", aim, errors, mean, 0.10, percent=True)
         )
-    quiet = [j for j in named if j.loudest < QUIET]
-    rough = [j for j in named if j.loudest >= QUIET]
+    quiet = [j for j in named if j.strongest < QUIET]
+    rough = [j for j in named if j.strongest >= QUIET]
     for among, where in (
         (quiet, f"λ < {QUIET:g}"),
         (rough, f"λ ≥ {QUIET:g}, where roughness exceeds the noise"),
@@ -160,7 +160,7 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
             ("base parameters", "≥ 92 %", (0.92, 1.0), [d for j in among for d in j.base]),
         ):
             rows.append(_coverage(f"95 % interval holds {what}, {where}", aim, deviations, limits))
-    clear = [j for j in named if j.strength >= 50]
+    clear = [j for j in named if j.weakest >= 50]
     rows.append(
         _figure(
             "gain fraction (median, λ ≥ 50)",
@@ -239,6 +239,6 @@ def _failures(kept: Mapping[str, Sequence[Judged]]) -> list[str]:
         for j in sorted(judged, key=lambda j: (j.kind, j.condition, j.seed)):
             if said := j.amiss:
                 hidden = ", ".join(j.hidden) or "nothing"
-                size = f" ({j.strength:.3g})" if j.hidden else ""
+                size = f" ({j.weakest:.3g})" if j.hidden else ""
                 lines.append(f"| {system} | {j.seed} | {j.kind}, {j.condition} | {hidden}{size} | {said} |")
     return lines if len(lines) > 2 else ["None."]

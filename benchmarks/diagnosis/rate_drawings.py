@@ -45,7 +45,7 @@ def confusion(path: Path, judged: Sequence[Judged]) -> None:
             axes.text(j, i, f"{100 * shares[i, j]:.0f}", ha="center", va="center", color=colour, fontsize=6.5)
         axes.set_xlabel("said first, % of the row")
         axes.set_ylabel("hidden (cases)")
-        _save(figure, path)
+        save(figure, path)
 
 
 def power(path: Path, judged: Sequence[Judged]) -> None:
@@ -64,7 +64,7 @@ def power(path: Path, judged: Sequence[Judged]) -> None:
         for k, (label, hit, marker, colour) in enumerate(series):
             places, rates = [], []
             for low, high in pairwise(EDGES):
-                inside = [j for j in single if low <= j.strength < high]
+                inside = [j for j in single if low <= j.weakest < high]
                 if inside:
                     places.append(np.sqrt(low * high) * 1.05 ** (k - 1))
                     rates.append(Rate.of([hit(j) for j in inside]))
@@ -87,7 +87,7 @@ def power(path: Path, judged: Sequence[Judged]) -> None:
         axes.set_ylabel("part of the cases, with 95 % interval")
         axes.set_ylim(-0.03, 1.03)
         axes.legend(frameon=False, loc="lower right", labelcolor=SOFT)
-        _save(figure, path)
+        save(figure, path)
 
 
 def reliability(path: Path, judged: Sequence[Judged]) -> None:
@@ -123,7 +123,7 @@ def reliability(path: Path, judged: Sequence[Judged]) -> None:
         axes.set_xlabel("promised")
         axes.set_ylabel("held")
         axes.legend(frameon=False, loc="lower right", labelcolor=SOFT)
-        _save(figure, path)
+        save(figure, path)
 
 
 def _one(names: Sequence[str]) -> str:
@@ -140,6 +140,7 @@ def _said(judged: Judged) -> str:
     return judged.verdict
 
 
-def _save(figure: "Figure", path: Path) -> None:
+def save(figure: "Figure", path: Path) -> None:
+    """Write a drawing that is the same whenever it is made anew."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, format="svg", metadata={"Date": None}, facecolor="white")

@@ -1,4 +1,4 @@
-"""The small system: an oscillator with hidden terms, on which hundreds of diagnoses are cheap."""
+"""Oscillators with something hidden in them: cases of the benchmark that take a second each."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -6,33 +6,41 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.diagnosis.footprint import Ground
-from benchmarks.diagnosis.truth import (
+from benchmarks.diagnosis.ground_truth import (
     CONDITIONS,
     KINDS,
     LAMBDA_CLEAR,
     ROUGH,
     ROUGH_ALONE,
     Condition,
+    GroundTruth,
     Kind,
-    Truth,
     even_in_logarithm,
 )
+from benchmarks.diagnosis.linearised_base import LinearisedBase
 from diagnosis.contracts import Array, Dataset, Effects, Experiment
 from diagnosis.engine.footprints import Candidate
-from tests.diagnosis import conftest as lab
+from diagnosis.systems.oscillator import (
+    REACH,
+    SURFACE_SHAPE,
+    Oscillator,
+    coefficients_of,
+    force_surface,
+)
+from diagnosis.systems.oscillator_specimen import Laboratory
 
-#: So many steps of the truth for one of the model.
+#: Steps with which a specimen is integrated, for one step of the model with which it is diagnosed.
 FINER: Final = 4
-#: Sizes in between which λ is measured, of terms outside the catalogue: a stop (N/m), damping upwards only (N).
-OUTSIDE: Final = {"stop": 100.0, "one_way": 1.0}
+#: Sizes at which λ of terms outside the catalogue is measured: a stop (N/m), a damper that acts upwards only (N).
+UNCATALOGUED: Final = {"stop": 100.0, "one_way": 1.0}
+#: Where the stop begins to act (m).
 GAP: Final = 0.02
 LAMBDA: Final = (4.0, 400.0)
 COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 
 
-class Finer(lab.Oscillator):
-    """The same oscillator in a quarter of the step; its drive is a line between samples in both."""
+class FinelyIntegrated(Oscillator):
+    """The same oscillator, integrated in a quarter of the step; its drive is a line between samples in both."""
 
     def run(self, experiment: Experiment, parameters: Any, effects: Effects) -> Array:
         n = FINER * (len(experiment.time) - 1) + 1
@@ -43,66 +51,66 @@ class Finer(lab.Oscillator):
 
 
 @dataclass(frozen=True)
-class Small:
-    """The oscillator with its measurements of a quarter of a minute."""
+class OscillatorCases:
+    """Draws, hides and measures: runs of ``samples``, ten seconds unless told otherwise."""
 
     name: str = "oscillator"
     samples: int = 1000
 
     @cached_property
-    def simulator(self) -> lab.Oscillator:
+    def simulator(self) -> Oscillator:
         """What is diagnosed."""
-        return lab.Oscillator(surfaces=(lab._surface(),))
+        return Oscillator(surfaces=(force_surface(),))
 
-    def draw(self, seed: int, kind: Kind, condition: Condition) -> Truth:
+    def draw(self, seed: int, kind: Kind, condition: Condition) -> GroundTruth:
         """Draw a specimen; its base parameters are those that its measurement will draw from the same seed."""
         rng = np.random.default_rng([seed, KINDS.index(kind), CONDITIONS.index(condition)])
-        effects, strengths, outside = {}, {}, {}
+        effects, lambdas, outside = {}, {}, {}
         if kind == "outside":
-            name = str(rng.choice(sorted(OUTSIDE)))
-            strengths[name] = even_in_logarithm(rng, LAMBDA_CLEAR)
-            outside[name] = strengths[name] / self._strength(name)
+            name = str(rng.choice(sorted(UNCATALOGUED)))
+            lambdas[name] = even_in_logarithm(rng, LAMBDA_CLEAR)
+            outside[name] = lambdas[name] / _of_term(self, name)
         for name in self._names(rng, kind):
             lam = even_in_logarithm(rng, LAMBDA if kind == "single" else LAMBDA_CLEAR)
             effect = self.simulator.catalogue[name]
             shapes = effect.grid[int(rng.integers(len(effect.grid)))]
-            size = lam / self._per_unit(name, shapes)
+            size = lam / _of_effect(self, name, shapes)
             if not effect.one_sided and rng.random() < 0.5:
                 size = -size
             effects[name] = {
                 "amplitude": size,
                 **{p.name: v for p, v in zip(effect.shapes, shapes, strict=True)},
             }
-            strengths[name] = lam
+            lambdas[name] = lam
         chance = np.random.default_rng(seed)
         base = {
             n.name: n.nominal + n.spread * float(chance.standard_normal())
             for n in self.simulator.nuisances
             if not n.per_run
         }
-        rough = ROUGH * min(strengths.values()) if strengths else ROUGH_ALONE
-        return Truth(
+        rough = ROUGH * min(lambdas.values()) if lambdas else ROUGH_ALONE
+        return GroundTruth(
             seed=seed,
             kind=kind,
             condition=condition,
             effects=effects,
-            strengths=strengths,
+            lambdas=lambdas,
             base=base,
             roughness=rough,
             outside=outside,
         )
 
-    def data(self, truth: Truth) -> Dataset:
+    def data(self, truth: GroundTruth) -> Dataset:
         """Measure a specimen."""
         given: dict[str, dict[str, float]] = dict(truth.effects)
-        surface = truth.roughness / self._roughness() * self._rough(truth.seed)
+        surface = truth.roughness / _of_roughness(self) * self._rough(truth.seed)
         for name, size in truth.outside.items():
             if name == "stop":
                 given["stop"] = {"amplitude": size, "gap": GAP}
             else:
                 surface = surface + size * _one_way()
-        given["force"] = _coefficients(surface)
-        return lab.Laboratory(Finer(), self.samples).measure(
+        given["force"] = coefficients_of(surface)
+        return Laboratory(FinelyIntegrated(), self.samples).measure(
             truth.seed,
             given,
             colour=COLOURS.get(truth.condition, 0.0),
@@ -125,60 +133,53 @@ class Small:
 
     def _rough(self, seed: int) -> Array:
         """A smooth random force over x and v, less what the base model would absorb: that is its own stiffness."""
-        chance = np.random.default_rng([seed, 77]).standard_normal(lab.ROWS * lab.COLUMNS)
-        followed = self._absorbed
-        return (chance - np.linalg.pinv(followed) @ followed @ chance).reshape(lab.ROWS, lab.COLUMNS)
+        chance = np.random.default_rng([seed, 77]).standard_normal(SURFACE_SHAPE[0] * SURFACE_SHAPE[1])
+        absorbed = self._absorbed
+        return (chance - np.linalg.pinv(absorbed) @ absorbed @ chance).reshape(SURFACE_SHAPE)
 
     @cached_property
     def _absorbed(self) -> Array:
-        units = np.eye(lab.ROWS * lab.COLUMNS).reshape(-1, lab.ROWS, lab.COLUMNS)
-        return self._ground.absorbed(
+        units = np.eye(SURFACE_SHAPE[0] * SURFACE_SHAPE[1]).reshape(-1, *SURFACE_SHAPE)
+        return self._base.absorbed(
             lambda e, given: self.simulator.run(e, {}, given),
-            [{"force": _coefficients(unit)} for unit in units],
+            [{"force": coefficients_of(unit)} for unit in units],
         )
 
     @cached_property
-    def _ground(self) -> Ground:
-        quiet = lab.Laboratory(self.simulator, self.samples).measure(0, loud=0.0)
-        return Ground(self.simulator, quiet.of("fit"))
+    def _base(self) -> LinearisedBase:
+        quiet = Laboratory(self.simulator, self.samples).measure(0, loud=0.0)
+        return LinearisedBase(self.simulator, quiet.of("fit"))
 
-    def _per_unit(self, name: str, shapes: tuple[float, ...]) -> float:
-        return _kept(self, ("effect", name, shapes))
+    def lambda_of(self, effects: Effects) -> float:
+        """Return λ of what is hidden, of any size."""
+        return self._base.lambda_of(lambda e, given: self.simulator.run(e, {}, given), effects)
 
-    def _strength(self, name: str) -> float:
-        return _kept(self, ("outside", name, ()))
 
-    def _roughness(self) -> float:
-        return _kept(self, ("rough", "", ()))
-
-    def measured(self, what: tuple[str, str, tuple[float, ...]]) -> float:
-        """Return λ per unit of an effect, of a term outside, or of the roughness (mean of five)."""
-        kind, name, shapes = what
-        if kind == "effect":
-            return self._ground.strengths([Candidate(self.simulator.catalogue[name], shapes)])[0]
-
-        def of(effects: Effects) -> float:
-            return self._ground.strength(lambda e, given: self.simulator.run(e, {}, given), effects)
-
-        if kind == "rough":
-            return float(np.mean([of({"force": _coefficients(self._rough(seed))}) for seed in range(5)]))
-        size = OUTSIDE[name]
-        if name == "stop":
-            return of({"stop": {"amplitude": size, "gap": GAP}}) / size
-        return of({"force": _coefficients(size * _one_way())}) / size
+# Kept for all cases of a campaign, whose subjects are equal.
+@cache
+def _of_effect(cases: OscillatorCases, name: str, shapes: tuple[float, ...]) -> float:
+    """λ per unit of an effect."""
+    return cases._base.lambdas_per_unit([Candidate(cases.simulator.catalogue[name], shapes)])[0]
 
 
 @cache
-def _kept(system: Small, what: tuple[str, str, tuple[float, ...]]) -> float:
-    return system.measured(what)
+def _of_term(cases: OscillatorCases, name: str) -> float:
+    """λ per unit of a term outside the catalogue."""
+    size = UNCATALOGUED[name]
+    if name == "stop":
+        return cases.lambda_of({"stop": {"amplitude": size, "gap": GAP}}) / size
+    return cases.lambda_of({"force": coefficients_of(size * _one_way())}) / size
+
+
+@cache
+def _of_roughness(cases: OscillatorCases) -> float:
+    """λ of the roughness before it is scaled, the mean of five."""
+    found = [cases.lambda_of({"force": coefficients_of(cases._rough(seed))}) for seed in range(5)]
+    return float(np.mean(found))
 
 
 def _one_way() -> Array:
     """A damper that acts upwards only: nothing at negative speeds, then in proportion."""
-    cells = lab.COLUMNS - 2
-    speeds = np.sinh(lab.SWIFT * (2.0 * (np.arange(lab.COLUMNS) - 0.5) / cells - 1.0))
-    return np.maximum(speeds, 0.0) * np.ones((lab.ROWS, 1))
-
-
-def _coefficients(surface: Array) -> dict[str, float]:
-    return {f"c{i}{j}": float(surface[i, j]) for i in range(lab.ROWS) for j in range(lab.COLUMNS)}
+    cells = SURFACE_SHAPE[1] - 2
+    speeds = np.sinh(REACH[1] * (2.0 * (np.arange(SURFACE_SHAPE[1]) - 0.5) / cells - 1.0))
+    return np.maximum(speeds, 0.0) * np.ones((SURFACE_SHAPE[0], 1))

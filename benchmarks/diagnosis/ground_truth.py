@@ -13,8 +13,8 @@ from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, Quantity
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import find_effect
-from benchmarks.diagnosis.outside import OUTSIDE
-from benchmarks.diagnosis.strengths import Strengths
+from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED
 from diagnosis.systems.air_spring_parameters import BOTH_SIDES, EACH_SIDE
 
 Kind = Literal["null", "single", "pair", "outside", "near"]
@@ -46,7 +46,7 @@ NEAR: Final[Mapping[str, frozenset[str]]] = {
 }
 
 
-class Truth(msgspec.Struct, frozen=True, kw_only=True):
+class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     """One specimen: its effects with their values (SI) and λ, the parameters of its base model, its noise.
 
     ``roughness`` is the λ of a smooth random term that nobody models; ``outside`` the term that is in no catalogue,
@@ -57,67 +57,67 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True):
     kind: Kind
     condition: Condition
     effects: dict[str, dict[str, float]] = {}
-    strengths: dict[str, float] = {}
+    lambdas: dict[str, float] = {}
     base: dict[str, float] = {}
     roughness: float = 0.0
     outside: dict[str, float] = {}
 
     @property
-    def strength(self) -> float:
+    def weakest(self) -> float:
         """λ of the weakest of what is hidden; 0 where nothing is."""
-        return min(self.strengths.values(), default=0.0)
+        return min(self.lambdas.values(), default=0.0)
 
     def write(self, path: Path) -> None:
         """Seal it."""
         path.write_bytes(msgspec.json.encode(self))
 
     @staticmethod
-    def read(path: Path) -> "Truth":
+    def read(path: Path) -> "GroundTruth":
         """Open what was sealed; for the judge, after the diagnosis."""
-        return msgspec.json.decode(path.read_bytes(), type=Truth)
+        return msgspec.json.decode(path.read_bytes(), type=GroundTruth)
 
 
-def draw(seed: int, kind: Kind, condition: Condition = "white") -> Truth:
+def draw(seed: int, kind: Kind, condition: Condition = "white") -> GroundTruth:
     """Draw a bench; the same seed, kind and condition give the same bench."""
     rng = np.random.default_rng([seed, KINDS.index(kind), CONDITIONS.index(condition)])
-    strengths = Strengths.read()
+    per_unit = LambdaPerUnit.read()
     effects: dict[str, dict[str, float]] = {}
     lambdas: dict[str, float] = {}
     outside: dict[str, float] = {}
     if kind == "outside":
-        name = str(rng.choice(sorted(OUTSIDE)))
+        name = str(rng.choice(sorted(UNCATALOGUED)))
         lam = even_in_logarithm(rng, LAMBDA_CLEAR)
-        outside = {name: lam / strengths.outside[name]}
+        outside = {name: lam / per_unit.outside[name]}
         lambdas = {name: lam}
     elif kind != "null":
-        for name in _names(rng, kind, strengths):
-            values, lam = _effect(rng, name, strengths, LAMBDA if kind == "single" else LAMBDA_CLEAR)
+        for name in _names(rng, kind, per_unit):
+            values, lam = _effect(rng, name, per_unit, LAMBDA if kind == "single" else LAMBDA_CLEAR)
             effects[name], lambdas[name] = values, lam
-    return Truth(
+    return GroundTruth(
         seed=seed,
         kind=kind,
         condition=condition,
         effects=effects,
-        strengths=lambdas,
+        lambdas=lambdas,
         base=_springs(rng),
         roughness=ROUGH * min(lambdas.values()) if lambdas else ROUGH_ALONE,
         outside=outside,
     )
 
 
-def visible(effect: Effect, strengths: Strengths) -> bool:
+def visible(effect: Effect, per_unit: LambdaPerUnit) -> bool:
     """Return whether a screening would show an effect: valves that stay shut leave no trace in it at any size."""
     if not effect.diagnosable:
         return False
     name = f"{effect.name}.{effect.places[0]}" if effect.places else effect.name
     largest = 0.5 * max(abs(effect.amplitude.low), effect.amplitude.high)
-    return largest * strengths.of(name, [shape.nominal for shape in effect.shapes]) > LAMBDA_CLEAR[0]
+    return largest * per_unit.of(name, [shape.nominal for shape in effect.shapes]) > LAMBDA_CLEAR[0]
 
 
-def _names(rng: np.random.Generator, kind: Kind, strengths: Strengths) -> list[str]:
+def _names(rng: np.random.Generator, kind: Kind, per_unit: LambdaPerUnit) -> list[str]:
     if kind == "near":
         return [_placed(rng, CATALOGUE[str(rng.choice(sorted(NEAR)))])]
-    kinds = sorted(name for name, effect in CATALOGUE.items() if visible(effect, strengths))
+    kinds = sorted(name for name, effect in CATALOGUE.items() if visible(effect, per_unit))
     if kind == "single":
         return [_placed(rng, CATALOGUE[str(rng.choice(kinds))])]
     while True:
@@ -132,12 +132,12 @@ def _placed(rng: np.random.Generator, effect: Effect) -> str:
 
 
 def _effect(
-    rng: np.random.Generator, name: str, strengths: Strengths, sizes: tuple[float, float]
+    rng: np.random.Generator, name: str, per_unit: LambdaPerUnit, sizes: tuple[float, float]
 ) -> tuple[dict[str, float], float]:
     effect, _ = find_effect(name)
     shapes = {shape.name: _shape(rng, shape) for shape in effect.shapes}
     lam = even_in_logarithm(rng, sizes)
-    amplitude = lam / strengths.of(name, tuple(shapes.values()))
+    amplitude = lam / per_unit.of(name, tuple(shapes.values()))
     low, high = effect.amplitude.low, effect.amplitude.high
     if low < 0.0 and rng.random() < 0.5:
         amplitude = -amplitude
