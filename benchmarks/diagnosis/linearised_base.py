@@ -22,7 +22,7 @@ class LinearisedBase:
     def __init__(self, simulator: Simulator, runs: Sequence[MeasuredRun]) -> None:
         self._replay = Replay(simulator, tuple(runs))
         deviations = [float(np.hypot(c.noise, c.resolution / 12**0.5)) for c in simulator.channels]
-        self._whiten = filters(white(deviations), self._replay)
+        self._whiten = filters(white(deviations), self._replay.runs)
         self._point = base_point(simulator.nuisances, self._replay.names)
         self._predictions = self._replay.predictions(self._point)
         own = self._replay.sensitivities(self._point, self._predictions)

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from bench_sim.model.compiled import compiled, compiled_parallel
-from diagnosis.contracts import Array, Channel, Hypothesis, Effects, Experiment, Nuisance, Parameter, Surface
+from diagnosis.contracts import Array, Channel, Effects, Experiment, Hypothesis, Nuisance, Parameter, Surface
 from diagnosis.systems.oscillator_effects import OSCILLATOR_EFFECTS
 
 #: Coefficients of a smooth force over displacement and asinh(speed/`UNIT_SPEED`), and how far these reach to each side.

@@ -16,7 +16,9 @@ import numpy as np
 from diagnosis.contracts import Hypothesis, Parameter
 
 
-def _effect(name: str, unit: str, spread: float, *, family: str, low: float = -np.inf, **more: Any) -> Hypothesis:
+def _effect(
+    name: str, unit: str, spread: float, *, family: str, low: float = -np.inf, **more: Any
+) -> Hypothesis:
     amplitude = Parameter("amplitude", unit, 0.0, spread, low)
     return Hypothesis(name=name, family=family, title=name, amplitude=amplitude, **more)
 

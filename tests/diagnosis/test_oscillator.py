@@ -1,4 +1,4 @@
-"""The oscillator is a system to be diagnosed, keeps its closed forms, and the how-to that takes it apart runs as it stands."""
+"""The oscillator keeps its closed forms, its effects are linear where small, and the how-to about it runs as it stands."""
 
 import re
 from pathlib import Path
@@ -14,10 +14,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-your-own-simula
 NOMINAL = {nuisance.name: nuisance.nominal for nuisance in NUISANCES}
 
 
-def driven(force, *, dt=1e-3, **effects):
+def driven(drive, *, dt=1e-3, **effects):
     """Displacement and force (n, 2) under a drive (n,)."""
-    time = dt * np.arange(len(force))
-    return Oscillator().run(Experiment("run", time, {"drive": force}), {}, effects)
+    time = dt * np.arange(len(drive))
+    return Oscillator().run(Experiment("run", time, {"drive": drive}), {}, effects)
 
 
 def test_a_constant_force_is_held_by_the_spring():
@@ -30,7 +30,9 @@ def test_a_sine_is_answered_as_the_closed_form_says():
     time = dt * np.arange(30_000)
     found = driven(np.sin(omega * time), dt=dt)[-5000:, 0]
     response = 1.0 / (NOMINAL["stiffness"] - NOMINAL["mass"] * omega**2 + 1j * omega * NOMINAL["damping"])
-    assert found == pytest.approx(np.imag(response * np.exp(1j * omega * time[-5000:])), abs=1e-4 * abs(response))
+    assert found == pytest.approx(
+        np.imag(response * np.exp(1j * omega * time[-5000:])), abs=1e-4 * abs(response)
+    )
 
 
 def test_the_step_is_of_fourth_order():
