@@ -1,4 +1,4 @@
-"""The oscillator keeps its closed forms, its effects are linear where small, and the how-to about it runs as it stands."""
+"""The oscillator: closed forms, effects that are linear where small, and the how-to about it, run as it stands."""
 
 import re
 from pathlib import Path
