@@ -23,12 +23,12 @@ def paper_command(quick: bool, seed: int, out: Path) -> None:
     claim that does not hold is a result, not an error.
     """
     from bench_records.layout import RecordError
-    from paper_study.bench import NotMeasured
+    from paper_study.bench_results import NoBenchResult
     from paper_study.make import make
 
     try:
         click.echo(make(out, quick=quick, seed=seed))
-    except NotMeasured as error:
+    except NoBenchResult as error:
         blocked(error)
     except RecordError as error:
         misuse(error)

@@ -1,16 +1,14 @@
 """The paper's closed forms as the figures show them: diaphragm and emergency spring in series."""
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import mm
 from bench_sim.model.paper import combined, diaphragm_stiffness, layered_stiffness
+from paper_study.bench_results import BenchResults
 from paper_study.subject import LOADS, Subject
-
-if TYPE_CHECKING:
-    from paper_study.study import Study
 
 Floats = npt.NDArray[np.float64]
 
@@ -40,7 +38,7 @@ def closed_tangent(load: str, y: Floats) -> Floats:
     return (closed_secant(load, ahead) * ahead - closed_secant(load, behind) * behind) / (2.0 * step)
 
 
-def fitted_lateral_area(study: "Study") -> float:
+def fitted_lateral_area(bench: BenchResults) -> float:
     """The one A_L0 (m²) with which (10) and (16) come nearest to the bench's 5 mm under both loads.
 
     Least squares on the diaphragm's part of what was measured: K_r = n p A²/V_0.
@@ -48,9 +46,7 @@ def fitted_lateral_area(study: "Study") -> float:
     above = below = 0.0
     for load in LOADS:
         par = Subject().spring(load)
-        one = study.bench.points(
-            f"lateral_pressure_{load.lower()}", f"Lateral stiffness K' per spring, {load}", "5 mm"
-        )
+        one = bench.lateral_stiffness(load, 5 * mm)
         K_e = float(np.asarray(layered_stiffness(par)))
         K_r = one.y * K_e / (K_e - one.y)
         p = one.x + float(np.asarray(par.atmospheric_pressure))

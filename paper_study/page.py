@@ -9,9 +9,11 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from paper_study.checks import to_json
-from paper_study.figures import draw
-from paper_study.findings import FINDINGS, MINUS, deviations
+from paper_study.checks.evaluation import to_json
+from paper_study.comparisons.catalogue import COMPARISONS
+from paper_study.comparisons.comparison import MINUS
+from paper_study.comparisons.validation import deviations
+from paper_study.figures.catalogue import draw
 from paper_study.sensitivity import PAPER, PLANT, SPREAD
 from paper_study.study import FIGURES as DRAWN
 from paper_study.study import IDENTIFIED, Progress, Study
@@ -109,7 +111,7 @@ GLOBAL: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ClaimRow:
     """One claim or check with the layers in which it was evaluated."""
 
     id: str
@@ -153,7 +155,8 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
     text = environment.get_template("page.html.j2").render(
         study=study,
         sections=[
-            (name, title, caption, FINDINGS[name](study), drawings[name]) for name, title, caption in SECTIONS
+            (name, title, caption, COMPARISONS[name](study), drawings[name])
+            for name, title, caption in SECTIONS
         ],
         sensitivity=(*GLOBAL, drawings[GLOBAL[0]]),
         indices=[_index_table(study, layer) for layer in ("paper", "plant")],
@@ -178,15 +181,15 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
 # -- tables --------------------------------------------------------------------------------------------------------
 
 
-def _rows(entries: "Iterable[dict[str, Any]]") -> Iterator[Row]:
+def _rows(entries: "Iterable[dict[str, Any]]") -> Iterator[ClaimRow]:
     by_id: dict[str, list[dict[str, Any]]] = {}
     for one in entries:
         by_id.setdefault(one["id"], []).append(one)
     for id_, layers in by_id.items():
-        yield Row(id_, layers[0]["claim"], tuple(layers))
+        yield ClaimRow(id_, layers[0]["claim"], tuple(layers))
 
 
-def _tally(rows: list[Row]) -> dict[str, dict[str, int]]:
+def _tally(rows: list[ClaimRow]) -> dict[str, dict[str, int]]:
     """How many claims and checks hold how far."""
     told: dict[str, dict[str, int]] = {"claims": {}, "checks": {}}
     for row in rows:

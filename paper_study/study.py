@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from bench_protocol.units import Hz, mm
 from paper_study import plant_curves, sensitivity
-from paper_study.bench import PLANS, Bench, gather, measure
-from paper_study.checks import CHECKS, entry, select
+from paper_study.bench_results import PLANS, BenchResults, gather, measure
+from paper_study.checks.catalogue import CHECKS, select
+from paper_study.checks.evaluation import entry
 from paper_study.experiments import paper_ride, plant_ride
 from paper_study.sensitivity import Indices
 from paper_study.subject import LOADS, Subject
@@ -58,7 +59,7 @@ IDENTIFIED: Final = "identified.toml"
 
 
 @dataclass(frozen=True, slots=True)
-class Ride:
+class ComfortRow:
     """One cell of the comfort table: a_y (m/s² rms) and N with half widths of their 95 % intervals (nan: none)."""
 
     layer: str
@@ -80,10 +81,10 @@ class Study:
     quick: bool
     seeds: tuple[int, ...]
     realisations: int
-    bench: Bench
+    bench: BenchResults
     identified: Identified
     model: dict[str, Curves]
-    rides: list[Ride]
+    rides: list[ComfortRow]
     sensitivity: dict[str, Indices]
     entries: list[dict[str, Any]]
 
@@ -114,7 +115,7 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
     """Run everything and return it; the bench's records lie below ``out``.
 
     ``quick`` measures on one rig instead of three, with one realisation of the wind instead of ten and a small sample
-    of the sensitivity. NotMeasured if a plan was blocked.
+    of the sensitivity. NoBenchResult if a plan was blocked.
     """
     seeds = (seed,) if quick else (seed, seed + 1, seed + 2)
     with _given_up_on_error(executor):
@@ -148,7 +149,7 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
             future.result()
 
     entries: dict[int, dict[str, Any]] = {}
-    rides: list[Ride] = []
+    rides: list[ComfortRow] = []
     for one in checked:
         found, of_the_table = one.result()
         entries |= found
@@ -198,20 +199,20 @@ def claim_groups() -> list[list[str]]:
     return [sorted(ids) for _, ids in ordered]
 
 
-def check_group(ids: Sequence[str], quick: bool) -> tuple[dict[int, dict[str, Any]], list[Ride]]:
+def check_group(ids: Sequence[str], quick: bool) -> tuple[dict[int, dict[str, Any]], list[ComfortRow]]:
     """Evaluate some checks; with the rides among them also return the cells of the table, which they have measured."""
     subject = Subject(quick=quick)
     entries = {place: entry(CHECKS[place], subject) for place in select(ids)}
     return entries, _rides(subject) if "A27" in ids else []
 
 
-def _rides(subject: Subject) -> list[Ride]:
+def _rides(subject: Subject) -> list[ComfortRow]:
     nan = float("nan")
     table = []
     for (load, speed), cell in plant_ride(subject).items():
         a, N = cell.estimate("acceleration"), cell.estimate("weighted", 6.0)
         table.append(
-            Ride(
+            ComfortRow(
                 "plant",
                 load,
                 speed,
@@ -225,14 +226,14 @@ def _rides(subject: Subject) -> list[Ride]:
             )
         )
     for (load, speed), (rms, index) in paper_ride(subject).items():
-        table.append(Ride("paper", load, speed, rms, nan, nan, index, nan, nan, nan))
+        table.append(ComfortRow("paper", load, speed, rms, nan, nan, index, nan, nan, nan))
     return table
 
 
 # -- identification, and the model beside the bench ----------------------------------------------------------------
 
 
-def _identify(bench: Bench, seeds: Sequence[int], out: Path) -> Identified:
+def _identify(bench: BenchResults, seeds: Sequence[int], out: Path) -> Identified:
     """Identify from the first rig's curves and leave the parameter file."""
     base = _BASE.read_text(encoding="utf-8")
     curves = [
@@ -247,7 +248,7 @@ def _identify(bench: Bench, seeds: Sequence[int], out: Path) -> Identified:
 _Job = tuple[str, Callable[..., Curves], tuple[Any, ...]]
 
 
-def _beside(bench: Bench, identified: Identified) -> Iterator[_Job]:
+def _beside(bench: BenchResults, identified: Identified) -> Iterator[_Job]:
     """The experiments that the model repeats at what the first rig measured: name, function, arguments.
 
     The model stands at the pressure that the bench read, less the transducers' zero: `preload` is what it then carries.

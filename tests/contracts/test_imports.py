@@ -22,6 +22,7 @@ INSIDE = "Inside the rig: shell, then parameters, then model"
 PLANS = "Test plans reach the rig only through drivers"
 REPLAY = "The diagnosis replays the model: it never sees the rig or the drivers"
 DIAGNOSIS = "Inside the diagnosis: systems and report, then engine, then its contracts"
+STUDY = "Inside the paper's study: command, page, pictures, results, checks, experiments"
 ENGINE = "The engine of the diagnosis reads no files and knows no bench"
 PURE = "The model is pure: no time, no chance, no I/O"
 CLOCK = "One clock: only bench_protocol.clock imports time"
@@ -49,6 +50,7 @@ SABOTAGE = [
     (LAYERS, "diagnosis/__init__.py", "from paper_study import subject"),
     (CIRCLES, "astb/session.py", "from astb.run import run_plans"),
     (CIRCLES, "drivers/settings.py", HIDDEN.format("from drivers.link import Link")),
+    (CIRCLES, "paper_study/bench_results.py", TYPE_ONLY.format("from paper_study.study import Study")),
     (CIRCLES, "test_plans/run.py", TYPE_ONLY.format("from test_plans.plan import Plan")),
     (INSIDE, "bench_sim/model/__init__.py", "import bench_sim.parameters"),
     (INSIDE, "bench_sim/parameters/__init__.py", HIDDEN.format("from bench_sim import rig")),
@@ -60,6 +62,8 @@ SABOTAGE = [
     (DIAGNOSIS, "diagnosis/engine/__init__.py", "import diagnosis.systems"),
     (DIAGNOSIS, "diagnosis/contracts.py", HIDDEN.format("from diagnosis import engine")),
     (DIAGNOSIS, "diagnosis/newcomer.py", '"""A module that no layer knows."""'),
+    (STUDY, "paper_study/checks/gas.py", HIDDEN.format("from paper_study.study import Study")),
+    (STUDY, "paper_study/newcomer.py", '"""A module that no layer knows."""'),
     (ENGINE, "diagnosis/engine/__init__.py", "import bench_sim.model"),
     (ENGINE, "diagnosis/contracts.py", HIDDEN.format("import bench_records")),
     (PURE, "bench_sim/model/__init__.py", "import random"),

@@ -1,12 +1,15 @@
 """The table of claims and checks: complete, honest about what does not hold, and sensitive to the model."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from bench_protocol.units import bar, mm
-from paper_study import checks
-from paper_study.checks import CHECKS, evaluate_all, to_json
+from paper_study.checks import catalogue, evaluation
+from paper_study.checks.catalogue import CHECKS
+from paper_study.checks.check import CheckOutcome
+from paper_study.checks.evaluation import evaluate_all, to_json
 from paper_study.subject import Subject
 
 PLANT_ONLY = {f"A{n:02d}" for n in range(1, 31)} - {f"A{n}" for n in (11, 12, 13, 14, 15, 17, 18, 19, 26, 27)}
@@ -47,6 +50,23 @@ def test_every_claim_and_check_stands_once_per_layer():
     expected = {(one, "plant") for one in PLANT_ONLY | BOTH_LAYERS}
     expected |= {(one, "paper") for one in BOTH_LAYERS | {"A13"}} | {("A26", "both")}
     assert set(places) == expected
+
+
+def test_every_claim_says_where_it_comes_from():
+    for check in CHECKS:
+        assert check.claim.source and check.claim.text and check.limits, check.id
+
+
+def test_a_layer_decides_a_claim_once():
+    claim = next(check.claim for check in CHECKS if check.id == "T1")
+    with pytest.raises(ValueError, match="T1 has two checks on the layer 'plant'"):
+        claim.on("plant", "anything")(lambda subject: CheckOutcome("", True))
+
+
+def test_every_file_of_checks_is_in_the_catalogue():
+    files = {path.stem for path in Path(catalogue.__file__).parent.glob("*.py")}
+    machinery = {"__init__", "catalogue", "check", "criteria", "evaluation"}
+    assert files - machinery == {module.__name__.rpartition(".")[2] for module in catalogue.SUBJECTS}
 
 
 def test_what_holds_and_what_does_not(short):
@@ -203,7 +223,7 @@ def test_a_changed_model_turns_the_right_checks(name):
 
 def of_one_layer(ids, layer, subject):
     """Entries of one layer: what the other layer says does not change."""
-    return [checks.entry(check, subject) for check in CHECKS if check.id in ids and check.layer == layer]
+    return [evaluation.entry(check, subject) for check in CHECKS if check.id in ids and check.layer == layer]
 
 
 @pytest.mark.slow

@@ -18,10 +18,11 @@ from astb.exit_codes import BLOCKED, MISUSE
 from bench_protocol.clock import RealClock
 from bench_protocol.units import bar, mm, ms
 from bench_records.result import Axis, curve
-from paper_study import findings, page, plant_curves, sensitivity, study
-from paper_study.bench import Bench, NotMeasured, Points
-from paper_study.checks import CHECKS
-from paper_study.findings import Finding
+from paper_study import page, plant_curves, sensitivity, study
+from paper_study.bench_results import BenchResults, NoBenchResult, Points
+from paper_study.checks.catalogue import CHECKS
+from paper_study.comparisons import pressure
+from paper_study.comparisons.comparison import ClaimComparison
 from paper_study.laws import closed_secant, closed_stiffness, closed_tangent, fitted_lateral_area
 from paper_study.subject import LOADS, Subject
 
@@ -36,7 +37,7 @@ def sweep(group, name, xs, ys):
 def bench(pressures=None, **plans):
     """A bench that found the given curves: one list of curves per rig and plan."""
     results = {plan: [SimpleNamespace(curves=curves) for curves in rigs] for plan, rigs in plans.items()}
-    return Bench(results, pressures or {}, (np.zeros(2), np.zeros(2)))
+    return BenchResults(results, pressures or {}, (np.zeros(2), np.zeros(2)))
 
 
 def lateral_bench(law):
@@ -67,7 +68,7 @@ def test_several_rigs_are_their_mean_between_the_lowest_and_the_highest():
 
 
 def test_a_curve_that_is_not_there_is_named():
-    with pytest.raises(NotMeasured, match="plan kept no curve 'm' of 'g'"):
+    with pytest.raises(NoBenchResult, match="plan kept no curve 'm' of 'g'"):
         bench(plan=[[sweep("g", "n", [1.0], [1.0])]]).points("plan", "g", "m")
 
 
@@ -80,7 +81,7 @@ def test_the_pressure_is_that_of_the_phases_that_are_asked_for():
     read = bench({"plan": phases})
     assert read.pressure("plan", "vertical sine") == pytest.approx(13 / 4)
     assert read.pressure("plan", "vertical sine", 1, 2) == pytest.approx(2.5)
-    with pytest.raises(NotMeasured, match="no phase 'roll'"):
+    with pytest.raises(NoBenchResult, match="no phase 'roll'"):
         read.pressure("plan", "roll")
 
 
@@ -99,7 +100,7 @@ def test_the_closed_tangent_is_the_slope_of_the_secant():
 @pytest.mark.parametrize("area", [0.07, 0.0835, 0.12])
 def test_the_lateral_area_comes_back_from_a_bench_that_obeys_the_closed_form(area):
     made = lateral_bench(lambda load, a, p: closed_stiffness(load, p, lateral_area=area))
-    assert fitted_lateral_area(SimpleNamespace(bench=made)) == pytest.approx(area, rel=1e-9)
+    assert fitted_lateral_area(made) == pytest.approx(area, rel=1e-9)
 
 
 # -- what would look like rubber -----------------------------------------------------------------------------------
@@ -185,11 +186,11 @@ def told(made):
 
 
 def test_a_bench_that_softens_under_pressure_loses_the_first_claim(monkeypatch):
-    monkeypatch.setattr(findings, "_orifices", lambda study: [])
+    monkeypatch.setattr(pressure, "_orifices", lambda study: [])
     as_claimed = told(lateral_bench(lambda load, a, p: 1e5 + 0.3 * p - 3e6 * a))
-    assert [one.verdict for one in findings.pressure(as_claimed)] == ["holds in both"] * 3
+    assert [one.verdict for one in pressure.pressure(as_claimed)] == ["holds in both"] * 3
     softening = told(lateral_bench(lambda load, a, p: 3e5 - 0.1 * p + 1e6 * a))
-    assert [one.verdict for one in findings.pressure(softening)] == ["closed form only"] * 3
+    assert [one.verdict for one in pressure.pressure(softening)] == ["closed form only"] * 3
 
 
 @pytest.mark.parametrize(
@@ -204,7 +205,7 @@ def test_a_bench_that_softens_under_pressure_loses_the_first_claim(monkeypatch):
     ],
 )
 def test_a_verdict_says_where_a_claim_holds(bench_holds, closed_holds, words):
-    found = Finding("T0", "", "", "", "", bench_holds, closed_holds)
+    found = ClaimComparison("T0", "", "", "", "", bench_holds, closed_holds)
     assert found.verdict == words
     if words == "bench only":
         assert replace(found, by="plant").verdict == "plant only"
@@ -232,7 +233,7 @@ def test_numbers_get_a_minus_and_words_keep_their_hyphens():
 
 
 def test_the_table_leaves_out_what_is_not_known():
-    ride = study.Ride("paper", "AW0", 10.0, 0.05, float("nan"), float("nan"), 0.4, *[float("nan")] * 3)
+    ride = study.ComfortRow("paper", "AW0", 10.0, 0.05, float("nan"), float("nan"), 0.4, *[float("nan")] * 3)
     (row,) = csv.DictReader(io.StringIO(page.comfort_csv(SimpleNamespace(rides=[ride]))))
     assert (row["load"], row["comfort_index"], row["comfort_half_width"]) == ("AW0", "0.4", "")
 
@@ -240,11 +241,11 @@ def test_the_table_leaves_out_what_is_not_known():
 def test_the_error_bars_are_those_of_the_rigs():
     from matplotlib.figure import Figure
 
-    from paper_study.figures import _points
+    from paper_study.figures.style import draw_points
 
     axes = Figure().subplots()
     y = np.array([2.0, 3.0])
-    _points(axes, Points(np.arange(2.0), y, y - 0.5, y + 1.0), 1.0, 1.0, "black")
+    draw_points(axes, Points(np.arange(2.0), y, y - 0.5, y + 1.0), 1.0, 1.0, "black")
     (bars,) = axes.collections
     assert [segment[:, 1].tolist() for segment in bars.get_segments()] == [[1.5, 3.0], [2.5, 4.0]]
 
@@ -254,7 +255,7 @@ def test_the_error_bars_are_those_of_the_rigs():
 
 def test_a_blocked_bench_ends_with_3_and_says_why(tmp_path, monkeypatch):
     def blocked(*args, **kwargs):
-        raise NotMeasured("roll_angle_aw0 on rig 0 was blocked: the rig: emergency stop")
+        raise NoBenchResult("roll_angle_aw0 on rig 0 was blocked: the rig: emergency stop")
 
     monkeypatch.setattr("paper_study.make.make", blocked)
     done = CliRunner().invoke(

@@ -1,4 +1,4 @@
-"""Every claim of the paper and every acceptance check, evaluated and written as ``claims.json``."""
+"""Evaluates checks over several processes, and writes what they found as ``claims.json``."""
 
 import json
 import multiprocessing
@@ -6,29 +6,14 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from math import isfinite
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from paper_study.acceptance import ACCEPTANCE
-from paper_study.check import Check
-from paper_study.claims import CLAIMS
+from paper_study.checks.catalogue import CHECKS, select
+from paper_study.checks.check import ClaimCheck
 from paper_study.subject import Subject
-
-#: Claims first; the order of every list that comes from here.
-CHECKS: Final[tuple[Check, ...]] = (*CLAIMS, *ACCEPTANCE)
 
 #: Called with the number of entries that are ready and the number that there will be.
 Progress = Callable[[int, int], None]
-
-
-def select(ids: Iterable[str] | None = None) -> list[int]:
-    """Return the places in `CHECKS` of the given ids, all of them for None; KeyError for an id that is none."""
-    if ids is None:
-        return list(range(len(CHECKS)))
-    wanted = set(ids)
-    unknown = wanted - {check.id for check in CHECKS}
-    if unknown:
-        raise KeyError(f"there is no check {sorted(unknown)[0]}; there are T1 to T11 and A01 to A30")
-    return [place for place, check in enumerate(CHECKS) if check.id in wanted]
 
 
 def evaluate_all(
@@ -91,18 +76,18 @@ def _evaluate(
     return {place: entry(CHECKS[place], subject) for place in places}
 
 
-def entry(check: Check, subject: Subject) -> dict[str, Any]:
+def entry(check: ClaimCheck, subject: Subject) -> dict[str, Any]:
     """Evaluate one check."""
-    measured = check.evaluate(subject)
+    outcome = check.evaluate(subject)
     return {
         "id": check.id,
-        "claim": check.claim,
+        "claim": check.claim.text,
         "layer": check.layer,
-        "measured": measured.text,
-        "criterion": check.criterion,
-        "holds": bool(measured.holds),
-        "note": measured.note,
-        "numbers": {name: _finite(number) for name, number in measured.numbers.items()},
+        "measured": outcome.text,
+        "criterion": check.limits,
+        "holds": bool(outcome.holds),
+        "note": outcome.note,
+        "numbers": {name: _finite(number) for name, number in outcome.numbers.items()},
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.table import SIDES
+from bench_protocol.units import mm
 from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ PLANS: Final = (
 TRACK_PHASE: Final = "unilateral cosine"
 
 
-class NotMeasured(RuntimeError):
+class NoBenchResult(RuntimeError):
     """A plan was blocked, or its result lacks a curve that a figure needs; the text names both."""
 
 
@@ -77,7 +78,7 @@ class Points:
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class BenchResults:
     """What the plans found, one result for each rig."""
 
     results: Mapping[str, Sequence[Result]]
@@ -87,15 +88,24 @@ class Bench:
     track: tuple[Floats, Floats]  #: platform displacement (m) over time (s) while it followed the track
 
     def points(self, plan: str, group: str, name: str, *, first: bool = False) -> Points:
-        """Return one curve of a plan, of all rigs or of the ``first`` alone; NotMeasured if it was not kept."""
+        """Return one curve of a plan, of all rigs or of the ``first`` alone; NoBenchResult if it was not kept."""
         kept = []
         for result in self.results[plan][: 1 if first else None]:
             found = [one for one in result.curves if (one.group, one.name) == (group, name)]
             if not found:
-                raise NotMeasured(f"{plan} kept no curve {name!r} of {group!r}")
+                raise NoBenchResult(f"{plan} kept no curve {name!r} of {group!r}")
             kept.append((found[0].xs, found[0].ys))
         xs, ys = (np.array([one[k] for one in kept], np.float64) for k in (0, 1))
         return Points(xs.mean(axis=0), ys.mean(axis=0), ys.min(axis=0), ys.max(axis=0))
+
+    def lateral_stiffness(self, load: str, amplitude: float, *, first: bool = False) -> Points:
+        """Return K′ (N/m) of one spring over gauge pressure (Pa), for one load case and amplitude (m)."""
+        return self.points(
+            f"lateral_pressure_{load.lower()}",
+            f"Lateral stiffness K' per spring, {load}",
+            f"{amplitude / mm:g} mm",
+            first=first,
+        )
 
     def pressure(self, plan: str, phase: str, skip: int = 0, count: int | None = None) -> float:
         """Return the mean gauge pressure (Pa) in the bellows over the phases so named, ``skip`` of them left out.
@@ -104,25 +114,25 @@ class Bench:
         """
         found = [p for name, p in self.pressures[plan] if name.startswith(phase)][skip:]
         if not found:
-            raise NotMeasured(f"{plan} has no phase {phase!r} number {skip}")
+            raise NoBenchResult(f"{plan} has no phase {phase!r} number {skip}")
         return float(np.mean(found[:count]))
 
 
-def gather(out: Path, seeds: Sequence[int]) -> Bench:
-    """Read what `measure` left; NotMeasured, with the reason, if a plan was blocked."""
+def gather(out: Path, seeds: Sequence[int]) -> BenchResults:
+    """Read what `measure` left; NoBenchResult, with the reason, if a plan was blocked."""
     from bench_records.record import read
 
     results = {plan: [read_result(directory_of(out, plan, seed)) for seed in seeds] for plan in PLANS}
     for plan, found in results.items():
         for result in found:
             if result.verdict is Outcome.BLOCKED:
-                raise NotMeasured(f"{plan} on rig {result.seed} was blocked: {result.reason}")
+                raise NoBenchResult(f"{plan} on rig {result.seed} was blocked: {result.reason}")
     records = {plan: read(directory_of(out, plan, seeds[0])) for plan in PLANS}
     track = records["aw0"]
     phase = next(one for one in track.phases if one.name == TRACK_PHASE)
     times, platform = track.series("platform.vertical")
     inside = (times >= phase.start) & (times <= phase.end)
-    return Bench(
+    return BenchResults(
         results,
         {plan: _pressures(record) for plan, record in records.items()},
         (times[inside] - phase.start, platform[inside] - platform[inside][0]),

@@ -1,0 +1,53 @@
+"""All checks in their order: the paper's claims first, each by its number, the plant's layer before the paper's."""
+
+from collections.abc import Iterable
+from typing import Final
+
+from paper_study.checks import (
+    conservation,
+    displacement,
+    frequency,
+    gas,
+    lateral,
+    numerics,
+    orifice,
+    ride,
+    roll,
+    rubber,
+    valves,
+)
+from paper_study.checks.check import DECLARED, ClaimCheck
+
+#: The files whose checks are listed: a new one takes its place here.
+SUBJECTS: Final = (
+    gas,
+    conservation,
+    orifice,
+    lateral,
+    displacement,
+    roll,
+    frequency,
+    rubber,
+    valves,
+    ride,
+    numerics,
+)
+
+
+def _place(check: ClaimCheck) -> tuple[bool, int, bool]:
+    return check.id[0] != "T", int(check.id[1:]), check.layer == "paper"
+
+
+#: The order of every list of checks.
+CHECKS: Final[tuple[ClaimCheck, ...]] = tuple(sorted(DECLARED, key=_place))
+
+
+def select(ids: Iterable[str] | None = None) -> list[int]:
+    """Return the places in `CHECKS` of the given ids, all of them for None; KeyError for an id that is none."""
+    if ids is None:
+        return list(range(len(CHECKS)))
+    wanted = set(ids)
+    unknown = wanted - {check.id for check in CHECKS}
+    if unknown:
+        raise KeyError(f"there is no check {sorted(unknown)[0]}; there are T1 to T11 and A01 to A30")
+    return [place for place, check in enumerate(CHECKS) if check.id in wanted]

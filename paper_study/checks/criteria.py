@@ -1,0 +1,36 @@
+"""What the checks ask of numbers and series, and how they write series."""
+
+from typing import Any
+
+import numpy as np
+
+
+def within(value: float, low: float, high: float) -> bool:
+    """Tell whether low ≤ value ≤ high; nothing that is not a number is."""
+    return bool(low <= value <= high)
+
+
+def near(value: float, expected: float, share: float) -> bool:
+    """Tell whether a value lies within ± ``share`` of what is expected."""
+    return bool(abs(value - expected) <= share * abs(expected))
+
+
+def maxima(values: Any) -> list[int]:
+    """Return the places of the local maxima inside a series."""
+    rising = np.diff(values) > 0.0
+    return [int(k) + 1 for k in np.flatnonzero(rising[:-1] & ~rising[1:])]
+
+
+def falls(values: Any) -> bool:
+    """Tell whether a series falls strictly."""
+    return bool(np.all(np.diff(values) < 0.0))
+
+
+def rises(values: Any) -> bool:
+    """Tell whether a series rises strictly."""
+    return bool(np.all(np.diff(values) > 0.0))
+
+
+def listed(values: Any, form: str = ".1f") -> str:
+    """Write one number after the other, with slashes between."""
+    return " / ".join(format(float(value), form) for value in values)

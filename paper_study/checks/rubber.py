@@ -1,0 +1,69 @@
+"""What rubber and friction add: their share of the damping, and the loop of the friction."""
+
+import numpy as np
+
+from bench_protocol.units import mm
+from bench_sim.model.algebraic import Algebraic
+from bench_sim.model.experiments import LATERAL, Motion, impose
+from paper_study.checks.check import CheckOutcome, Claim
+from paper_study.experiments import damping
+from paper_study.subject import BARE, LOADS, Subject
+
+
+@Claim(
+    "A22",
+    "Rubber and friction add about 5 % to the orifice's damping",
+    "the paper, figure 8(c): a deviation of about 5 %",
+).on("plant", "(5 ± 3) % at 1.2 Hz, 5 mm, mean of both loads")
+def rubber_share(subject: Subject) -> CheckOutcome:
+    """Vertical damping with and without rubber."""
+    shares = []
+    for load in LOADS:
+        whole = damping(subject, load, 5 * mm, 1.2, "emergency_spring", cycles=30)
+        gas = damping(subject, load, 5 * mm, 1.2, *BARE, cycles=30)
+        shares.append(whole / gas - 1.0)
+    mean = float(np.mean(shares))
+    return CheckOutcome(
+        f"AW0 {100 * shares[0]:.1f} %, AW3 {100 * shares[1]:.1f} %, mean {100 * mean:.1f} %",
+        abs(mean - 0.05) <= 0.03,
+        {"mean": mean, "AW0": shares[0], "AW3": shares[1]},
+    )
+
+
+@Claim(
+    "A28",
+    "Amplitude and loss of a friction loop are those of the closed forms",
+    "Berg 1998: friction and loss of a loop",
+).on("plant", "±1 %")
+def friction_loop(subject: Subject) -> CheckOutcome:
+    """Nothing lateral but friction: no membrane, no shell, no coupling."""
+    nothing = {
+        "membrane_length": 0,
+        "membrane_length_slope": 0,
+        "shell_stiffness_lateral": 0,
+        "coupling_sign": 0,
+    }
+    worst_force = worst_loss = 0.0
+    for x_0 in np.array([0.5, 5.0, 20.0]) * mm:
+        plant = subject.resting("AW0", "emergency_spring", **nothing)
+        par = plant.parameters
+        gauge = par.nominal_preload[0] / par.effective_area[0]
+        F_max = par.friction_lateral[0] + par.friction_lateral_slope[0] * gauge
+        x_2 = par.friction_lateral_travel[0]
+        impose(plant, [Motion(LATERAL, x_0, 1.0)], 30.0, rows=0)
+        loop = impose(plant, [Motion(LATERAL, x_0, 1.0)], 1.001)
+        F, y = -loop.of(Algebraic.LATERAL_FORCE), loop.of(Algebraic.LATERAL)
+        F_0 = F_max / (2 * x_2) * (np.sqrt(x_2**2 + x_0**2 + 6 * x_2 * x_0) - x_2 - x_0)
+        mu = F_0 / F_max if F_max > 0.0 else 0.0
+        grip = x_2 * (1 + mu) ** 2 * np.log((x_2 * (1 + mu) + 2 * x_0) / (x_2 * (1 + mu)))
+        loss = 2 * F_max * (2 * x_0 - grip)
+        found = np.sum(0.5 * (F[1:] + F[:-1]) * np.diff(y))
+        if F_max <= 0.0:
+            return CheckOutcome("no friction, no loop", False)
+        worst_force = max(worst_force, abs(0.5 * np.ptp(F) / F_0 - 1.0))
+        worst_loss = max(worst_loss, abs(found / loss - 1.0))
+    return CheckOutcome(
+        f"amplitude within {100 * worst_force:.2f} %, loss within {100 * worst_loss:.2f} % (0.5, 5, 20 mm)",
+        bool(worst_force < 0.01 and worst_loss < 0.01),
+        {"force": float(worst_force), "loss": float(worst_loss)},
+    )

@@ -1,0 +1,61 @@
+"""One claim of the paper beside what the bench measured, and the words in which that is told."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from paper_study.study import Study
+
+Floats = npt.NDArray[np.float64]
+
+MINUS: Final = "\u2212"
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimComparison:
+    """One claim of the paper beside a figure: ``bench`` and ``closed`` tell what came out, ``*_holds`` judges it."""
+
+    id: str
+    claim: str
+    bench: str
+    closed: str
+    deviation: str
+    bench_holds: bool
+    closed_holds: bool | None  #: None where the closed forms have no say
+    by: str = "bench"  #: what stands in its place where the bench has no say
+
+    @property
+    def verdict(self) -> str:
+        """In which of the two the claim holds."""
+        if self.closed_holds is None:
+            return "holds" if self.bench_holds else "does not hold"
+        return {
+            (True, True): "holds in both",
+            (True, False): f"{self.by} only",
+            (False, True): "closed form only",
+            (False, False): "does not hold",
+        }[self.bench_holds, self.closed_holds]
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """Write a share as a signed percentage with a proper minus."""
+    return f"{100 * share:+.{digits}f} %".replace("-", MINUS)
+
+
+def entry_of(study: Study, id_: str, layer: str) -> dict[str, Any]:
+    """Return what the check of a claim found on one layer."""
+    return next(one for one in study.entries if (one["id"], one["layer"]) == (id_, layer))
+
+
+def closed_form_of(study: Study, id_: str) -> tuple[str, bool]:
+    """Return what the paper's closed forms give for a claim, in words, and whether they meet it."""
+    found = entry_of(study, id_, "paper")
+    return found["measured"], found["holds"]
+
+
+def largest_deviation(model: Floats, measured: Floats) -> float:
+    """Return the deviation of largest size along a curve, as a share of what was measured."""
+    off = model / measured - 1.0
+    return float(off[np.argmax(np.abs(off))])

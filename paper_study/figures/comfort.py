@@ -1,0 +1,62 @@
+"""The paper's table as a picture: acceleration and comfort index over the wind speed."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench_records.plots import SHADE, SOFT
+from paper_study.bench_results import Points
+from paper_study.figures.style import (
+    COLOUR,
+    DASHED,
+    MARKER,
+    add_key,
+    add_legend,
+    draw_line,
+    draw_points,
+    label_panel,
+    panels_of,
+)
+from paper_study.study import Study
+from paper_study.subject import LOADS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def comfort(study: Study) -> "Figure":
+    """The table as a picture: acceleration and comfort index over the wind speed."""
+    figure, ((a, b),) = panels_of(2)
+    for panel, value, width in ((a, "acceleration", "acceleration_width"), (b, "comfort", "comfort_width")):
+        for layer, dash, hollow in (("plant", "solid", False), ("paper", DASHED, True)):
+            for load in LOADS:
+                rows = [one for one in study.rides if (one.layer, one.load) == (layer, load)]
+                x = np.array([one.wind_speed for one in rows])
+                y = np.array([getattr(one, value) for one in rows])
+                reach = np.nan_to_num(np.array([getattr(one, width) for one in rows]))
+                draw_line(panel, x, y, COLOUR[load], dash)
+                draw_points(
+                    panel,
+                    Points(x, y, y - reach, y + reach),
+                    1.0,
+                    1.0,
+                    COLOUR[load],
+                    MARKER[load],
+                    hollow=hollow,
+                    label=f"{load}, {layer}",
+                )
+        panel.set_xticks((10, 15, 20, 25))
+        panel.set_ylim(0, None)
+    label_panel(a, "a", "Lateral acceleration of the floor, rms", "mean wind speed, m/s", "m/s²")
+    label_panel(b, "b", "Comfort index N", "mean wind speed, m/s", "N")
+    b.axhspan(0, 1, color=SHADE, zorder=0)
+    b.text(10, 0.94, "N < 1: very good", fontsize=7.5, color=SOFT, va="top")
+    b.set_ylim(0, 1.15)
+    for panel in (a, b):
+        add_legend(panel, loc="lower right", ncols=2)
+    add_key(
+        figure,
+        ("car on the plant's springs", {}),
+        ("the paper's equation (28)", {"linestyle": DASHED}),
+    )
+    return figure
