@@ -319,14 +319,14 @@ def diagnose_command(
     _keep_algebra_to_one_core()
     from rich.console import Console
 
-    from astb.diagnose import Request, diagnose_data, tell
+    from astb.diagnose import Request, diagnose_data, show
     from bench_records.layout import RecordError
 
     try:
         finding = diagnose_data(Request(data, map_path, model, effects, seed), out, Console(stderr=True))
     except (ValueError, RecordError) as error:
         misuse(error)
-    tell(finding, out, Console())
+    show(finding, out, Console())
 
 
 @commands.command("investigate")

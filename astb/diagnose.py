@@ -28,7 +28,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is asked: data, the map of their columns if they are not the bench's, the model in doubt, candidates."""
+    """What is to be diagnosed: data, the map of foreign files, the model in doubt, and the candidates (None: all)."""
 
     data: Sequence[Path]
     map_path: Path | None
@@ -49,8 +49,8 @@ def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
         if not path.exists():
             raise DiagnosisError(f"{path} does not exist")
     parameters = load(request.model)
-    make_room(out)
-    with bar(console) as progress:
+    clear_results(out)
+    with progress_bar(console) as progress:
         progress("read the data", 0.0)
         simulator, dataset = read_data(request.data, request.map_path, parameters)
         config = Config(
@@ -85,7 +85,7 @@ def conclude(
     return finding
 
 
-def make_room(out: Path) -> None:
+def clear_results(out: Path) -> None:
     """Make the directory of results, without those of an earlier diagnosis. DiagnosisError if it cannot be used."""
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -96,7 +96,7 @@ def make_room(out: Path) -> None:
 
 
 @contextmanager
-def bar(console: "Console") -> Iterator[Progress]:
+def progress_bar(console: "Console") -> Iterator[Progress]:
     """Show how far a diagnosis is, while the block lasts."""
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -142,8 +142,8 @@ def read_data(
 def with_roles(dataset: Dataset) -> Dataset:
     """Return the dataset with one run of each screening to choose models, one to tell the gain, all others fitted.
 
-    What was made to decide is fitted. The two are kept from different loads and stretches, so that the fit sees every
-    load, and every stretch under one of them.
+    Runs of separating plans are fitted. The two that are kept back have different loads and stretches, so that the fit
+    sees every load, and every stretch under one of them.
     """
     screenings: dict[str, list[str]] = {}
     for run in dataset.runs:
@@ -158,7 +158,7 @@ def with_roles(dataset: Dataset) -> Dataset:
 
 
 def _kept_back(names: Sequence[str]) -> dict[str, Role]:
-    """Return which runs of one screening are not fitted, as far as a run is left to be fitted under every load."""
+    """Return the roles of a screening's runs that are not fitted; under every load a run is left to be fitted."""
     loads: dict[str, list[str]] = {}
     for name in names:
         loads.setdefault(name.split()[2], []).append(name)
@@ -195,8 +195,8 @@ def chosen_effects(
     return tuple(chosen)
 
 
-def tell(finding: Finding, out: Path, console: "Console") -> None:
-    """Show what was found: the sentence, causes with units and intervals, rivals, the next run, where the report is."""
+def show(finding: Finding, out: Path, console: "Console") -> None:
+    """Print the finding: its sentence, causes with intervals, rivals, the next run, and where the report is."""
 
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""What a diagnosis found, written back: fitted parameters, causes and terms without a name as a model for the rig."""
+"""The extended model of a finding, as a file: fitted parameters, causes, and terms without a name."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -28,7 +28,10 @@ def write_extended(path: Path, finding: Finding, based_on: str) -> None:
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
     changes = _changes(finding.models.after, parameters) | _surfaces(finding, parameters)
     write_model(
-        path, Model(base, changes, _effects(finding), _told(finding)), _notes(finding, parameters), DIGITS
+        path,
+        Model(base, changes, _effects(finding), _provenance(finding)),
+        _notes(finding, parameters),
+        DIGITS,
     )
 
 
@@ -38,7 +41,7 @@ def _changes(values: Mapping[str, float], parameters: Parameters) -> dict[str, A
     for name, value in values.items():
         side, _, quantity = name.partition(".")
         if name.endswith(DRAG):
-            continue  # a matter of the transducers and of the rig's ticks, which a rig has of itself
+            continue  # transducers and ticks of the rig make it; a rig with the model has it already
         if name.endswith(_OFFSET):
             sensor = _sensor(name)
             before = float(parameters.entries["sensor_bias"].value[Sensor[sensor.upper()]])
@@ -81,8 +84,8 @@ def _notes(finding: Finding, parameters: Parameters) -> Notes:
             notes["sensor_bias"][_sensor(name)] = f"{text} more than the base model has" if known else text
         else:
             before = notes["change"].get(name)
-            told = f"{side} {text}".strip()
-            notes["change"][name] = f"{before}; {told}" if before else told
+            own = f"{side} {text}".strip()
+            notes["change"][name] = f"{before}; {own}" if before else own
     for cause in finding.causes:
         notes[cause.effect] = {
             one.name: _interval(one.low, one.high, one.unit)
@@ -112,7 +115,7 @@ def _interval(low: float, high: float, unit: str) -> str:
     return f"95 %: {low:.{digits}f} to {high:.{digits}f} {unit}".removesuffix(" 1")
 
 
-def _told(finding: Finding) -> dict[str, Any]:
+def _provenance(finding: Finding) -> dict[str, Any]:
     return {
         "verdict": str(finding.verdict),
         "sentence": finding.sentence,

@@ -19,20 +19,20 @@ from test_plans.perform import lasts, programme_plan
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
-    from diagnosis.report.page import Course
+    from diagnosis.report.page import InvestigationHistory
 
 LOG: Final = "investigation.json"
-#: Below this BIC gap two causes are not told apart: no run is worth the bench's time that promises less.
-WORTH: Final = 10.0
+#: A run is worth the bench's time only if it promises a BIC gap of this size: below, two causes are not told apart.
+LEAST_GAP: Final = 10.0
 #: Verdicts after which another run may tell more.
-OPEN: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
-#: How often the bench is looked after while a diagnosis computes.
-LOOK: Final = 1 * s
+UNDECIDED: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
+#: How often the bench hears of its commander while a diagnosis computes.
+KEEP_ALIVE: Final = 1 * s
 
 T = TypeVar("T")
 
 
-class Step(msgspec.Struct, frozen=True, kw_only=True):
+class InvestigationStep(msgspec.Struct, frozen=True, kw_only=True):
     """One run on the bench and what was concluded from all data so far; times in minutes of the bench."""
 
     plan: str
@@ -47,11 +47,11 @@ class Step(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Investigation(msgspec.Struct, kw_only=True):
-    """The log of decisions: what was run and why, what it showed, and why it ended."""
+    """The log of an investigation: what was run and why, what it showed, and why it ended."""
 
     rig: str
     budget: float  #: minutes of the bench
-    steps: list[Step] = []
+    steps: list[InvestigationStep] = []
     ended: str = ""
 
     @property
@@ -76,13 +76,13 @@ def investigate_rig(
     model: str,
     out: Path,
 ) -> bool:
-    """Investigate ``rig`` against ``model`` and tell the finding; return whether the bench let it come to one.
+    """Investigate ``rig`` against ``model`` and show the finding; return whether there is one.
 
     RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, as `astb run` and `astb diagnose` raise.
     """
     from rich.console import Console
 
-    from astb.diagnose import REPORT, conclude, make_room, read_data, tell
+    from astb.diagnose import REPORT, clear_results, conclude, read_data, show
     from astb.session import open_session
     from bench_sim.parameters import load
     from bench_sim.parameters.values import read_value
@@ -93,7 +93,7 @@ def investigate_rig(
 
     allowed = read_value("--budget", budget, "s") / minutes
     parameters = load(model)
-    make_room(out)
+    clear_results(out)
     console, drawn = Console(), 1 if seed is None else seed
     last: Finding | None = None
 
@@ -102,7 +102,7 @@ def investigate_rig(
         open_session(rig, path, virtual=virtual, seed=seed, say=screen.say) as session,
     ):
 
-        def look(records: Sequence[Path]) -> Finding:
+        def diagnose(records: Sequence[Path]) -> Finding:
             nonlocal last
             screen.begin("diagnosis")
             simulator, dataset = read_data(records, None, parameters)
@@ -111,10 +111,10 @@ def investigate_rig(
             return last
 
         log = investigate(
-            session, rig, out, first=SCREENING, menu=MENU, budget=allowed, diagnose=look, screen=screen
+            session, rig, out, first=SCREENING, menu=MENU, budget=allowed, diagnose=diagnose, screen=screen
         )
     if last is not None:
-        write_report(last, out / REPORT, course(log))
+        write_report(last, out / REPORT, history(log))
     for number, step in enumerate(log.steps, 1):
         console.print(
             f"{number}. {step.plan}, {step.minutes:.1f} min, {step.why}: {step.sentence or step.outcome}",
@@ -124,23 +124,26 @@ def investigate_rig(
         )
     console.print(log.ended, highlight=False, markup=False, soft_wrap=True)
     if last is not None:
-        tell(last, out, console)
+        show(last, out, console)
     return last is not None
 
 
-def course(log: Investigation) -> "Course":
+def history(log: Investigation) -> "InvestigationHistory":
     """Return the log as the report shows it."""
-    from diagnosis.report.page import Course, Step
+    from diagnosis.report.page import InvestigationHistory, RunOfInvestigation
 
-    steps = [Step(one.plan, one.minutes, one.why, one.sentence or one.outcome) for one in log.steps]
-    return Course(steps, log.budget, log.ended)
+    runs = [
+        RunOfInvestigation(step.plan, step.minutes, step.why, step.sentence or step.outcome)
+        for step in log.steps
+    ]
+    return InvestigationHistory(runs, log.budget, log.ended)
 
 
 def choose(
     finding: Finding, menu: Mapping[str, Programme], left: float, done: Collection[str]
 ) -> tuple[Offer | None, str]:
     """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min)."""
-    if finding.verdict not in OPEN:
+    if finding.verdict not in UNDECIDED:
         return None, f"a verdict was reached: {finding.verdict}"
     if finding.verdict is Verdict.UNRESOLVED:
         return (
@@ -148,29 +151,29 @@ def choose(
             "what is wrong is too small for any cause to be named: there is nothing to decide between",
         )
     ranked = [offer for offer in offers(finding, menu) if offer.plan not in done]
-    worth = [offer for offer in ranked if offer.bic_gap >= WORTH]
+    worth = [offer for offer in ranked if offer.bic_gap >= LEAST_GAP]
     if not worth:
         best = (
-            f": the best, {ranked[0].plan}, promises a BIC gap of {ranked[0].bic_gap:.1f} where {WORTH:g} is needed"
+            f": the best, {ranked[0].plan}, promises a BIC gap of {ranked[0].bic_gap:.1f} where {LEAST_GAP:g} is needed"
             if ranked
             else ""
         )
-        return None, f"no run that is left on the menu would decide between {_open(finding)}{best}"
+        return None, f"no run that is left on the menu would decide between {_causes_left(finding)}{best}"
     for offer in worth:
         if offer.minutes <= left:
             why = (
-                f"to decide between {_open(finding)}: a BIC gap of {offer.bic_gap:.0f} is expected "
+                f"to decide between {_causes_left(finding)}: a BIC gap of {offer.bic_gap:.0f} is expected "
                 f"in {offer.minutes:.1f} min"
             )
             return offer, why
     cheapest = min(worth, key=lambda offer: offer.minutes)
     return None, (
         f"the budget is spent: {left:.1f} min are left, and {cheapest.plan}, the shortest run that would decide "
-        f"between {_open(finding)}, takes {cheapest.minutes:.1f} min"
+        f"between {_causes_left(finding)}, takes {cheapest.minutes:.1f} min"
     )
 
 
-def _open(finding: Finding) -> str:
+def _causes_left(finding: Finding) -> str:
     names = dict.fromkeys([*finding.names, *(rival.effect for rival in finding.ambiguous_with)])
     return " and ".join(names) or "the causes that are left"
 
@@ -189,7 +192,7 @@ def investigate(
     """Run ``first``, diagnose, and go on with what decides most per minute while the budget (min) lasts.
 
     ``diagnose`` is given the directories of all records so far. The log is written after every run and at the end,
-    whatever ends it. RecordError if even the first programme does not fit into the budget, or a directory cannot be
+    also after an error. RecordError if even the first programme does not fit into the budget, or a directory cannot be
     used; what ``diagnose`` raises passes.
     """
     needed = lasts(first) / minutes
@@ -227,7 +230,7 @@ def _decide(
         directory = out / f"{len(records) + 1:02d}-{programme.name}"
         screen.say(f"{programme.name}: {why}")
         result = _run(programme, session, rig, directory, screen)
-        step = Step(
+        step = InvestigationStep(
             plan=programme.name,
             why=why,
             record=directory.name,
@@ -240,7 +243,7 @@ def _decide(
         if result.verdict is Outcome.BLOCKED:
             return f"{programme.name} {result.verdict}: {result.reason}"
         records.append(directory)
-        finding = _meanwhile(session, lambda: diagnose(records))
+        finding = _computed_while_connected(session, lambda: diagnose(records))
         log.steps[-1] = msgspec.structs.replace(
             step,
             verdict=finding.verdict,
@@ -275,12 +278,12 @@ def _run(programme: Programme, session: Session, rig: "RigFile", directory: Path
     return result
 
 
-def _meanwhile(session: Session, work: Callable[[], T]) -> T:
-    """Compute while somebody looks after the bench: a rig hangs up on a commander that is silent for a minute."""
+def _computed_while_connected(session: Session, work: Callable[[], T]) -> T:
+    """Return what ``work`` computes; meanwhile keep the connection, which a rig closes after a silent minute."""
     if session.virtual:
         return work()
     with ThreadPoolExecutor(1) as pool:
         future = pool.submit(work)
         while not future.done():
-            session.bench.wait(LOOK)
+            session.bench.wait(KEEP_ALIVE)
         return future.result()

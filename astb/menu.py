@@ -1,4 +1,4 @@
-"""The menu of separating runs as experiments: what each will do to the springs, before the bench has done it."""
+"""The separating plans as experiments: how each will move the springs, computed before the bench does it."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from test_plans.motions import Programme, Stretch
 from test_plans.perform import lasts
 from test_plans.trajectory import RATE, trajectory
 
-#: Of the gas when it is shut in: that of the hall.
+#: Of the gas when its valves are closed: that of the hall.
 TEMPERATURE: Final = 293.15
-#: Faster motion than this is not known from a record well enough for its accelerations.
+#: Accelerations of faster motion than this cannot be computed from a record well enough.
 BANDWIDTH: Final = 16 * Hz
 
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A plan of the menu, and how far its runs together would part the rivals: the predicted BIC gap."""
+    """A plan of the menu with the BIC gap that its runs together are predicted to open between the rival causes."""
 
     plan: str
     minutes: float
@@ -59,7 +59,7 @@ def _runs(programme: Programme) -> Iterator[Experiment]:
 def _experiment(name: str, load: Load, stretch: Stretch, cost: float) -> Experiment:
     asked = trajectory(stretch)
     still = np.zeros_like(asked.time)
-    heights = {side: _followed(height) for side, height in asked.heights.items()}
+    heights = {side: _band_limited(height) for side, height in asked.heights.items()}
     settings = {"nominal_preload": load.preload}
     for side in SIDES:
         pressure = _pressure(load, float(heights[side][0]))
@@ -71,10 +71,10 @@ def _experiment(name: str, load: Load, stretch: Stretch, cost: float) -> Experim
         asked.time,
         {
             **{f"{side}.height": height for side, height in heights.items()},
-            "shear": _followed(asked.shear),
+            "shear": _band_limited(asked.shear),
             "platform.vertical": still,
             "platform.lateral": still,
-            "platform.roll": _followed(asked.platform_roll),
+            "platform.roll": _band_limited(asked.platform_roll),
             **{f"{side}.leveling": asked.leveling for side in SIDES},
             **{f"{side}.reservoir": asked.reservoirs for side in SIDES},
             "dpv": asked.dpv,
@@ -84,10 +84,10 @@ def _experiment(name: str, load: Load, stretch: Stretch, cost: float) -> Experim
     )
 
 
-def _followed(asked: Array) -> Array:
-    """Set-points with their corners rounded: at a corner the actuator forces of a record do not count.
+def _band_limited(asked: Array) -> Array:
+    """Return set-points (n,) without what is faster than `BANDWIDTH`, which rounds their corners.
 
-    Left sharp, corners would promise more than what the run is made for.
+    At a corner the actuator forces of a record are not scored: kept sharp, corners would promise too large a gap.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -95,7 +95,7 @@ def _followed(asked: Array) -> Array:
 
 
 def _pressure(load: Load, height: float) -> float:
-    """Gauge pressure of a spring that carried its load at design height and was then moved, its gas shut in."""
+    """Gauge pressure at a ``height`` of a spring that was closed while it carried its load at design height."""
     volume = BELLOWS_VOLUME + AUXILIARY_VOLUME
-    shut_in = (load.fill_pressure + ATMOSPHERE) * volume / (volume + EFFECTIVE_AREA * height)
-    return shut_in - ATMOSPHERE
+    absolute = (load.fill_pressure + ATMOSPHERE) * volume / (volume + EFFECTIVE_AREA * height)
+    return absolute - ATMOSPHERE

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: one HTML page that stands alone, made from the finding and how it was come by."""
+"""The report of a diagnosis: one HTML page that stands alone, made from the finding and its history."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
+from diagnosis.report import drawings
 from diagnosis.report.words import chance, percent, prose, shown, typeset, unit
 
 if TYPE_CHECKING:
@@ -40,99 +41,111 @@ class Curves(NamedTuple):
     errors: str
 
 
-class Step(NamedTuple):
-    """One plan of an investigation, and what was concluded from all data up to it; ``minutes`` on the bench."""
+class RunOfInvestigation(NamedTuple):
+    """One plan that an investigation ran, and what was concluded from all data up to it; ``minutes`` on the bench."""
 
     plan: str
     minutes: float
     why: str
-    said: str
+    conclusion: str
 
 
-class Course(NamedTuple):
+class InvestigationHistory(NamedTuple):
     """How an investigation came to its finding, and why it ended; ``budget`` in minutes of the bench."""
 
-    steps: Sequence[Step]
+    runs: Sequence[RunOfInvestigation]
     budget: float
     ended: str
 
 
-def write_report(finding: Finding, path: Path | str, course: Course | None = None) -> Path:
-    """Write the page of a finding; returns its path.  The bytes depend on the finding and its course alone."""
+def write_report(finding: Finding, path: Path | str, history: InvestigationHistory | None = None) -> Path:
+    """Write the page of a finding; returns its path.  The bytes depend on the finding and its history alone."""
     target = Path(path)
-    target.write_text(render(finding, course), encoding="utf-8")
+    target.write_text(render(finding, history), encoding="utf-8")
     return target
 
 
-def render(finding: Finding, course: Course | None = None) -> str:
+def render(finding: Finding, history: InvestigationHistory | None = None) -> str:
     """The page of a finding."""
-    from diagnosis.report import drawings
+    parts = _summary(finding) | _causes(finding) | _residual(finding) | _what_is_possible(finding)
+    formats = {
+        "interval": interval,
+        "shown": shown,
+        "prose": prose,
+        "typeset": typeset,
+        "unit": unit,
+        "percent": percent,
+        "chance": chance,
+    }
+    page = _environment().get_template("report.html.j2")
+    return page.render(finding=finding, history=history, facts=_facts(finding), **formats, **parts)
 
-    overall = next((gain for gain in finding.gains if gain.channel == "all"), None)
+
+def _summary(finding: Finding) -> dict[str, Any]:
+    """The verdict, the gain on the report runs, and their curves before and after."""
+    return {
+        "tone": TONES[finding.verdict],
+        "headline": HEADLINES[finding.verdict],
+        "overall": next((gain for gain in finding.gains if gain.channel == "all"), None),
+        "extended": bool(finding.causes) or any(unknown.kept for unknown in finding.unknowns),
+        "gain_drawing": drawings.gain_rows("gains", finding.gains),
+        "curves": [
+            Curves(t, drawings.trace_curves(f"trace{i}", t), drawings.trace_errors(f"error{i}", t))
+            for i, t in enumerate(finding.traces[:TRACES])
+        ],
+    }
+
+
+def _causes(finding: Finding) -> dict[str, Any]:
+    """The scores of all candidates, those that were rejected, and the terms without a name."""
+    return {
+        "score_drawing": drawings.score_bars("scores", finding.scores, finding.threshold),
+        "rejected": [
+            s for s in finding.scores if (s.score or 0.0) > finding.threshold and s.outcome != "accepted"
+        ],
+        "unknowns": [
+            (
+                unknown,
+                drawings.panel_figure(f"unknown{i}", unknown.title, unknown.figure) if unknown.figure else "",
+            )
+            for i, unknown in enumerate(finding.unknowns)
+        ],
+    }
+
+
+def _residual(finding: Finding) -> dict[str, Any]:
+    """What the panel of tests says of the residuals of the base model."""
     tested = [row for row in finding.panel if row.p is not None]
     clear = sorted(
         (row for row in tested if row.significant), key=lambda row: (row.q or 0.0, -(row.statistic or 0.0))
     )
+    drawn = [row for row in clear if row.figure][:FIGURES]
+    return {
+        "panel_drawing": drawings.panel_map("panel", finding.panel),
+        "tested": len(tested),
+        "clear": len(clear),
+        "sentences": _one_of_each_test_first(clear),
+        "figures": [
+            (row, drawings.panel_figure(f"panel{i}", f"{row.title}: {row.channel}", row.figure))
+            for i, row in enumerate(drawn)
+            if row.figure
+        ],
+    }
+
+
+def _what_is_possible(finding: Finding) -> dict[str, Any]:
+    """What these runs can tell apart, which runs would decide, and how the base parameters moved."""
     shifts = _shift_rows(finding.shifts)
-    return (
-        _environment()
-        .get_template("report.html.j2")
-        .render(
-            finding=finding,
-            course=course,
-            tone=TONES[finding.verdict],
-            headline=HEADLINES[finding.verdict],
-            overall=overall,
-            extended=bool(finding.causes) or any(unknown.kept for unknown in finding.unknowns),
-            interval=interval,
-            shown=shown,
-            prose=prose,
-            typeset=typeset,
-            unit=unit,
-            percent=percent,
-            chance=chance,
-            gain_drawing=drawings.gain_rows("gains", finding.gains),
-            curves=[
-                Curves(t, drawings.trace_curves(f"trace{i}", t), drawings.trace_errors(f"error{i}", t))
-                for i, t in enumerate(finding.traces[:TRACES])
-            ],
-            score_drawing=drawings.score_bars("scores", finding.scores, finding.threshold),
-            rejected=[
-                s for s in finding.scores if (s.score or 0.0) > finding.threshold and s.outcome != "accepted"
-            ],
-            panel_drawing=drawings.panel_map("panel", finding.panel),
-            tested=len(tested),
-            clear=len(clear),
-            sentences=_told(clear),
-            figures=[
-                (row, drawings.panel_figure(f"panel{i}", f"{row.title}: {row.channel}", row.figure))
-                for i, row in enumerate([row for row in clear if row.figure][:FIGURES])
-                if row.figure
-            ],
-            unknowns=[
-                (
-                    unknown,
-                    drawings.panel_figure(f"unknown{i}", unknown.title, unknown.figure)
-                    if unknown.figure
-                    else "",
-                )
-                for i, unknown in enumerate(finding.unknowns)
-            ],
-            cosine_drawing=drawings.cosine_map("cosines", finding.confusability)
-            if finding.confusability
-            else "",
-            inseparable=[p for p in finding.confusability.pairs if not p.separable]
-            if finding.confusability
-            else [],
-            next_runs=finding.next_runs[:RUNS],
-            most=max((run.per_minute or 0.0 for run in finding.next_runs), default=0.0),
-            shifts=shifts,
-            shift_drawing=drawings.shift_rows("shifts", [(_label(s), s.sigmas or 0.0) for s in shifts])
-            if shifts
-            else "",
-            facts=_facts(finding),
-        )
-    )
+    confusability = finding.confusability
+    moved = [(_label(shift), shift.sigmas or 0.0) for shift in shifts]
+    return {
+        "cosine_drawing": drawings.cosine_map("cosines", confusability) if confusability else "",
+        "inseparable": [pair for pair in confusability.pairs if not pair.separable] if confusability else [],
+        "next_runs": finding.next_runs[:RUNS],
+        "most": max((run.per_minute or 0.0 for run in finding.next_runs), default=0.0),
+        "shifts": shifts,
+        "shift_drawing": drawings.shift_rows("shifts", moved) if shifts else "",
+    }
 
 
 def _environment() -> Environment:
@@ -158,8 +171,8 @@ def interval(estimate: Estimate) -> str:
     return f"{shown(estimate.low, 4)} to {shown(estimate.high, 4)}"
 
 
-def _told(rows: Sequence[PanelRow]) -> list[PanelRow]:
-    """The clearest row of every test first, then others, each channel once in every test."""
+def _one_of_each_test_first(rows: Sequence[PanelRow]) -> list[PanelRow]:
+    """So many rows: the clearest of every test, then the others, from the clearest on."""
     first: dict[str, PanelRow] = {}
     for row in rows:
         first.setdefault(row.test, row)

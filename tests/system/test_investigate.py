@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from astb.diagnose import read_data
-from astb.investigate import LOG, WORTH, choose, course, investigate
+from astb.investigate import LEAST_GAP, LOG, choose, history, investigate
 from astb.menu import experiments, offers
 from astb.rig_file import RigFile, Simulation
 from astb.run import Screen
@@ -111,11 +111,11 @@ def test_what_decides_most_per_minute_is_run_unless_it_was_or_costs_too_much():
 
 
 def test_a_run_that_would_not_decide_is_not_run():
-    offer, why = choose(ambiguous(("quick 1 AW0", WORTH - 0.1)), SMALL_MENU, 20.0, set())
+    offer, why = choose(ambiguous(("quick 1 AW0", LEAST_GAP - 0.1)), SMALL_MENU, 20.0, set())
     assert offer is None
     assert "no run that is left on the menu would decide between leak.left and heat.left" in why
     assert "promises a BIC gap of 9.9" in why
-    assert choose(ambiguous(("quick 1 AW0", WORTH)), SMALL_MENU, 20.0, set())[0].plan == "quick"
+    assert choose(ambiguous(("quick 1 AW0", LEAST_GAP)), SMALL_MENU, 20.0, set())[0].plan == "quick"
 
 
 @pytest.mark.parametrize("verdict", [Verdict.NO_EFFECT, Verdict.NAMED, Verdict.REMAINDER, Verdict.UNKNOWN])
@@ -217,7 +217,7 @@ def test_whatever_ends_it_the_log_says_what(tmp_path):
 
 def test_the_report_tells_how_it_was_found_out(tmp_path):
     log, _, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0)), NAMED])
-    page = write_report(NAMED, tmp_path / "report.html", course(log)).read_text()
+    page = write_report(NAMED, tmp_path / "report.html", history(log)).read_text()
     for words in (
         "How it was found out",
         "To see what the model gets wrong",
