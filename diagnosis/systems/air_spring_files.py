@@ -13,7 +13,7 @@ from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel
 from diagnosis.systems.air_spring import OUTPUTS, AirSpring, channels
 from diagnosis.systems.motion import motion_inputs
-from diagnosis.systems.signals import Setting, Signal, System
+from diagnosis.systems.system import System, SystemSetting, SystemSignal
 
 #: A replay begins with these pressures.
 _BEGIN: Final = ("left.bellows_pressure", "right.bellows_pressure")
@@ -26,7 +26,6 @@ _FIRST: Final = 5
 
 def air_spring_system(parameters: Parameters) -> System:
     """Return the system of two air springs with a parameter set: heights drive it, pressures and forces come out."""
-    par = parameters.record
 
     def simulator(settings: Mapping[str, float], measured: tuple[Channel, ...]) -> AirSpring:
         return AirSpring(parameters, effects=CATALOGUE, only=tuple(channel.name for channel in measured))
@@ -38,73 +37,59 @@ def air_spring_system(parameters: Parameters) -> System:
     return System(
         name="air_spring",
         title="two air springs under a bolster: their motion is measured, pressures and forces are predicted",
-        inputs=(
-            Signal("left.height", "m", "change of the height of the left spring", display="mm", scale=1e-3),
-            Signal("right.height", "m", "change of the height of the right spring", display="mm", scale=1e-3),
-            Signal(
-                "lateral.displacement",
-                "m",
-                "lateral displacement of the bolster",
-                False,
-                display="mm",
-                scale=1e-3,
-            ),
-            Signal(
-                "platform.vertical",
-                "m",
-                "vertical displacement of the platform",
-                False,
-                display="mm",
-                scale=1e-3,
-            ),
-            Signal(
-                "platform.lateral",
-                "m",
-                "lateral displacement of the platform",
-                False,
-                display="mm",
-                scale=1e-3,
-            ),
-            Signal(
-                "platform.roll", "rad", "roll of the platform", required=False, display="mrad", scale=1e-3
-            ),
-            Signal("lateral.acceleration", "m/s2", "lateral acceleration of the bolster", required=False),
-            Signal("supply.pressure", "Pa", "pressure of the air supply", required=False, gauge=True),
-            *(Signal(name, "1", f"opening of the valve {name}", required=False) for name in _VALVES),
-        ),
-        outputs=tuple(
-            Signal(
-                channel.name,
-                channel.unit,
-                channel.name.replace(".", ", ").replace("_", " "),
-                required=channel.name in _BEGIN,
-                gauge=channel.unit == "Pa",
-                display=channel.display,
-                scale=channel.scale,
-            )
-            for channel in channels(parameters)
-        ),
-        settings=(
-            Setting("nominal_preload", "N", "load on a spring", 1e3, 1e6, float(par.nominal_preload[0])),
-            Setting(
-                "orifice_diameter", "m", "bore of the orifice", 1e-4, 0.2, float(par.orifice_diameter[0])
-            ),
-            Setting(
-                "pipe_length", "m", "length of the pipe, 0 without", 0.0, 20.0, float(par.pipe_length[0])
-            ),
-            Setting(
-                "ambient_pressure",
-                "Pa",
-                "pressure of the air around",
-                5e4,
-                1.2e5,
-                float(par.atmospheric_pressure),
-            ),
-        ),
+        inputs=_INPUTS,
+        outputs=_outputs(parameters),
+        settings=_settings(parameters),
         simulator=simulator,
         prepare=prepare,
         rest=_rest,
         begin=_begin,
+    )
+
+
+def _millimetres(name: str, title: str, required: bool = False) -> SystemSignal:
+    return SystemSignal(name, "m", title, required, display="mm", scale=1e-3)
+
+
+_INPUTS: Final = (
+    _millimetres("left.height", "change of the height of the left spring", required=True),
+    _millimetres("right.height", "change of the height of the right spring", required=True),
+    _millimetres("lateral.displacement", "lateral displacement of the bolster"),
+    _millimetres("platform.vertical", "vertical displacement of the platform"),
+    _millimetres("platform.lateral", "lateral displacement of the platform"),
+    SystemSignal("platform.roll", "rad", "roll of the platform", required=False, display="mrad", scale=1e-3),
+    SystemSignal("lateral.acceleration", "m/s2", "lateral acceleration of the bolster", required=False),
+    SystemSignal("supply.pressure", "Pa", "pressure of the air supply", required=False, gauge=True),
+    *(SystemSignal(name, "1", f"opening of the valve {name}", required=False) for name in _VALVES),
+)
+
+
+def _outputs(parameters: Parameters) -> tuple[SystemSignal, ...]:
+    return tuple(
+        SystemSignal(
+            channel.name,
+            channel.unit,
+            channel.name.replace(".", ", ").replace("_", " "),
+            required=channel.name in _BEGIN,
+            gauge=channel.unit == "Pa",
+            display=channel.display,
+            scale=channel.scale,
+        )
+        for channel in channels(parameters)
+    )
+
+
+def _settings(parameters: Parameters) -> tuple[SystemSetting, ...]:
+    par = parameters.record
+    preload, bore, pipe = (
+        float(par[name][0]) for name in ("nominal_preload", "orifice_diameter", "pipe_length")
+    )
+    ambient = float(par.atmospheric_pressure)
+    return (
+        SystemSetting("nominal_preload", "N", "load on a spring", 1e3, 1e6, preload),
+        SystemSetting("orifice_diameter", "m", "bore of the orifice", 1e-4, 0.2, bore),
+        SystemSetting("pipe_length", "m", "length of the pipe, 0 without", 0.0, 20.0, pipe),
+        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, ambient),
     )
 
 

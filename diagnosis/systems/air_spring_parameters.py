@@ -1,6 +1,7 @@
 """What may differ between an air spring bench and its parameter set, and what may be missing from the model of it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from math import log, sqrt
 from types import MappingProxyType
 from typing import Any, Final
@@ -54,81 +55,69 @@ _SIDES: Final = bench.PLACES
 _UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
 
 
-def nuisances(parameters: Parameters, channels: tuple[tuple[Channel, Sensor], ...]) -> tuple[Nuisance, ...]:
-    """Return what is fitted with every model: offsets of the sensors, then what the springs are like.
+def nuisances(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...]) -> tuple[Nuisance, ...]:
+    """Return what is fitted with every model: zeros and drag of the sensors, the gas at the start, then the springs.
 
-    The data sheet's accuracy bounds an offset evenly: its standard deviation is the bound over √3. Offsets come
-    first because they need no simulation of their own.
+    Zeros come first because they need no simulation of their own. ``measured`` are the channels with their sensors.
     """
+    return (
+        *_offsets(parameters, measured),
+        *_rounding_errors(measured),
+        *_drags(measured),
+        *_initial_gas(),
+        *_tolerances(parameters),
+    )
+
+
+def _nuisance(name: str, unit: str, spread: float, display: str = "", scale: float = 1.0) -> Nuisance:
+    """A deviation from 0, believed to be within ``spread``."""
+    return Nuisance(name, unit, 0.0, spread, step=_STEP * spread, display=display, scale=scale)
+
+
+def _offsets(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
+    """Zeros of the sensors. The accuracy of a data sheet is the bound of an even distribution: √3 deviations."""
     accuracy = parameters.record.sensor_accuracy / sqrt(3.0)
     accuracy[[Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_RIGHT_DISPLACEMENT]] = _pin_accuracy(
         parameters
     )
-    return (
-        *(
-            Nuisance(
-                f"{channel.name}.offset",
-                channel.unit,
-                0.0,
-                float(accuracy[sensor]),
-                step=_STEP * float(accuracy[sensor]),
-                display=channel.display,
-                scale=channel.scale,
-            )
-            for channel, sensor in channels
-        ),
-        Nuisance(
-            f"{SHEAR}.offset",
-            "m",
-            0.0,
-            _shear_accuracy(parameters),
-            step=_STEP * _shear_accuracy(parameters),
-            display="mm",
-            scale=1e-3,
-        ),
-        *(
-            Nuisance(
-                f"{channel.name}{SEAT}",
-                channel.unit,
-                0.0,
-                ROUNDING,
-                step=_STEP * ROUNDING,
-                display=channel.display,
-                scale=channel.scale,
-                per_run=True,
-            )
-            for channel, _ in channels
-            if channel.kind == "displacement"
-        ),
-        *(
-            Nuisance(f"{channel.name}{DRAG}", "N*s/m", 0.0, SEALS, step=_STEP * SEALS)
-            for channel, sensor in channels
-            if Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE
-        ),
-        *(
-            Nuisance(
-                f"{place}.initial_{what}",
-                unit,
-                0.0,
-                spread,
-                step=_STEP * spread,
-                display=display,
-                scale=scale,
-                per_run=True,
-            )
-            for what, unit, spread, display, scale, places in (
-                ("pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0, _SIDES),
-                ("temperature", "K", INITIAL_TEMPERATURE, "K", 1.0, CHAMBERS),
-            )
-            for place in places
-        ),
-        *(
-            _tolerance(parameters, name, f"{side}.{name}", place, share)
-            for name, share in EACH_SIDE.items()
-            for place, side in enumerate(_SIDES)
-        ),
-        *(_tolerance(parameters, name, name, 0, share) for name, share in BOTH_SIDES.items()),
-    )
+    for channel, sensor in measured:
+        spread = float(accuracy[sensor])
+        yield _nuisance(f"{channel.name}.offset", channel.unit, spread, channel.display, channel.scale)
+    yield _nuisance(f"{SHEAR}.offset", "m", _shear_accuracy(parameters), "mm", 1e-3)
+
+
+def _rounding_errors(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
+    """How far displacements seem off in one run, since the platform rests between two steps of its transducers."""
+    for channel, _ in measured:
+        if channel.kind == "displacement":
+            one = _nuisance(f"{channel.name}{SEAT}", channel.unit, ROUNDING, channel.display, channel.scale)
+            yield replace(one, per_run=True)
+
+
+def _drags(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
+    """Force in proportion to the speed that only the actuators' transducers show."""
+    for channel, sensor in measured:
+        if Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE:
+            yield _nuisance(f"{channel.name}{DRAG}", "N*s/m", SEALS)
+
+
+def _initial_gas() -> Iterator[Nuisance]:
+    """Pressure of each spring and temperature of each chamber where a run begins."""
+    for side in _SIDES:
+        pressure = _nuisance(f"{side}.initial_pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0)
+        yield replace(pressure, per_run=True)
+    for chamber in CHAMBERS:
+        temperature = _nuisance(f"{chamber}.initial_temperature", "K", INITIAL_TEMPERATURE, "K")
+        yield replace(temperature, per_run=True)
+
+
+def _tolerances(parameters: Parameters) -> Iterator[Nuisance]:
+    """Geometry and materials of the springs, side by side where each side shows its own."""
+    for name, share in EACH_SIDE.items():
+        for place, side in enumerate(_SIDES):
+            yield _tolerance(parameters, name, f"{side}.{name}", place, share)
+    for name, share in BOTH_SIDES.items():
+        yield _tolerance(parameters, name, name, 0, share)
 
 
 def _pin_accuracy(parameters: Parameters) -> float:
@@ -202,11 +191,13 @@ def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bo
         if possible(name)
     }
 
-    def there(names: tuple[str, ...], place: str) -> tuple[str, ...]:
-        return tuple(name for name in _there(names, place, effects) if name in causes)
+    def possible_at(names: tuple[str, ...], place: str) -> tuple[str, ...]:
+        return tuple(name for name in _at(names, place, effects) if name in causes)
 
     return {
-        name: _hypothesis(name, effect, place, there(effect.confusers, place), there(effect.richer, place))
+        name: _hypothesis(
+            name, effect, place, possible_at(effect.confusers, place), possible_at(effect.richer, place)
+        )
         for name, (effect, place) in causes.items()
     }
 
@@ -267,7 +258,7 @@ def _shape(shape: bench.Quantity) -> Parameter:
     )
 
 
-def _there(names: tuple[str, ...], place: str, effects: Mapping[str, bench.Effect]) -> tuple[str, ...]:
+def _at(names: tuple[str, ...], place: str, effects: Mapping[str, bench.Effect]) -> tuple[str, ...]:
     """Effects at the same place; one that has no such place wherever it can be."""
     return tuple(
         _label(name, where)

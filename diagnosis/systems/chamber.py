@@ -25,7 +25,7 @@ from diagnosis.contracts import (
     Surface,
 )
 from diagnosis.systems.chamber_effects import KAPPA, R_AIR, RHO_0, T_0, chamber_effects
-from diagnosis.systems.signals import Setting, Signal, System
+from diagnosis.systems.system import System, SystemSetting, SystemSignal
 
 #: The gas is integrated in steps of at most this.
 _STEP: Final = 0.1
@@ -202,13 +202,15 @@ CHAMBER: Final = System(
     title="a closed chamber: its pressure is predicted",
     inputs=(),
     outputs=(
-        Signal("pressure", "Pa", "pressure in the chamber", gauge=True, display="bar", scale=1e5),
-        Signal("temperature", "K", "temperature of the gas", required=False, display="K"),
+        SystemSignal("pressure", "Pa", "pressure in the chamber", gauge=True, display="bar", scale=1e5),
+        SystemSignal("temperature", "K", "temperature of the gas", required=False, display="K"),
     ),
     settings=(
-        Setting("volume", "m3", "volume of the chamber", 1e-9, 1e3),
-        Setting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, default=101_325.0),
-        Setting("ambient_temperature", "K", "temperature of wall and air around", 200.0, 400.0, default=T_0),
+        SystemSetting("volume", "m3", "volume of the chamber", 1e-9, 1e3),
+        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, default=101_325.0),
+        SystemSetting(
+            "ambient_temperature", "K", "temperature of wall and air around", 200.0, 400.0, default=T_0
+        ),
     ),
     simulator=_simulator,
     prepare=_prepare,

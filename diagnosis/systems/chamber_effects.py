@@ -17,62 +17,43 @@ T_0: Final = 293.15  #: ISO 6358 reference temperature, K
 RHO_0: Final = 1.185  #: ISO 6358 reference density, kg/m³
 
 #: A chamber that empties within this time has an ordinary leak.
-_QUICK: Final = 30.0
+_EMPTYING_TIME: Final = 30.0
 _BAR: Final = 1e5
-_LEAKS: Final = ("leak_orifice", "leak_linear", "leak_laminar", "leak_inertial", "leak_opening")
+_LEAK_NAMES: Final = ("leak_orifice", "leak_linear", "leak_laminar", "leak_inertial", "leak_opening")
 
 
 def chamber_effects(volume: float) -> Mapping[str, Hypothesis]:
     """Return the effects of a chamber of ``volume`` in m³ by name."""
+    effects = (*_leaks(volume), *_HEAT, _DRIFT)
+    return MappingProxyType({effect.name: effect for effect in effects})
+
+
+def _leaks(volume: float) -> tuple[Hypothesis, ...]:
+    """The laws of a leak; typical is one that empties the chamber within `_EMPTYING_TIME`."""
     mass_per_pressure = volume / (R_AIR * T_0)
-
-    def leak(
-        name: str, title: str, amplitude: Parameter, equation: str, source: str,
-        shapes: tuple[Parameter, ...] = (), grid: tuple[tuple[float, ...], ...] = ((),), richer: tuple[str, ...] = (),
-    ) -> Hypothesis:  # fmt: skip
-        confusers = (*(other for other in _LEAKS if other != name), "sensor_drift")
-        return Hypothesis(
-            name,
-            "leak",
-            title,
-            amplitude,
-            shapes,
-            grid,
-            frozenset({"gas"}),
-            confusers,
-            richer,
-            equation,
-            source,
-        )
-
-    def conductance(unit: str, typical: float, display: str, scale: float) -> Parameter:
-        return Parameter(
-            "conductance", unit, 0.0, typical, 0.0, step=1e-5 * typical, display=display, scale=scale
-        )
-
-    sonic = conductance(
-        "m3/(s*Pa)", mass_per_pressure / (RHO_0 * _QUICK), "litre/(min*bar)", 1e-3 / 60.0 / _BAR
+    sonic = _conductance(
+        "m3/(s*Pa)", mass_per_pressure / (RHO_0 * _EMPTYING_TIME), "litre/(min*bar)", 1e-3 / 60.0 / _BAR
     )
-    linear = conductance("kg/(s*Pa)", mass_per_pressure / _QUICK, "mg/(s*bar)", 1e-6 / _BAR)
-    squares = conductance(
-        "kg/(s*Pa2)", mass_per_pressure / _QUICK / (4.0 * _BAR), "mg/(s*bar2)", 1e-6 / _BAR**2
+    linear = _conductance("kg/(s*Pa)", mass_per_pressure / _EMPTYING_TIME, "mg/(s*bar)", 1e-6 / _BAR)
+    squares = _conductance(
+        "kg/(s*Pa2)", mass_per_pressure / _EMPTYING_TIME / (4.0 * _BAR), "mg/(s*bar2)", 1e-6 / _BAR**2
     )
-    effects = (
-        leak(
+    return (
+        _leak(
             "leak_orifice", "leak through an orifice", sonic,
             "G = C·ρ_0·p·√(T_0/T)·q(p_a/p), q = 1 up to the critical ratio b, then an ellipse", "ISO 6358-1",
             shapes=(Parameter("critical_ratio", "1", 0.4, 0.15, 0.05, 0.6, step=0.02, display="1"),),
             grid=((0.2,), (0.5,)),
         ),
-        leak(
+        _leak(
             "leak_linear", "leak in proportion to the gauge pressure", linear, "G = k·(p − p_a)",
             "a permeable wall", richer=("leak_opening",),
         ),
-        leak(
+        _leak(
             "leak_laminar", "laminar leak through a narrow gap", squares, "G = k·(p² − p_a²)",
             "Hagen-Poiseuille for an ideal gas at constant temperature", richer=("leak_inertial", "leak_opening"),
         ),
-        leak(
+        _leak(
             "leak_inertial", "leak through pores, turbulent at high flow", squares,
             "p² − p_a² = G/k + G²/(k·p_t)²", "P. Forchheimer, 1901",
             shapes=(
@@ -83,7 +64,7 @@ def chamber_effects(volume: float) -> Mapping[str, Hypothesis]:
             ),
             grid=((0.5 * _BAR,), (2.0 * _BAR,), (8.0 * _BAR,)),
         ),
-        leak(
+        _leak(
             "leak_opening", "leak through pores that the pressure opens", linear,
             "G = k·(p − p_a)·(1 + s·(p − p_a)); s = 0 is a fixed permeable wall, s = 1/(2 p_a) a fixed laminar gap",
             "first order of a conductance that grows with the load on the wall",
@@ -93,37 +74,58 @@ def chamber_effects(volume: float) -> Mapping[str, Hypothesis]:
             ),
             grid=((0.1 / _BAR,), (1.0 / _BAR,)),
         ),
-        Hypothesis(
-            name="heat_exchange",
-            family="heat",
-            title="heat that the wall gives in finite time",
-            amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
-            touches=frozenset({"gas"}),
-            confusers=_LEAKS,
-            equation="dT/dt = (T_w − T)/τ − (κ − 1)·T·G/m",
-            source="first law for a gas that leaves; τ = m·c_v/(hS)",
-        ),
-        Hypothesis(
-            name="filling_heat",
-            family="heat",
-            title="gas still warm from filling",
-            amplitude=Parameter("excess_temperature", "K", 0.0, 10.0, -40.0, 40.0, step=0.01, display="K"),
-            shapes=(Parameter("time_constant", "s", 20.0, 20.0, 1.0, 600.0, logarithmic=True, display="s"),),
-            grid=((5.0,), (20.0,), (60.0,)),
-            touches=frozenset({"gas"}),
-            confusers=_LEAKS,
-            equation="T = T_w + ΔT·exp(−t/τ), t since the start of the file",
-            source="compression while filling",
-        ),
-        Hypothesis(
-            name="sensor_drift",
-            family="sensor",
-            title="drift of the pressure sensor",
-            amplitude=Parameter("rate", "Pa/s", 0.0, 3.0, -1e3, 1e3, step=1e-3, display="mbar/min", scale=100.0 / 60.0),
-            touches=frozenset({"sensor"}),
-            confusers=_LEAKS,
-            equation="p_m = p + r·t, t since the start of the file",
-            source="data sheets of transducers",
-        ),
     )  # fmt: skip
-    return MappingProxyType({effect.name: effect for effect in effects})
+
+
+def _leak(
+    name: str, title: str, amplitude: Parameter, equation: str, source: str,
+    shapes: tuple[Parameter, ...] = (), grid: tuple[tuple[float, ...], ...] = ((),), richer: tuple[str, ...] = (),
+) -> Hypothesis:  # fmt: skip
+    confusers = (*(other for other in _LEAK_NAMES if other != name), "sensor_drift")
+    return Hypothesis(
+        name, "leak", title, amplitude, shapes, grid, frozenset({"gas"}), confusers, richer, equation, source
+    )
+
+
+def _conductance(unit: str, typical: float, display: str, scale: float) -> Parameter:
+    return Parameter(
+        "conductance", unit, 0.0, typical, 0.0, step=1e-5 * typical, display=display, scale=scale
+    )
+
+
+_HEAT: Final = (
+    Hypothesis(
+        name="heat_exchange",
+        family="heat",
+        title="heat that the wall gives in finite time",
+        amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
+        touches=frozenset({"gas"}),
+        confusers=_LEAK_NAMES,
+        equation="dT/dt = (T_w − T)/τ − (κ − 1)·T·G/m",
+        source="first law for a gas that leaves; τ = m·c_v/(hS)",
+    ),
+    Hypothesis(
+        name="filling_heat",
+        family="heat",
+        title="gas still warm from filling",
+        amplitude=Parameter("excess_temperature", "K", 0.0, 10.0, -40.0, 40.0, step=0.01, display="K"),
+        shapes=(Parameter("time_constant", "s", 20.0, 20.0, 1.0, 600.0, logarithmic=True, display="s"),),
+        grid=((5.0,), (20.0,), (60.0,)),
+        touches=frozenset({"gas"}),
+        confusers=_LEAK_NAMES,
+        equation="T = T_w + ΔT·exp(−t/τ), t since the start of the file",
+        source="compression while filling",
+    ),
+)
+_DRIFT: Final = Hypothesis(
+    name="sensor_drift",
+    family="sensor",
+    title="drift of the pressure sensor",
+    amplitude=Parameter(
+        "rate", "Pa/s", 0.0, 3.0, -1e3, 1e3, step=1e-3, display="mbar/min", scale=100.0 / 60.0
+    ),
+    touches=frozenset({"sensor"}),
+    confusers=_LEAK_NAMES,
+    equation="p_m = p + r·t, t since the start of the file",
+    source="data sheets of transducers",
+)

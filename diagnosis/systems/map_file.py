@@ -12,7 +12,7 @@ from bench_sim.parameters import ParameterError, load
 from diagnosis.contracts import Channel, DiagnosisError, Role
 from diagnosis.systems.chamber import CHAMBER
 from diagnosis.systems.piston import PISTON
-from diagnosis.systems.signals import System, conversion, difference, quantity
+from diagnosis.systems.system import System, conversion, difference, quantity
 from diagnosis.systems.tables import ColumnName, FileFormat, Source
 
 

@@ -23,7 +23,7 @@ from diagnosis.contracts import (
 )
 from diagnosis.systems.cutting import bridge, pieces_by_length, pieces_by_reversals, resample
 from diagnosis.systems.map_file import Column, Map, RoleRule, channels_of, read_map, settings_of
-from diagnosis.systems.signals import Signal, System, conversion, difference, quantity
+from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
 from diagnosis.systems.tables import read_columns
 
 #: What a gauge pressure is relative to if the system has no setting for it.
@@ -107,7 +107,7 @@ def _read_file(
     return runs
 
 
-def _in_si(values: Array, column: Column, signal: Signal, ambient: float, where: str) -> Array:
+def _in_si(values: Array, column: Column, signal: SystemSignal, ambient: float, where: str) -> Array:
     factor, zero = conversion(column.unit, signal.unit, f"{where}.unit")
     offset = 0.0 if column.offset is None else difference(column.offset, signal.unit, f"{where}.offset")
     si = column.sign * (factor * values + zero) + offset

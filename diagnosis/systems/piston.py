@@ -28,8 +28,8 @@ from diagnosis.contracts import (
     Surface,
 )
 from diagnosis.systems.piston_effects import FORCES, PISTON_EFFECTS, Stroke
-from diagnosis.systems.signals import Setting, Signal, System
-from diagnosis.systems.splines import Axis, TensorSplines
+from diagnosis.systems.splines import SplineAxis, TensorSplines
+from diagnosis.systems.system import System, SystemSetting, SystemSignal
 
 #: Motion slower than this for half a second is rest.
 _REST_SPEED: Final = 0.1e-3
@@ -94,9 +94,9 @@ class Piston:
 
 def _surfaces(low: float, high: float) -> tuple[TensorSplines, ...]:
     """Return the terms without a name, for a stroke from ``low`` to ``high`` in m."""
-    x = Axis("displacement", "displacement in mm", tuple(np.linspace(low, high, 6)), 1e-3)
-    v = Axis("speed", "asinh of the speed in mm/s", tuple(np.linspace(-3.6, 3.6, 5)))
-    p = Axis("pressure", "gauge pressure in bar", tuple(np.linspace(0.0, 8e5, 4)), 1e5)
+    x = SplineAxis("displacement", "displacement in mm", tuple(np.linspace(low, high, 6)), 1e-3)
+    v = SplineAxis("speed", "asinh of the speed in mm/s", tuple(np.linspace(-3.6, 3.6, 5)))
+    p = SplineAxis("pressure", "gauge pressure in bar", tuple(np.linspace(0.0, 8e5, 4)), 1e5)
     force = frozenset({"force"})
     return (
         TensorSplines(
@@ -158,15 +158,15 @@ PISTON: Final = System(
     name="piston",
     title="a pneumatic actuator: displacement and pressure are measured, the force is predicted",
     inputs=(
-        Signal("displacement", "m", "displacement that compresses the gas", display="mm", scale=1e-3),
-        Signal("pressure", "Pa", "pressure in the actuator", gauge=True, display="bar", scale=1e5),
+        SystemSignal("displacement", "m", "displacement that compresses the gas", display="mm", scale=1e-3),
+        SystemSignal("pressure", "Pa", "pressure in the actuator", gauge=True, display="bar", scale=1e5),
     ),
-    outputs=(Signal("force", "N", "force that holds the piston", display="N"),),
+    outputs=(SystemSignal("force", "N", "force that holds the piston", display="N"),),
     settings=(
-        Setting("bore", "m", "inner diameter", 1e-3, 1.0),
-        Setting("stroke_from", "m", "least displacement", -10.0, 10.0),
-        Setting("stroke_to", "m", "largest displacement", -10.0, 10.0),
-        Setting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, default=101_325.0),
+        SystemSetting("bore", "m", "inner diameter", 1e-3, 1.0),
+        SystemSetting("stroke_from", "m", "least displacement", -10.0, 10.0),
+        SystemSetting("stroke_to", "m", "largest displacement", -10.0, 10.0),
+        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, default=101_325.0),
     ),
     simulator=_simulator,
     prepare=_prepare,

@@ -12,7 +12,7 @@ from diagnosis.contracts import Array, Parameter, Surface
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class SplineAxis:
     """One state: its name, a title with the unit that people read (``scale`` SI), and equidistant knots in SI."""
 
     state: str
@@ -44,8 +44,8 @@ class TensorSplines:
 
     name: str
     title: str
-    first: Axis
-    second: Axis
+    first: SplineAxis
+    second: SplineAxis
     unit: str
     spread: float
     touches: frozenset[str]

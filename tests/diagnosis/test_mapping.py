@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.cutting import pieces_by_length, pieces_by_reversals, resample, reversals
 from diagnosis.systems.mapping import read_mapped
-from diagnosis.systems.signals import difference, quantity
+from diagnosis.systems.system import difference, quantity
 
 TIME = np.arange(0.0, 12.0, 0.01)
 X = 17.0 + 20.0 * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * TIME / 4.0 - np.pi / 2.0))  # mm

@@ -1,4 +1,4 @@
-"""What a system takes from a user's files: its signals and its settings, and how "25 mm" becomes 0.025 m."""
+"""A system that files of any origin can be mapped to: the signals and settings that it takes, and its simulator."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _UNITS: Final[Mapping[str, tuple[str, float, float]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class SystemSignal:
     """One measured quantity that a system can use: an input that drives it, or an output that it predicts."""
 
     name: str
@@ -51,8 +51,8 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
-    """One constant of a rig, such as the bore; without ``default`` (SI) the map must give it."""
+class SystemSetting:
+    """A constant of the user's rig, such as the bore; without ``default`` (SI) the map must give it."""
 
     name: str
     unit: str  #: SI
@@ -68,9 +68,9 @@ class System:
 
     name: str
     title: str
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
-    settings: tuple[Setting, ...]
+    inputs: tuple[SystemSignal, ...]
+    outputs: tuple[SystemSignal, ...]
+    settings: tuple[SystemSetting, ...]
     #: (settings in SI, measured channels) -> the simulator of exactly these channels
     simulator: Callable[[Mapping[str, float], tuple[Channel, ...]], Simulator]
     #: (step in s, seconds since the start of the file (n,), inputs and outputs (n,) by name) -> inputs of the simulator
@@ -81,7 +81,7 @@ class System:
     begin: Callable[[Mapping[str, Array]], Mapping[str, float]] = lambda measured: {}
 
     @property
-    def signals(self) -> Mapping[str, Signal]:
+    def signals(self) -> Mapping[str, SystemSignal]:
         """Every signal by name."""
         return {signal.name: signal for signal in (*self.inputs, *self.outputs)}
 
