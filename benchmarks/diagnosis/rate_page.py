@@ -15,7 +15,7 @@ from diagnosis.finding import Verdict
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reference" / "diagnosis-benchmark.md"
 DRAWINGS: Final = PAGE.parent.parent / "gallery"
 
-#: λ at which what nobody models, a fiftieth of it, is as large as the noise; of a pair, the larger one decides.
+#: λ from which the roughness, a fiftieth of it, exceeds the noise; of a pair, the larger one decides.
 QUIET: Final = 50.0
 
 Test = Callable[[Judged], bool]
@@ -85,113 +85,97 @@ def write(kept: Mapping[str, Sequence[Judged]]) -> Path:
 
 
 def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
-    nulls = [j for j in judged if j.kind == "null"]
-    single = [j for j in judged if j.kind == "single"]
-    outside = [j for j in judged if j.kind == "outside"]
-    library = [j for j in judged if j.kind in {"single", "pair"}]
     named = [j for j in judged if j.exact and j.hidden]
-    near = [j for j in judged if j.kind == "near"]
     rows = [
-        _rate(
-            "false alarms, white noise",
-            "≤ 1 %",
-            0.01,
-            nulls,
-            lambda j: j.detected,
-            lambda j: j.condition == "white",
+        *_false_alarms([j for j in judged if j.kind == "null"]),
+        *_detection([j for j in judged if j.kind == "single"]),
+        *_wrong_causes(judged),
+        *_amplitude_errors([j for j in named if 9 <= j.weakest < 16]),
+        *_coverages(named),
+        *_gains(named),
+        _figure(
+            "time of a diagnosis, one thread (median, s)", "", [j.elapsed for j in judged], median, math.inf
         ),
-        _rate(
-            "false alarms, other conditions",
-            "≤ 3 %",
-            0.03,
-            nulls,
-            lambda j: j.detected,
-            lambda j: j.condition != "white",
-        ),
+    ]
+    return [row.format(system=system) for row in rows if row]
+
+
+def _false_alarms(nulls: Sequence[Judged]) -> list[str]:
+    white = [j for j in nulls if j.condition == "white"]
+    other = [j for j in nulls if j.condition != "white"]
+    return [
+        _rate("false alarms, white noise", "≤ 1 %", 0.01, white, lambda j: j.detected),
+        _rate("false alarms, other conditions", "≤ 3 %", 0.03, other, lambda j: j.detected),
         _rate("of all nulls, a cause accused", "≤ 1 %", 0.01, nulls, lambda j: bool(j.causes)),
-        _rate("detected at λ ≥ 6", "≥ 95 %", 0.95, single, lambda j: j.detected, lambda j: j.weakest >= 6),
-        _rate(
-            "named exactly at λ ≥ 10", "≥ 95 %", 0.95, single, lambda j: j.exact, lambda j: j.weakest >= 10
-        ),
-        _rate(
-            "named exactly at λ 6 to 10",
-            "≥ 80 %",
-            0.8,
-            single,
-            lambda j: j.exact,
-            lambda j: 6 <= j.weakest < 10,
-        ),
-        _rate(
-            "truth in what is reported, λ ≥ 6",
-            "≥ 97 %",
-            0.97,
-            single,
-            lambda j: j.reported,
-            lambda j: j.weakest >= 6,
-        ),
+    ]
+
+
+def _detection(single: Sequence[Judged]) -> list[str]:
+    visible = [j for j in single if j.weakest >= 6]
+    clear = [j for j in single if j.weakest >= 10]
+    faint = [j for j in visible if j.weakest < 10]
+    return [
+        _rate("detected at λ ≥ 6", "≥ 95 %", 0.95, visible, lambda j: j.detected),
+        _rate("named exactly at λ ≥ 10", "≥ 95 %", 0.95, clear, lambda j: j.exact),
+        _rate("named exactly at λ 6 to 10", "≥ 80 %", 0.8, faint, lambda j: j.exact),
+        _rate("truth in what is reported, λ ≥ 6", "≥ 97 %", 0.97, visible, lambda j: j.reported),
+    ]
+
+
+def _wrong_causes(judged: Sequence[Judged]) -> list[str]:
+    library = [j for j in judged if j.kind in {"single", "pair"}]
+    near = [j for j in judged if j.kind == "near"]
+    outside = [j for j in judged if j.kind == "outside"]
+    unknown = Verdict.UNKNOWN.value
+    return [
         _rate("wrong cause, in the catalogue", "≤ 1 %", 0.01, library, lambda j: bool(j.wrong)),
         _rate("wrong cause, near miss", "≤ 5 %", 0.05, near, lambda j: bool(j.wrong)),
-        _rate(
-            "outside the catalogue: *unknown*",
-            "≥ 90 %",
-            0.9,
-            outside,
-            lambda j: j.verdict == Verdict.UNKNOWN.value,
-        ),
+        _rate("outside the catalogue: *unknown*", "≥ 90 %", 0.9, outside, lambda j: j.verdict == unknown),
         _rate("outside the catalogue: a cause named", "≤ 2 %", 0.02, outside, lambda j: bool(j.causes)),
     ]
-    twelve = [j for j in named if 9 <= j.weakest < 16]
+
+
+def _amplitude_errors(judged: Sequence[Judged]) -> list[str]:
+    rows = []
     for noise, aim, among in (
-        ("white noise", "≤ 10 %", [j for j in twelve if j.condition == "white"]),
-        ("other conditions, where λ says less", "", [j for j in twelve if j.condition != "white"]),
+        ("white noise", "≤ 10 %", [j for j in judged if j.condition == "white"]),
+        ("other conditions, where λ says less", "", [j for j in judged if j.condition != "white"]),
     ):
         errors = [abs(e) for j in among for e in j.errors]
-        rows.append(
-            _figure(f"amplitude error at λ about 12 (mean), {noise}", aim, errors, mean, 0.10, percent=True)
-        )
-    quiet = [j for j in named if j.strongest < QUIET]
-    rough = [j for j in named if j.strongest >= QUIET]
+        what = f"amplitude error at λ about 12 (mean), {noise}"
+        rows.append(_figure(what, aim, errors, mean, 0.10, percent=True))
+    return rows
+
+
+def _coverages(named: Sequence[Judged]) -> list[str]:
+    rows = []
     for among, where in (
-        (quiet, f"λ < {QUIET:g}"),
-        (rough, f"λ ≥ {QUIET:g}, where roughness exceeds the noise"),
+        ([j for j in named if j.strongest < QUIET], f"λ < {QUIET:g}"),
+        (
+            [j for j in named if j.strongest >= QUIET],
+            f"λ ≥ {QUIET:g}, where roughness exceeds the noise",
+        ),
     ):
         for what, aim, limits, deviations in (
             ("the amplitude", "93–97 %", (0.93, 0.97), [d for j in among for d in j.deviations]),
             ("base parameters", "≥ 92 %", (0.92, 1.0), [d for j in among for d in j.base]),
         ):
             rows.append(_coverage(f"95 % interval holds {what}, {where}", aim, deviations, limits))
-    clear = [j for j in named if j.weakest >= 50]
-    rows.append(
-        _figure(
-            "gain fraction (median, λ ≥ 50)",
-            "≥ 0.95",
-            [j.fraction for j in clear if j.fraction is not None],
-            median,
-            -0.95,
-        )
-    )
-    rows.append(
-        _figure(
-            "noise-floor ratio (median)",
-            "≤ 1.03",
-            [j.noise_ratio for j in named if j.noise_ratio is not None],
-            median,
-            1.03,
-        )
-    )
-    rows.append(
-        _figure(
-            "time of a diagnosis, one thread (median, s)", "", [j.elapsed for j in judged], median, math.inf
-        )
-    )
-    return [row.format(system=system) for row in rows if row]
+    return rows
 
 
-def _rate(
-    what: str, aim: str, limit: float, judged: Sequence[Judged], hit: Test, among: Test | None = None
-) -> str:
-    """Return a row; aims of at most a half are upper limits."""
-    rate = Rate.of([hit(j) for j in judged if among is None or among(j)])
+def _gains(named: Sequence[Judged]) -> list[str]:
+    fractions = [j.fraction for j in named if j.weakest >= 50 and j.fraction is not None]
+    ratios = [j.noise_ratio for j in named if j.noise_ratio is not None]
+    return [
+        _figure("gain fraction (median, λ ≥ 50)", "≥ 0.95", fractions, median, -0.95),
+        _figure("noise-floor ratio (median)", "≤ 1.03", ratios, median, 1.03),
+    ]
+
+
+def _rate(what: str, aim: str, limit: float, judged: Sequence[Judged], hit: Test) -> str:
+    """Return the row of how many of the cases are hits; aims of at most a half are upper limits."""
+    rate = Rate.of([hit(j) for j in judged])
     if rate.count == 0:
         return ""
     low, high = rate.interval
@@ -219,7 +203,7 @@ def _figure(
     *,
     percent: bool = False,
 ) -> str:
-    """Return a row of a figure that is no rate; a negative limit is one from below."""
+    """Return the row of a figure that is no rate; a negative ``limit`` is a lower one."""
     if not values:
         return ""
     value = middle(values)
@@ -233,7 +217,7 @@ def _yes(met: bool) -> str:
 
 
 def _failures(kept: Mapping[str, Sequence[Judged]]) -> list[str]:
-    """Every accusation without ground, every alarm, what was clear and not reported, and what broke; by seed."""
+    """Every wrong cause, false alarm, clear effect that was not reported, and case without a finding; by seed."""
     lines = ["| system | seed | kind, condition | hidden (λ) | said |", "|---|---|---|---|---|"]
     for system, judged in kept.items():
         for j in sorted(judged, key=lambda j: (j.kind, j.condition, j.seed)):
