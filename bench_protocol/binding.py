@@ -1,6 +1,8 @@
 """Calls of compiled functions without numba's look at every argument."""
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numba
@@ -15,6 +17,25 @@ def bind(function: Any, *arguments: Any) -> Callable[..., Any]:
     if not hasattr(function, "get_overload"):
         return function
     signature = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
-    function.compile(signature)
+    with _without_linear_algebra():
+        function.compile(signature)
     bound: Callable[..., Any] = function.get_overload(signature)
     return bound
+
+
+@contextmanager
+def _without_linear_algebra() -> Iterator[None]:
+    """Let numba start without scipy's BLAS, which it imports in advance for products of matrices: 0.15 s.
+
+    No compiled function here multiplies matrices; one that did would be refused when it is compiled. A ``None`` among
+    the modules is Python's way to say that there is none; afterwards scipy can be imported as ever.
+    """
+    name = "scipy.linalg.cython_blas"
+    if name in sys.modules:
+        yield
+        return
+    sys.modules[name] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules[name]

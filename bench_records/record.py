@@ -20,6 +20,7 @@ from bench_records.layout import (
     RecordedEvent,
     RecordError,
     SignalInfo,
+    as_array,
     encode,
     flat,
     phases_of,
@@ -59,11 +60,9 @@ class Record:
     @cached_property
     def duration(self) -> float:
         """Seconds from the start to the last sample or event."""
-        import pyarrow.compute as pc
-
         instants = [self.start_ns, *(event.time_ns for event in self.events)]
         if len(self):
-            instants.append(pc.max(self._table.column("time_ns")).as_py())
+            instants.append(int(self._times.max()))
         return (max(instants) - self.start_ns) / SECOND
 
     @cached_property
@@ -111,11 +110,11 @@ class Record:
 
     @cached_property
     def _times(self) -> npt.NDArray[np.int64]:
-        return _array(self._table.column("time_ns"))
+        return as_array(self._table.column("time_ns"))
 
     @cached_property
     def _values(self) -> npt.NDArray[np.float64]:
-        return _array(self._table.column("value"))
+        return as_array(self._table.column("value"))
 
     @cached_property
     def _rows(self) -> dict[str, npt.NDArray[np.intp]]:
@@ -125,7 +124,7 @@ class Record:
         if not len(self):
             return {}
         column = flat(self._table.column("signal"))
-        index = _array(column.indices)
+        index = as_array(column.indices)
         by_signal = np.argsort(index, kind="stable")
         counts = np.bincount(index, minlength=len(column.dictionary))
         rows = np.split(by_signal, np.cumsum(counts)[:-1])
@@ -167,13 +166,6 @@ def read(directory: Path | str) -> Record:
     signals = msgspec.json.decode(facts["signals"], type=list[SignalInfo])
     events = msgspec.json.decode(facts["events"], type=list[RecordedEvent])
     return Record(path, table, meta, signals, events)
-
-
-def _array(column: Any) -> npt.NDArray[Any]:
-    """The numbers of a column without gaps, not copied. Arrow's own ``to_numpy`` would import pandas: half a second."""
-    import numpy as np
-
-    return np.from_dlpack(flat(column))
 
 
 def _resample(

@@ -27,6 +27,7 @@ from bench_records.layout import (
     RecordedEvent,
     RecordError,
     SignalInfo,
+    as_array,
     encode,
     flat,
 )
@@ -402,12 +403,11 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
 
 
 def _span(start_ns: int | None, table: pa.Table, events: list[RecordedEvent]) -> tuple[int, int]:
-    import pyarrow.compute as pc
-
     instants = [event.time_ns for event in events]
-    if table.num_rows:
-        extremes = pc.min_max(table.column("time_ns")).as_py()
-        instants += [extremes["min"], extremes["max"]]
+    for chunk in table.column("time_ns").chunks:
+        if len(chunk):
+            times = as_array(chunk)
+            instants += [int(times.min()), int(times.max())]
     start = start_ns if start_ns is not None else min(instants, default=0)
     return start, max([start, *instants])
 

@@ -1,6 +1,8 @@
 """The plant as one object: its state in one place, steps, readings, snapshots, and the two states it starts from."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,9 +67,17 @@ class Plant:
         self._slope = np.zeros(STATES)
         self._algebraic = np.zeros(ALGEBRAICS)
         self._values = np.zeros(SENSORS)
+
+    # Bound when first called: the rig's tick contains the step, and a rig needs neither of these.
+    @cached_property
+    def _advance(self) -> Callable[..., Any]:
         everything = (self.state, self.memory_array, self.inputs, self.parameter_array)
-        self._advance = bind(advance_plant, *everything, dt, 1)
-        self._measure = bind(measure_plant, *everything, 0, self._values)
+        return bind(advance_plant, *everything, self.dt, 1)
+
+    @cached_property
+    def _measure(self) -> Callable[..., Any]:
+        everything = (self.state, self.memory_array, self.inputs, self.parameter_array)
+        return bind(measure_plant, *everything, 0, self._values)
 
     @classmethod
     def depressurised(cls, parameters: Any, *, seed: int = 0, dt: float = STEP) -> "Plant":
