@@ -213,6 +213,9 @@ def run_command(
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
 
+    An earlier run is never overwritten: the next one of the same plan goes to DIR/PLAN-2/, and so on. Ctrl-C and
+    SIGTERM end the plan: the air is let off, and the report is written and says what the springs still hold.
+
     Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked.
     """
     import signal

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import msgspec
 
+from astb.display import ProgressDisplay
 from astb.menu import Offer, offers
-from astb.run import Screen, connected, describe, prepare, undisturbed
+from astb.run import connected, run_plan
 from astb.session import Session
 from bench_protocol.units import minutes, s
 from bench_records.layout import RecordError
-from bench_records.result import Outcome, Result
+from bench_records.result import Outcome
 from diagnosis.finding import Finding, Verdict
 from test_plans.motions import Programme
 from test_plans.perform import lasts, programme_plan
@@ -98,20 +99,20 @@ def investigate_rig(
     last: Finding | None = None
 
     with (
-        Screen(console) as screen,
-        open_session(rig, path, virtual=virtual, seed=seed, say=screen.say) as session,
+        ProgressDisplay(console) as display,
+        open_session(rig, path, virtual=virtual, seed=seed, say=display.say) as session,
     ):
 
         def diagnose(records: Sequence[Path]) -> Finding:
             nonlocal last
-            screen.begin("diagnosis")
+            display.begin("diagnosis")
             simulator, dataset = read_data(records, None, parameters)
             config = Config(seed=drawn)
-            last = conclude(simulator, dataset, config, model, out, screen.follow)
+            last = conclude(simulator, dataset, config, model, out, display.follow)
             return last
 
         log = investigate(
-            session, rig, out, first=SCREENING, menu=MENU, budget=allowed, diagnose=diagnose, screen=screen
+            session, rig, out, first=SCREENING, menu=MENU, budget=allowed, diagnose=diagnose, display=display
         )
     if last is not None:
         write_report(last, out / REPORT, history(log))
@@ -187,7 +188,7 @@ def investigate(
     menu: Mapping[str, Programme],
     budget: float,
     diagnose: Callable[[Sequence[Path]], Finding],
-    screen: Screen,
+    display: ProgressDisplay,
 ) -> Investigation:
     """Run ``first``, diagnose, and go on with what decides most per minute while the budget (min) lasts.
 
@@ -204,7 +205,7 @@ def investigate(
     log.write(out)
     try:
         with connected(session):
-            log.ended = _decide(log, session, rig, out, first, menu, diagnose, screen)
+            log.ended = _decide(log, session, rig, out, first, menu, diagnose, display)
     except BaseException as error:
         log.ended = f"{type(error).__name__} {error}".rstrip()
         raise
@@ -221,15 +222,15 @@ def _decide(
     first: Programme,
     menu: Mapping[str, Programme],
     diagnose: Callable[[Sequence[Path]], Finding],
-    screen: Screen,
+    display: ProgressDisplay,
 ) -> str:
     """Run and diagnose, each step into the ``log``, until nothing is left to be done; return why."""
     records: list[Path] = []
     programme, why = first, "to see what the model gets wrong"
     while True:
-        directory = out / f"{len(records) + 1:02d}-{programme.name}"
-        screen.say(f"{programme.name}: {why}")
-        result = _run(programme, session, rig, directory, screen)
+        display.say(f"{programme.name}: {why}")
+        name = f"{len(records) + 1:02d}-{programme.name}"
+        result, directory = run_plan(programme_plan(programme), session, rig, out, name, display)
         step = InvestigationStep(
             plan=programme.name,
             why=why,
@@ -255,27 +256,6 @@ def _decide(
         if offer is None:
             return why
         programme = menu[offer.plan]
-
-
-def _run(programme: Programme, session: Session, rig: "RigFile", directory: Path, screen: Screen) -> Result:
-    from bench_records.report import write_report
-    from test_plans.execution import execute
-
-    prepare(directory, screen)
-    screen.begin(programme.name)
-    with undisturbed():
-        result = execute(
-            programme_plan(programme),
-            session.bench,
-            directory,
-            meta=describe(session, rig),
-            rig=rig.name,
-            seed=session.seed,
-            watcher=screen,
-        )
-    write_report(directory)
-    screen.conclude(result, directory)
-    return result
 
 
 def _computed_while_connected(session: Session, work: Callable[[], T]) -> T:

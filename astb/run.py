@@ -1,96 +1,28 @@
-"""`astb run`: plans on a rig, with progress on the screen and a directory of files for each."""
+"""`astb run`: plans on a rig, with progress on the screen and a directory of files for each run."""
 
 import gc
 import platform
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from astb.display import ProgressDisplay
 from astb.rig_file import RigFile
 from astb.session import MAP_HASH, Session, open_session
 from bench_protocol.clock import utc_date
-from bench_records.layout import JUNIT, META, PARQUET, REPORT, RESULT, STREAM, RecordError
-from bench_records.result import Check, CheckVerdict, Outcome, Result
+from bench_records.circumstances import circumstances
+from bench_records.layout import RESULT, RecordError
+from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
 
-_COLOURS: Final = {
-    CheckVerdict.PASS: "green",
-    CheckVerdict.MARGINAL: "yellow",
-    CheckVerdict.FAIL: "red",
-    CheckVerdict.ERROR: "red",
-}
 _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
-
-
-class Screen:
-    """What the operator sees: a bar with the present phase, and a line for every check; a plan's watcher."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._progress = Progress(
-            SpinnerColumn(),
-            TextColumn("[bold]{task.fields[plan]}"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}"),
-            console=console,
-            transient=True,
-        )
-        self._task: TaskID | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._task is not None:
-            self._progress.stop()
-
-    def begin(self, plan: str) -> None:
-        """Show that ``plan`` begins."""
-        if self._task is not None:
-            self._progress.remove_task(self._task)
-        self._progress.start()
-        self._task = self._progress.add_task("", total=1.0, plan=plan)
-
-    def say(self, text: str) -> None:
-        """Show what the plan is doing now."""
-        if self._task is not None:
-            self._progress.update(self._task, description=text)
-        else:
-            self._console.print(text, style="dim", highlight=False)
-
-    def progress(self, fraction: float) -> None:
-        """Show how much of the plan is done."""
-        if self._task is not None:
-            self._progress.update(self._task, completed=fraction)
-
-    def follow(self, text: str, fraction: float) -> None:
-        """Show what is done now and how much of all is."""
-        self.say(text)
-        self.progress(fraction)
-
-    def checked(self, check: Check) -> None:
-        """Show a check and its verdict."""
-        self._console.print(
-            f"  {check}", style=_COLOURS[check.verdict], highlight=False, markup=False, soft_wrap=True
-        )
-
-    def conclude(self, result: Result, directory: Path) -> None:
-        """Show the verdict on a plan and where its report lies."""
-        colour = {Outcome.PASS: "green", Outcome.FAIL: "red", Outcome.BLOCKED: "magenta"}[result.verdict]
-        reason = f": {result.reason}" if result.reason else ""
-        self._console.print(
-            f"{result.plan}: {result.verdict.upper()}{reason}", style=f"bold {colour}", markup=False
-        )
-        self._console.print(f"  report: {directory / REPORT}", highlight=False, markup=False, soft_wrap=True)
 
 
 def run_plans(
@@ -101,45 +33,66 @@ def run_plans(
     In real time they share one session with the rig, and a blocked plan is the last; in virtual time each starts with
     a new one, so that what a plan measures does not depend on what ran before.
     """
-    from bench_records.report import write_report
-    from test_plans.execution import execute
-
     is_virtual = virtual or rig.time == "virtual"
     verdicts: list[Outcome] = []
-    with Screen(Console()) as screen:
-        for session, part in _sessions(plans, rig, path, is_virtual, seed, screen):
+    with ProgressDisplay(Console()) as display:
+        for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
-                directory = out / plan.name
-                prepare(directory, screen)
-                screen.begin(plan.name)
-                with undisturbed():
-                    result = execute(
-                        plan,
-                        session.bench,
-                        directory,
-                        meta=describe(session, rig),
-                        rig=rig.name,
-                        seed=session.seed,
-                        watcher=screen,
-                    )
-                screen.say("report")
-                write_report(directory)
-                screen.conclude(result, directory)
+                result, _ = run_plan(plan, session, rig, out, plan.name, display)
                 verdicts.append(result.verdict)
                 if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
-                    screen.say(f"the bench is as {plan.name} left it; what should follow was not run")
+                    display.say(f"the bench is as {plan.name} left it; what should follow was not run")
                     break
     return verdicts
 
 
+def run_plan(
+    plan: "Plan", session: Session, rig: RigFile, out: Path, name: str, display: ProgressDisplay
+) -> tuple[Result, Path]:
+    """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
+
+    KeyboardInterrupt, by Ctrl-C or a signal, comes out again after tear-down and report.
+    """
+    from bench_records.report import write_report
+    from test_plans.execution import execute
+
+    directory = new_directory(out, name)
+    meta = describe(session, rig)
+    display.introduce(" · ".join(circumstances(meta)))
+    display.begin(plan.name)
+    stopped: KeyboardInterrupt | None = None
+    try:
+        with undisturbed():
+            result = execute(
+                plan, session.bench, directory, meta=meta, rig=rig.name, seed=session.seed, watcher=display
+            )
+    except KeyboardInterrupt as stop:
+        if not (directory / RESULT).exists():  # stopped once more, while the files were written
+            raise
+        result, stopped = read_result(directory), stop
+    display.say("report")
+    write_report(directory)
+    display.conclude(result, directory)
+    if stopped:
+        if str(stopped) not in result.reason:
+            display.warn(str(stopped))
+        raise stopped
+    return result, directory
+
+
 def _sessions(
-    plans: Sequence["Plan"], rig: RigFile, path: Path, virtual: bool, seed: int | None, screen: Screen
+    plans: Sequence["Plan"],
+    rig: RigFile,
+    path: Path,
+    virtual: bool,
+    seed: int | None,
+    display: ProgressDisplay,
 ) -> Iterator[tuple[Session, Sequence["Plan"]]]:
     groups = [[plan] for plan in plans] if virtual else [list(plans)]
     for group in groups:
         with (
-            open_session(rig, path, virtual=virtual, seed=seed, say=screen.say) as session,
+            open_session(rig, path, virtual=virtual, seed=seed, say=display.say) as session,
             connected(session),
         ):
             yield session, group
@@ -171,10 +124,13 @@ def undisturbed() -> Iterator[None]:
 
 def describe(session: Session, rig: RigFile) -> dict[str, Any]:
     """Return what a record says of its origin; of a virtual run nothing that changes from day to day."""
+    from bench_sim.parameters.effects import show_effect
+
     facts: dict[str, Any] = {
         "rig": rig.name,
         "rig_description": rig.description,
         "map_hash": MAP_HASH,
+        "simulated": rig.simulation is not None,
         "time": "virtual" if session.virtual else "real",
         "versions": {"astb": version("astb"), **{name: version(name) for name in _LIBRARIES}},
         "seed": session.seed,
@@ -183,32 +139,30 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
         facts["parameters"] = {"name": session.parameters.name, "sha256": session.parameters.digest()}
         if session.parameters.effects:
             facts["parameters"]["effects"] = session.parameters.effects
+            facts["effects"] = {
+                name: show_effect(name, values) for name, values in session.parameters.effects.items()
+            }
+    if rig.simulation is not None and rig.simulation.change:
+        facts["change"] = rig.simulation.change
+    if rig.simulation is not None and rig.simulation.sealed:
+        facts["sealed_effects"] = True
     if not session.virtual:
         facts["date"] = utc_date()
         facts["machine"] = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"
     return facts
 
 
-def prepare(directory: Path, screen: Screen) -> None:
-    """Make room for a run in ``directory``: an earlier run's files go, a killed run's record is kept beside.
+def new_directory(out: Path, name: str) -> Path:
+    """Make the directory of a run in ``out`` and return it: ``name``, or ``name-2`` and so on beside earlier runs.
 
-    Raises RecordError where the directory cannot be used.
+    Nothing that lies there is touched. Raises RecordError where no directory can be made.
     """
-    from bench_records.recorder import recover
-
-    if (directory / STREAM).exists():
-        number = 1
-        while (kept := directory.with_name(f"{directory.name}.cut-off-{number}")).exists():
-            number += 1
-        directory.rename(kept)
+    for number in count(1):
+        directory = out / (name if number == 1 else f"{name}-{number}")
         try:
-            saved = str(recover(kept))
-        except RecordError as error:  # cut off before there was anything to save
-            saved = str(error)
-        screen.say(f"an earlier run was cut off; its record is kept in {kept}: {saved}")
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for name in (PARQUET, META, RESULT, REPORT, JUNIT):
-            (directory / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise RecordError(f"{directory} cannot be used for the record: {error.strerror}") from None
+            directory.mkdir(parents=True, exist_ok=True)
+            if not any(directory.iterdir()):
+                return directory
+        except OSError as error:
+            raise RecordError(f"{directory} cannot be used for the record: {error.strerror}") from None
+    raise AssertionError("numbers do not end")

@@ -8,6 +8,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bench_records.circumstances import circumstances
 from bench_records.layout import REPORT, RESULT, Phase, RecordedEvent
 from bench_records.record import Record, read
 from bench_records.result import (
@@ -65,6 +66,7 @@ def render(record: Record, result: Result) -> str:
         paragraphs=_paragraphs(result.instruction),
         rows=_check_rows(result.checks),
         headline=headline(result),
+        circumstances=circumstances(record.meta),
         bar=_bar_svg,
         phases=[(number, phase, _seconds(phase.duration)) for number, phase in _numbered(phases)],
         panels=_panels(record, phases, span),

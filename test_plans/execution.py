@@ -5,15 +5,20 @@ from __future__ import annotations
 import traceback
 from collections.abc import Mapping
 from contextlib import suppress
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_protocol.table import SIDES
+from bench_protocol.units import bar
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.plan import Part, Plan
 from test_plans.punctuality import lateness, timing
+from test_plans.readings import CHAMBERS
 from test_plans.recording import Sink, keep_settings, recorded_signals
 from test_plans.run import Nobody, Run, Watcher
+from test_plans.steps.carrying import RESIDUAL_PRESSURE
 
 if TYPE_CHECKING:
     from bench_records.result import Result
@@ -38,7 +43,8 @@ def execute(
 
     The verdict is *fail* if the product broke a limit and *blocked* if rig, link, plan or operator kept it from being
     judged. Tear-down runs in every case, and its own troubles stand behind those that came first. KeyboardInterrupt
-    comes out again, once everything is written; the report is made of the directory by ``bench_records.report``.
+    comes out again, once everything is written, and says what the springs hold; the report is made of the directory by
+    ``bench_records.report``.
     """
     from bench_records.junit import write_junit
     from bench_records.layout import phases_of
@@ -61,6 +67,9 @@ def execute(
         if not first:
             first, interrupted = _attempt(run, "main", plan.main)
         last, again = _attempt(run, "tear-down", plan.teardown)
+        left = _air_left(bench) if interrupted or again else ""
+        if left:
+            run.say(left)
         punctuality = timing(before, lateness(bench))
     finally:
         bench.receiver.sink = None
@@ -77,7 +86,7 @@ def execute(
         plan.title,
         plan.instruction,
         run.checks,
-        reason=reason,
+        reason=f"{reason}; {left}" if reason and left else reason,
         curves=run.curves,
         phases=phases_of(run.phases, start, bench.clock.now()),
         rig=rig,
@@ -87,8 +96,22 @@ def execute(
     result.write(directory)
     write_junit(result, directory)
     if interrupted or again:
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(left)
     return result
+
+
+def _air_left(bench: Bench) -> str:
+    """What the springs hold now, in words: whoever stopped a run has to know before touching them."""
+    held = {
+        side: [bench.readings.value(f"{side}.{chamber}_pressure") for chamber in CHAMBERS] for side in SIDES
+    }
+    if any(isnan(pressure) for pressures in held.values() for pressure in pressures):
+        return "nobody can tell whether the springs hold pressure: their transducers are silent"
+    highest = {side: max(pressures) for side, pressures in held.items()}
+    told = " and ".join(f"{pressure / bar:.2f} bar on the {side}" for side, pressure in highest.items())
+    if max(highest.values()) <= RESIDUAL_PRESSURE:
+        return f"the springs are without pressure ({told})"
+    return f"the springs still hold pressure: {told}"
 
 
 def _attempt(run: Run, name: str, part: Part) -> tuple[str, bool]:

@@ -74,6 +74,18 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     return name.strip(), read_effect_text(name.strip(), values)
 
 
+def show_effect(name: str, values: Mapping[str, float]) -> str:
+    """Return values (SI) of the effect ``name`` as a text that `read_effect_text` takes: ``0.1, time=0.5 s``."""
+    effect, _ = find_effect(name)
+    texts = {}
+    for one in effect.parameters:
+        if one.name in values:
+            unit = "" if one.display == "1" else f" {one.display}"
+            texts[one.name] = f"{values[one.name] / one.scale:g}{unit}"
+    amplitude = texts.pop(effect.amplitude.name)
+    return ", ".join([amplitude, *(f"{shape}={text}" for shape, text in texts.items())])
+
+
 def with_effects(parameters: "Parameters", effects: Effects) -> "Parameters":
     """Return a copy of ``parameters`` whose bench also has these ``effects`` (SI).
 

@@ -37,6 +37,12 @@ class After:
         self.act()
 
 
+@pytest.fixture(scope="session")
+def after():
+    """Let something happen once the bench's time has come: ``after(clock, seconds, act)``."""
+    return After
+
+
 @pytest.fixture
 def bench_run(tmp_path):
     """Run a plan on a fresh virtual rig; ``at=(seconds, act)`` lets something happen to it meanwhile."""

@@ -1,6 +1,7 @@
 """Set-up, main part and tear-down: what runs when, whose fault it is, and what is written."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table import STATES, TABLE
-from bench_protocol.units import kPa
+from bench_protocol.units import bar, kPa
 from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome, read_result
@@ -29,6 +30,8 @@ class FakeBench:
         self.settings = SimpleNamespace(snapshot=self.snapshot, in_force=dict)
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
+        self.pressures = {}
+        self.readings = SimpleNamespace(value=lambda name: self.pressures.get(name, np.nan))
 
     def snapshot(self):
         if self.dead:
@@ -163,13 +166,31 @@ def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
     ]
 
 
-def test_ctrl_c_tears_down_writes_and_comes_out_again(made, tmp_path):
-    ran = []
-    with pytest.raises(KeyboardInterrupt):
-        made(raising(KeyboardInterrupt()), teardown=lambda run: ran.append("tear-down"))
-    assert ran == ["tear-down"]
+SPRINGS = [f"{side}.{chamber}_pressure" for side in ("left", "right") for chamber in ("bellows", "auxiliary")]
+
+
+@pytest.mark.parametrize(
+    ("pressures", "told"),
+    [
+        ([], "nobody can tell whether the springs hold pressure: their transducers are silent"),
+        (
+            [0.05, 0.07, 0.01, 0.02],
+            "the springs are without pressure (0.07 bar on the left and 0.02 bar on the right)",
+        ),
+        (
+            [0.05, 3.2, 0.01, 0.02],
+            "the springs still hold pressure: 3.20 bar on the left and 0.02 bar on the right",
+        ),
+    ],
+)
+def test_ctrl_c_tears_down_writes_and_comes_out_again(made, bench, tmp_path, pressures, told):
+    def tear_down(_):
+        bench.pressures = dict(zip(SPRINGS, np.array(pressures) * bar, strict=False))
+
+    with pytest.raises(KeyboardInterrupt, match=re.escape(told)):
+        made(raising(KeyboardInterrupt()), teardown=tear_down)
     result = read_result(tmp_path / "out")
-    assert (result.verdict, result.reason) == (Outcome.BLOCKED, "stopped by the operator")
+    assert (result.verdict, result.reason) == (Outcome.BLOCKED, f"stopped by the operator; {told}")
 
 
 def test_a_disk_that_fails_does_not_keep_the_tear_down_from_its_work(made, monkeypatch):

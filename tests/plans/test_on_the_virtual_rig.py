@@ -7,7 +7,7 @@ import pytest
 from bench_protocol.units import bar, mm
 from bench_records.record import read
 from bench_records.report import write_report
-from bench_records.result import Outcome
+from bench_records.result import Outcome, read_result
 from drivers.memory import Faults
 
 slow = pytest.mark.slow
@@ -111,3 +111,31 @@ def test_a_bad_and_slow_link_changes_no_verdict(bench_run):
     faults = Faults(lose=0.01, double=0.01, delay=0.01, echo=0.05)
     run = bench_run("aw0", 2, faults=faults, latency=0.03)
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
+
+
+def interrupt(_):
+    raise KeyboardInterrupt
+
+
+def test_a_run_that_is_stopped_lets_the_air_off_and_says_so(bench_run, tmp_path):
+    with pytest.raises(
+        KeyboardInterrupt, match=r"without pressure \(0\.\d\d bar on the left and 0\.\d\d bar on"
+    ):
+        bench_run("aw0", at=(30.0, interrupt))
+    result = read_result(tmp_path / "out")
+    assert result.reason.startswith("stopped by the operator; the springs are without pressure")
+
+
+def test_a_tear_down_that_is_stopped_says_what_the_springs_hold(bench_run, after, tmp_path):
+    """Twice Ctrl-C: once in the plan, once in its tear-down, a second later."""
+
+    def twice(made):
+        after(made.clock, 1.0, lambda: interrupt(made))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="the springs still hold pressure"):
+        bench_run("aw0", at=(30.0, twice))
+    result = read_result(tmp_path / "out")
+    assert "in tear-down: stopped by the operator; the springs still hold pressure: " in result.reason
+    held = float(result.reason.split("pressure: ")[1].split(" bar")[0])
+    assert 1.5 < held < 2.5

@@ -204,6 +204,29 @@ def test_a_cut_off_run_is_blocked_but_shown(small_run: Path) -> None:
     assert "Ways" in page.text
 
 
+@pytest.mark.parametrize(
+    ("meta", "told"),
+    [
+        ({"simulated": True, "time": "virtual"}, "SIMULATED VIRTUAL TIME"),
+        ({"simulated": True, "effects": {"leak.left": "0.2 mm²"}}, "SIMULATED effect leak.left = 0.2 mm²"),
+        ({"simulated": True, "change": {"orifice_diameter": "18 mm"}}, "changed orifice_diameter = 18 mm"),
+        ({"simulated": True, "sealed_effects": True}, "SIMULATED sealed effects, which nobody is told"),
+    ],
+)
+def test_the_head_says_under_which_circumstances_was_measured(tmp_path: Path, meta: dict, told: str) -> None:
+    with Recorder(tmp_path, [SignalInfo("x", quantity="Ways")], meta):
+        pass
+    page = Page(write_report(tmp_path).read_text(encoding="utf-8"))
+    assert told in page.text[: page.text.index("blocked the run was cut off")]
+
+
+def test_a_real_rig_needs_no_such_words(tmp_path: Path) -> None:
+    with Recorder(tmp_path, [SignalInfo("x", quantity="Ways")], {"simulated": False, "time": "real"}):
+        pass
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert 'class="circumstances"' not in page
+
+
 def test_an_empty_record_makes_a_page(tmp_path: Path) -> None:
     with Recorder(tmp_path, [SignalInfo("x", quantity="Ways")]):
         pass

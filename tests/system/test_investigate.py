@@ -8,10 +8,10 @@ import pytest
 from rich.console import Console
 
 from astb.diagnose import read_data
+from astb.display import ProgressDisplay
 from astb.investigate import LEAST_GAP, LOG, choose, history, investigate
 from astb.menu import experiments, offers
 from astb.rig_file import RigFile, Simulation
-from astb.run import Screen
 from astb.session import build_rig, virtual_session
 from bench_protocol.table import SIDES
 from bench_protocol.units import bar, minutes, mm, s
@@ -140,9 +140,9 @@ def loop(out, told, budget=20.0, seed=3, **change):
         seen.append([record.name for record in records])
         return told[len(seen) - 1]
 
-    with virtual(seed, **change) as (session, rig), Screen(Console(quiet=True)) as screen:
+    with virtual(seed, **change) as (session, rig), ProgressDisplay(Console(quiet=True)) as display:
         log = investigate(
-            session, rig, out, first=LOOK, menu=SMALL_MENU, budget=budget, diagnose=diagnose, screen=screen
+            session, rig, out, first=LOOK, menu=SMALL_MENU, budget=budget, diagnose=diagnose, display=display
         )
         pressure = max(session.bench.left.bellows_pressure, session.bench.right.bellows_pressure)
     return log, seen, pressure
@@ -202,11 +202,18 @@ def test_whatever_ends_it_the_log_says_what(tmp_path):
 
     with (
         virtual() as (session, rig),
-        Screen(Console(quiet=True)) as screen,
+        ProgressDisplay(Console(quiet=True)) as display,
         pytest.raises(DiagnosisError),
     ):
         investigate(
-            session, rig, tmp_path, first=LOOK, menu=SMALL_MENU, budget=20.0, diagnose=diagnose, screen=screen
+            session,
+            rig,
+            tmp_path,
+            first=LOOK,
+            menu=SMALL_MENU,
+            budget=20.0,
+            diagnose=diagnose,
+            display=display,
         )
     told = json.loads((tmp_path / LOG).read_text())
     assert told["ended"] == "DiagnosisError no such channel"
@@ -258,11 +265,11 @@ def test_a_sealed_delay_is_ambiguous_until_the_run_that_decides(tmp_path):
     out.mkdir()
     with (
         virtual_session(build_rig(simulation), simulation) as session,
-        Screen(Console(quiet=True)) as screen,
+        ProgressDisplay(Console(quiet=True)) as display,
     ):
         rig = RigFile(name="virtual", simulation=simulation)
         log = investigate(
-            session, rig, out, first=first, menu=menu, budget=20.0, diagnose=look, screen=screen
+            session, rig, out, first=first, menu=menu, budget=20.0, diagnose=look, display=display
         )
 
     assert [step.plan for step in log.steps] == [SCREENING.name, "fast"]

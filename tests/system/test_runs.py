@@ -195,6 +195,53 @@ def test_the_report_can_be_made_anew(seeded, astb_here):
     assert run.files() == before
 
 
+def test_what_the_bench_was_given_stands_in_terminal_and_report(run_here, tmp_path):
+    (tmp_path / "sealed.toml").write_text('[effect."leak.right"]\narea = "0.3 mm2"\n')
+    arguments = ("--effect", "leak.left=0.2mm2", "--sealed", tmp_path / "sealed.toml")
+    run = run_here("leak_down", *arguments, rig=VIRTUAL + '[simulation.change]\norifice_diameter = "14 mm"\n')
+    told = ["SIMULATED", "VIRTUAL TIME", "effect leak.left = 0.2 mm2", "changed orifice_diameter = 14 mm"]
+    told += ["sealed effects, which nobody is told"]
+    assert " · ".join(told) in run.said
+    head = run.files()["report.html"].decode().partition('class="banner')[0]
+    for words in told:
+        assert f"<span>{words}</span>" in head
+    assert (
+        "leak.right" not in run.said + run.files()["report.html"].decode() + run.files()["meta.json"].decode()
+    )
+
+
+def test_a_run_never_overwrites_another(run_here, astb_here):
+    first = run_here("leak_down", rig=VIRTUAL)
+    before = first.files()
+    for again in (2, 3):
+        code, out, _ = astb_here(first.directory, "run", "--rig", "rig.toml", "leak_down")
+        assert (code, f"report: runs/leak_down-{again}/report.html" in out) == (PASS, True)
+    assert first.files() == before
+    beside = Done(first.directory, "leak_down-2")
+    assert beside.files() == before, "the same seed"
+
+
+def test_a_run_that_is_stopped_has_a_report_and_tells_of_the_air(run_here, monkeypatch):
+    """Ctrl-C in the midst of the plan, when the springs are full."""
+    from bench_protocol.clock import VirtualClock
+
+    passed, stopped = VirtualClock.sleep_until, []
+
+    def sleep(self, until):
+        passed(self, until)
+        if until > 30e9 and not stopped:
+            stopped.append(until)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(VirtualClock, "sleep_until", sleep)
+    run = run_here("aw0", rig=VIRTUAL)
+    assert (run.code, bool(stopped)) == (BLOCKED, True), run.said
+    assert "aw0: BLOCKED: stopped by the operator; the springs are without pressure (0." in run.said
+    assert run.said.rstrip().endswith("interrupted")
+    assert sorted(run.files()) == sorted(FILES)
+    assert "the springs are without pressure" in run.files()["report.html"].decode()
+
+
 # -- over sockets: processes that die ----------------------------------------------------------------------------------
 
 
@@ -267,6 +314,8 @@ def test_a_run_that_is_stopped_tears_down_and_takes_its_rig_along(launch, ports,
     assert run.end() == BLOCKED
     assert "stopped by the operator" in run.result()["reason"]
     assert "in tear-down" not in run.result()["reason"]
+    assert "the springs are without pressure (" in run.result()["reason"]
+    assert sorted(run.files()) == sorted(FILES)
     assert "Traceback" not in run.said
     assert state(ports) == "", "the rig is gone"
 
@@ -278,6 +327,8 @@ def test_a_terminated_run_tears_down_too(launch, ports, eventually):
     run.process.terminate()
     assert run.end() == BLOCKED
     assert "in tear-down" not in run.result()["reason"]
+    assert "the springs are without pressure (" in run.result()["reason"]
+    assert sorted(run.files()) == sorted(FILES)
     assert state(ports) == "", "the rig is gone"
 
 

@@ -1,0 +1,21 @@
+"""Under which circumstances a run was made: what a reader must know before any figure."""
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def circumstances(meta: Mapping[str, Any]) -> list[str]:
+    """Return in words what the meta data of a run say of it; nothing for a real rig in real time.
+
+    ``simulated`` (bool), ``time`` ("virtual"), ``effects`` and ``change`` (name to text), ``sealed_effects`` (bool).
+    """
+    words = []
+    if meta.get("simulated"):
+        words.append("SIMULATED")
+    if meta.get("time") == "virtual":
+        words.append("VIRTUAL TIME")
+    words += [f"effect {name} = {value}" for name, value in meta.get("effects", {}).items()]
+    words += [f"changed {name} = {value}" for name, value in meta.get("change", {}).items()]
+    if meta.get("sealed_effects"):
+        words.append("sealed effects, which nobody is told")
+    return words
