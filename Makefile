@@ -23,10 +23,7 @@ run: $(READY)  ## run AW0 and AW3 on the virtual rig, in real time over real soc
 
 .PHONY: test
 test: $(READY)  ## the ordinary suite (ARGS="-k leak" narrows it)
-# What only computes shares the processors; what holds deadlines runs alone. 5 says: nothing of that kind was chosen.
-	@$(PYTEST) -n auto --maxprocesses 4 --dist loadfile -m "not slow and not real_time" $(ARGS); computed=$$?; \
-	$(PYTEST) -m "not slow and real_time" $(ARGS); timed=$$?; \
-	case $$computed-$$timed in 0-0 | 0-5 | 5-0) ;; *) exit 1 ;; esac
+	@tools/test.sh $(BIN)/python $(ARGS)
 
 .PHONY: test-slow
 test-slow: $(READY)  ## only the tests that the ordinary suite leaves out for their length

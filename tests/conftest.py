@@ -1,4 +1,4 @@
-"""What holds for all tests: which run with nothing beside them, little to collect as garbage, one core for each."""
+"""What holds for all tests: which hold deadlines, which begin first, little garbage to collect, one core for each."""
 
 import gc
 import os
@@ -11,24 +11,46 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: What gives a test away that has deadlines; others say it themselves.
-WIRES = Path(__file__).parent / "wires"
+HERE = Path(__file__).parent
+WIRES = HERE / "wires"
 RIGS = {"site", "start_rig"}
+#: Where such tests are. The choice of them alone reads no other directory, which would take longer than some of them.
+TIMED, TIMED_ROOMS = "not slow and real_time", {"drivers", "protocol", "records", "system", "wires"}
+#: The directories with the longest files, which begin first, so that no processor waits for them in the end.
+LONG_ROOMS = ("system", "diagnosis", "plans", "hidden", "paper", "model")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
-        "markers", "real_time: holds deadlines of real time; `make test` runs nothing beside it"
+        "markers", "real_time: holds deadlines of real time; in `make test` it goes before what only computes"
     )
     # A suite started with `&` by a script is deaf to Ctrl-C, and so would be every rig and run that it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    room = collection_path.relative_to(HERE).parts[:1] if collection_path.is_relative_to(HERE) else ()
+    if config.option.markexpr == TIMED and collection_path.is_dir() and room and room[0] not in TIMED_ROOMS:
+        return True
+    return None
+
+
+def room_of(item: pytest.Item) -> str:
+    return item.path.relative_to(HERE).parts[0] if item.path.is_relative_to(HERE) else ""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark them before `-m` chooses."""
+    """Mark them before `-m` chooses, and put what takes long first."""
     for item in items:
         if item.path.is_relative_to(WIRES) or RIGS.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("real_time")
+        if item.get_closest_marker("real_time") and room_of(item) not in TIMED_ROOMS:
+            raise pytest.UsageError(
+                f"{item.nodeid} holds deadlines: it belongs in one of {sorted(TIMED_ROOMS)}"
+            )
+    rank = {room: place for place, room in enumerate(LONG_ROOMS)}
+    items.sort(key=lambda item: rank.get(room_of(item), len(rank)))
 
 
 def pytest_collection_finish() -> None:
