@@ -81,12 +81,12 @@ _VALVES: Final = {
     "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
     "dpv": Input.DPV_CONNECTED,
 }
-#: What only shifts a reading, for good or with the speed.
+#: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
 _SHIFTS: Final = (".offset", SEAT, DRAG)
-#: Offsets of sensors that tell the model where it is: they change more than the reading.
+#: Offsets of sensors from whose readings a replay starts or is driven: these change the simulation.
 _PHYSICAL: Final = (".bellows_pressure.offset", f"{SHEAR}.offset")
-#: As many experiments are kept ready, and as many readings of each: two let offsets be varied without a simulation.
-_READY, _KEPT = 64, 2
+#: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
+_PREPARED, _OUTPUTS = 64, 2
 
 
 def channels(parameters: Parameters) -> tuple[Channel, ...]:
@@ -134,33 +134,35 @@ class AirSpring:
         )
         self.surfaces: tuple[Surface, ...] = tuple(term.surface for term in self._terms.values())
         self._lock = Lock()
-        self._ready: OrderedDict[int, _Ready] = OrderedDict()
+        self._prepared: OrderedDict[int, _PreparedRun] = OrderedDict()
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
         """Return the outputs (n, c): what noiseless sensors would have read."""
-        ready = self._prepare(experiment)
+        prepared = self._prepare(experiment)
         offsets = np.array(
             [
                 sum(parameters.get(f"{channel.name}{what}", 0.0) for what in (".offset", SEAT))
                 for channel in self.channels
             ]
         )
-        pure = {
+        simulated = {
             name: value
             for name, value in parameters.items()
             if not name.endswith(_SHIFTS) or name.endswith(_PHYSICAL)
         }
-        key = repr((sorted(pure.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
+        key = repr(
+            (sorted(simulated.items()), sorted((name, sorted(v.items())) for name, v in effects.items()))
+        )
         with self._lock:
-            known = ready.kept.get(key)
-        if known is None:
-            known = self._simulate(experiment, ready, pure, effects)
+            outputs = prepared.outputs.get(key)
+        if outputs is None:
+            outputs = self._simulate(experiment, prepared, simulated, effects)
             with self._lock:
-                ready.kept[key] = known
-                while len(ready.kept) > _KEPT:
-                    ready.kept.popitem(last=False)
-        shifted = known + offsets
-        for name, speed in ready.speeds.items():
+                prepared.outputs[key] = outputs
+                while len(prepared.outputs) > _OUTPUTS:
+                    prepared.outputs.popitem(last=False)
+        shifted = outputs + offsets
+        for name, speed in prepared.speeds.items():
             if drag := parameters.get(f"{name}{DRAG}", 0.0):
                 shifted[:, [channel.name for channel in self.channels].index(name)] += drag * speed
         return shifted
@@ -197,7 +199,7 @@ class AirSpring:
         )
 
     def _has_room(self, name: str) -> bool:
-        """Whether the set lacks an effect, and leaves it the elements of rubber that it needs."""
+        """Whether the set lacks an effect and has the free elements of rubber that it needs."""
         if name in self.parameters.effects:
             return False
         effect, place = locate(name, self._effects)
@@ -213,33 +215,37 @@ class AirSpring:
         return True
 
     def _simulate(
-        self, experiment: Experiment, ready: "_Ready", parameters: Mapping[str, float], effects: Effects
+        self,
+        experiment: Experiment,
+        prepared: "_PreparedRun",
+        parameters: Mapping[str, float],
+        effects: Effects,
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
-        motion = ready.motion
+        motion = prepared.motion
         if offset := parameters.get(f"{SHEAR}.offset", 0.0):
             # What the transducer reads too much, the bolster is less to the left.
             motion = motion._replace(displacement=motion.displacement - offset * np.eye(DIRECTIONS)[0])
         start = experiment.settings.get("start", 0.0)
-        readings = replay(record, motion, ready.inputs, ready.supply, gas, step=self.step, start=start)
+        readings = replay(record, motion, prepared.inputs, prepared.supply, gas, step=self.step, start=start)
         return readings[:, self._sensors]
 
-    def _prepare(self, experiment: Experiment) -> "_Ready":
+    def _prepare(self, experiment: Experiment) -> "_PreparedRun":
         with self._lock:
-            found = self._ready.get(id(experiment))
+            found = self._prepared.get(id(experiment))
         if found is not None and found.experiment is experiment:
             return found
-        made = _Ready(experiment, self.parameters.record)
+        made = _PreparedRun(experiment, self.parameters.record)
         with self._lock:
-            self._ready[id(experiment)] = made
-            while len(self._ready) > _READY:
-                self._ready.popitem(last=False)
+            self._prepared[id(experiment)] = made
+            while len(self._prepared) > _PREPARED:
+                self._prepared.popitem(last=False)
         return made
 
 
-class _Ready:
-    """An experiment made ready for replay, and the latest outputs that came of it."""
+class _PreparedRun:
+    """The motion and inputs of an experiment as the replay takes them, and the latest outputs that were simulated."""
 
     def __init__(self, experiment: Experiment, par: Any) -> None:
         self.experiment = experiment
@@ -257,7 +263,7 @@ class _Ready:
             _input(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure
         )
         self.speeds = _actuator_speeds(self.motion, par)
-        self.kept: OrderedDict[str, Array] = OrderedDict()
+        self.outputs: OrderedDict[str, Array] = OrderedDict()
 
 
 def _actuator_speeds(motion: Motion, par: Any) -> dict[str, Array]:
@@ -283,12 +289,12 @@ def _motion(experiment: Experiment, par: Any) -> Array:
 
 
 def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
-    """The gas where a run begins, from what its sensors read there with the biases that the model gives them.
+    """The gas at the beginning of a run, from the readings of its sensors less the biases that the model gives them.
 
     At rest a bellows and the chamber it is joined with have one pressure.
     """
 
-    def true(name: str) -> float:
+    def unbiased(name: str) -> float:
         sensor = OUTPUTS[name]
         return float((experiment.settings[name] - par.sensor_bias[sensor]) / (1.0 + par.sensor_gain[sensor]))
 
@@ -301,14 +307,14 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
             raise DiagnosisError(
                 f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
             )
-        gauge = true(bellows) - parameters.get(f"{bellows}.offset", 0.0)
+        gauge = unbiased(bellows) - parameters.get(f"{bellows}.offset", 0.0)
         joined = auxiliary not in settings or _input(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
         shift = parameters.get(f"{side}.initial_pressure", 0.0) + par.atmospheric_pressure
         pressure[i] = gauge + shift
-        pressure[SIDES + i] = shift + (gauge if joined else true(auxiliary))
+        pressure[SIDES + i] = shift + (gauge if joined else unbiased(auxiliary))
     for k, chamber in enumerate(CHAMBERS):
         name = f"{chamber}_temperature"
-        start = true(name) if name in settings else float(par.ambient_temperature)
+        start = unbiased(name) if name in settings else float(par.ambient_temperature)
         temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
     return Gas(pressure, temperature)
 

@@ -32,20 +32,21 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 INITIAL_PRESSURE: Final = 50.0
 INITIAL_TEMPERATURE: Final = 0.2
 
-#: A replay keeps step with a bench to a fiftieth of a millisecond: benches without any effect seem to lag by as much.
+#: Lag (s) that a replay itself imitates: benches without any effect seem to lag by as much.
 TIMING: Final = 2e-5
-#: The wire rounds the platform's transducers to 10 µm. Where it rests, the rounding error rests with it, for a run:
-#: actuators seem to stand higher or lower by it.
+#: Suffix and spread (m) of an actuator's apparent shift in one run: the wire rounds the platform's transducers to 10
+#: µm, and while the platform rests, the rounding error is the same for the whole run.
 SEAT: Final = ".seat"
 ROUNDING: Final = 3e-6
-#: An actuator's transducer shows some newton in proportion to the speed (N s/m) that the bolster does not feel: seals
-#: that rub; in the virtual rig set-points that wait for the next tick Δt. Between ticks the piston falls behind and
-#: catches up; at a tick, when sensors look, the damper of the frame shows c ω² Δt²/12 = 103 N s/m more than on average.
+#: Suffix and spread (N s/m) of a force in proportion to the speed that an actuator's transducer shows and the bolster
+#: does not feel: friction of seals; in the virtual rig set-points that wait for the next tick Δt. Between ticks the
+#: piston lags and catches up; at a tick, when sensors are read, the damper of the frame shows c ω² Δt²/12 = 103 N s/m
+#: more than on average.
 DRAG: Final = ".drag"
 SEALS: Final = 100.0
-#: The transducer whose offset stands for that of the shear: the stiffer the springs, the more force it makes.
+#: The transducer whose offset counts as an offset of the shear, which changes the forces of the springs.
 SHEAR: Final = "lateral.displacement"
-#: Where a temperature is one chamber's own.
+#: The chambers, each with a temperature of its own.
 CHAMBERS: Final = ("left.bellows", "right.bellows", "left.auxiliary", "right.auxiliary")
 
 #: Steps of finite differences, in standard deviations and typical sizes. Where friction turns depends on its history,

@@ -1,4 +1,4 @@
-"""The terms without a name that the model of the bench can carry: where each lies, and how large it may be."""
+"""The unknown terms that can be fitted to the bench: surfaces over two states, with their span and prior size."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ _UNIT_SPEED: Final = 10 * mm
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """One coordinate of a surface: its field in the parameter record, its ends, and how people read it."""
+    """One coordinate of a surface: its field in the parameter record, its range, its title and unit."""
 
     field: str
     low: float
@@ -68,7 +68,7 @@ class Term:
         )
 
     def over(self, record: Any) -> "Term":
-        """Return the term over the spans of the surface that a parameter record has already, if it has one."""
+        """Return the term with the spans of the surface in a parameter record; unchanged if the record has none."""
         if not record[self.name].any():
             return self
         first, second = (
@@ -80,9 +80,9 @@ class Term:
 
     def changes(self, record: Any, coefficients: Mapping[str, float]) -> dict[str, Array]:
         """Return parameters that add the surface to a parameter record; what ``coefficients`` do not name is 0."""
-        more = np.array([coefficients.get(one.name, 0.0) for one in self.surface.coefficients])
+        added = np.array([coefficients.get(one.name, 0.0) for one in self.surface.coefficients])
         spans = {span.field: np.array([span.low, span.high]) for span in (self.first, self.second)}
-        return {self.name: record[self.name] + more.reshape(SURFACE), **spans}
+        return {self.name: record[self.name] + added.reshape(SURFACE), **spans}
 
     def write(self, record: Any, coefficients: Mapping[str, float]) -> None:
         """Add the surface to a parameter record."""

@@ -173,7 +173,7 @@ def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mappin
 
 
 def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
-    return np.zeros(len(clock), dtype=np.bool_)  # a chamber that leaks never rests
+    return np.zeros(len(clock), dtype=np.bool_)  # its pressure falls all the time
 
 
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:

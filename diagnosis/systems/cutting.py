@@ -13,8 +13,8 @@ def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Arr
 
     NaN outside of the samples (nothing is extrapolated) and between neighbours more than ``longest_gap`` apart.
     """
-    there = np.isfinite(values)
-    t, y = time[there], values[there]
+    known = np.isfinite(values)
+    t, y = time[known], values[known]
     if len(t) == 0:
         return np.full(grid.shape, np.nan)
     result = np.interp(grid, t, y, left=np.nan, right=np.nan)
@@ -27,10 +27,10 @@ def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Arr
 
 
 def bridge(values: Array) -> Array:
-    """Return ``values`` (n,) with straight lines over what is NaN: an input has to be something everywhere."""
-    there = np.isfinite(values)
+    """Return ``values`` (n,) with straight lines over what is NaN: an input needs a value at every sample."""
+    known = np.isfinite(values)
     index = np.arange(len(values))
-    return np.interp(index, index[there], values[there])
+    return np.interp(index, index[known], values[known])
 
 
 def reversals(x: Array, least: float) -> NDArray[np.intp]:

@@ -1,4 +1,4 @@
-"""The map file: which column of a foreign file is what, in which unit, and which of its runs is for what."""
+"""The map file: which column of a foreign file holds which signal, in which unit, and the role of each run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from diagnosis.systems.tables import ColumnName, FileFormat, Source
 
 
 class TimeColumn(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[time]``: where the clock is, the grid that is wanted, and the part of each file that counts."""
+    """``[time]``: the column of the clock, the grid of the replay, and the part of each file that is used."""
 
     column: ColumnName = "time"
     unit: str = "s"
@@ -47,7 +47,7 @@ class RoleRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[runs]``: how a file is cut into runs, what of each is not scored, and what each is for."""
+    """``[runs]``: how a file is cut into runs, what of each is not scored, and the role of each."""
 
     cut: Literal["file", "strokes", "time"] = "file"
     signal: str | None = None
@@ -86,7 +86,7 @@ def read_map(map_path: Path) -> tuple[Map, System]:
 def _system(mapping: Map, where: Path) -> System:
     known = {system.name: system for system in (PISTON, CHAMBER)}
     if mapping.system == "air_spring":
-        # For a piston, the whole bench would be much to load.
+        # Loading the model of the bench takes a second, which the other systems are spared.
         from diagnosis.systems.air_spring_files import air_spring_system
 
         name = mapping.parameters

@@ -24,12 +24,13 @@ from diagnosis.contracts import Array, DiagnosisError
 _REACH: Final = 8
 #: Rounds in which the motion and its q come to agree.
 _ROUNDS: Final = 8
-#: q/σ² to begin with (25 Hz of 200 Hz), and its bounds (3 Hz and all there is).
+#: q/σ² to begin with (passes 25 Hz of 200 Hz), and its bounds (pass 3 Hz and everything).
 _FIRST, _SMALLEST, _LARGEST = 0.25, 1e-6, 20.0
 #: Coefficients of the third difference.
 _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
+#: Fewer samples than this tell no motion.
 _LEAST: Final = 8
-#: So many samples are averaged to see whether there is more than noise; what is faster than 20 or 2 Hz averages out.
+#: Means over so many samples show whether there is more than noise; motion above 20 or 2 Hz would average out.
 _BLOCKS: Final = (5, 50)
 
 #: The sensors that say where bolster and platform are.
@@ -90,14 +91,15 @@ def sensor_noise(name: str, par: Any) -> float:
 def smooth(values: Array, noise: float) -> Array:
     """Return ``values`` (n,) without their ``noise`` (its standard deviation); NaN are bridged.
 
-    What only trembles stands still. Raises DiagnosisError where fewer than eight samples were measured.
+    Readings that show nothing but noise give their mean. Raises DiagnosisError where fewer than eight samples were
+    measured.
     """
     from scipy.ndimage import uniform_filter1d
 
     known = np.isfinite(values)
     if known.sum() < _LEAST:
         raise DiagnosisError(f"{known.sum()} samples of a motion were measured; at least {_LEAST} are needed")
-    if _trembles(values[known], noise):
+    if _is_noise_alone(values[known], noise):
         return np.full(len(values), np.mean(values[known]))
     ratio = np.full(len(values) - 3, _FIRST)
     for _ in range(_ROUNDS):
@@ -119,14 +121,14 @@ def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
 
 
 def without_lag(values: Array, lag: float, step: float) -> Array:
-    """Return what a sensor with a first-order ``lag`` (s) saw, x = y + τ dy/dt, from its smooth signal (n,)."""
+    """Return x = y + τ dy/dt, what a sensor of first-order ``lag`` τ (s) measured, from its smooth signal y (n,)."""
     from scipy.interpolate import CubicSpline
 
     time = step * np.arange(len(values))
     return values + lag * CubicSpline(time, values)(time, 1)
 
 
-def _trembles(seen: Array, noise: float) -> bool:
+def _is_noise_alone(seen: Array, noise: float) -> bool:
     """Return whether samples (n,) in a row scatter like noise and nothing else: their means as √m less than they do.
 
     Rounding that is coarser than the noise scatters up to twice as much as both together should.

@@ -33,9 +33,9 @@ from diagnosis.systems.system import System, SystemSetting, SystemSignal
 
 #: Motion slower than this for half a second is rest.
 _REST_SPEED: Final = 0.1e-3
-#: Signals are smoothed over this long, so that the noise of a laser makes no reversals.
+#: Signals are smoothed over this time (s), so that the noise of a laser makes no reversals.
 _SMOOTHING: Final = 0.1
-#: v → asinh(v/v_0): resolves slow motion, and keeps fast motion in view.
+#: v_0 of asinh(v/v_0), the coordinate of speed: linear below, logarithmic above.
 _SLOW: Final = 1e-3
 
 _NUISANCES: Final = (
@@ -93,7 +93,7 @@ class Piston:
 
 
 def _surfaces(low: float, high: float) -> tuple[TensorSplines, ...]:
-    """Return the terms without a name, for a stroke from ``low`` to ``high`` in m."""
+    """Return the surfaces of unknown force, for a stroke from ``low`` to ``high`` in m."""
     x = SplineAxis("displacement", "displacement in mm", tuple(np.linspace(low, high, 6)), 1e-3)
     v = SplineAxis("speed", "asinh of the speed in mm/s", tuple(np.linspace(-3.6, 3.6, 5)))
     p = SplineAxis("pressure", "gauge pressure in bar", tuple(np.linspace(0.0, 8e5, 4)), 1e5)
@@ -116,7 +116,7 @@ def lagged(signal: Array, lag: float, step: float) -> Array:
     if lag <= 0.0:
         return signal
     a = np.exp(-step / lag)
-    mean = lag / step * (1.0 - a)  # what the interval forgets, averaged over it
+    mean = lag / step * (1.0 - a)  # mean over the step of e^(−t/lag)
     b = np.array([1.0 - mean, mean - a])
     return lfilter(b, [1.0, -a], signal, zi=mean * signal[:1])[0]
 

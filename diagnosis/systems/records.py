@@ -1,8 +1,7 @@
 """Records of the bench as measured runs: every phase named ``replay …`` of a plan is one.
 
-What a run's phases say: ``condition …``, up to which nothing is scored, for it is there to wipe out what rubber
-remembers of earlier motions; ``rest``, in which nothing moves. Which valves were open follows from the settings that
-the record keeps as events.
+Phases inside of a run: up to the end of ``condition …`` nothing is scored, for it makes the rubber forget earlier
+motions; in ``rest`` nothing moves. Which valves were open follows from the settings that the record keeps as events.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
         runs += [(Path(directory), run) for run in found]
     return Dataset(
         simulator.channels,
-        tuple(_named_apart(runs)),
+        tuple(_with_unique_names(runs)),
         digest.hexdigest(),
         tuple(str(directory) for directory in directories),
     )
@@ -65,8 +64,8 @@ def _phases(record: Record) -> Iterable[Phase]:
     return (phase for phase in record.phases if phase.name.startswith(REPLAY))
 
 
-def _named_apart(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:
-    """Runs of one name, from several records of one plan, bear the path of their record too."""
+def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:
+    """Add the path of their record to the names of runs that several records of one plan share."""
     from dataclasses import replace
 
     count = Counter(run.experiment.name for _, run in runs)
@@ -86,10 +85,10 @@ def _run(record: Record, phase: Phase, simulator: AirSpring) -> MeasuredRun:
     for side in _SIDES:
         if f"{side}.height" not in measured:
             raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
-    settings = _Settings(record)
+    settings = _SettingsOfRecord(record)
     inputs = motion_inputs(measured, STEP, simulator.parameters) | settings.valves(grid)
     outputs = _outputs(record, grid, inputs, simulator)
-    inputs["supply.pressure"] = _held(_sampled(record, "supply.pressure", grid), simulator.parameters)
+    inputs["supply.pressure"] = _interpolated(_sampled(record, "supply.pressure", grid), simulator.parameters)
     inside = [p for p in record.phases if phase.start <= p.start and p.end <= phase.end and p is not phase]
     conditioned = max((p.end for p in inside if p.name.startswith(CONDITION)), default=phase.start)
     rest = np.zeros(len(grid), np.bool_)
@@ -111,7 +110,7 @@ def _run(record: Record, phase: Phase, simulator: AirSpring) -> MeasuredRun:
 
 
 def _outputs(record: Record, grid: Array, inputs: Mapping[str, Array], simulator: AirSpring) -> Array:
-    """The channels (n, c). Where an acceleration is not known, nobody knows what an actuator had to do for it."""
+    """The channels (n, c); actuator forces are NaN where the acceleration of the bolster is not known well enough."""
     par = simulator.parameters.record
     outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
     turns = {
@@ -131,38 +130,38 @@ def _outputs(record: Record, grid: Array, inputs: Mapping[str, Array], simulator
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan
         if channel.resolution > 2.0 * channel.noise:
-            outputs[:, k] = _stepped(outputs[:, k])
+            outputs[:, k] = _at_its_steps(outputs[:, k])
     return outputs
 
 
-def _stepped(values: Array) -> Array:
-    """What a signal (n,) says that is rounded more coarsely than it is noisy: where it was when it stepped.
+def _at_its_steps(values: Array) -> Array:
+    """Return the readings (n,) of a signal rounded more coarsely than it is noisy only where it steps, else NaN.
 
-    Half-way between two readings that differ, in time and in value. As long as a reading stays, its error stays with
-    it: a hundred of the same are no better than one.
+    At a step the signal was half-way between both readings. Between steps the rounding error is always the same: a
+    hundred equal readings say no more than one.
     """
     result = np.full(len(values), np.nan)
-    there = np.flatnonzero(np.isfinite(values))
-    steps = np.flatnonzero(np.diff(values[there]) != 0.0)
-    before, after = there[steps], there[steps + 1]
+    known = np.flatnonzero(np.isfinite(values))
+    steps = np.flatnonzero(np.diff(values[known]) != 0.0)
+    before, after = known[steps], known[steps + 1]
     result[(before + after) // 2] = 0.5 * (values[before] + values[after])
     return result
 
 
 def _grid(record: Record, phase: Phase) -> Array:
-    """Times (n,) of the samples of a phase, equidistant: jitter of the stamps is taken out of them."""
+    """Equidistant times (n,) of the samples of a phase, without the jitter of their stamps."""
     times, _ = record.series("left.height")
     times = times[(times >= phase.start) & (times < phase.end)]
     if len(times) < 2:
         raise DiagnosisError(f"{record.path}: no samples in {phase.name!r}")
-    # The mean direction on the circle of one interval does not mind where the circle is cut.
+    # Stamps modulo the interval as directions on a circle: their mean does not depend on where the circle begins.
     turn = np.angle(np.mean(np.exp(2j * np.pi * times / STEP))) / (2.0 * np.pi) * STEP
     first, last = (round((time - turn) / STEP) for time in (times[0], times[-1]))
     return turn + STEP * np.arange(first, last + 1)
 
 
 def _switched_on(record: Record, time: float) -> float:
-    """How long the bench has been on at a ``time`` of the record (s), by its own count of ticks."""
+    """How long the bench had been on at a ``time`` of the record (s), by its own count of ticks."""
     times, ticks = record.series("rig.tick") if "rig.tick" in record.signals else (np.empty(0), np.empty(0))
     return time + (float(np.median(ticks * TICK - times)) if len(times) else 0.0)
 
@@ -178,8 +177,8 @@ def _sampled(record: Record, name: str, grid: Array) -> Array:
     return result
 
 
-def _held(values: Array, parameters: Parameters) -> Array:
-    """A slow signal between its samples; before the first one, the first one."""
+def _interpolated(values: Array, parameters: Parameters) -> Array:
+    """A slow signal (n,) on straight lines between its samples; the pressure of the set where there is none."""
     known = np.isfinite(values)
     if not known.any():
         return np.full(len(values), float(parameters.record.supply_pressure))
@@ -210,8 +209,8 @@ def _beginning(
     return found
 
 
-class _Settings:
-    """The settings in force over a record."""
+class _SettingsOfRecord:
+    """The settings of a record, each with the time from which it was in force."""
 
     def __init__(self, record: Record) -> None:
         self._changes: dict[str, list[tuple[float, Any]]] = {}

@@ -1,4 +1,4 @@
-"""A smooth surface over two states, as a tensor product of B-splines: the form of a term that has no name."""
+"""A smooth surface over two states, as a tensor product of B-splines: the form of an unknown term."""
 
 from __future__ import annotations
 

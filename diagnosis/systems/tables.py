@@ -26,14 +26,14 @@ _SUFFIXES: Final[Mapping[str, Literal["csv", "parquet", "mdf"]]] = {
 
 
 class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where a column is, and what stands between its digits in threes."""
+    """Which column of a file is meant, and the separator of thousands in its numbers."""
 
     column: ColumnName
     thousands: str = ""
 
 
 class FileFormat(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[file]`` of a map: what the suffix does not say."""
+    """``[file]`` of a map: the format of the files, as far as their suffix does not say it."""
 
     format: Literal["csv", "parquet", "mdf"] | None = None
     delimiter: str = ","
@@ -62,7 +62,7 @@ def read_columns(path: Path, form: FileFormat, wanted: Mapping[str, Source]) -> 
 
 
 def _read_csv(path: Path, form: FileFormat) -> Any:
-    """Read a table of text: what is a decimal point in one column may part thousands in the next."""
+    """Read a table as text: a point may be decimal in one column and separate thousands in the next."""
     import pandas as pd
 
     try:
@@ -135,11 +135,11 @@ def _read_mdf(path: Path, wanted: Mapping[str, Source]) -> dict[str, Array]:
     except Exception as error:  # asammdf has an exception of its own and raises others, too
         raise DiagnosisError(f"{path}: not an MDF file: {error}") from None
     with mdf:
-        there = sorted(name for name in mdf.channels_db if name not in mdf.masters_db)
+        available = sorted(name for name in mdf.channels_db if name not in mdf.masters_db)
         for key, column in channels.items():
             if column not in mdf.channels_db:
                 raise DiagnosisError(
-                    f"{path}: {key}.column = {column!r}: the file has the channels {', '.join(there)}"
+                    f"{path}: {key}.column = {column!r}: the file has the channels {', '.join(available)}"
                 )
         signals = {key: mdf.get(column) for key, column in channels.items()}
     time = np.unique(np.concatenate([signal.timestamps for signal in signals.values()]))
