@@ -67,13 +67,13 @@ def metered_record(meter: Meter) -> Iterator[None]:
     """Time what plans give to the record."""
     import test_plans.recording
 
-    sink: Any = test_plans.recording.Sink
-    original = sink.__call__
-    sink.__call__ = meter.of("record", original)
+    recording: Any = test_plans.recording.Recording
+    original = recording.take
+    recording.take = meter.of("record", original)
     try:
         yield
     finally:
-        sink.__call__ = original
+        recording.take = original
 
 
 def bare_plant(duration: float) -> float:

@@ -16,7 +16,7 @@ from test_plans.analysis import NotMeasured
 from test_plans.plan import Part, Plan
 from test_plans.punctuality import lateness, timing
 from test_plans.readings import CHAMBERS
-from test_plans.recording import Sink, keep_settings, recorded_signals
+from test_plans.recording import Recording, keep_settings, recorded_signals
 from test_plans.run import Nobody, Run, Watcher
 from test_plans.steps.carrying import RESIDUAL_PRESSURE
 
@@ -56,8 +56,9 @@ def execute(
     recorder = Recorder(
         directory, list(signals.values()), {"plan": plan.name, **(meta or {})}, start_ns=start
     )
-    run = Run(bench, recorder, watcher or Nobody(), plan.lasts)
-    bench.receiver.sink = Sink(bench.table, list(signals), recorder)
+    recording = Recording(bench.table, list(signals), recorder)
+    run = Run(bench, recording, watcher or Nobody(), plan.lasts)
+    bench.receiver.sink = recording.take
     bench.settings.applied = lambda values: keep_settings(run, values)
     before = lateness(bench)
     try:
@@ -74,7 +75,7 @@ def execute(
     finally:
         bench.receiver.sink = None
         bench.settings.applied = lambda values: None
-        recorder.close()
+        recording.close()
     run.progress(1.0)
 
     reason = "; then ".join(trouble for trouble in (first, last and f"in tear-down: {last}") if trouble)

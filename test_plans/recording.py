@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from math import isnan
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.signals import Kind, Table
-from bench_protocol.units import FACTORS
+from bench_protocol.units import FACTORS, NS, ms
 
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
     from bench_records.recorder import Recorder
     from test_plans.run import Run
 
+Instants = npt.NDArray[np.int64]
+Rows = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+Samples = tuple[Instants, Rows, Floats]
+
+#: How long samples are held (ns): five beats, a tenth of what the record promises to lose at most.
+_HELD_FOR: Final = round(100 * ms * NS)
 #: Signals whose changes are events of their own, and the kind of event.
 _TOLD: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
 
@@ -60,8 +69,12 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
     return found
 
 
-class Sink:
-    """Takes every received sample for the record, and tells it of changes of the rig's state."""
+class Recording:
+    """What a run gives to its record: every received sample, every change of the rig's state, and the run's events.
+
+    Samples are held for a few beats and handed on together, but never behind an event that comes after them.
+    Thread-safe: samples come from the receiver's thread, events from the plan's.
+    """
 
     def __init__(self, table: Table, rows: list[int], recorder: Recorder) -> None:
         self._column = np.full(len(table.signals), -1, np.int16)
@@ -72,14 +85,44 @@ class Sink:
         self._last = np.zeros(len(table.signals))
         self._watched = np.zeros(len(table.signals), np.bool_)
         self._watched[list(self._kinds)] = True
+        self._held: list[Samples] = []
+        self._held_since = 0
+        self._lock = threading.RLock()
 
-    def __call__(
-        self, times: npt.NDArray[np.int64], rows: npt.NDArray[np.int64], values: npt.NDArray[np.float64]
-    ) -> None:
-        self._recorder.append(times, self._column[rows], values)
-        places = self._watched[rows].nonzero()[0]
-        if (values[places] != self._last[rows[places]]).any():
-            self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
+    def take(self, times: Instants, rows: Rows, values: Floats) -> None:
+        """Take samples as they come (ns, table rows, SI). Raises RecordError for a disk that failed meanwhile."""
+        newest = int(times[-1])
+        with self._lock:
+            if not self._held:
+                self._held_since = newest
+            self._held.append((times, rows, values))
+            if newest - self._held_since >= _HELD_FOR:
+                self._hand_on()
+
+    def event(self, time: int, kind: str, text: str, **data: Any) -> None:
+        """Keep an event of the run, after the samples that came before it. Raises RecordError as `take` does."""
+        with self._lock:
+            self._hand_on()
+            self._recorder.event(time, kind, text, **data)
+
+    def close(self) -> None:
+        """End the record; RecordError if the disk failed."""
+        from bench_records.layout import RecordError
+
+        with suppress(RecordError):  # the recorder says it again when it is closed
+            self._hand_on()
+        self._recorder.close()
+
+    def _hand_on(self) -> None:
+        with self._lock:
+            held, self._held = self._held, []
+            if not held:
+                return
+            times, rows, values = (np.concatenate(column) for column in zip(*held, strict=True))
+            self._recorder.append(times, self._column[rows], values)
+            places = self._watched[rows].nonzero()[0]
+            if (values[places] != self._last[rows[places]]).any():
+                self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
 
     def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
         """Tell every change; the cause comes in the same frame as the state that it led to, and is told first."""

@@ -11,7 +11,6 @@ from bench_protocol.units import FACTORS, NS
 
 if TYPE_CHECKING:
     from bench_records.layout import RecordedEvent
-    from bench_records.recorder import Recorder
     from bench_records.result import Axis, Check, Curve
     from drivers.bench import Bench
 
@@ -33,6 +32,13 @@ class Watcher(Protocol):
         """Hear of a check and its verdict."""
 
 
+class EventLog(Protocol):
+    """Where the events of a run are kept."""
+
+    def event(self, time: int, kind: str, text: str, **data: Any) -> None:
+        """Keep what happened at ``time`` (ns). Raises RecordError if it cannot be kept."""
+
+
 class Nobody:
     """A watcher that is not there."""
 
@@ -51,7 +57,7 @@ class Run:
     """One execution of a plan: the bench, and everything that the plan concludes."""
 
     bench: Bench
-    recorder: Recorder
+    log: EventLog
     watcher: Watcher = field(default_factory=Nobody)
     lasts: float = 0.0
     checks: list[Check] = field(default_factory=list)
@@ -149,7 +155,7 @@ class Run:
         from bench_records.layout import RecordError
 
         with suppress(RecordError):
-            self.recorder.event(self.now, kind, text, **data)
+            self.log.event(self.now, kind, text, **data)
 
     def progress(self, fraction: float) -> None:
         """Tell whoever watches how much of the plan is done (0 to 1)."""

@@ -200,7 +200,7 @@ def test_a_disk_that_fails_does_not_keep_the_tear_down_from_its_work(made, monke
         raise RecordError("no space left")
 
     def main(run):
-        monkeypatch.setattr(type(run.recorder), "event", full)
+        monkeypatch.setattr(type(run.log), "event", full)
         run.check("x", 1.0, "1", high=2.0)
         raise RigFault("gone")
 
