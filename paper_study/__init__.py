@@ -1,1 +1,1 @@
-"""The paper beside the bench: its claims and the checks of both model layers, each evaluated instead of quoted."""
+"""A study of the paper: its figures and claims made anew, on the virtual bench and in closed form."""

@@ -1,4 +1,4 @@
-"""The paper's experiments on the virtual bench: plans through the wires, and what several rigs found side by side."""
+"""The paper's experiments on the virtual bench: running their plans, and reading the results of several rigs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class Points:
 
 @dataclass(frozen=True, slots=True)
 class BenchResults:
-    """What the plans found, one result for each rig."""
+    """The results of the plans, one for each rig."""
 
     results: Mapping[str, Sequence[Result]]
     pressures: Mapping[

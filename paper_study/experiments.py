@@ -49,7 +49,7 @@ def closed_form(par: Any, volume: float, exponent: float) -> float:
 
 
 def in_series(k: float, k_emergency: float) -> float:
-    """1/(1/k + 1/k_es)."""
+    """Return the stiffness of two springs in series, 1/(1/k + 1/k_es)."""
     return 1.0 / (1.0 / k + 1.0 / k_emergency)
 
 
@@ -183,7 +183,7 @@ def plant_ride(subject: Subject) -> dict[tuple[str, float], Cell]:
 
 @remembered
 def wind_alone(subject: Subject) -> dict[str, float]:
-    """N = 6 a_YP95 at 25 m/s on a straight and level track, by load case: three realisations, 1 if quick."""
+    """Return N = 6 a_YP95 at 25 m/s on a straight and level track, by load case: three realisations, 1 if quick."""
     car = subject.vehicle.with_values(track_shape=0).record
     seeds = (1,) if subject.quick else (1, 2, 3)
     return {
@@ -205,7 +205,7 @@ def wind_alone(subject: Subject) -> dict[str, float]:
 
 @remembered
 def upper_sway(subject: Subject, load: str) -> NaturalMode:
-    """The faster one of the two natural modes in which the upright car moves sideways and rolls."""
+    """Return the faster one of the two natural modes in which the upright car moves sideways and rolls."""
     modes = Vehicle(subject.parameters(load).record, subject.vehicle.record).modes()
     return max((m for m in modes if abs(m.shape[1]) < 0.5), key=lambda m: m.frequency)
 

@@ -17,14 +17,14 @@ SMALL_LOSS: Final = 0.9995
 
 
 def closed_stiffness(load: str, gauge: Floats, **changes: Any) -> Floats:
-    """(10) and (16) in series, in N/m, at gauge pressures (Pa)."""
+    """Return (10) and (16) in series, in N/m, at gauge pressures (Pa)."""
     par = Subject().spring(load, **changes)
     K = diaphragm_stiffness(0.0, gauge + par.atmospheric_pressure, par)
     return np.asarray(combined(K, layered_stiffness(par), "series"), np.float64)
 
 
 def closed_secant(load: str, y: Floats) -> Floats:
-    """(10) and (16) in series, in N/m, over lateral displacement (m) at the pressure of the load."""
+    """Return (10) and (16) in series, in N/m, over lateral displacement (m) at the pressure of the load."""
     par = Subject().spring(load)
     return np.asarray(
         combined(diaphragm_stiffness(y, par.pressure, par), layered_stiffness(par), "series"), np.float64
@@ -32,7 +32,7 @@ def closed_secant(load: str, y: Floats) -> Floats:
 
 
 def closed_tangent(load: str, y: Floats) -> Floats:
-    """The slope of F = K(y) y of `closed_secant`, in N/m."""
+    """Return the slope of F = K(y) y of `closed_secant`, in N/m."""
     step = 0.01 * mm
     ahead, behind = y + step, y - step
     return (closed_secant(load, ahead) * ahead - closed_secant(load, behind) * behind) / (2.0 * step)

@@ -1,4 +1,4 @@
-"""`astb paper` itself: everything in one directory, with a bar for each kind of work."""
+"""Runs the whole study and writes it into one directory, with a progress bar for each kind of work."""
 
 from pathlib import Path
 from typing import Final

@@ -120,7 +120,7 @@ class ClaimRow:
 
     @property
     def verdict(self) -> str:
-        """In which layers it holds."""
+        """The layers in which it holds, in words."""
         held = [one["layer"] for one in self.layers if one["holds"]]
         if not held:
             return "does not hold"
@@ -190,17 +190,17 @@ def _rows(entries: "Iterable[dict[str, Any]]") -> Iterator[ClaimRow]:
 
 
 def _tally(rows: list[ClaimRow]) -> dict[str, dict[str, int]]:
-    """How many claims and checks hold how far."""
-    told: dict[str, dict[str, int]] = {"claims": {}, "checks": {}}
+    """Count how many claims and checks hold how far."""
+    counts: dict[str, dict[str, int]] = {"claims": {}, "checks": {}}
     for row in rows:
-        kind = told["claims" if row.id.startswith("T") else "checks"]
+        kind = counts["claims" if row.id.startswith("T") else "checks"]
         verdict = "holds" if row.verdict.startswith("holds") else row.verdict
         kind[verdict] = kind.get(verdict, 0) + 1
-    return told
+    return counts
 
 
 def _tone(verdict: str) -> str:
-    """The class that colours a verdict; its words say the same."""
+    """Return the CSS class that colours a verdict."""
     if verdict.startswith("holds"):
         return "pass"
     return "fail" if verdict == "does not hold" else "partly"
@@ -211,7 +211,7 @@ def _mark(verdict: str) -> str:
 
 
 def _identified(study: Study) -> Iterator[tuple[str, str, str, str, str]]:
-    """Name, identified value, interval, plant's value, unit; in the unit of the parameter file."""
+    """Yield name, identified value, interval, plant's value and unit, in the unit of the parameter file."""
     entries = Subject().parameters("AW0").entries
     for name, one in study.identified.parameters.items():
         entry = entries[name]
@@ -238,7 +238,7 @@ def _deviation(one: Any) -> tuple[str, ...]:
 
 
 def _ride_table(study: Study) -> list[dict[str, Any]]:
-    """One row per wind speed and load, both layers side by side."""
+    """Return one row per wind speed and load, both layers side by side."""
     from test_plans.comfort import describe_mean_comfort
 
     def with_width(value: float, width: float, digits: int) -> str:
@@ -264,7 +264,7 @@ def _ride_table(study: Study) -> list[dict[str, Any]]:
 
 
 def comfort_csv(study: Study) -> str:
-    """The table as comma-separated values, SI."""
+    """Return the comfort table as comma-separated values, SI."""
     head = (
         "layer,load,wind_speed,acceleration_rms,acceleration_half_width,acceleration_peak,comfort_index,"
         "comfort_half_width,mean_lateral_displacement,bump_stop_time"
@@ -292,7 +292,7 @@ def comfort_csv(study: Study) -> str:
 
 
 def _index_table(study: Study, layer: str) -> dict[str, Any]:
-    """Total indices of one layer with the half width of their intervals, parameters down."""
+    """Return the total indices of one layer with the half width of their intervals, one row for each parameter."""
     found = study.sensitivity[layer]
     names = PAPER if layer == "paper" else PLANT
     return {
@@ -313,5 +313,5 @@ def _index_table(study: Study, layer: str) -> dict[str, Any]:
 
 
 def signed(text: str) -> str:
-    """Text with a proper minus before numbers, and hyphens left alone."""
+    """Put a proper minus before numbers, and leave hyphens alone."""
     return re.sub(r"(^|[\s(e])-(?=[\d.])", rf"\1{MINUS}", text)

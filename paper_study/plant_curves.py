@@ -1,4 +1,4 @@
-"""The plant's model put to the bench's experiments: the same pressures, amplitudes, places, frequencies; no wires."""
+"""The bench's experiments repeated in the plant's model: the same pressures, amplitudes, offsets and frequencies."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -151,7 +151,7 @@ def secant_of_stairs(
 
 
 def _stand(plant: Plant, before: float, y: float) -> float:
-    """Shear within a second, wait five, and read the lateral force in N that the spring opposes."""
+    """Return the spring's lateral force in N, five seconds after a motion from ``before`` to ``y`` (m) within one."""
     impose(plant, [Motion(LATERAL, y - before, 1.0, Shape.RAMP, before)], 6 * s, dt=_STEP, rows=0)
     last = impose(plant, [Motion(LATERAL, 0.0, 1.0, offset=y)], _STEP, dt=_STEP)
     return float(-last.of(Algebraic.LATERAL_FORCE)[0])
@@ -186,7 +186,7 @@ LAG: Final = 5 * ms
 NARROWER: Final = 0.95
 
 
-def impostors(subject: Subject, load: str, amplitude: Floats, f: Floats) -> dict[str, Complexes]:
+def lookalikes(subject: Subject, load: str, amplitude: Floats, f: Floats) -> dict[str, Complexes]:
     """Complex vertical stiffness in N/m of the orifice alone and of the three things that add 5 % to its damping.
 
     ``orifice``: no rubber; ``rubber``: shell and friction as in the plant; ``lag``: no rubber, but the force read 5 ms
@@ -204,7 +204,7 @@ def impostors(subject: Subject, load: str, amplitude: Floats, f: Floats) -> dict
 
 
 def residuals(subject: Subject, load: str, amplitude: float, f: Floats) -> dict[str, Complexes]:
-    """The three of `impostors` in the force that is left when pressure times area is taken off, in N/m over f (Hz)."""
+    """The three of `lookalikes` in the force that is left when pressure times area is taken off, in N/m over f (Hz)."""
     C_d = subject.parameters(load).record.discharge_coefficient[0]
     rubber = residual_loss(subject, load, amplitude, f)[1]
     orifice, rest = residual_loss(subject, load, amplitude, f, "rubber")

@@ -1,4 +1,4 @@
-"""What the checks are put to: the shipped parameter sets, or changed ones, and the plants built from them."""
+"""The parameter sets under test, as shipped or changed, and the plants that are built from them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -88,7 +88,7 @@ _Experiment = TypeVar("_Experiment", bound=Callable[..., Any])
 
 
 def remembered(experiment: _Experiment) -> _Experiment:
-    """Measure once per subject and arguments: several checks read the same experiment."""
+    """Keep what an experiment returns, by subject and arguments: several checks read the same one."""
 
     @wraps(experiment)
     def once(subject: Subject, *args: Any, **changes: Any) -> Any:

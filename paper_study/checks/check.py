@@ -53,7 +53,7 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class ClaimCheck:
-    """What decides a claim on one layer."""
+    """A claim with the limits and the function that decide it on one layer."""
 
     claim: Claim
     layer: Layer
@@ -63,7 +63,7 @@ class ClaimCheck:
 
     @property
     def id(self) -> str:
-        """That of the claim."""
+        """The number of the claim, such as T1 or A30."""
         return self.claim.id
 
 

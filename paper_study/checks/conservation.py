@@ -26,7 +26,7 @@ def _sealed_course(subject: Subject, load: str) -> Any:
 
 @Claim("A07", "Sealed springs keep their mass of air", "mass balance").on("plant", "drift < 1e-9")
 def mass_balance(subject: Subject) -> CheckOutcome:
-    """Twenty seconds of vertical and lateral motion with closed valves."""
+    """Drift of the mass in sealed springs over twenty seconds of vertical and lateral motion."""
     drift = 0.0
     for load in LOADS:
         states = _sealed_course(subject, load).states
@@ -39,7 +39,7 @@ def mass_balance(subject: Subject) -> CheckOutcome:
     "plant", "relative < 1e-6; 199 J per cycle ±2 % (AW3, 10 mm, 1 Hz)"
 )
 def energy_balance(subject: Subject) -> CheckOutcome:
-    """The same motion: energy of the gas against heat and work; then ten adiabatic cycles."""
+    """Energy of the gas against heat and work in the same motion; what the orifice adds in ten adiabatic cycles."""
     worst = 0.0
     for load in LOADS:
         course = _sealed_course(subject, load)
@@ -71,7 +71,7 @@ def energy_balance(subject: Subject) -> CheckOutcome:
     "plant", "< 0.1 %"
 )
 def reciprocity(subject: Subject) -> CheckOutcome:
-    """Central differences of the forces of one bellows at constant pressure, and of p_g V."""
+    """Cross derivatives of a bellows' forces at constant pressure, and those of p_g V, by central differences."""
     plant = subject.resting("AW0", *BARE)
     par, x, h = plant.parameters, plant.state, 1e-4
     worst = 0.0

@@ -16,7 +16,7 @@ OFFSETS: Final = tuple(y * mm for y in (20, 40, 60))
 
 
 def area_and_volume(subject: Subject) -> tuple[float, float]:
-    """A_e and V_b of the plant at 60 mm aside, less one, at design height."""
+    """Return by which shares A_e and V_b of the plant change from the centre to 60 mm aside, at design height."""
     aside = moved_aside(subject, "AW0", 60 * mm, "emergency_spring")
     par = subject.parameters("AW0").record
     area = aside.of(Algebraic.AREA)[0] / par.effective_area[0]
@@ -30,7 +30,7 @@ T6: Final = Claim(
 
 @T6.on("plant", "A_e falls, V grows by more than three times as much, at 60 mm")
 def area_and_equivalent_volume(subject: Subject) -> CheckOutcome:
-    """The paper's volume grows; that of the plant cannot."""
+    """Change of the plant's area and volume at 60 mm: the paper's volume grows, that of the plant cannot."""
     area, volume = area_and_volume(subject)
     return CheckOutcome(
         f"A_e {100 * area:+.1f} %, V_b {100 * volume:+.1f} % at 60 mm",
@@ -45,7 +45,7 @@ def area_and_equivalent_volume(subject: Subject) -> CheckOutcome:
     "plant", "−1 to −5 % at 60 mm"
 )
 def area_over_offset(subject: Subject) -> CheckOutcome:
-    """∂V/∂ζ and V of a bellows held aside."""
+    """Change of A_e = ∂V/∂ζ and of V of a bellows that is held 60 mm aside."""
     area, volume = area_and_volume(subject)
     return CheckOutcome(
         f"A_e {100 * area:+.1f} %, V_b {100 * volume:+.1f} % at 60 mm",
@@ -60,7 +60,7 @@ def area_over_offset(subject: Subject) -> CheckOutcome:
     "A18", "The effective area falls, the equivalent volume grows by far more", "claim T6 of the paper"
 ).on("paper", "−1 to −5 %, and more than three times as much, at 60 mm")
 def paper_area_over_offset(subject: Subject) -> CheckOutcome:
-    """The fits (8) of area and volume."""
+    """Change of area and equivalent volume at 60 mm by the fits (8)."""
     par = subject.spring("AW0")
     area = float(lateral_area(60 * mm, par) / par.lateral_area) - 1.0
     volume = float(equivalent_volume(60 * mm, par) / par.bellows_volume) - 1.0
@@ -77,14 +77,14 @@ T7: Final = Claim("T7", "K_lat falls with lateral displacement", "the paper, fig
 
 @T7.on("plant", "strictly, 20 to 60 mm")
 def secant_after_a_ramp(subject: Subject) -> CheckOutcome:
-    """Secants of whole springs after a slow ramp."""
+    """Lateral secant stiffness of whole springs after a slow ramp to each displacement."""
     K = {case: [lateral_secant(subject, case, y) for y in OFFSETS] for case in LOADS}
     return _by_displacement(K, OFFSETS, "Secant after a slow ramp, friction and rubber included.")
 
 
 @T7.on("paper", "strictly, 0 to 60 mm")
 def diaphragm_over_displacement(subject: Subject) -> CheckOutcome:
-    """(10) is a secant."""
+    """Stiffness (10) over the displacement: it is a secant already."""
     offsets = (0.0, *OFFSETS)
     K = {
         case: diaphragm_stiffness(np.array(offsets), subject.spring(case).pressure, subject.spring(case))
@@ -108,7 +108,7 @@ A17: Final = Claim("A17", "Secant K_y falls with the displacement", "claim T7 of
 
 @A17.on("plant", "−5 to −30 % at 60 mm")
 def secant_over_offset(subject: Subject) -> CheckOutcome:
-    """F_y/y of relaxed springs held aside."""
+    """Lateral secant stiffness F_y/y of relaxed springs without friction, held aside."""
     offsets = (1, 20, 40, 60)
     K = {
         load: [lateral_secant(subject, load, y * mm, "friction", "relaxation") for y in offsets]
@@ -119,7 +119,7 @@ def secant_over_offset(subject: Subject) -> CheckOutcome:
 
 @A17.on("paper", "−5 to −30 % at 60 mm")
 def paper_secant_over_offset(subject: Subject) -> CheckOutcome:
-    """(10) is a secant."""
+    """Stiffness (10) over the displacement: it is a secant already."""
     offsets = (0, 20, 40, 60)
     y = np.array(offsets) * mm
     K = {load: diaphragm_stiffness(y, subject.spring(load).pressure, subject.spring(load)) for load in LOADS}

@@ -22,7 +22,7 @@ T9: Final = Claim(
 
 @T9.on("plant", "lateral |K| rises from 0.1 to 28 Hz and overshoots its last value by > 5 %")
 def lateral_stiffness_over_frequency(subject: Subject) -> CheckOutcome:
-    """First harmonics of the lateral force at 5 mm."""
+    """Lateral |K| at 5 mm over frequency, with a pipe fitted."""
     grid = np.array([0.1, 0.3, 1.0, 3.0, 7.0, 10.0, 15.0, 20.0, 25.0, 28.0])
     parts, holds = [], True
     numbers: dict[str, float] = {}
@@ -50,7 +50,7 @@ def lateral_stiffness_over_frequency(subject: Subject) -> CheckOutcome:
 
 @T9.on("paper", "|K| rises, overshoots K_r by > 5 % and ends within 1 % of it")
 def gas_stiffness_with_a_pipe(subject: Subject) -> CheckOutcome:
-    """(23) with the inertia of a pipe."""
+    """Stiffness (23) over frequency with the inertia of the air in a pipe."""
     f = np.linspace(0.1, 40.0, 4000)
     parts, holds = [], True
     numbers: dict[str, float] = {}
@@ -80,7 +80,7 @@ def gas_stiffness_with_a_pipe(subject: Subject) -> CheckOutcome:
     "claim T9 of the paper, vertically: the mass of air in a pipe",
 ).on("plant", "minimum near 7 Hz, peak > 1.3 K_∞ near 15 Hz, K_∞ ±25 % at 28 Hz (0.5 mm, 30 mm plate)")
 def surge(subject: Subject) -> CheckOutcome:
-    """Vertical stiffness with pipe and plate fitted, gas and membrane alone."""
+    """Vertical |K| over frequency with pipe and plate fitted: gas and membrane alone."""
     f = np.concatenate([[0.5, 2.0, 4.0], np.arange(5.0, 18.01, 0.5), [20.0, 24.0, 28.0]])
     parts, holds = [], True
     numbers: dict[str, float] = {}

@@ -22,7 +22,7 @@ def _shut(plant: Plant) -> Plant:
     "plant", "2.058 / 5.577 bar gauge ±0.5 %"
 )
 def static_pressure(subject: Subject) -> CheckOutcome:
-    """Rest with closed valves, and the bench as its leveling valves fill it."""
+    """Gauge pressure at rest with closed valves; in the note, that of a bench filled by its leveling valves."""
     expected = {"AW0": 2.058 * bar, "AW3": 5.577 * bar}
     found = {}
     for load in LOADS:
@@ -51,7 +51,7 @@ def static_pressure(subject: Subject) -> CheckOutcome:
     "plant", "±1 % at 3e-4 Hz"
 )
 def slow_stiffness(subject: Subject) -> CheckOutcome:
-    """One cycle of an hour, ±1 mm."""
+    """Vertical stiffness in one cycle of an hour, ±1 mm."""
     found, wanted = {}, {}
     for load in LOADS:
         plant = subject.resting(load, *BARE)
@@ -65,7 +65,7 @@ def slow_stiffness(subject: Subject) -> CheckOutcome:
     "plant", "±1 % at 20 Hz, no pipe, cold start, 60 cycles"
 )
 def fast_stiffness(subject: Subject) -> CheckOutcome:
-    """20 Hz at 5 mm, and at 1 mm for the note."""
+    """Vertical stiffness at 20 Hz and 5 mm; in the note, at 1 mm."""
     found, wanted, small = {}, {}, 0.0
     for load in LOADS:
         plant = subject.resting(load, *BARE)
@@ -98,7 +98,7 @@ def _against_closed_form(
     "plant", "+0.01 % at 1 mm, +0.21 % at 5 mm (geometry), K''/K < 1e-6; 0.1 and 10 Hz"
 )
 def shut_orifice(subject: Subject) -> CheckOutcome:
-    """Reservoir valves closed, gas and membrane alone, no heat."""
+    """Vertical stiffness and loss with closed reservoir valves: gas and membrane alone, no heat."""
     excess: dict[int, list[float]] = {1: [], 5: []}
     loss = 0.0
     for load in LOADS:
@@ -122,7 +122,7 @@ def shut_orifice(subject: Subject) -> CheckOutcome:
     "A05", "Orifice wide open, no heat: K = κ p A²/(V_a+V_b) − p_g A_1", "derivative of p(V)·A(ζ), adiabatic"
 ).on("plant", "K' ±0.5 %, K''/K ≤ 1.5 % up to 2 Hz")
 def wide_orifice(subject: Subject) -> CheckOutcome:
-    """An orifice of 60 mm, gas and membrane alone, no heat."""
+    """Vertical stiffness and loss with an orifice of 60 mm: gas and membrane alone, no heat."""
     worst = loss = 0.0
     for load in LOADS:
         for f in (0.5, 2.0):
@@ -144,7 +144,7 @@ def wide_orifice(subject: Subject) -> CheckOutcome:
     "plant", "deviation < 0.01"
 )
 def polytropic_exponent(subject: Subject) -> CheckOutcome:
-    """Pressure over volume of the closed bellows, by first harmonics."""
+    """Complex polytropic exponent of the closed bellows, from first harmonics of pressure and volume."""
     worst = 0.0
     for load in LOADS:
         for f in (0.005, 0.0137, 0.1, 1.0):

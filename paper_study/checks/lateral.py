@@ -20,7 +20,7 @@ T1: Final = Claim("T1", "K_lat rises with pressure", "the paper, figure 6(a) and
 
 @T1.on("plant", "strictly, six preloads", shares="lateral")
 def harmonic_over_pressure(subject: Subject) -> CheckOutcome:
-    """First harmonics at six preloads."""
+    """Lateral first harmonic at 5 mm under six preloads."""
     K = [lateral_stiffness(subject, "AW0", 5 * mm, nominal_preload=P).real for P in PRELOADS]
     return _by_pressure(
         K, subject.parameters("AW0").record.effective_area[0], "First harmonic at 5 mm, 0.5 Hz."
@@ -29,7 +29,7 @@ def harmonic_over_pressure(subject: Subject) -> CheckOutcome:
 
 @T1.on("paper", "strictly, six preloads")
 def diaphragm_over_pressure(subject: Subject) -> CheckOutcome:
-    """(10) at the same pressures."""
+    """Stiffness (10) at the same pressures."""
     par = subject.spring("AW0")
     p = np.array(PRELOADS) / par.effective_area + par.atmospheric_pressure
     return _by_pressure(
@@ -52,7 +52,7 @@ A14: Final = Claim("A14", "K_y rises with pressure", "claim T1 of the paper; the
 
 @A14.on("plant", "monotonically; slope κ_0 = 0.35 m ±20 %", shares="lateral")
 def stiffness_over_pressure(subject: Subject) -> CheckOutcome:
-    """Quasi-static lateral stiffness at six preloads, each with its pressure."""
+    """Quasi-static lateral stiffness under six preloads, and its slope over the pressure."""
     preloads = np.array([30.0, 53.5, 80.0, 110.0, 145.0, 160.0]) * kN
     K = np.array([quasi_static_lateral(subject, float(P)) for P in preloads])
     p = preloads / subject.parameters("AW0").record.effective_area[0]
@@ -62,7 +62,7 @@ def stiffness_over_pressure(subject: Subject) -> CheckOutcome:
 
 @A14.on("paper", "monotonically; slope κ_0 = 0.35 m ±20 %")
 def paper_stiffness_over_pressure(subject: Subject) -> CheckOutcome:
-    """(10) at the same pressures."""
+    """Stiffness (10) at the same pressures, and its slope."""
     par = subject.spring("AW0")
     p_g = np.array([30.0, 53.5, 80.0, 110.0, 145.0, 160.0]) * kN / par.effective_area
     K = np.asarray(diaphragm_stiffness(0.0, p_g + par.atmospheric_pressure, par))
@@ -85,7 +85,7 @@ T2: Final = Claim("T2", "K_lat falls with the excitation amplitude", "the paper,
 
 @T2.on("plant", "at every step, by > 5 % from 1 to 20 mm", shares="lateral")
 def harmonic_over_amplitude(subject: Subject) -> CheckOutcome:
-    """First harmonics, slow."""
+    """Lateral first harmonic at 1, 5 and 20 mm, 0.2 Hz."""
     K = {
         load: [lateral_stiffness(subject, load, a, 0.2, cycles=25).real for a in AMPLITUDES] for load in LOADS
     }
@@ -94,7 +94,7 @@ def harmonic_over_amplitude(subject: Subject) -> CheckOutcome:
 
 @T2.on("paper", "at every step, by > 5 % from 1 to 20 mm")
 def paper_harmonic_over_amplitude(subject: Subject) -> CheckOutcome:
-    """First harmonic of the secant law (10)."""
+    """First harmonic of the secant law (10) at the same amplitudes."""
     K = {load: [paper_amplitude_stiffness(subject.spring(load), a) for a in AMPLITUDES] for load in LOADS}
     note = "The closed forms know an amplitude only through (8): falling, but not to be seen in a figure. No friction."
     return _by_amplitude(K, note)
@@ -115,7 +115,7 @@ def _by_amplitude(K: dict[str, list[float]], note: str) -> CheckOutcome:
     "plant", "K(1 mm) > K(5 mm) > K(20 mm), K(1)/K(20) = 1.3–1.7", shares="lateral"
 )
 def stiffness_over_amplitude(subject: Subject) -> CheckOutcome:
-    """First harmonics at 1, 5 and 20 mm."""
+    """Lateral first harmonic at 1, 5 and 20 mm, 0.2 Hz, and the ratio of the first to the last."""
     parts, holds = [], True
     numbers: dict[str, float] = {}
     for load in LOADS:
@@ -132,7 +132,7 @@ T3: Final = Claim("T3", "K_lat(AW3) > K_lat(AW0)", "the paper, figure 8(a) and (
 
 @T3.on("plant", "by > 5 %", shares="lateral")
 def harmonic_over_load(subject: Subject) -> CheckOutcome:
-    """First harmonics at 5 mm."""
+    """Lateral first harmonic at 5 mm under both loads."""
     return _by_load(
         {case: lateral_stiffness(subject, case, 5 * mm).real for case in LOADS}, "At 5 mm, 0.5 Hz."
     )
@@ -140,7 +140,7 @@ def harmonic_over_load(subject: Subject) -> CheckOutcome:
 
 @T3.on("paper", "by > 5 %")
 def series_over_load(subject: Subject) -> CheckOutcome:
-    """(10) and (16)."""
+    """Stiffness (10) with the emergency spring (16) in series, under both loads."""
     K, parallel = {}, {}
     for case in LOADS:
         par = subject.spring(case)
@@ -166,7 +166,7 @@ A15: Final = Claim("A15", "K_y(AW3)/K_y(AW0)", "claim T3 of the paper")
 
 @A15.on("plant", "1.6–2.3, quasi-static and at 5 mm", shares="lateral")
 def stiffness_over_load(subject: Subject) -> CheckOutcome:
-    """Quasi-static, and first harmonic at 5 mm."""
+    """Ratio of lateral stiffness between the loads: quasi-static, and the first harmonic at 5 mm."""
     slow = quasi_static_lateral(subject, LOADS["AW3"]) / quasi_static_lateral(subject, LOADS["AW0"])
     moving = lateral_stiffness(subject, "AW3", 5 * mm).real / lateral_stiffness(subject, "AW0", 5 * mm).real
     return CheckOutcome(
@@ -178,7 +178,7 @@ def stiffness_over_load(subject: Subject) -> CheckOutcome:
 
 @A15.on("paper", "1.6–2.3, diaphragm and in series")
 def paper_stiffness_over_load(subject: Subject) -> CheckOutcome:
-    """(10), alone and with the emergency spring."""
+    """Ratio of stiffness (10) between the loads, alone and with the emergency spring."""
     K = {
         load: float(diaphragm_stiffness(0.0, subject.spring(load).pressure, subject.spring(load)))
         for load in LOADS

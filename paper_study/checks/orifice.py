@@ -24,12 +24,12 @@ DIAMETERS: Final = tuple(d * mm for d in (13, 14, 16, 18, 22))
 
 
 def _lateral_damping(subject: Subject, f: float, **changes: Any) -> float:
-    """Lateral damping coefficient in N·s/m at 5 mm."""
+    """Return the lateral damping coefficient in N·s/m at 5 mm, AW0."""
     return lateral_stiffness(subject, "AW0", 5 * mm, f, **changes).imag / (2.0 * np.pi * f)
 
 
 def _no_lateral_orifice(subject: Subject) -> tuple[float, str]:
-    """By how much the lateral damping changes from the smallest to the largest orifice, and that in words."""
+    """Return the share by which lateral damping changes from the smallest to the largest orifice, and words for it."""
     small, large = (_lateral_damping(subject, 1.2, orifice_diameter=d) for d in (DIAMETERS[0], DIAMETERS[-1]))
     change = abs(large / small - 1.0)
     return change, (
@@ -43,7 +43,7 @@ T4: Final = Claim("T4", "c rises and then falls with the pressure ratio", "the p
 
 @T4.on("plant", "vertical c at 1.2 Hz: one maximum, both ends > 5 % below", shares="diameter")
 def damping_over_produced_ratio(subject: Subject) -> CheckOutcome:
-    """The ratio that amplitudes of 1 to 30 mm produce."""
+    """Vertical damping at 1.2 Hz over the pressure ratio that amplitudes of 1 to 30 mm produce."""
     amplitudes = np.array([1, 2, 5, 8, 12, 16, 20, 30]) * mm
     parts, holds = [], True
     numbers: dict[str, float] = {}
@@ -64,7 +64,7 @@ def damping_over_produced_ratio(subject: Subject) -> CheckOutcome:
 
 @T4.on("paper", "one maximum in 0.53–1, for 10, 14, 18 mm")
 def paper_damping_over_ratio(subject: Subject) -> CheckOutcome:
-    """(19) over the ratio at which (18) is linearised."""
+    """Damping (19) over the ratio at which (18) is linearised."""
     par = subject.spring("AW0")
     diameters = np.array([10.0, 14.0, 18.0]) * mm
     best = peak_ratio(OMEGA, diameters, par)
@@ -81,7 +81,7 @@ def paper_damping_over_ratio(subject: Subject) -> CheckOutcome:
     "paper", "one in 0.53–1, r* = 0.973 ± 0.005 (14 mm)"
 )
 def damping_over_ratio(subject: Subject) -> CheckOutcome:
-    """(19) at 1.2 Hz through 14 mm."""
+    """Place and height of the maximum of damping (19) at 1.2 Hz through 14 mm."""
     par = subject.spring("AW0")
     r = np.linspace(0.53, 0.9994, 4001)
     c = np.asarray(orifice_damping(OMEGA, r, 14 * mm, par.pressure, par))
@@ -100,7 +100,7 @@ T5: Final = Claim("T5", "c falls with the orifice diameter", "the paper, figure 
 
 @T5.on("plant", "vertical c at 1.2 Hz, 5 mm: strictly, 13 to 22 mm", shares="diameter")
 def vertical_and_lateral_damping_over_diameter(subject: Subject) -> CheckOutcome:
-    """Vertical damping, and the lateral one beside it."""
+    """Vertical damping at 1.2 Hz and 5 mm over the orifice; in the note, the lateral one."""
     parts, holds = [], True
     for case in LOADS:
         c = [damping(subject, case, 5 * mm, 1.2, orifice_diameter=d) for d in DIAMETERS]
@@ -116,7 +116,7 @@ A12: Final = Claim("A12", "c(1.2 Hz) falls with the orifice", "claim T5 of the p
 
 @A12.on("plant", "strictly, 13 to 22 mm", shares="diameter")
 def damping_over_diameter(subject: Subject) -> CheckOutcome:
-    """Vertical damping of the whole spring at 1.2 Hz, 5 mm."""
+    """Vertical damping of the whole spring at 1.2 Hz and 5 mm over the orifice."""
     c = {load: [damping(subject, load, 5 * mm, 1.2, orifice_diameter=d) for d in DIAMETERS] for load in LOADS}
     return _by_diameter(c, "Vertical.")
 
@@ -124,7 +124,7 @@ def damping_over_diameter(subject: Subject) -> CheckOutcome:
 @T5.on("paper", "strictly, 13 to 22 mm, at 1.2 Hz")
 @A12.on("paper", "strictly, 13 to 22 mm")
 def paper_damping_over_diameter(subject: Subject) -> CheckOutcome:
-    """(19) at the pressure ratio of the parameter set."""
+    """Damping (19) over the orifice, at the pressure ratio of the parameter set."""
     c, best = {}, 0.0
     for load in LOADS:
         par = subject.spring(load)
@@ -160,7 +160,7 @@ T10: Final = Claim(
     shares="frequency",
 )
 def vertical_and_lateral_damping_over_frequency(subject: Subject) -> CheckOutcome:
-    """Vertical damping, and the lateral one beside it."""
+    """Vertical damping at 5 mm over frequency; in the note, the lateral one."""
     grid = FREQUENCIES
     parts, holds = [], True
     numbers: dict[str, float] = {}
@@ -191,7 +191,7 @@ A11: Final = Claim(
 
 @A11.on("plant", "one in 0.3–10 Hz within ±30 % of f_z at 5 mm; c(10 Hz) < 0.1 c_max", shares="frequency")
 def damping_over_frequency(subject: Subject) -> CheckOutcome:
-    """Vertical damping of the whole spring at 5 mm."""
+    """Vertical damping of the whole spring at 5 mm over frequency: number, place and height of its maxima."""
     grid = FREQUENCIES[FREQUENCIES <= 10.0]
     parts, holds = [], True
     numbers: dict[str, float] = {}
@@ -213,7 +213,7 @@ def damping_over_frequency(subject: Subject) -> CheckOutcome:
 @T10.on("paper", "one maximum in 0.3–10 Hz, within ±30 % of f_z at 5 mm; c(10 Hz) < 0.1 c_max")
 @A11.on("paper", "one in 0.3–10 Hz within ±30 % of f_z at 5 mm; c(10 Hz) < 0.1 c_max")
 def paper_damping_over_frequency(subject: Subject) -> CheckOutcome:
-    """Harmonic balance of the orifice: the pressure ratio follows from the motion."""
+    """Damping by harmonic balance of the orifice over frequency: the pressure ratio follows from the motion."""
     parts, holds = [], True
     numbers: dict[str, float] = {}
     for load in LOADS:
@@ -234,7 +234,7 @@ def paper_damping_over_frequency(subject: Subject) -> CheckOutcome:
     "plant", "±2 %"
 )
 def scaling_laws(subject: Subject) -> CheckOutcome:
-    """Peaks of damping by amplitude and load, gas and membrane alone."""
+    """Place and height of the maximum of vertical damping by amplitude and load: gas and membrane alone."""
     amplitudes = np.array([1.0, 2.5, 5.0, 10.0]) * mm
     f, c = np.array([damping_peak(subject, "AW0", float(a), *BARE) for a in amplitudes]).T
     f_loaded, c_loaded = damping_peak(subject, "AW3", 5 * mm, *BARE)

@@ -20,7 +20,7 @@ T11: Final = Claim(
 
 @T11.on("plant", _LIMITS, shares="ride")
 def ride_on_the_plant(subject: Subject) -> CheckOutcome:
-    """The car on the plant's springs: accelerations and comfort."""
+    """Accelerations and comfort indices of the car on the plant's springs."""
     cells = plant_ride(subject)
     a = {key: cell.estimate("acceleration").mean for key, cell in cells.items()}
     index = {key: cell.estimate("weighted", 6.0).mean for key, cell in cells.items()}
@@ -30,7 +30,7 @@ def ride_on_the_plant(subject: Subject) -> CheckOutcome:
 
 @T11.on("paper", _LIMITS, shares="paper ride")
 def ride_of_the_paper(subject: Subject) -> CheckOutcome:
-    """Equation (28) in closed form: accelerations and comfort."""
+    """Accelerations and comfort indices by equation (28)."""
     table = paper_ride(subject)
     note = "Equation (28) with one degree of freedom, ten realisations of the wind."
     return _ride({k: v[0] for k, v in table.items()}, {k: v[1] for k, v in table.items()}, note)
@@ -57,7 +57,7 @@ A27: Final = Claim("A27", "Comfort index N = 6 a_YP95 in crosswind", "claim T11 
 
 @A27.on("plant", "non-decreasing from 10 to 25 m/s, N(AW3) < N(AW0), N < 2", shares="ride")
 def comfort(subject: Subject) -> CheckOutcome:
-    """The car on the plant's springs."""
+    """Comfort indices of the car on the plant's springs."""
     cells = plant_ride(subject)
     index = {key: cell.estimate("weighted", 6.0).mean for key, cell in cells.items()}
     width = 0.0 if subject.quick else max(c.estimate("weighted", 6.0).half_width for c in cells.values())
@@ -73,7 +73,7 @@ def comfort(subject: Subject) -> CheckOutcome:
 
 
 def why_the_heavy_car_shakes(subject: Subject) -> str:
-    """Tell wind and track apart: comfort without the track, and the sway mode that the track meets."""
+    """Tell wind and track apart in words: comfort without the track, and the sway mode that the track excites."""
     quiet = wind_alone(subject)
     sway = {load: upper_sway(subject, load) for load in LOADS}
     car = subject.vehicle.record
@@ -87,7 +87,7 @@ def why_the_heavy_car_shakes(subject: Subject) -> str:
 
 @A27.on("paper", "non-decreasing from 10 to 25 m/s, N(AW3) < N(AW0), N < 2", shares="paper ride")
 def paper_comfort(subject: Subject) -> CheckOutcome:
-    """Equation (28) in closed form."""
+    """Comfort indices by equation (28)."""
     index = {key: N for key, (_, N) in paper_ride(subject).items()}
     return comfort_index(
         index, "One lateral degree of freedom (28), emergency spring in series, ten realisations."
@@ -119,7 +119,7 @@ def comfort_index(index: dict[tuple[str, float], float], note: str) -> CheckOutc
     "both", "ISO 2631-1 ±1 %"
 )
 def weighting_gains(subject: Subject) -> CheckOutcome:
-    """Exact frequency response."""
+    """Gains of the filter W_d, from its exact frequency response."""
     f = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
     standard = np.array([0.853, 1.011, 0.890, 0.512, 0.253, 0.125])
     gains = np.abs(weighting(f))

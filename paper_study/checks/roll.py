@@ -22,7 +22,7 @@ T8: Final = Claim("T8", "K_lat rises sharply with roll, then hardly beyond 0.05 
 
 @T8.on("plant", f"both signs, secant at +20 mm and first harmonic: {_SHARPLY}", shares="roll")
 def stiffness_over_roll_of_both_signs(subject: Subject) -> CheckOutcome:
-    """The claim names no sign and no displacement: it has to hold for both signs and in the first harmonic."""
+    """Lateral stiffness over roll for both signs, as secant and first harmonic: the claim restricts neither."""
     parts, holds = [], True
     numbers: dict[str, float] = {}
     for case in LOADS:
@@ -55,7 +55,7 @@ A19: Final = Claim("A19", "K_lat rises with roll and then stays", "claim T8 of t
     shares="roll",
 )
 def stiffness_over_roll(subject: Subject) -> CheckOutcome:
-    """Lateral cycles of ±20 mm at fixed roll angles of both signs."""
+    """Secant stiffness at +20 mm at fixed roll angles; in the note, the other sign of roll and the harmonic."""
     parts, others, holds = [], [], True
     numbers: dict[str, float] = {}
     for load in LOADS:
@@ -85,7 +85,7 @@ def stiffness_over_roll(subject: Subject) -> CheckOutcome:
 @T8.on("paper", _SHARPLY)
 @A19.on("paper", "≥ 20 % up to 0.05 rad, then < 10 % of it up to 0.08 rad")
 def paper_stiffness_over_roll(subject: Subject) -> CheckOutcome:
-    """The even law of the paper's layer."""
+    """Factor of the even law of the paper's layer at three roll angles."""
     rest, knee, beyond = (float(roll_factor(phi, subject.spring("AW0"))) for phi in ROLLS)
     return CheckOutcome(
         f"×{knee:.3f} at 0.05 rad, ×{beyond:.3f} at 0.08 rad",

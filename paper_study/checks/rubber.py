@@ -16,7 +16,7 @@ from paper_study.subject import BARE, LOADS, Subject
     "the paper, figure 8(c): a deviation of about 5 %",
 ).on("plant", "(5 ± 3) % at 1.2 Hz, 5 mm, mean of both loads")
 def rubber_share(subject: Subject) -> CheckOutcome:
-    """Vertical damping with and without rubber."""
+    """Share of vertical damping at 1.2 Hz and 5 mm that is lost without rubber and friction."""
     shares = []
     for load in LOADS:
         whole = damping(subject, load, 5 * mm, 1.2, "emergency_spring", cycles=30)
@@ -36,7 +36,7 @@ def rubber_share(subject: Subject) -> CheckOutcome:
     "Berg 1998: friction and loss of a loop",
 ).on("plant", "±1 %")
 def friction_loop(subject: Subject) -> CheckOutcome:
-    """Nothing lateral but friction: no membrane, no shell, no coupling."""
+    """Amplitude and loss of the lateral friction loop alone: no membrane, no shell, no coupling."""
     nothing = {
         "membrane_length": 0,
         "membrane_length_slope": 0,

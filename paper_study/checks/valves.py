@@ -17,7 +17,7 @@ from paper_study.subject import ISOTHERMAL, LOADS, Subject
 
 
 def _filling_time(subject: Subject, *without: str, **heat: float) -> float:
-    """Seconds from AW0 to the pressure of AW3 through a leveling valve that stands open, at a locked height."""
+    """Return the seconds from AW0 to the pressure of AW3 through an open leveling valve, at a locked height."""
     narrow = {"service_conductance": subject.parameters("AW0").entries["fill_conductance"].value}
     plant = subject.resting("AW0", *without, **narrow, **heat)
     plant.inputs[[Input.LEFT_SERVICE_VALVE, Input.RIGHT_SERVICE_VALVE]] = 1.0
@@ -32,7 +32,7 @@ def _filling_time(subject: Subject, *without: str, **heat: float) -> float:
     "plant", "17.0 s, isothermal 21.2 s, adiabatic 15.2 s, each ±5 %"
 )
 def filling(subject: Subject) -> CheckOutcome:
-    """A valve as narrow as a leveling valve, fully open."""
+    """Time of filling at a locked height through a narrow valve: with heat exchange, isothermal, adiabatic."""
     table = _filling_time(subject, "emergency_spring")
     warm = _filling_time(subject, "emergency_spring", **ISOTHERMAL)
     closed = _filling_time(subject, "emergency_spring", "heat")
@@ -47,7 +47,7 @@ def filling(subject: Subject) -> CheckOutcome:
 
 
 def _leak_time(subject: Subject, within_: float, **heat: float) -> float:
-    """Time constant in s of ln p_abs while the leak is choked, over the first ``within_`` s."""
+    """Return the time constant in s of ln p_abs while the leak is choked, over the first ``within_`` s."""
     plant = subject.resting("AW3", "emergency_spring", leak_conductance=1e-9, **heat)
     course = impose(plant, [STILL], within_, every=100, dt=10e-3)
     p = course.of(Algebraic.PRESSURE)
@@ -61,7 +61,7 @@ def _leak_time(subject: Subject, within_: float, **heat: float) -> float:
     "ISO 6358: choked mass flow, isothermal",
 ).on("plant", "±1 % near-isothermal (1003 s for C = 1e-9 m³/(s·Pa))")
 def choked_leak(subject: Subject) -> CheckOutcome:
-    """A leak of 1e-9 m³/(s·Pa) at AW3."""
+    """Time constant of the pressure with a leak of 1e-9 m³/(s·Pa) under AW3."""
     par = subject.parameters("AW3").record
     volume = par.bellows_volume[0] + par.auxiliary_volume[0]
     wanted = float(volume / (1e-9 * ISO_DENSITY * par.gas_constant * par.ambient_temperature))
@@ -86,7 +86,7 @@ def _shift_load(plant: Plant, difference: float) -> None:
 
 
 def _sealed_roll(subject: Subject, load: str, **changes: Any) -> tuple[float, float]:
-    """Roll in rad and difference of the preloads in N at which a sealed, slow roll reaches the valve's pressure."""
+    """Return roll (rad) and difference of the preloads (N) at which a sealed, slow roll opens the valve."""
     plant = subject.resting(load, **ISOTHERMAL, **changes)
     opening = float(plant.parameters.dpv_opening)
     for force in np.arange(30.0, 50.0, 0.2) * kN:
@@ -102,7 +102,7 @@ def _sealed_roll(subject: Subject, load: str, **changes: Any) -> tuple[float, fl
     "A25", "The differential pressure valve opens at Δp_o A_e", "balance of forces; an independent program"
 ).on("plant", "31.2 kN ±2 % with leveling; sealed slow roll 0.081 / 0.038 rad ±3 %")
 def differential_pressure_valve(subject: Subject) -> CheckOutcome:
-    """Unequal preloads in small steps: with leveling, and sealed, slow and isothermal."""
+    """Difference of preloads that opens the valve with leveling, and roll that opens it when sealed."""
     plant = Plant.at_rest(subject.parameters("AW0").record)
     plant.inputs[[Input.LEFT_LEVELING, Input.RIGHT_LEVELING]] = 1.0
     opened = float("inf")

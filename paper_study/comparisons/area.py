@@ -10,7 +10,7 @@ from paper_study.subject import Subject
 
 
 def area(study: Study) -> list[ClaimComparison]:
-    """Figure 7."""
+    """Return what the bench and the closed forms say to the claim of figure 7."""
     change, reach = {}, 0.0
     for group in ("Effective area", "Volume"):
         one = study.bench.points("lateral_offset", group, "AW0")

@@ -28,7 +28,7 @@ class ClaimComparison:
 
     @property
     def verdict(self) -> str:
-        """In which of the two the claim holds."""
+        """Where the claim holds, in words."""
         if self.closed_holds is None:
             return "holds" if self.bench_holds else "does not hold"
         return {

@@ -16,7 +16,7 @@ from paper_study.subject import LOADS
 
 
 def displacement(study: Study) -> list[ClaimComparison]:
-    """Figure 9."""
+    """Return what the bench and the closed forms say to the claims of figure 9."""
     parts, holds = [], True
     off = []
     for load in LOADS:

@@ -11,7 +11,7 @@ from test_plans.by_ratio import NATURAL
 
 
 def frequency(study: Study) -> list[ClaimComparison]:
-    """Figure 11."""
+    """Return what the bench and the closed forms say to the claims of figure 11."""
     small, surge, peaks = [], [], []
     rises = overshoots = one_peak = True
     off = []

@@ -18,7 +18,7 @@ from test_plans.damping_ratio import PLATES
 
 
 def pressure(study: Study) -> list[ClaimComparison]:
-    """Figure 6."""
+    """Return what the bench and the closed forms say to the claims of figure 6."""
     found = []
     K = {(load, a): study.bench.lateral_stiffness(load, a) for load in LOADS for a in sorted(AMPLITUDES)}
     five = {load: K[load, 5 * mm] for load in LOADS}

@@ -5,7 +5,7 @@ from paper_study.study import Study
 
 
 def comfort(study: Study) -> list[ClaimComparison]:
-    """The table."""
+    """Return what the plant and equation (28) say to the claim of the table."""
     plant, (text, holds) = entry_of(study, "T11", "plant"), closed_form_of(study, "T11")
     return [
         ClaimComparison(

@@ -9,7 +9,7 @@ from paper_study.subject import LOADS
 
 
 def roll(study: Study) -> list[ClaimComparison]:
-    """Figure 10."""
+    """Return what the bench and the closed forms say to the claims of figure 10."""
     parts, any_sign = [], True
     for load in LOADS:
         plan, name = f"roll_angle_{load.lower()}", f"{load}, valve isolated"

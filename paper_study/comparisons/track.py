@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def track(study: Study) -> list[ClaimComparison]:
-    """Figure 5."""
+    """Return what the bench and the closed forms say to the claims of figure 5."""
     times, platform = study.bench.track
 
     def expected(late: float) -> Floats:

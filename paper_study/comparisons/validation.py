@@ -21,7 +21,10 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """Model less bench along one curve, as shares of the bench, rms and largest; nan where there is none."""
+    """Deviation of the models from one curve of the bench, as shares of the measured value; nan where there is none.
+
+    ``model_worst`` is the largest, with its sign; the others are root mean squares.
+    """
 
     panel: str
     curve: str
@@ -32,7 +35,7 @@ class Deviation:
 
 
 def validation(study: Study) -> list[ClaimComparison]:
-    """Figure 8."""
+    """Return what the bench and the closed forms say to the claims of figure 8."""
     rows = deviations(study)
     lateral_rows = [row for row in rows if row.panel in "ab"]
     model = max(row.model for row in lateral_rows)
@@ -70,7 +73,7 @@ def validation(study: Study) -> list[ClaimComparison]:
 
 
 def deviations(study: Study) -> list[Deviation]:
-    """How far the models are from the first rig, from which the parameters come, for every curve of figure 8."""
+    """Return, for every curve of figure 8, the deviation of the models from the rig that gave the parameters."""
     nan = float("nan")
     rows = []
     fitted = fitted_lateral_area(study.bench)

@@ -1,4 +1,4 @@
-"""Figure 8: model against experiment, and what would look like rubber."""
+"""Figure 8: model against experiment, and other causes that look like the damping of rubber."""
 
 from typing import TYPE_CHECKING, Any, Final
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float64]
 
 #: What would make the bench's damping larger than that of the orifice, in the key's order.
-IMPOSTORS: Final = (
+LOOKALIKES: Final = (
     ("rubber", "rubber and friction of the shell", PALETTE[2], "solid"),
     ("lag", "5 ms between force and displacement", PALETTE[3], DASHED),
     ("coefficient", "discharge coefficient believed 5 % too large", PALETTE[5], DOTTED),
@@ -49,7 +49,7 @@ def figure_8(study: Study) -> "Figure":
     """Model against bench; below, what the deviation of damping could be, and which run tells."""
     figure, (top, below) = panels_of(3, 2)
     _model_against_bench(study, top)
-    _alike(study, below)
+    _lookalikes(study, below)
     add_key(
         figure,
         MEASURED,
@@ -58,7 +58,7 @@ def figure_8(study: Study) -> "Figure":
         ("paper's (10), its area fitted", {"linestyle": DASHED, "color": SOFT}),
         *(
             (label, {"color": colour, "linestyle": dash, "linewidth": 1.5})
-            for _, label, colour, dash in IMPOSTORS
+            for _, label, colour, dash in LOOKALIKES
         ),
         columns=4,
     )
@@ -93,12 +93,12 @@ def _model_against_bench(study: Study, top: Any) -> None:
     add_legend(top[2], title="orifice", title_fontsize=7.5, loc="lower left", ncols=2)
 
 
-def _alike(study: Study, below: Any) -> None:
-    """Draw (d) to (f): what makes damping larger than the orifice's, and where the three part."""
+def _lookalikes(study: Study, below: Any) -> None:
+    """Draw (d) to (f): three causes of more damping than the orifice's, and the experiments that tell them apart."""
     shown = study.model["confusable"]
     for panel, over, x, unit in ((below[0], "f", shown["f"], 1.0), (below[1], "a", shown["a"], mm)):
         reference = shown[f"orifice over {over}"].imag
-        for name, label, colour, dash in IMPOSTORS:
+        for name, label, colour, dash in LOOKALIKES:
             more = 100 * (shown[f"{name} over {over}"].imag / reference - 1.0)
             draw_line(panel, x / unit, more, colour, dash, label=label, linewidth=1.5)
         panel.axhline(0.0, color=SOFT, linewidth=0.7)
@@ -120,7 +120,7 @@ def _alike(study: Study, below: Any) -> None:
         below[0], "d", "Damping above the orifice's, 5 mm", "frequency, Hz", "more than the orifice alone, %"
     )
     label_panel(below[1], "e", "The same at 1.2 Hz", "amplitude, mm", "")
-    for name, _, colour, dash in IMPOSTORS:
+    for name, _, colour, dash in LOOKALIKES:
         draw_line(below[2], shown["f"], shown[f"{name} left"].imag / KN_M, colour, dash, linewidth=1.5)
     below[2].set_xscale("log")
     below[2].set_ylim(-5, 60)
@@ -131,7 +131,7 @@ def _alike(study: Study, below: Any) -> None:
 
 
 def _excess(panel: "Axes", one: Points, x: Floats, unit: float, reference: Floats) -> None:
-    """The bench's damping over that of the orifice alone, where the panel shows it."""
+    """Draw the bench's damping as the excess over that of the orifice alone, in per cent."""
     shown = (x >= 0.29) & (x <= 10.5) if unit == 1.0 else np.full(x.shape, True)
     more = Points(x, *(100 * (values / reference - 1.0) for values in (one.y, one.low, one.high)))
     draw_points(panel, more[shown], unit, 1.0, INK, "o")

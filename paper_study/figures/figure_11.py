@@ -25,7 +25,8 @@ from paper_study.figures.style import (
     plain_log_ticks,
 )
 from paper_study.laws import SMALL_LOSS
-from paper_study.study import SWEEPS, Study
+from paper_study.model_jobs import SWEEPS
+from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
 from test_plans.by_frequency import SWEEP_AMPLITUDE
 

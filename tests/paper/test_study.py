@@ -109,7 +109,7 @@ def test_the_lateral_area_comes_back_from_a_bench_that_obeys_the_closed_form(are
 @pytest.fixture(scope="module")
 def alike():
     f = np.array([0.6, 1.2, 10.0])
-    return f, plant_curves.impostors(Subject(), "AW0", np.array(5 * mm), f)
+    return f, plant_curves.lookalikes(Subject(), "AW0", np.array(5 * mm), f)
 
 
 def more(found, name):
@@ -177,7 +177,7 @@ def test_the_plant_answers_for_every_set_by_itself():
 # -- judgement -----------------------------------------------------------------------------------------------------
 
 
-def told(made):
+def study_with(made):
     """A study with a bench and with closed forms that meet every claim."""
     entries = [
         {"id": check.id, "layer": check.layer, "measured": "", "holds": True, "note": ""} for check in CHECKS
@@ -187,9 +187,9 @@ def told(made):
 
 def test_a_bench_that_softens_under_pressure_loses_the_first_claim(monkeypatch):
     monkeypatch.setattr(pressure, "_orifices", lambda study: [])
-    as_claimed = told(lateral_bench(lambda load, a, p: 1e5 + 0.3 * p - 3e6 * a))
+    as_claimed = study_with(lateral_bench(lambda load, a, p: 1e5 + 0.3 * p - 3e6 * a))
     assert [one.verdict for one in pressure.pressure(as_claimed)] == ["holds in both"] * 3
-    softening = told(lateral_bench(lambda load, a, p: 3e5 - 0.1 * p + 1e6 * a))
+    softening = study_with(lateral_bench(lambda load, a, p: 3e5 - 0.1 * p + 1e6 * a))
     assert [one.verdict for one in pressure.pressure(softening)] == ["closed form only"] * 3
 
 
