@@ -1,8 +1,23 @@
-"""How the command `astb` ends: what its exit codes mean."""
+"""How the command `astb` ends: what its exit codes mean, and how a command ends with one."""
 
-from typing import Final
+from typing import Final, NoReturn
+
+import click
 
 PASS: Final = 0
 FAIL: Final = 1  #: a plan judged the product, and it broke a limit
 MISUSE: Final = 2  #: the user asked for something that cannot be
 BLOCKED: Final = 3  #: the rig or a precondition broke, not the product
+
+
+def misuse(error: Exception | str) -> NoReturn:
+    """End the command: the user asked for something that cannot be."""
+    click.echo(f"astb: {error}", err=True)
+    raise click.exceptions.Exit(MISUSE)
+
+
+def blocked(error: Exception | str) -> NoReturn:
+    """End the command: the rig or a precondition broke."""
+    words = error.strerror if isinstance(error, OSError) and error.strerror else error
+    click.echo(f"astb: {words}", err=True)
+    raise click.exceptions.Exit(BLOCKED)

@@ -27,24 +27,24 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 def run_plans(
     plans: Sequence["Plan"], rig: RigFile, path: Path, *, virtual: bool, seed: int | None, out: Path
-) -> list[Outcome]:
-    """Run ``plans`` one after the other; return their verdicts.
+) -> list[Result]:
+    """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
 
     In real time they share one session with the rig, and a blocked plan is the last; in virtual time each starts with
     a new one, so that what a plan measures does not depend on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
-    verdicts: list[Outcome] = []
+    results: list[Result] = []
     with ProgressDisplay(Console()) as display:
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
                 result, _ = run_plan(plan, session, rig, out, plan.name, display)
-                verdicts.append(result.verdict)
+                results.append(result)
                 if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
                     display.say(f"the bench is as {plan.name} left it; what should follow was not run")
                     break
-    return verdicts
+    return results
 
 
 def run_plan(

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from astb.cli import SEED, blocked, misuse
+from astb.commands.options import SEED
+from astb.exit_codes import blocked, misuse
 
 
 @click.command("paper")

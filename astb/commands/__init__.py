@@ -1,0 +1,1 @@
+"""The commands of `astb`, a file for each group of them."""

@@ -1,0 +1,112 @@
+"""`astb diagnose` and `astb investigate`: what a model gets wrong, from records or on a rig."""
+
+from pathlib import Path
+from typing import Final
+
+import click
+
+from astb.commands.options import RIG_OPTION, SEED, effect_options, read_rig, simulated
+from astb.exit_codes import BLOCKED, blocked, misuse
+
+_MODEL_OPTION: Final = click.option(
+    "--model",
+    default="astb",
+    show_default=True,
+    help="The model in doubt: a parameter set, or path of a parameter or model file.",
+)
+_RESULT_OPTION: Final = click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Where finding, report and extended model go.",
+)
+
+
+@click.command("diagnose")
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DATA...")
+@click.option(
+    "--map",
+    "map_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
+)
+@_MODEL_OPTION
+@click.option("--effects", metavar="NAME,...", help="Only these of the catalogue.  [default: all]")
+@click.option("--seed", type=SEED, default=1, show_default=True, help="Of everything that is drawn.")
+@_RESULT_OPTION
+def diagnose_command(
+    data: tuple[Path, ...], map_path: Path | None, model: str, effects: str | None, seed: int, out: Path
+) -> None:
+    """Find what a model gets wrong, name the cause, add it, and measure the gain.
+
+    DATA are directories that `astb run screening` has written, or any files that --map explains. Writes
+    DIR/finding.json, report.html and, for the bench, extended.toml: a model that `astb run --model` takes. Ends with 0
+    whatever the verdict, 2 for misuse.
+    """
+    _keep_algebra_to_one_core()
+    from rich.console import Console
+
+    from astb.diagnose import Request, diagnose_data, show
+    from bench_records.layout import RecordError
+
+    try:
+        finding = diagnose_data(Request(data, map_path, model, effects, seed), out, Console(stderr=True))
+    except (ValueError, RecordError) as error:
+        misuse(error)
+    show(finding, out, Console())
+
+
+@click.command("investigate")
+@RIG_OPTION
+@click.option("--virtual", is_flag=True, help="In virtual time, without sockets.")
+@click.option(
+    "--seed", type=SEED, help="Draws the simulated rig's sensors and their noise, and the diagnosis."
+)
+@effect_options
+@click.option("--budget", default="20 min", show_default=True, help="Of the bench's time.")
+@_MODEL_OPTION
+@_RESULT_OPTION
+def investigate_command(
+    rig_path: Path | None,
+    virtual: bool,
+    seed: int | None,
+    effects: tuple[str, ...],
+    sealed: str | None,
+    budget: str,
+    model: str,
+    out: Path,
+) -> None:
+    """Screen a rig, diagnose, and run what would decide, until there is a verdict or the budget is spent.
+
+    Writes DIR/investigation.json, the log of decisions; a directory for each record; finding, report and extended
+    model as `astb diagnose` does. Ends with 0 whatever the verdict, 2 for misuse, 3 if the rig keeps it from one.
+    """
+    _keep_algebra_to_one_core()
+    import signal
+
+    from astb.investigate import investigate_rig
+    from bench_records.layout import RecordError
+    from drivers.errors import BenchError
+
+    rig, path = read_rig(rig_path)
+    rig = simulated(rig, path, None, effects, sealed)
+    # Whoever ends the run, tear-down runs.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        done = investigate_rig(rig, path, virtual=virtual, seed=seed, budget=budget, model=model, out=out)
+    except (ValueError, RecordError) as error:
+        misuse(error)
+    except BenchError as error:
+        blocked(error)
+    if not done:
+        raise click.exceptions.Exit(BLOCKED)
+
+
+def _keep_algebra_to_one_core() -> None:
+    """Let a diagnosis use its cores itself; numpy reads this when it is loaded.
+
+    On a machine that has other work, two threads of OpenBLAS wait for each other: a product takes fifty times as long.
+    """
+    import os
+
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,0 +1,71 @@
+"""`astb plans`, `astb effects` and `astb signals`: what there is."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from astb.exit_codes import misuse
+
+if TYPE_CHECKING:
+    from test_plans.plan import Plan
+
+
+@click.command("plans")
+def plans_command() -> None:
+    """List the test plans."""
+    known = known_plans()
+    width = max(map(len, known))
+    for name, plan in known.items():
+        click.echo(f"{name:<{width}}  {plan.title}")
+
+
+@click.command("effects")
+def effects_command() -> None:
+    """List the effects that a simulated rig can be given and a diagnosis can name."""
+    from bench_sim.model.effects import CATALOGUE
+
+    for effect in CATALOGUE.values():
+        places = f".{'|'.join(effect.places)}" if effect.places else ""
+        click.echo(f"{effect.name + places:<30} {effect.family:<12} {effect.title}")
+        for one in effect.parameters:
+            low, high, typical = (f"{value / one.scale:g}" for value in (one.low, one.high, one.typical))
+            unit = "" if one.display == "1" else f" {one.display}"
+            click.echo(f"    {one.name:<26} {low} to {high}{unit}, typically {typical}")
+
+
+@click.command("signals")
+@click.option(
+    "--dbc", type=click.Path(path_type=Path, dir_okay=False), help="Write the CAN messages as a DBC file."
+)
+@click.option(
+    "--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the Modbus map as a CSV file."
+)
+def signals_command(dbc: Path | None, csv: Path | None) -> None:
+    """List everything that crosses the wires, or write it for other tools."""
+    generated = files("bench_protocol") / "generated"
+    for target, source in ((dbc, "astb.dbc"), (csv, "modbus_map.csv")):
+        if target is not None:
+            try:
+                target.write_bytes((generated / source).read_bytes())
+            except OSError as error:
+                misuse(f"{target} cannot be written: {error.strerror}")
+            click.echo(target)
+    if dbc is None and csv is None:
+        from bench_protocol.table import TABLE
+
+        click.echo(f"map {TABLE.map_hash:08x}")
+        for row in TABLE.signals:
+            click.echo(f"{row.name:<38} {row.kind:<12} {row.range_text():<28.60} {row.description}")
+
+
+def known_plans() -> "dict[str, Plan]":
+    """Return all test plans by name; misuse if a file with plans cannot be read."""
+    from test_plans.discovery import plans
+    from test_plans.run import PlanError
+
+    try:
+        return plans()
+    except PlanError as error:
+        misuse(error)

@@ -1,0 +1,89 @@
+"""The options that several commands have, and the rig that they describe."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from astb.exit_codes import misuse
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+
+SEED: Final = click.IntRange(0, 2**32 - 1)
+
+RIG_OPTION: Final = click.option(
+    "--rig",
+    "rig_path",
+    type=click.Path(path_type=Path),
+    help="Rig file (TOML).  [default: rigs/local.toml]",
+)
+_SIMULATION_OPTIONS: Final = (
+    click.option("--model", help="Parameter set, or path of a parameter or model file; over the rig file."),
+    click.option(
+        "--effect",
+        "effects",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Give the simulated rig an effect, such as leak.left=0.2mm2; repeatable. `astb effects` lists them.",
+    ),
+    click.option("--sealed", help="File with effects that are recorded and shown nowhere."),
+)
+
+
+def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command say what the simulated rig simulates, over the rig file: see `simulated`."""
+    for option in reversed(_SIMULATION_OPTIONS):
+        command = option(command)
+    return command
+
+
+def effect_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command give the simulated rig effects, its model being that of the rig file: see `simulated`."""
+    for option in reversed(_SIMULATION_OPTIONS[1:]):
+        command = option(command)
+    return command
+
+
+def read_rig(path: Path | None) -> "tuple[RigFile, Path]":
+    """Return the rig file's content and its path; without a path that of `rigs/local.toml`."""
+    from astb.rig_file import RigFileError, read
+
+    path = path or Path("rigs/local.toml")
+    try:
+        return read(path), path
+    except RigFileError as error:
+        misuse(error)
+
+
+def simulated(
+    rig: "RigFile", path: Path, model: str | None, effects: Sequence[str], sealed: str | None
+) -> "RigFile":
+    """Return ``rig`` with what the options of `simulation_options` say over the rig file."""
+    from msgspec.structs import replace
+
+    if not (model or effects or sealed):
+        return rig
+    if rig.simulation is None:
+        misuse(
+            f"rig file {path} describes a real rig (no [simulation] table): --model, --effect and --sealed are for "
+            "simulated ones"
+        )
+    given: dict[str, str] = {}
+    for text in effects:
+        name, equals, value = text.partition("=")
+        if not equals:
+            misuse(f"--effect {text} has no amplitude: NAME=VALUE would be right, such as leak.left=0.2mm2")
+        if name in given:
+            misuse(f"--effect {name} is given twice")
+        given[name] = value
+    return replace(
+        rig,
+        simulation=replace(
+            rig.simulation,
+            parameters=model or rig.simulation.parameters,
+            effects=rig.simulation.effects | given,
+            sealed=sealed or rig.simulation.sealed,
+        ),
+    )

@@ -1,0 +1,100 @@
+"""`astb rig`: the simulated rig in real time."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
+from astb.exit_codes import blocked, misuse
+
+if TYPE_CHECKING:
+    import threading
+
+    from bench_sim.rig.rig import Rig
+
+
+@click.command("rig")
+@RIG_OPTION
+@click.option("--can", help="auto, tcp, or a SocketCAN interface such as vcan0; over the rig file.")
+@click.option("--can-port", type=click.IntRange(0, 65535), help="TCP port of the CAN hub, 0 for a free one.")
+@click.option("--modbus-port", type=click.IntRange(0, 65535), help="TCP port of Modbus, 0 for a free one.")
+@click.option("--seed", type=SEED, help="Draws this rig's sensors and their noise.")
+@simulation_options
+@click.option("--beacon", is_flag=True, help="Announce the CAN hub on the loopback, for SavvyCAN.")
+@click.option(
+    "--allow-remote", is_flag=True, help="Open the ports to other machines; neither has a password."
+)
+@click.option("--until-eof", is_flag=True, hidden=True)
+def rig_command(
+    rig_path: Path | None,
+    can: str | None,
+    can_port: int | None,
+    modbus_port: int | None,
+    seed: int | None,
+    model: str | None,
+    effects: tuple[str, ...],
+    sealed: str | None,
+    beacon: bool,
+    allow_remote: bool,
+    until_eof: bool,
+) -> None:
+    """Run the simulated rig in real time until interrupted.
+
+    Prints `ready can=… modbus=…` when both doors are open. SIGUSR1 presses the emergency stop, SIGUSR2 releases it.
+    """
+    import threading
+
+    from astb.session import build_rig
+    from bench_sim.rig.process import Late, run_rig
+
+    rig, path = read_rig(rig_path)
+    if rig.simulation is None:
+        misuse(f"rig file {path} describes a real rig (no [simulation] table): there is nothing to simulate")
+    rig = simulated(rig, path, model, effects, sealed)
+    assert rig.simulation is not None
+    try:
+        bench = build_rig(rig.simulation, seed)
+    except ValueError as error:
+        misuse(error)
+    stop = threading.Event()
+    _listen(bench, stop, until_eof)
+    try:
+        run_rig(
+            bench,
+            can=can or rig.can.bus,
+            host=rig.can.host,
+            can_port=rig.can.port if can_port is None else can_port,
+            modbus_port=rig.modbus.port if modbus_port is None else modbus_port,
+            allow_remote=allow_remote,
+            beacon=beacon,
+            policy=Late(rig.simulation.late_ticks),
+            stop=stop,
+            ready=lambda door, modbus: click.echo(f"ready can={door} modbus={modbus}"),
+        )
+    except ValueError as error:
+        misuse(error)
+    except OSError as error:
+        blocked(error)
+
+
+def _listen(bench: "Rig", stop: "threading.Event", until_eof: bool) -> None:
+    """Let signals, and with ``until_eof`` the end of the standard input, stop the rig or work its emergency stop."""
+    import signal
+    import threading
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    if (
+        until_eof
+    ):  # whoever started this rig holds the other end: the rig stops when its parent ends, however it does
+        threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()
+    signal.signal(signal.SIGUSR1, lambda *_: bench.press_estop())
+    signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())
+
+
+def _when_stdin_ends(call: Callable[[], object]) -> None:
+    sys.stdin.read()
+    call()

@@ -1,0 +1,85 @@
+"""`astb run` and `astb report`: plans on a rig, and the reports of their records."""
+
+from pathlib import Path
+from typing import Final
+
+import click
+
+from astb.commands.lists import known_plans
+from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
+from astb.exit_codes import BLOCKED, FAIL, PASS, blocked, misuse
+
+_EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
+
+
+@click.command("run")
+@click.argument("plans", nargs=-1, required=True, metavar="PLAN...")
+@RIG_OPTION
+@click.option(
+    "--virtual", is_flag=True, help="In virtual time, without sockets: the same plans, bytes and verdicts."
+)
+@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
+@simulation_options
+@click.option(
+    "--out",
+    "out",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="Where records go.",
+)
+def run_command(
+    plans: tuple[str, ...],
+    rig_path: Path | None,
+    virtual: bool,
+    seed: int | None,
+    model: str | None,
+    effects: tuple[str, ...],
+    sealed: str | None,
+    out: Path,
+) -> None:
+    """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
+
+    An earlier run is never overwritten: the next one of the same plan goes to DIR/PLAN-2/, and so on. Ctrl-C and
+    SIGTERM end the plan: the air is let off, and the report is written and says what the springs still hold.
+
+    Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked.
+    """
+    import signal
+
+    from astb.rig_file import RigFileError
+    from astb.run import run_plans
+    from bench_records.layout import RecordError
+    from drivers.errors import BenchError
+
+    known = known_plans()
+    unknown = [name for name in plans if name not in known]
+    if unknown:
+        misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(known)}")
+    rig, path = read_rig(rig_path)
+    rig = simulated(rig, path, model, effects, sealed)
+    # Whoever ends the run, tear-down runs.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        results = run_plans([known[name] for name in plans], rig, path, virtual=virtual, seed=seed, out=out)
+    except (RigFileError, ValueError, RecordError) as error:
+        misuse(error)
+    except BenchError as error:
+        blocked(error)
+    raise click.exceptions.Exit(max(_EXIT[result.verdict] for result in results))
+
+
+@click.command("report")
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+def report_command(directory: Path) -> None:
+    """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
+    from bench_records.layout import STREAM, RecordError
+    from bench_records.recorder import recover
+    from bench_records.report import write_report
+
+    try:
+        if (directory / STREAM).exists():
+            click.echo(recover(directory))
+        click.echo(write_report(directory))
+    except RecordError as error:
+        misuse(error)
