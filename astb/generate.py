@@ -15,9 +15,9 @@ from typing import Any, Final
 import click
 
 from astb.dbc import dbc
-from bench_protocol.signals import Kind, Protection, Signal
+from bench_protocol.signals import Kind, Protection
 from bench_protocol.table import TABLE
-from bench_protocol.units import in_unit
+from bench_protocol.units import UNITS, in_unit
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.quantities import QUANTITIES
 from bench_sim.rig.states import FAULTS, TRANSITIONS
@@ -39,20 +39,13 @@ def modbus_csv() -> str:
         unit, scale, low, high = "", "", "", ""
         if signal is not None and register.encoding != "bit":
             scaled = register.encoding == "int16"
-            unit = (signal.unit if scaled else _si_unit(signal)) if signal.unit != "1" else ""
+            unit = (signal.unit if scaled else UNITS[signal.unit].si) if signal.unit != "1" else ""
             scale = f"{in_unit(signal.step, signal.unit):.10g}" if scaled else "1"
             factor = 1.0 if not scaled else 1.0 / in_unit(1.0, signal.unit)
             low, high = (f"{value / factor:.10g}" for value in (signal.low, signal.high))
         place = (register.space, register.address, register.number, register.words, register.encoding)
         writer.writerow([*place, register.signal, unit, scale, low, high])
     return text.getvalue()
-
-
-_SI: Final = {"mm": "m", "bar": "Pa", "kN": "N", "mrad": "rad", "us": "s"}
-
-
-def _si_unit(signal: Signal) -> str:
-    return _SI.get(signal.unit, signal.unit)
 
 
 def signals_page() -> str:

@@ -1,6 +1,7 @@
-"""The SI factors of the units that people type and read: ``5 * bar`` goes in, ``p / bar`` comes out."""
+"""The units that people type and read: ``5 * bar`` goes in, ``p / bar`` comes out; `UNITS` has them by name."""
 
-from typing import Final
+from math import pi
+from typing import Final, NamedTuple
 
 s: Final = 1.0
 ms: Final = 1e-3
@@ -35,39 +36,99 @@ ATMOSPHERE: Final = 101_325.0
 #: Nanoseconds in one second: all time stamps are whole nanoseconds.
 NS: Final = 1_000_000_000
 
-#: The factor from SI to each unit that the table of signals may name.
-FACTORS: Final[dict[str, float]] = {
-    "1": 1.0,
-    "%": 0.01,
-    "s": s,
-    "ms": ms,
-    "us": us,
-    "m": m,
-    "mm": mm,
-    "rad": rad,
-    "mrad": mrad,
-    "kg": kg,
-    "N": N,
-    "kN": kN,
-    "MN": MN,
-    "N/m": 1.0,
-    "kN/m": 1e3,
-    "kN*s/m": 1e3,
-    "kN*m/rad": 1e3,
-    "kN/s": 1e3,
-    "mm/s": mm,
-    "Pa": Pa,
-    "kPa": kPa,
-    "mbar": mbar,
-    "bar": bar,
-    "K": K,
-    "m/s2": 1.0,
-    "Hz": Hz,
-    "litre": litre,
-    "kg/s": 1.0,
-    "g/s": 1e-3,
-    "J": 1.0,
+
+class Unit(NamedTuple):
+    """A unit that people write: SI = ``factor`` · number + ``zero``."""
+
+    si: str  #: the SI unit of the same quantity, in base units
+    factor: float
+    zero: float = 0.0  #: what 0 of this unit is in SI; only temperatures have one
+
+
+#: The units of parameter files, from which the project also chooses when it writes a value.
+WRITTEN_UNITS: Final[dict[str, Unit]] = {
+    "1": Unit("1", 1.0),
+    "%": Unit("1", 0.01),
+    "ppm": Unit("1", 1e-6),
+    "m": Unit("m", 1.0),
+    "mm": Unit("m", 1e-3),
+    "m2": Unit("m2", 1.0),
+    "mm2": Unit("m2", 1e-6),
+    "cm2": Unit("m2", 1e-4),
+    "1/m": Unit("1/m", 1.0),
+    "1/m2": Unit("1/m2", 1.0),
+    "m3": Unit("m3", 1.0),
+    "litre": Unit("m3", 1e-3),
+    "rad": Unit("rad", 1.0),
+    "mrad": Unit("rad", 1e-3),
+    "deg": Unit("rad", pi / 180.0),
+    "s": Unit("s", 1.0),
+    "ms": Unit("s", 1e-3),
+    "min": Unit("s", 60.0),
+    "h": Unit("s", 3600.0),
+    "Hz": Unit("Hz", 1.0),
+    "kg": Unit("kg", 1.0),
+    "kg*m2": Unit("kg*m2", 1.0),
+    "kg/m3": Unit("kg/m3", 1.0),
+    "K": Unit("K", 1.0),
+    "N": Unit("N", 1.0),
+    "kN": Unit("N", 1e3),
+    "N/s": Unit("N/s", 1.0),
+    "kN/s": Unit("N/s", 1e3),
+    "m/s": Unit("m/s", 1.0),
+    "mm/s": Unit("m/s", 1e-3),
+    "km/h": Unit("m/s", 1.0 / 3.6),
+    "m/s2": Unit("m/s2", 1.0),
+    "Pa": Unit("Pa", 1.0),
+    "mbar": Unit("Pa", 1e2),
+    "bar": Unit("Pa", 1e5),
+    "m/N": Unit("m/N", 1.0),
+    "mm/kN": Unit("m/N", 1e-6),
+    "N/m": Unit("N/m", 1.0),
+    "kN/m": Unit("N/m", 1e3),
+    "MN/m": Unit("N/m", 1e6),
+    "N*s/m": Unit("N*s/m", 1.0),
+    "kN*s/m": Unit("N*s/m", 1e3),
+    "s/m": Unit("s/m", 1.0),
+    "N/Pa": Unit("N/Pa", 1.0),
+    "N*m/rad": Unit("N*m/rad", 1.0),
+    "kN*m/rad": Unit("N*m/rad", 1e3),
+    "N*m/(rad*Pa)": Unit("N*m/(rad*Pa)", 1.0),
+    "J/(kg*K)": Unit("J/(kg*K)", 1.0),
+    "J/K": Unit("J/K", 1.0),
+    "W": Unit("W", 1.0),
+    "W/K": Unit("W/K", 1.0),
+    "kg/s": Unit("kg/s", 1.0),
+    "g/s": Unit("kg/s", 1e-3),
+    "m3/Pa": Unit("m3/Pa", 1.0),
+    "litre/bar": Unit("m3/Pa", 1e-8),
+    "m3/(s*Pa)": Unit("m3/(s*Pa)", 1.0),
+    "kg/(s*Pa2)": Unit("kg/(s*Pa2)", 1.0),
+    "g/(min*bar2)": Unit("kg/(s*Pa2)", 1e-3 / 60.0 / 1e10),
+    "bar/s": Unit("Pa/s", 1e5),
+    "mbar/h": Unit("Pa/s", 1e2 / 3600.0),
+    "Pa/s": Unit("Pa/s", 1.0),
+    "K/s": Unit("K/s", 1.0),
+    "rad/s": Unit("rad/s", 1.0),
+    "m/s3": Unit("m/s3", 1.0),
 }
+#: Every unit that signals, checks and measured files may name.
+UNITS: Final[dict[str, Unit]] = WRITTEN_UNITS | {
+    "um": Unit("m", 1e-6),
+    "cm": Unit("m", 1e-2),
+    "us": Unit("s", 1e-6),
+    "ns": Unit("s", 1e-9),
+    "cm3": Unit("m3", 1e-6),
+    "MN": Unit("N", 1e6),
+    "mN": Unit("N", 1e-3),
+    "kPa": Unit("Pa", 1e3),
+    "MPa": Unit("Pa", 1e6),
+    "psi": Unit("Pa", 6894.757293168361),
+    "J": Unit("J", 1.0),
+    "degC": Unit("K", 1.0, 273.15),
+}
+#: Units whose 0 is nothing: a number of one is only multiplied.
+FACTORS: Final = {name: unit.factor for name, unit in UNITS.items() if unit.zero == 0.0}
 
 
 def in_unit(value: float, unit: str) -> float:

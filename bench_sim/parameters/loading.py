@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.model.quantities import Quantity
-from bench_sim.parameters.units import UNITS
 
 #: Where a value may come from.
 PROVENANCES: Final = ("measured", "data sheet", "assumed")
@@ -105,9 +105,9 @@ def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
     if not isinstance(raw, dict) or set(raw) != _PARTS:
         given = ", ".join(sorted(raw)) if isinstance(raw, dict) else repr(raw)
         raise ParameterError(f"{name} needs {', '.join(sorted(_PARTS))}; it has {given}")
-    unit, factor = UNITS.get(raw["unit"], ("", 0.0))
+    unit, factor, _ = WRITTEN_UNITS.get(raw["unit"], ("", 0.0, 0.0))
     if unit != quantity.unit:
-        fitting = ", ".join(known for known, (si, _) in UNITS.items() if si == quantity.unit)
+        fitting = ", ".join(known for known, (si, *_) in WRITTEN_UNITS.items() if si == quantity.unit)
         raise ParameterError(f"{name} = {raw['value']} {raw['unit']} has the wrong unit; {fitting} would fit")
     if raw["provenance"] not in PROVENANCES:
         raise ParameterError(

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.parameters.loading import ParameterError
-from bench_sim.parameters.units import UNITS
 
 _NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))\s*(\S*)\s*")
 
@@ -17,12 +17,12 @@ def read_value(what: str, text: Any, si: str) -> float:
 
     Raises `ParameterError`, which begins with ``what``.
     """
-    fitting = " or ".join(unit for unit, (base, _) in UNITS.items() if base == si)
+    fitting = " or ".join(unit for unit, (base, *_) in WRITTEN_UNITS.items() if base == si)
     match = _NUMBER.fullmatch(str(text))
     if match is None or isinstance(text, bool):
         raise ParameterError(f"{what} = {text!r} is not a number with its unit ({fitting})")
     unit = match[2] or "1"
-    base, factor = UNITS.get(unit, ("", 0.0))
+    base, factor, _ = WRITTEN_UNITS.get(unit, ("", 0.0, 0.0))
     if base != si:
         raise ParameterError(f"{what} = {text!r} is not in {fitting}")
     return float(match[1]) * factor
@@ -34,10 +34,10 @@ def fitting_unit(number: float, si: str) -> str:
         return si
 
     def misfit(unit: str) -> float:
-        magnitude = log10(abs(number)) - log10(UNITS[unit][1])
+        magnitude = log10(abs(number)) - log10(WRITTEN_UNITS[unit].factor)
         return max(-1.0 - magnitude, magnitude - 3.0, 0.0)
 
-    return min((unit for unit, (base, _) in UNITS.items() if base == si), key=misfit)
+    return min((unit for unit, (base, *_) in WRITTEN_UNITS.items() if base == si), key=misfit)
 
 
 def write_value(number: float, si: str, unit: str, digits: int | None = None) -> str:
@@ -45,7 +45,7 @@ def write_value(number: float, si: str, unit: str, digits: int | None = None) ->
 
     Without ``digits`` `read_value` gives exactly ``number``; where ``unit`` cannot say it, SI does.
     """
-    _, factor = UNITS[unit]
+    factor = WRITTEN_UNITS[unit].factor
     quotient = number / factor
     if digits:
         return f"{float(f'{quotient:.{digits}g}')!r} {unit}".removesuffix(" 1")

@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.table import TABLE
+from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import INPUTS, SIDES, Input, Sensor
 from bench_sim.model.quantities import PARAMETERS
@@ -73,7 +74,6 @@ _KINDS: Final = {
     "m": ("displacement", "mm", 1e-3),
     "K": ("temperature", "K", 1.0),
 }
-_SI: Final = {"bar": "Pa", "kN": "N", "mm": "m", "K": "K"}
 _VALVES: Final = {
     "left.leveling": Input.LEFT_LEVELING,
     "right.leveling": Input.RIGHT_LEVELING,
@@ -95,7 +95,7 @@ def channels(parameters: Parameters) -> tuple[Channel, ...]:
     steps = {field.signal: field.step for message in TABLE.messages for field in message.fields}
     found = []
     for name, sensor in OUTPUTS.items():
-        unit = _SI[TABLE[name].unit]
+        unit = UNITS[TABLE[name].unit].si
         resolution = max(float(record.sensor_resolution[sensor]), steps[name] or TABLE[name].step)
         kind, display, scale = _KINDS[unit]
         found.append(

@@ -4,32 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_sim.parameters.units import UNITS
+from bench_protocol.units import UNITS
 from diagnosis.contracts import Array, Channel, DiagnosisError, Simulator
-
-#: unit as people write it -> (SI unit, factor to SI, what 0 of that unit is in SI)
-_UNITS: Final[Mapping[str, tuple[str, float, float]]] = {
-    **{unit: (si, factor, 0.0) for unit, (si, factor) in UNITS.items()},
-    "us": ("s", 1e-6, 0.0),
-    "ns": ("s", 1e-9, 0.0),
-    "min": ("s", 60.0, 0.0),
-    "h": ("s", 3600.0, 0.0),
-    "um": ("m", 1e-6, 0.0),
-    "cm": ("m", 1e-2, 0.0),
-    "cm2": ("m2", 1e-4, 0.0),
-    "mm2": ("m2", 1e-6, 0.0),
-    "cm3": ("m3", 1e-6, 0.0),
-    "mN": ("N", 1e-3, 0.0),
-    "kPa": ("Pa", 1e3, 0.0),
-    "MPa": ("Pa", 1e6, 0.0),
-    "psi": ("Pa", 6894.757293168361, 0.0),
-    "degC": ("K", 1.0, 273.15),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +68,9 @@ class System:
 
 def conversion(unit: str, si: str, where: str) -> tuple[float, float]:
     """Return (factor, zero) with SI = factor·value + zero; DiagnosisError if ``unit`` is no unit of ``si``."""
-    found = _UNITS.get(unit)
+    found = UNITS.get(unit)
     if found is None or found[0] != si:
-        known = ", ".join(sorted(name for name, (base, _, _) in _UNITS.items() if base == si))
+        known = ", ".join(sorted(name for name, (base, _, _) in UNITS.items() if base == si))
         raise DiagnosisError(f'{where}: "{unit}" is no unit of this quantity; right would be one of {known}')
     return found[1], found[2]
 

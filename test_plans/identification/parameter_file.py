@@ -14,9 +14,6 @@ import numpy as np
 from bench_protocol.units import FACTORS
 from test_plans.identification.fits import Fit, Floats, NotIdentified
 
-#: Units of parameter files that a wire does not know.
-_UNITS: Final = FACTORS | {"m2": 1.0, "N/Pa": 1.0, "MN/m": 1e6, "N*s/m": 1.0}
-
 
 class Known:
     """The parameters of a file (SI), by name; one number for both springs."""
@@ -31,9 +28,9 @@ class Known:
         entry = self.entries.get(name)
         if entry is None:
             raise NotIdentified(f"the base parameter file has no {name}")
-        if entry["unit"] not in _UNITS:
-            raise NotIdentified(f"{name} is in {entry['unit']}; {', '.join(_UNITS)} are known")
-        return np.atleast_1d(np.array(entry["value"], np.float64)) * _UNITS[entry["unit"]]
+        if entry["unit"] not in FACTORS:
+            raise NotIdentified(f"{name} is in {entry['unit']}; {', '.join(FACTORS)} are known")
+        return np.atleast_1d(np.array(entry["value"], np.float64)) * FACTORS[entry["unit"]]
 
     def __getitem__(self, name: str) -> float:
         return float(self.all(name).mean())
@@ -69,7 +66,7 @@ def write_parameters(path: Path | str, base: str, fitted: Mapping[str, FittedVal
         if entry is None:
             raise NotIdentified(f"the base parameter file has no {name}")
         unit = entry["unit"]
-        value, low, high = (number / _UNITS[unit] for number in (one.value, one.low, one.high))
+        value, low, high = (number / FACTORS[unit] for number in (one.value, one.low, one.high))
         if not entry["min"] <= value <= entry["max"]:
             raise NotIdentified(
                 f"{name} = {value:.6g} {unit} is outside {entry['min']:g} to {entry['max']:g} {unit}"

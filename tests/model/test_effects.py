@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from bench_protocol.units import mm
+from bench_protocol.units import WRITTEN_UNITS, mm
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect
@@ -14,7 +14,6 @@ from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, Sensor, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.parameters import load
-from bench_sim.parameters.units import UNITS
 
 #: Readings without noise and converters: both would hide what is small.
 BASE = load("astb").with_values(sensor_noise=np.zeros(SENSORS), sensor_resolution=np.zeros(SENSORS))
@@ -111,7 +110,7 @@ def test_an_effect_is_well_formed(effect):
     assert effect.equation and effect.source and effect.separated_by
     assert {*effect.confusers, *effect.richer} <= set(CATALOGUE) - {effect.name}
     for one in effect.parameters:
-        assert UNITS[one.display] == (one.unit, pytest.approx(one.scale))
+        assert WRITTEN_UNITS[one.display][:2] == (one.unit, pytest.approx(one.scale))
         assert one.low <= one.nominal <= one.high
         assert one.low <= one.typical <= one.high
         assert not one.logarithmic or one.low > 0.0

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.effects import parse_effect, with_effects
-from bench_sim.parameters.units import UNITS
 from bench_sim.parameters.values import fitting_unit, read_value, write_value
 
 BASE = load("astb")
@@ -23,7 +23,7 @@ NAMES = [
 def test_every_quantity_has_a_unit_that_can_be_written():
     for effect in CATALOGUE.values():
         for one in effect.parameters:
-            assert UNITS[one.display] == (one.unit, one.scale), f"{effect.name}: {one.name}"
+            assert WRITTEN_UNITS[one.display][:2] == (one.unit, one.scale), f"{effect.name}: {one.name}"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -112,11 +112,11 @@ def test_every_copy_has_the_effects_once():
 
 
 @given(
-    st.sampled_from(sorted(UNITS)),
+    st.sampled_from(sorted(WRITTEN_UNITS)),
     st.floats(min_value=-1e12, max_value=1e12, allow_nan=False),
 )
 def test_a_number_is_read_as_it_was_written(unit, number):
-    si, _ = UNITS[unit]
+    si = WRITTEN_UNITS[unit].si
     for written in (write_value(number, si, unit), write_value(number, si, fitting_unit(number, si))):
         assert read_value("x", written, si) == number
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import PARAMETERS, QUANTITIES
 from bench_sim.parameters import PROVENANCES, ParameterError, load
-from bench_sim.parameters.units import UNITS
 
 TEXT = (files("bench_sim.parameters") / "astb.toml").read_text(encoding="utf-8")
 BASE = load("astb")
@@ -153,6 +153,6 @@ def test_a_rig_as_built_differs_within_the_accuracy_of_its_sensors():
 
 def test_the_record_has_only_doubles_and_units_are_unambiguous():
     assert all(PARAMETERS[name].base == np.float64 for name in PARAMETERS.names)
-    for unit, (si, factor) in UNITS.items():
+    for unit, (si, factor, _) in WRITTEN_UNITS.items():
         assert factor > 0.0, unit
-        assert UNITS[si] == (si, 1.0)
+        assert WRITTEN_UNITS[si] == (si, 1.0, 0.0)

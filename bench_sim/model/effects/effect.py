@@ -19,7 +19,7 @@ class Quantity:
 
     name: str
     unit: str  #: SI
-    display: str  #: unit that people write and read, one of `bench_sim.parameters.units.UNITS`
+    display: str  #: unit that people write and read, one of `bench_protocol.units.WRITTEN_UNITS`
     scale: float  #: SI per display unit
     nominal: float  #: amplitude: 0
     typical: float  #: amplitude: the size of an ordinary fault; shape: its middle
