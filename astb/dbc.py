@@ -10,7 +10,7 @@ from cantools.database.can import Signal as DbcSignal
 from cantools.database.can.formats.dbc import DbcAttribute, DbcAttributeDefinition, DbcSpecifics
 from cantools.database.conversion import BaseConversion
 
-from bench_protocol.signals import Field, Message, Protection
+from bench_protocol.messages import Field, Message, Protection
 from bench_protocol.table import TABLE
 from bench_protocol.units import in_unit
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from bench_protocol.table import SIDES
+from bench_protocol.words import SIDES
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import Parameters, load

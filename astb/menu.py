@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import ATMOSPHERE, Hz, minutes
+from bench_protocol.words import SIDES
 from diagnosis.contracts import Array, Experiment
 from diagnosis.finding import Finding
 from test_plans.loads import AUXILIARY_VOLUME, BELLOWS_VOLUME, EFFECTIVE_AREA, Load

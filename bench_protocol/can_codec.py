@@ -23,8 +23,9 @@ import numpy.typing as npt
 from bench_protocol.binding import bind
 from bench_protocol.e2e import COUNTER_PERIOD, counter_step, crc8
 from bench_protocol.frames import FRAME, STANDARD_ID_MAX, Block
-from bench_protocol.signals import Protection, Table
+from bench_protocol.messages import Protection
 from bench_protocol.units import NS
+from bench_protocol.wires import Table
 
 _NONE: Final = Protection.NONE.value
 _COUNTER: Final = Protection.COUNTER.value

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import bar, mbar, minutes
+from bench_protocol.words import SIDES
 from drivers.declarations import ChoiceSetting, Device, Setting
 from drivers.errors import Misuse
 

@@ -6,26 +6,25 @@ import math
 from collections.abc import Collection
 from contextlib import suppress
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Self
 
 from bench_protocol.clock import Clock
-from bench_protocol.signals import Table
-from bench_protocol.table import ACTUATORS, TABLE
+from bench_protocol.table import TABLE
 from bench_protocol.units import NS, s
+from bench_protocol.wires import Table
+from bench_protocol.words import ACTUATORS, FAULT_STATES, LIVE_STATES
 from drivers.air import Air
 from drivers.axes import Lateral, Platform, Vertical, VerticalActuator
 from drivers.declarations import Device
 from drivers.devices import Actions, Control, Emergency, Interlocks, LoadCells, RigStatus, Spring, Supply
 from drivers.errors import BenchError, LinkLost, Misuse, RigFault
 from drivers.generator import Generator
-from drivers.link import FAULT_STATES, STREAM_BEATS, Link
+from drivers.link import STREAM_BEATS, Link
 from drivers.reading import UNKNOWN
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
-
-LIVE_STATES: Final = ("AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE")
 
 
 class Bench(Link):

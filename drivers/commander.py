@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench_protocol.clock import Clock, Task
-from bench_protocol.signals import Kind, Table
-from bench_protocol.table import COMMAND_RATE
+from bench_protocol.rates import COMMAND_RATE
+from bench_protocol.signals import Kind
 from bench_protocol.units import NS
+from bench_protocol.wires import Table
 from drivers.errors import LinkLost, Misuse
 
 if TYPE_CHECKING:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Final
 
 from bench_protocol.units import s
+from bench_protocol.words import GeneratorAxis, GeneratorWave
 from drivers.declarations import ChoiceSetting, Device, Setting
 from drivers.errors import Misuse, RigFault
 from drivers.link import STREAM_BEATS
-
-Axis = Literal["vertical", "roll", "lateral", "platform_vertical", "platform_lateral", "platform_roll"]
-Wave = Literal["sine", "unilateral_cosine", "triangle"]
 
 #: What a program may take longer than its cycles.
 MARGIN: Final = 10 * s
@@ -30,8 +28,8 @@ class Generator(Device):
 
     def run(
         self,
-        axis: Axis,
-        wave: Wave = "sine",
+        axis: GeneratorAxis,
+        wave: GeneratorWave = "sine",
         *,
         amplitude: float | None = None,
         roll_amplitude: float | None = None,
@@ -59,8 +57,8 @@ class Generator(Device):
 
     def start(
         self,
-        axis: Axis,
-        wave: Wave = "sine",
+        axis: GeneratorAxis,
+        wave: GeneratorWave = "sine",
         *,
         amplitude: float | None = None,
         roll_amplitude: float | None = None,

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench_protocol.clock import Clock
-from bench_protocol.signals import Table
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, minutes, ms, s
+from bench_protocol.wires import Table
+from bench_protocol.words import LIVE_STATES, STATES
 from drivers.commander import BEAT, Commander
 from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, NotCommander, RigFault, Stale
 from drivers.reading import UNKNOWN, Readings, Sample
@@ -22,9 +23,8 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
-FAULT_STATES: Final = ("FAULT_REACTION", "FAULT_HOLD", "FAULT_DISABLED", "ESTOP")
 #: Where a bench that was armed must not be found.
-DOWN_STATES: Final = (*FAULT_STATES, "OFF", "BOOT", "INIT", "DISABLED")
+DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
 #: A silent bus counts as lost only after so many looks in a row: one look may come before the receiver had its turn.
 SILENT_BEATS: Final = 25
 #: How often the lease is looked at during waits: a Modbus server may hang up on a client that stays silent.
@@ -91,9 +91,9 @@ class Link:
     def describe(self) -> str:
         """Return the rig's state with its reason and the limit that tripped first, in words."""
         text = f"state {self.state}, reason: {self.readings.choice('rig.reason')}"
-        tripped = self.readings.value("rig.tripped")
-        if tripped >= 1 and tripped <= len(self.table.signals):
-            text += f", first limit: {self.readings.show(self.table.signals[int(tripped) - 1].name)}"
+        tripped = self.table.tripped(self.readings.value("rig.tripped"))
+        if tripped is not None:
+            text += f", first limit: {self.readings.show(tripped.name)}"
         return text
 
     # -- time ----------------------------------------------------------------------------------------------------

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from bench_protocol.clock import Clock
 from bench_protocol.frames import Block
-from bench_protocol.signals import Table
 from bench_protocol.units import NS, ms
+from bench_protocol.wires import Table
 from drivers.errors import Misuse
 
 if TYPE_CHECKING:

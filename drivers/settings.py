@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.modbus import NO_AUTHORITY
-from bench_protocol.signals import Kind, Register, Table
-from bench_protocol.table import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD
+from bench_protocol.registers import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, Register
+from bench_protocol.signals import Kind
+from bench_protocol.wires import Table
 from drivers.errors import LinkLost, MapMismatch, Misuse, NotCommander, Refused
 
 if TYPE_CHECKING:

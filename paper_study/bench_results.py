@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import mm
+from bench_protocol.words import SIDES
 from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import Hz, kN, mm
+from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness, first_harmonic
 from test_plans.fittings import fit_pipe, fit_plate, put_down

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import ATMOSPHERE, Hz, kN, mm, s
+from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, one_cycle
 from test_plans.fittings import PLATE

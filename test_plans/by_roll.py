@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import Hz, kN, mm, rad, s
+from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.geometry import roll_of, shear_of

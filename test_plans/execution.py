@@ -9,8 +9,8 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import bar
+from bench_protocol.words import SIDES
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.plan import Part, Plan

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import MN, Hz, kN, m, mm, s
+from bench_protocol.words import SIDES
 from test_plans.analysis import Samples
 from test_plans.loads import BOLSTER_MASS
 

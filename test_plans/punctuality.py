@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.table import TICK
-from bench_protocol.units import ms, us
+from bench_protocol.rates import LATENESS_BINS, TICK
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
     from bench_records.result import Timing
     from drivers.bench import Bench
 
-#: Upper edges of the bins of the rig's lateness histogram (s); the last has none.
-_EDGES: Final = (50 * us, 100 * us, 250 * us, 500 * us, 1 * ms)
-_BINS: Final = ("50us", "100us", "250us", "500us", "1ms", "more")
+#: Upper edges of all bins of the rig's lateness histogram but the last, which has none.
+_EDGES: Final = tuple(one.edge for one in LATENESS_BINS[:-1])
 
 
 def lateness(bench: Bench) -> dict[str, float] | None:
@@ -34,7 +32,7 @@ def timing(before: dict[str, float] | None, after: dict[str, float] | None) -> T
 
     if before is None or after is None:
         return None
-    counts = [round(after[f"rig.lateness_{name}"] - before[f"rig.lateness_{name}"]) for name in _BINS]
+    counts = [round(after[one.signal] - before[one.signal]) for one in LATENESS_BINS]
     ticks = round(after["rig.tick"] - before["rig.tick"])
     late = round(after["rig.late_ticks"] - before["rig.late_ticks"])
     if ticks < 0 or late < 0 or min(counts) < 0:

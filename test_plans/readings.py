@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from typing import Final
 
-from bench_protocol.table import SIDES
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import ms, s
+from bench_protocol.words import SIDES
 
 #: Vertical load cells under each spring: they stand below the springs, 1 m to either side.
 CELLS_UNDER: Final = {"left": ("load_cell.1", "load_cell.3"), "right": ("load_cell.2", "load_cell.4")}
 VERTICAL_CELLS: Final = tuple(cell for pair in CELLS_UNDER.values() for cell in pair)
-SHEAR_CELLS: Final = ("load_cell.5", "load_cell.6")
-HEIGHTS: Final = tuple(f"{side}.height" for side in SIDES)
+SHEAR_CELLS: Final = BY_GROUP[Group.LATERAL_LOAD_CELL]
+HEIGHTS: Final = BY_GROUP[Group.HEIGHT]
 CHAMBERS: Final = ("bellows", "auxiliary")
-PRESSURES: Final = tuple(f"{side}.{chamber}_pressure" for side in SIDES for chamber in CHAMBERS)
+PRESSURES: Final = BY_GROUP[Group.PRESSURE]
 BELLOWS_TEMPERATURES: Final = tuple(f"{side}.bellows_temperature" for side in SIDES)
 #: Where the generator is in its program.
 GENERATOR: Final = ("rig.program", "rig.generator_cycle")

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.signals import Kind, Table
+from bench_protocol.signals import PANELS, Kind
 from bench_protocol.units import FACTORS, NS, ms
+from bench_protocol.wires import Table
 
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
@@ -29,23 +30,6 @@ _HELD_FOR: Final = round(100 * ms * NS)
 #: Signals whose changes are events of their own, and the kind of event.
 _TOLD: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
 
-#: The panels of the report, by the end of a signal's name.
-_QUANTITIES: Final = (
-    ("height", "Spring heights"),
-    ("temperature", "Gas temperatures"),
-    ("supply.pressure", "Supply (gauge)"),
-    ("pressure", "Spring pressures (gauge)"),
-    ("displacement", "Actuator displacements"),
-    ("lateral.force", "Lateral actuator force"),
-    ("force", "Vertical actuator forces"),
-    ("acceleration", "Lateral acceleration"),
-    ("platform.vertical", "Platform"),
-    ("platform.lateral", "Platform"),
-    ("platform.roll", "Platform roll"),
-    ("load_cell.5", "Lateral load cells"),
-    ("load_cell.6", "Lateral load cells"),
-)
-
 
 def recorded_signals(table: Table) -> dict[int, SignalInfo]:
     """Return for every table row that a rig reports how the record describes it."""
@@ -55,15 +39,12 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
     for row, signal in enumerate(table.signals):
         if signal.kind not in (Kind.MEASUREMENT, Kind.STATUS):
             continue
-        quantity = next((q for ending, q in _QUANTITIES if signal.name.endswith(ending)), "")
-        if signal.name.startswith("load_cell.") and not quantity:
-            quantity = "Vertical load cells"
         found[row] = SignalInfo(
             signal.name,
             "" if signal.unit == "1" else signal.unit,
             FACTORS[signal.unit],
             signal.name.replace(".", " ").replace("_", " "),
-            quantity if signal.kind is Kind.MEASUREMENT else "",
+            PANELS[signal.group] if signal.group else "",
             dict(enumerate(signal.choices)),
         )
     return found
@@ -137,9 +118,8 @@ class Recording:
         signal, kind = self._table.signals[row], self._kinds[row]
         if kind != "trip":
             self._recorder.event(time, kind, f"{signal.name}: {signal.show(value)}")
-        elif value >= 1:
-            tripped = self._table.signals[int(value) - 1].name
-            self._recorder.event(time, kind, f"limit of {tripped} tripped", signal=tripped)
+        elif tripped := self._table.tripped(value):
+            self._recorder.event(time, kind, f"limit of {tripped.name} tripped", signal=tripped.name)
 
 
 def keep_settings(run: Run, values: Mapping[str, float]) -> None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from bench_protocol.table import PROGRAM_STATES, SIDES
 from bench_protocol.units import Hz, s
+from bench_protocol.words import PROGRAM_STATES, SIDES
 from test_plans.analysis import Samples, Stiffness, first_harmonic, whole_cycles, without_lag
 from test_plans.geometry import CENTRE_HEIGHT, LATERAL_ACTUATOR_HEIGHT, LATERAL_FRAME, POSE_SIGNALS, roll_of
 from test_plans.readings import (

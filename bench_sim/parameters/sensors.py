@@ -6,51 +6,18 @@ from typing import Any, Final
 
 import numpy as np
 
+from bench_protocol.table import TABLE
+from bench_protocol.table_signals import BY_GROUP
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import SENSOR_QUANTITIES, Quantity
+from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters.loading import Entry, ParameterError, read_entry, require, unknown
 
 #: kind of sensor in a parameter file -> (SI unit of its signal, the sensors of that kind)
 SENSOR_KINDS: Final[Mapping[str, tuple[str, tuple[Sensor, ...]]]] = MappingProxyType(
     {
-        "height": ("m", (Sensor.LEFT_HEIGHT, Sensor.RIGHT_HEIGHT)),
-        "pressure": (
-            "Pa",
-            (
-                Sensor.LEFT_BELLOWS_PRESSURE,
-                Sensor.RIGHT_BELLOWS_PRESSURE,
-                Sensor.LEFT_AUXILIARY_PRESSURE,
-                Sensor.RIGHT_AUXILIARY_PRESSURE,
-            ),
-        ),
-        "supply_pressure": ("Pa", (Sensor.SUPPLY_PRESSURE,)),
-        "temperature": (
-            "K",
-            (
-                Sensor.LEFT_BELLOWS_TEMPERATURE,
-                Sensor.RIGHT_BELLOWS_TEMPERATURE,
-                Sensor.LEFT_AUXILIARY_TEMPERATURE,
-                Sensor.RIGHT_AUXILIARY_TEMPERATURE,
-            ),
-        ),
-        "vertical_force": ("N", (Sensor.VERTICAL_LEFT_FORCE, Sensor.VERTICAL_RIGHT_FORCE)),
-        "lateral_force": ("N", (Sensor.LATERAL_FORCE,)),
-        "displacement": (
-            "m",
-            (
-                Sensor.VERTICAL_LEFT_DISPLACEMENT,
-                Sensor.VERTICAL_RIGHT_DISPLACEMENT,
-                Sensor.LATERAL_DISPLACEMENT,
-            ),
-        ),
-        "vertical_load_cell": (
-            "N",
-            (Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_2, Sensor.LOAD_CELL_3, Sensor.LOAD_CELL_4),
-        ),
-        "lateral_load_cell": ("N", (Sensor.LOAD_CELL_5, Sensor.LOAD_CELL_6)),
-        "acceleration": ("m/s2", (Sensor.LATERAL_ACCELERATION,)),
-        "platform_displacement": ("m", (Sensor.PLATFORM_VERTICAL, Sensor.PLATFORM_LATERAL)),
-        "platform_roll": ("rad", (Sensor.PLATFORM_ROLL,)),
+        str(group): (TABLE[names[0]].si, tuple(sensor_of(name) for name in names))
+        for group, names in BY_GROUP.items()
     }
 )
 

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.signals import Table
 from bench_protocol.units import bar, kN, mm, ms
+from bench_protocol.wires import Table
 
 
-class Action(IntEnum):
+class LimitAction(IntEnum):
     """What a tripped detector does."""
 
     INDICATE = 0
@@ -27,22 +27,25 @@ class Limit:
     low: float
     high: float
     persistence: float
-    action: Action
+    action: LimitAction
 
 
 #: Assumed limits: wide enough for every plan, narrow enough to save the springs. Only the first trip is reported.
 LIMITS: Final = (
-    *(Limit(f"{side}.height", -130 * mm, 90 * mm, 20 * ms, Action.POWER_OFF) for side in ("left", "right")),
     *(
-        Limit(f"{side}.bellows_pressure", -0.5 * bar, 9.0 * bar, 20 * ms, Action.POWER_OFF)
+        Limit(f"{side}.height", -130 * mm, 90 * mm, 20 * ms, LimitAction.POWER_OFF)
         for side in ("left", "right")
     ),
     *(
-        Limit(f"vertical_{side}.force", -60 * kN, 190 * kN, 20 * ms, Action.HOLD)
+        Limit(f"{side}.bellows_pressure", -0.5 * bar, 9.0 * bar, 20 * ms, LimitAction.POWER_OFF)
         for side in ("left", "right")
     ),
-    Limit("lateral.force", -47 * kN, 47 * kN, 20 * ms, Action.HOLD),
-    Limit("lateral.displacement", -120 * mm, 120 * mm, 20 * ms, Action.HOLD),
+    *(
+        Limit(f"vertical_{side}.force", -60 * kN, 190 * kN, 20 * ms, LimitAction.HOLD)
+        for side in ("left", "right")
+    ),
+    Limit("lateral.force", -47 * kN, 47 * kN, 20 * ms, LimitAction.HOLD),
+    Limit("lateral.displacement", -120 * mm, 120 * mm, 20 * ms, LimitAction.HOLD),
 )
 
 DETECTOR: Final = np.dtype(

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.modbus import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, NO_AUTHORITY, ModbusError
-from bench_protocol.signals import INT16_MAX, Kind, Register, Table
-from bench_protocol.table import PROBE_FLOAT, PROBE_WORD
+from bench_protocol.registers import INT16_MAX, PROBE_FLOAT, PROBE_WORD, Register
+from bench_protocol.signals import Kind
+from bench_protocol.wires import Table
 
 #: What a scaled register says instead of a value that is not available.
 UNAVAILABLE: Final = 0x8000

@@ -10,34 +10,35 @@ from bench_protocol import modbus
 from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder, Tally
 from bench_protocol.frames import FRAME, Block, join
-from bench_protocol.table import (
+from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
+from bench_protocol.signals import Group
+from bench_protocol.table import TABLE
+from bench_protocol.units import bar
+from bench_protocol.words import (
     ACTUATORS,
     AXES,
-    COMMAND_RATE,
     CONTROL_MODES,
-    DISABLE_AFTER,
-    FAST_RATE,
-    SLOW_RATE,
-    TABLE,
-    TICK,
+    FAULTS,
+    LIVE,
+    PIPE_LENGTH,
+    PLATFORM_AXES,
+    BenchState,
+    Program,
+    Reason,
 )
-from bench_protocol.units import bar, m, us
 from bench_sim.model.layout import Sensor
 from bench_sim.model.layout import State as PlantState
 from bench_sim.model.plant import Plant
+from bench_sim.model.wiring import sensors_of
 from bench_sim.parameters import Parameters
-from bench_sim.rig.limits import LIMITS, Action, Limit, detectors
+from bench_sim.rig.limits import LIMITS, Limit, LimitAction, detectors
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.states import (
     COMMAND_VALID,
     ENGAGED,
     ESTOP_RELEASED,
-    FAULTS,
-    LIVE,
     STATUS_CODES,
     Event,
-    Reason,
-    State,
     StateMachine,
 )
 from bench_sim.rig.tick import (
@@ -47,7 +48,6 @@ from bench_sim.rig.tick import (
     TICK_NS,
     Air,
     Happened,
-    Program,
     Target,
     run_ticks,
     take_commands,
@@ -56,17 +56,6 @@ from bench_sim.rig.tick import (
 _SCRATCH_TICKS: Final = 100  # as many frames need no new memory
 _BOOT_TICKS: Final = 200
 _RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to come back
-_SENSOR_ROWS: Final = np.array(
-    [
-        next(
-            k
-            for k, signal in enumerate(TABLE.signals)
-            if signal.name.replace(".", "_").upper() == sensor.name
-        )
-        for sensor in Sensor
-    ],
-    np.int64,
-)
 #: By table row: which target a set-point aims for, and in which control mode; -1 for none and any.
 _TARGETS: Final = np.full(len(TABLE.signals), -1, np.int64)
 _MODES: Final = np.full(len(TABLE.signals), -1, np.int64)
@@ -74,23 +63,15 @@ for _target, _name in enumerate(ACTUATORS):
     for _mode in ("force", "displacement"):
         _TARGETS[TABLE.index[f"{_name}.{_mode}_setpoint"]] = _target
         _MODES[TABLE.index[f"{_name}.{_mode}_setpoint"]] = CONTROL_MODES.index(_mode)
-for _axis in ("vertical", "lateral", "roll"):
+for _axis in PLATFORM_AXES:
     _TARGETS[TABLE.index[f"platform.{_axis}_setpoint"]] = Target[f"PLATFORM_{_axis.upper()}"]
 #: More command frames than this in one block are a flood; what comes after is not heard.
 _CHANGES_MAX: Final = 4096
 _ENABLE, _HOLD, _ACTIVE, _RESET = 1, 2, 4, 8
 _REJECTED: Final = TABLE.index["rig.rejected_commands"]
 _CONTROL: Final = TABLE.index["control.enable"]
-#: The connecting pipe that lies beside the bench, and up to which gauge pressure somebody may open a flange.
-_PIPE_LENGTH: Final = 1.5 * m
+#: Up to which gauge pressure somebody may open a flange.
 _FLANGE_PRESSURE: Final = 0.3 * bar
-_CHAMBERS: Final = (
-    Sensor.LEFT_BELLOWS_PRESSURE,
-    Sensor.RIGHT_BELLOWS_PRESSURE,
-    Sensor.LEFT_AUXILIARY_PRESSURE,
-    Sensor.RIGHT_AUXILIARY_PRESSURE,
-)
-_LATENESS_BINS: Final = (("50us", 50), ("100us", 100), ("250us", 250), ("500us", 500), ("1ms", 1000))
 #: CANopen emergency codes (CiA 301): 0x8130 is its heartbeat error, 0xFF00 and up are the device's own.
 _EMERGENCY: Final = {
     Reason.NONE: 0x0000,
@@ -147,7 +128,6 @@ class Rig:
             self.plant.parameter_array,
             self._readings,
             self.values,
-            _SENSOR_ROWS,
             self._status_rows,
             self._detectors,
             self._encoder.plan.messages,
@@ -254,9 +234,8 @@ class Rig:
 
     def report_lateness(self, lateness: float, *, lost: bool = False) -> None:
         """Count a tick that began ``lateness`` s after its deadline; ``lost`` makes it a fault (policy ``fault``)."""
-        name = next((name for name, limit in _LATENESS_BINS if lateness < limit * us), "more")
-        row = TABLE.index[f"rig.lateness_{name}"]
-        self.values[row] += 1
+        counter = next(one for one in LATENESS_BINS if lateness < one.edge)
+        self.values[TABLE.index[counter.signal]] += 1
         worst = TABLE.index["rig.lateness_max"]
         self.values[worst] = max(self.values[worst], lateness)
         if lateness >= TICK:
@@ -273,7 +252,7 @@ class Rig:
         return int(self._controls["tick"]) // 5 & 0xFFFF
 
     @property
-    def state(self) -> State:
+    def state(self) -> BenchState:
         """The present state of the bench."""
         return self.machine.state
 
@@ -283,9 +262,9 @@ class Rig:
             case "estop":
                 return self.estop
             case "pneumatic":
-                return self.state not in (*LIVE, State.FAULT_HOLD)
+                return self.state not in (*LIVE, BenchState.FAULT_HOLD)
             case "program":
-                return self.state is not State.ACTIVE
+                return self.state is not BenchState.ACTIVE
             case "command":
                 return self._command_valid()
             case "limits":
@@ -410,7 +389,7 @@ class Rig:
 
     def _may_be_opened(self) -> bool:
         """Tell whether hands may open the flanges: nothing engaged, and no pressure (the air asks no sensor)."""
-        gauge = self.plant.ideal()[list(_CHAMBERS)]
+        gauge = self.plant.ideal()[sensors_of(Group.PRESSURE)]
         return not self._controls["engaged"] and bool((np.abs(gauge) < _FLANGE_PRESSURE).all())
 
     def _fit(self, plate: int, pipe: bool) -> None:
@@ -419,7 +398,7 @@ class Rig:
         if plate != old_plate:
             par.orifice_diameter[:] = plate * TABLE["rig.orifice_diameter"].step
         if pipe != old_pipe:
-            par.pipe_length[:] = _PIPE_LENGTH if pipe else 0.0
+            par.pipe_length[:] = PIPE_LENGTH if pipe else 0.0
             self.plant.state[PlantState.PIPE_FLOW : PlantState.PIPE_FLOW + 2] = 0.0
         self._fitted = plate, pipe
 
@@ -443,21 +422,21 @@ class Rig:
         if state in ENGAGED and not c["engaged"]:
             for actuator in (Target.VERTICAL_LEFT, Target.VERTICAL_RIGHT, Target.LATERAL):
                 self._take_present(actuator)
-        if before is State.ACTIVE:
-            self._freeze(keep_program=state is State.HOLD)
-        if state is not State.FAULT_REACTION:  # while it reacts, the bench keeps what it has
+        if before is BenchState.ACTIVE:
+            self._freeze(keep_program=state is BenchState.HOLD)
+        if state is not BenchState.FAULT_REACTION:  # while it reacts, the bench keeps what it has
             c["engaged"] = state in ENGAGED
-        c["active"] = state is State.ACTIVE
-        c["armed"] = state in (*LIVE, State.FAULT_HOLD)
-        if state in (State.AIR_HIGH, State.HOLD, State.ACTIVE):
+        c["active"] = state is BenchState.ACTIVE
+        c["armed"] = state in (*LIVE, BenchState.FAULT_HOLD)
+        if state in (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE):
             c["air"] = Air.FULL
-        elif state is State.AIR_LOW:
+        elif state is BenchState.AIR_LOW:
             c["air"] = Air.RESTRICTED
         else:
-            c["air"] = Air.VENTED if state is State.ESTOP else Air.SHUT
-        if state in (State.BOOT, State.INIT):
+            c["air"] = Air.VENTED if state is BenchState.ESTOP else Air.SHUT
+        if state in (BenchState.BOOT, BenchState.INIT):
             c["alarm"] = c["tick"] + _BOOT_TICKS
-        elif state is State.FAULT_REACTION:
+        elif state is BenchState.FAULT_REACTION:
             c["alarm"] = c["tick"] + 1
         if (state in FAULTS) != (before in FAULTS):
             self._emergency()
@@ -505,16 +484,16 @@ class Rig:
 
     def _alarm(self) -> None:
         match self.machine.state:
-            case State.BOOT:
+            case BenchState.BOOT:
                 self._handle(Event.BOOTED)
-            case State.INIT:
+            case BenchState.INIT:
                 self._handle(Event.CHECKED)
-            case State.FAULT_REACTION:
+            case BenchState.FAULT_REACTION:
                 c = self._controls
-                mild = c["engaged"] and not c["lost"] and not self._tripped(Action.POWER_OFF)
+                mild = c["engaged"] and not c["lost"] and not self._tripped(LimitAction.POWER_OFF)
                 self._handle(Event.REACTED_HOLD if mild else Event.REACTED_DISABLE)
 
-    def _tripped(self, action: Action) -> bool:
+    def _tripped(self, action: LimitAction) -> bool:
         return any(
             tripped and limit.action is action
             for limit, tripped in zip(self._limits, self._detectors["tripped"], strict=True)
@@ -523,10 +502,10 @@ class Rig:
     def _trip(self) -> None:
         if self.values[TABLE.index["rig.tripped"]] == 0:
             first = int(np.argmax(self._detectors["tripped"]))
-            self._set("rig.tripped", float(self._detectors["signal"][first] + 1))
-        if self._tripped(Action.POWER_OFF):
+            self._set("rig.tripped", float(TABLE.trip_number(self._limits[first].signal)))
+        if self._tripped(LimitAction.POWER_OFF):
             self._handle(Event.TRIP_OFF)
-        elif self._tripped(Action.HOLD):
+        elif self._tripped(LimitAction.HOLD):
             self._handle(Event.TRIP_HOLD)
 
     def _reset(self) -> bool:
@@ -542,7 +521,7 @@ class Rig:
 
     def _program_run(self) -> bool:
         c, staged = self._controls, self.registers.staged
-        if self.state is not State.ACTIVE or c["program"] == Program.RUN:
+        if self.state is not BenchState.ACTIVE or c["program"] == Program.RUN:
             return False
         if c["program"] == Program.HOLD:
             c["program"] = Program.RUN

@@ -2,40 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from typing import Final
 
-from bench_protocol.table import REASONS, STATES
-
-
-class State(IntEnum):
-    """States of the bench, numbered as on the wires."""
-
-    OFF = STATES.index("OFF")
-    BOOT = STATES.index("BOOT")
-    INIT = STATES.index("INIT")
-    DISABLED = STATES.index("DISABLED")
-    AIR_LOW = STATES.index("AIR_LOW")
-    AIR_HIGH = STATES.index("AIR_HIGH")
-    HOLD = STATES.index("HOLD")
-    ACTIVE = STATES.index("ACTIVE")
-    FAULT_REACTION = STATES.index("FAULT_REACTION")
-    FAULT_HOLD = STATES.index("FAULT_HOLD")
-    FAULT_DISABLED = STATES.index("FAULT_DISABLED")
-    ESTOP = STATES.index("ESTOP")
-
-
-class Reason(IntEnum):
-    """Why the bench left ACTIVE, numbered as on the wires."""
-
-    NONE = REASONS.index("none")
-    COMMAND_LATE = REASONS.index("command late")
-    COMMAND_LOST = REASONS.index("command lost")
-    DISCONNECTED = REASONS.index("commander disconnected")
-    ESTOP = REASONS.index("emergency stop")
-    LIMIT = REASONS.index("limit tripped")
-    TICK_LOST = REASONS.index("tick lost")
-    BY_COMMANDER = REASONS.index("disabled by the commander")
+from bench_protocol.words import LIVE, BenchState, Reason
 
 
 class Event(StrEnum):
@@ -68,21 +38,18 @@ class Event(StrEnum):
 class Transition:
     """One row: in ``source``, ``event`` leads to ``target``; ``needs`` names a condition in words."""
 
-    source: State
+    source: BenchState
     event: Event
-    target: State
+    target: BenchState
     needs: str = ""
 
 
-_S, _E = State, Event
+_S, _E = BenchState, Event
 COMMAND_VALID: Final = "valid commands arrive"
 ESTOP_RELEASED: Final = "emergency stop released"
 
-#: States in which the air is under the bench's control and a commander must be alive.
-LIVE: Final = (_S.AIR_LOW, _S.AIR_HIGH, _S.HOLD, _S.ACTIVE)
 #: States in which the actuators hold or move.
 ENGAGED: Final = (_S.HOLD, _S.ACTIVE, _S.FAULT_HOLD)
-FAULTS: Final = (_S.FAULT_REACTION, _S.FAULT_HOLD, _S.FAULT_DISABLED, _S.ESTOP)
 
 TRANSITIONS: Final[tuple[Transition, ...]] = (
     Transition(_S.OFF, _E.POWER_ON, _S.BOOT),
@@ -111,7 +78,7 @@ TRANSITIONS: Final[tuple[Transition, ...]] = (
     Transition(_S.FAULT_HOLD, _E.DISABLE, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.RESET, _S.HOLD, COMMAND_VALID),
     Transition(_S.FAULT_DISABLED, _E.RESET, _S.DISABLED),
-    *(Transition(state, _E.ESTOP, _S.ESTOP) for state in State if state not in (_S.OFF, _S.ESTOP)),
+    *(Transition(state, _E.ESTOP, _S.ESTOP) for state in BenchState if state not in (_S.OFF, _S.ESTOP)),
     Transition(_S.ESTOP, _E.RESET, _S.DISABLED, ESTOP_RELEASED),
 )
 
@@ -127,7 +94,7 @@ REASON_OF: Final[dict[Event, Reason]] = {
 }
 
 #: SECoP-style status codes, by state: 0 disabled, 1xx idle, 2xx warning, 3xx busy, 4xx error.
-STATUS_CODES: Final[dict[State, int]] = {
+STATUS_CODES: Final[dict[BenchState, int]] = {
     _S.OFF: 0,
     _S.BOOT: 300,
     _S.INIT: 300,
@@ -149,7 +116,7 @@ class StateMachine:
     def __init__(self, conditions: dict[str, Callable[[], bool]]) -> None:
         self._conditions = conditions
         self._rows = {(row.source, row.event): row for row in TRANSITIONS}
-        self.state = State.OFF
+        self.state = BenchState.OFF
         self.reason = Reason.NONE
 
     def allows(self, event: Event) -> bool:
@@ -164,7 +131,7 @@ class StateMachine:
         target = self._rows[self.state, event].target
         if event in REASON_OF and self.reason in (Reason.NONE, Reason.BY_COMMANDER):
             self.reason = REASON_OF[event]
-        elif event is Event.DISABLE and target is State.DISABLED:
+        elif event is Event.DISABLE and target is BenchState.DISABLED:
             self.reason = Reason.BY_COMMANDER
         elif event is Event.RESET:
             self.reason = Reason.NONE

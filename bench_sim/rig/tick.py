@@ -11,8 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.can_codec import encode_into
-from bench_protocol.table import AIR_MODES, AXES, CONTROL_MODES, DISABLE_AFTER, HOLD_AFTER, TICK, WAVES
+from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER, TICK
 from bench_protocol.units import NS, bar, mbar
+from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, WAVES
 from bench_sim.model.algebraic import ALGEBRAICS
 from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.kernel import observe, step
@@ -58,15 +59,6 @@ class Air(IntEnum):
     RESTRICTED = 1
     FULL = 2
     VENTED = 3  #: emergency stop: supply shut, springs vented
-
-
-class Program(IntEnum):
-    """States of the function generator, numbered as on the wires."""
-
-    IDLE = 0
-    RUN = 1
-    HOLD = 2
-    STOPPED = 3
 
 
 class Happened(IntFlag):
@@ -301,7 +293,6 @@ def run_ticks(
     parameters: Any,
     readings: Any,
     values: Any,
-    sensor_rows: Any,
     status_rows: Any,
     detectors: Any,
     messages: Any,
@@ -315,9 +306,8 @@ def run_ticks(
     """Run up to ``ticks`` ticks; return (ticks run, frames written to ``out``, what happened in the last one).
 
     ``controls``, ``memory`` and ``parameters`` hold one record each: numba looks at an array in 0.2 µs and at a
-    record in 13. ``values`` are the signals by table row (SI); ``sensor_rows`` says where each of the plant's
-    ``readings`` goes and ``status_rows`` where tick, program and cycle stand. ``out`` must have room for 12 frames
-    a tick.
+    record in 13. ``values`` are the signals by table row (SI), the measurements first and in the order of the sensors;
+    ``status_rows`` says where tick, program and cycle stand. ``out`` must have room for 12 frames a tick.
     """
     c, mem, par = controls[0], memory[0], parameters[0]
     work, algebraic, ideal = np.empty((5, STATES)), np.empty(ALGEBRAICS), np.empty(SENSORS)
@@ -329,15 +319,15 @@ def run_ticks(
         done += 1
         c.tick += 1
         happened |= _generate(c)
-        left = values[sensor_rows[Sensor.LEFT_AUXILIARY_PRESSURE]]
-        right = values[sensor_rows[Sensor.RIGHT_AUXILIARY_PRESSURE]]
+        left = values[Sensor.LEFT_AUXILIARY_PRESSURE]
+        right = values[Sensor.RIGHT_AUXILIARY_PRESSURE]
         _drive(c, u, left, right)
         step(x, mem, u, par, TICK, pieces, work, algebraic, ideal)
         if c.tick % FAST == 0:
             observe(x, mem, u, par, work[0], algebraic, ideal)
             read_sensors(mem, par, ideal, c.tick // FAST, readings)
             for k in range(readings.size):
-                values[sensor_rows[k]] = readings[k]
+                values[k] = readings[k]  # measurements stand first in the table, in the order of the sensors
             happened |= _detect(values, detectors)
             time = c.tick * TICK_NS
             position = encode_into(values, fast_rows, time, messages, fields, counters, out, position)

@@ -8,7 +8,7 @@ from typing import Final, Literal, get_args
 import msgspec
 import numpy as np
 
-from bench_protocol.table import SIDES
+from bench_protocol.words import SIDES
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, Quantity
 from bench_sim.parameters import Parameters, load

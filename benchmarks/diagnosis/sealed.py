@@ -15,7 +15,8 @@ import numpy as np
 
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block, join
-from bench_protocol.table import FAST_RATE, SIDES, TICK
+from bench_protocol.rates import FAST_RATE, TICK
+from bench_protocol.words import SIDES
 from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import with_effects

@@ -18,12 +18,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
+from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import INPUTS, SIDES, Input, Sensor
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Motion, replay
+from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from bench_sim.parameters.effects import find_effect
 from diagnosis.contracts import (
@@ -52,20 +55,17 @@ from diagnosis.systems.air_spring_surfaces import TERMS
 _SIDE_NAMES: Final = bench.PLACES
 #: Everything that the model predicts from an imposed motion, by the name of its signal.
 OUTPUTS: Final[Mapping[str, Sensor]] = {
-    "left.bellows_pressure": Sensor.LEFT_BELLOWS_PRESSURE,
-    "right.bellows_pressure": Sensor.RIGHT_BELLOWS_PRESSURE,
-    "left.auxiliary_pressure": Sensor.LEFT_AUXILIARY_PRESSURE,
-    "right.auxiliary_pressure": Sensor.RIGHT_AUXILIARY_PRESSURE,
-    **{f"load_cell.{k + 1}": Sensor(Sensor.LOAD_CELL_1 + k) for k in range(6)},
-    "vertical_left.force": Sensor.VERTICAL_LEFT_FORCE,
-    "vertical_right.force": Sensor.VERTICAL_RIGHT_FORCE,
-    "lateral.force": Sensor.LATERAL_FORCE,
-    "vertical_left.displacement": Sensor.VERTICAL_LEFT_DISPLACEMENT,
-    "vertical_right.displacement": Sensor.VERTICAL_RIGHT_DISPLACEMENT,
-    "left.bellows_temperature": Sensor.LEFT_BELLOWS_TEMPERATURE,
-    "right.bellows_temperature": Sensor.RIGHT_BELLOWS_TEMPERATURE,
-    "left.auxiliary_temperature": Sensor.LEFT_AUXILIARY_TEMPERATURE,
-    "right.auxiliary_temperature": Sensor.RIGHT_AUXILIARY_TEMPERATURE,
+    name: sensor_of(name)
+    for name in (
+        *BY_GROUP[Group.PRESSURE],
+        *BY_GROUP[Group.VERTICAL_LOAD_CELL],
+        *BY_GROUP[Group.LATERAL_LOAD_CELL],
+        *BY_GROUP[Group.VERTICAL_FORCE],
+        *BY_GROUP[Group.LATERAL_FORCE],
+        "vertical_left.displacement",
+        "vertical_right.displacement",
+        *BY_GROUP[Group.TEMPERATURE],
+    )
 }
 #: kind of a channel, unit that people read, and its SI value, by SI unit
 _KINDS: Final = {

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_protocol.table import SIDES
+from bench_protocol.words import SIDES
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Experiment
 

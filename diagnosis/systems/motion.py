@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol.table import TABLE
-from bench_sim.model.layout import LATERAL, Sensor
+from bench_sim.model.layout import LATERAL
+from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, DiagnosisError
 
@@ -34,14 +35,14 @@ _LEAST: Final = 8
 _BLOCKS: Final = (5, 50)
 
 #: The sensors that say where bolster and platform are.
-SENSORS: Final[Mapping[str, Sensor]] = {
-    "left.height": Sensor.LEFT_HEIGHT,
-    "right.height": Sensor.RIGHT_HEIGHT,
-    "lateral.displacement": Sensor.LATERAL_DISPLACEMENT,
-    "platform.vertical": Sensor.PLATFORM_VERTICAL,
-    "platform.lateral": Sensor.PLATFORM_LATERAL,
-    "platform.roll": Sensor.PLATFORM_ROLL,
-}
+SENSORS: Final = (
+    "left.height",
+    "right.height",
+    "lateral.displacement",
+    "platform.vertical",
+    "platform.lateral",
+    "platform.roll",
+)
 #: What else is known of the motion where the bench has it.
 BESIDE: Final = ("lateral.force", "lateral.acceleration")
 
@@ -57,25 +58,26 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
     """
     par = parameters.record
 
-    def seen_by(name: str, sensor: Sensor) -> Array:
+    def seen(name: str) -> Array:
+        sensor = sensor_of(name)
         smoothed = smooth(measured[name], sensor_noise(name, par))
         true = (smoothed - par.sensor_bias[sensor]) / (1.0 + par.sensor_gain[sensor])
         return without_lag(true, float(par.sensor_lag[sensor]), step)
 
-    seen = {name: seen_by(name, sensor) for name, sensor in SENSORS.items() if name in measured}
-    inputs = {name: values for name, values in seen.items() if name != "lateral.displacement"}
+    places = {name: seen(name) for name in SENSORS if name in measured}
+    inputs = {name: values for name, values in places.items() if name != "lateral.displacement"}
     if "lateral.acceleration" in measured:
-        inputs["lateral.acceleration"] = seen_by("lateral.acceleration", Sensor.LATERAL_ACCELERATION)
-    if "lateral.displacement" in seen:
-        zero = np.zeros(len(seen["left.height"]))
-        force = seen_by("lateral.force", Sensor.LATERAL_FORCE) if "lateral.force" in measured else zero
-        platform = seen.get("platform.roll", zero)
-        roll = 0.5 * (seen["left.height"] - seen["right.height"]) / par.spring_half_spacing + platform
+        inputs["lateral.acceleration"] = seen("lateral.acceleration")
+    if "lateral.displacement" in places:
+        zero = np.zeros(len(places["left.height"]))
+        force = seen("lateral.force") if "lateral.force" in measured else zero
+        platform = places.get("platform.roll", zero)
+        roll = 0.5 * (places["left.height"] - places["right.height"]) / par.spring_half_spacing + platform
         inputs["shear"] = (
-            seen["lateral.displacement"]
+            places["lateral.displacement"]
             - force / par.frame_stiffness[LATERAL]
             + (par.lateral_actuator_height + par.centre_height) * roll
-            - seen.get("platform.lateral", zero)
+            - places.get("platform.lateral", zero)
             + par.column_height * platform
         )
     return inputs
@@ -83,7 +85,7 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
 
 def sensor_noise(name: str, par: Any) -> float:
     """Return the standard deviation of one sample: the noise of its sensor, and the rounding of sensor and wire."""
-    sensor = Sensor[name.replace(".", "_").upper()]
+    sensor = sensor_of(name)
     steps = float(par.sensor_resolution[sensor]), TABLE[name].step
     return float(np.sqrt(par.sensor_noise[sensor] ** 2 + sum(step**2 for step in steps) / 12.0))
 

@@ -15,7 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_protocol.table import AIR_MODES, FAST_RATE, TICK
+from bench_protocol.rates import FAST_RATE, TICK
+from bench_protocol.words import AIR_MODES, PIPE_LENGTH, SIDES
 from bench_records.layout import Phase
 from bench_records.record import Record, read
 from bench_sim.parameters import Parameters
@@ -30,9 +31,6 @@ REST: Final = "rest"
 STEP: Final = 1.0 / FAST_RATE
 #: The state at the beginning of a run is read from so much of its first rest (s).
 _FIRST: Final = 1.0
-_SIDES: Final = ("left", "right")
-#: A pipe is fitted with this length: the bench has one pair.
-_PIPE: Final = 1.5
 
 
 def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
@@ -82,7 +80,7 @@ def _run(record: Record, phase: Phase, simulator: AirSpring) -> MeasuredRun:
     grid = _grid(record, phase)
     measured = {name: _sampled(record, name, grid) for name in (*SENSORS, *BESIDE)}
     measured = {name: values for name, values in measured.items() if np.isfinite(values).any()}
-    for side in _SIDES:
+    for side in SIDES:
         if f"{side}.height" not in measured:
             raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
     settings = _SettingsOfRecord(record)
@@ -233,8 +231,8 @@ class _SettingsOfRecord:
             return np.array([float(value == word) for value in self._over(name, grid, default)])
 
         return {
-            **{f"{side}.leveling": open_where(f"air.{side}_mode", "level", "hold") for side in _SIDES},
-            **{f"{side}.reservoir": open_where(f"air.{side}_reservoir", "on", "on") for side in _SIDES},
+            **{f"{side}.leveling": open_where(f"air.{side}_mode", "level", "hold") for side in SIDES},
+            **{f"{side}.reservoir": open_where(f"air.{side}_reservoir", "on", "on") for side in SIDES},
             "dpv": open_where("air.dpv", "on", "on"),
         }
 
@@ -250,12 +248,12 @@ class _SettingsOfRecord:
         if (bore := at("rig.orifice_diameter")) is not None:
             found["orifice_diameter"] = float(bore)
         if at("rig.pipe") == "on":
-            found["pipe_length"] = _PIPE
+            found["pipe_length"] = PIPE_LENGTH
         return found
 
     def predictable(self, grid: Array) -> NDArray[np.bool_]:
         """Return where the air is known: the opening of the service valves is on no wire."""
         unknown = np.zeros(len(grid), np.bool_)
-        for side in _SIDES:
+        for side in SIDES:
             unknown |= np.isin(self._over(f"air.{side}_mode", grid, "hold"), AIR_MODES[2:])
         return ~np.maximum.accumulate(unknown)

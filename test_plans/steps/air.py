@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import ATMOSPHERE, NS, minutes
+from bench_protocol.words import SIDES
 from test_plans.analysis import straight_line
 from test_plans.loads import (
     AUXILIARY_VOLUME,

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import K, bar, kN, minutes, mm, s
+from bench_protocol.words import LIVE_STATES, SIDES
 from drivers.errors import RigFault
 from test_plans.loads import REST_HEIGHT, Load
 from test_plans.readings import CHAMBERS
@@ -36,7 +36,6 @@ LATERAL_RATE: Final = 2 * kN / s
 #: What counts as depressurised: too little to lift the bolster (0.23 bar).
 RESIDUAL_PRESSURE: Final = 0.2 * bar
 VENT_WITHIN: Final = 3 * minutes
-LIVE: Final = ("AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE")
 
 
 def power_up(run: Run) -> None:
@@ -64,7 +63,7 @@ def depressurise(run: Run) -> None:
         return max(bench.left.bellows_pressure, bench.right.bellows_pressure) <= RESIDUAL_PRESSURE
 
     with run.phase("depressurise"):
-        if bench.rig.state in LIVE:
+        if bench.rig.state in LIVE_STATES:
             if bench.vertical.control != "force":
                 bench.vertical.control = "force"
             bench.air.vent(tolerance=RESIDUAL_PRESSURE, within=VENT_WITHIN)

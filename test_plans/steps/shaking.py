@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.table import PROGRAM_STATES, SIDES
 from bench_protocol.units import Hz, kN, mm
+from bench_protocol.words import PROGRAM_STATES, SIDES
 from test_plans.analysis import (
     Samples,
     Stiffness,

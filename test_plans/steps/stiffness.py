@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.table import SIDES
+from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_harmonic, without_inertia
 from test_plans.loads import BOLSTER_MASS, Load
 from test_plans.readings import LASER_LAG, LOAD_CELL_LAG, TRANSDUCER_LAG, VERTICAL_CELLS

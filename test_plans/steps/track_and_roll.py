@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from bench_protocol.table import SIDES
 from bench_protocol.units import Hz, bar, kN, mm, s
+from bench_protocol.words import SIDES
 from test_plans.analysis import first_harmonic
 from test_plans.geometry import SPRING_HALF_SPACING
 from test_plans.loads import Band, Load

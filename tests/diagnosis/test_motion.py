@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from bench_sim.model.layout import Input, Mode, Sensor
 from bench_sim.model.plant import Plant
+from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.motion import SENSORS, abrupt, motion_inputs, sensor_noise, smooth, without_lag
@@ -112,7 +113,7 @@ def test_the_springs_were_where_the_sensors_say():
         plant.inputs[Input.PLATFORM_LATERAL] = 1e-3 * np.sin(2.5 * t)
         plant.step()
     read = np.array(readings)
-    measured = {name: read[:, sensor] for name, sensor in SENSORS.items()}
+    measured = {name: read[:, sensor_of(name)] for name in SENSORS}
     measured["lateral.force"] = read[:, Sensor.LATERAL_FORCE]
     inputs = motion_inputs(measured, STEP, load("astb"))
     was = np.array(rows)

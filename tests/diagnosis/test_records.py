@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench_protocol.table import TICK
+from bench_protocol.rates import TICK
 from bench_protocol.units import Hz, mm
 from bench_records.layout import RecordedEvent
 from bench_records.record import read

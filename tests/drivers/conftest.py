@@ -10,8 +10,10 @@ from bench_protocol import modbus
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import Block, join
+from bench_protocol.registers import PROBE_FLOAT, PROBE_WORD
 from bench_protocol.signals import Kind
-from bench_protocol.table import ACTUATORS, CONTROL_MODES, PROBE_FLOAT, PROBE_WORD, REASONS, STATES, TABLE
+from bench_protocol.table import TABLE
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, REASONS, STATES
 from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench_protocol.table import FAST_RATE
+from bench_protocol.rates import FAST_RATE
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
 from benchmarks.diagnosis.ground_truth import draw

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bench_protocol.clock import VirtualClock
-from bench_protocol.table import STATES, TABLE
+from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kPa
+from bench_protocol.words import STATES
 from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome, read_result
@@ -218,7 +219,7 @@ def test_samples_and_changes_of_state_reach_the_record(bench, made, tmp_path):
         good(run)
         bench.send(left__height=0.01, rig__state=STATES.index("ACTIVE"), rig__reason=0.0, rig__tripped=0.0)
         bench.wait(0.5)
-        row = TABLE.index["lateral.force"] + 1.0
+        row = TABLE.trip_number("lateral.force")
         bench.send(rig__state=STATES.index("FAULT_HOLD"), rig__reason=5.0, rig__tripped=row)
         with run.phase("inner"):
             run.say("something")

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_protocol.table import AXES, WAVES
 from bench_protocol.units import Hz, bar, mm, mrad, s
+from bench_protocol.words import AXES, WAVES
 from bench_records.record import read
 from bench_records.result import Outcome
 from bench_sim.rig.limits import LIMITS

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from astb.generate import ROOT
 from bench_protocol.can_codec import Decoder, Encoder, Tally
 from bench_protocol.frames import Block, frame, join, payload
-from bench_protocol.signals import Protection
+from bench_protocol.messages import Protection
 from bench_protocol.table import TABLE
 from bench_protocol.units import in_unit
 

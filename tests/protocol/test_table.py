@@ -4,9 +4,14 @@ import dataclasses
 
 import pytest
 
-from bench_protocol.signals import Field, Kind, Message, Protection, Register, Signal, Table
+from astb import generate
+from astb.generate import kept_places
+from bench_protocol.messages import Field, Message, Protection
+from bench_protocol.registers import Register, registers_of
+from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm
+from bench_protocol.wires import Table, moved
 
 
 def signal(name: str = "left.height", **changes: object) -> Signal:
@@ -17,8 +22,22 @@ def signal(name: str = "left.height", **changes: object) -> Signal:
         "high": 0.3,
         "step": 1e-5,
         "description": "",
+        "group": Group.HEIGHT,
     }
     return Signal(name, **(values | changes))
+
+
+def message(field: str = "left.height", **changes: object) -> Message:
+    values = {
+        "name": "M",
+        "identifier": 1,
+        "rate": 1.0,
+        "from_rig": True,
+        "fields": (Field(field, 16),),
+        "protection": Protection.COUNTER,
+        "description": "",
+    }
+    return Message(**(values | changes))
 
 
 def test_bus_load_stays_under_half_of_500_kbit() -> None:
@@ -54,11 +73,87 @@ def test_every_reading_has_a_float_a_scaled_twin_and_a_quality_bit() -> None:
         assert places == {("input", "float32"), ("input", "int16"), ("discrete", "bit")}
 
 
-def test_the_hash_changes_with_any_field() -> None:
-    message = TABLE.messages[0]
-    swapped = dataclasses.replace(message, fields=message.fields[::-1])
-    other = dataclasses.replace(TABLE, messages=(swapped, *TABLE.messages[1:]))
+def changed(name: str, **changes: object) -> Table:
+    """The table with one signal changed, and its registers with it."""
+    signals = tuple(dataclasses.replace(s, **changes) if s.name == name else s for s in TABLE.signals)
+    return Table(signals, TABLE.messages, registers_of(signals))
+
+
+def with_message(**changes: object) -> Table:
+    """The table with its first message changed."""
+    return dataclasses.replace(
+        TABLE, messages=(dataclasses.replace(TABLE.messages[0], **changes), *TABLE.messages[1:])
+    )
+
+
+FIRST = TABLE.messages[0]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        with_message(fields=FIRST.fields[::-1]),
+        with_message(fields=(dataclasses.replace(FIRST.fields[0], step=1e-4), *FIRST.fields[1:])),
+        with_message(fields=(dataclasses.replace(FIRST.fields[0], nullable=False), *FIRST.fields[1:])),
+        with_message(identifier=0x18F),
+        with_message(rate=100.0),
+        with_message(protection=Protection.NONE),
+        changed("left.height", step=2e-5),
+        changed("left.height", address=198),
+        changed("rig.program", choices=("RUN", "IDLE", "HOLD", "STOPPED")),
+        changed("air.dpv", address=138),
+    ],
+    ids=lambda table: f"{table.map_hash:08x}",
+)
+def test_the_hash_changes_with_what_is_on_the_wire(other: Table) -> None:
     assert other.map_hash != TABLE.map_hash
+    assert moved(TABLE.places, other)
+
+
+def test_the_hash_is_that_of_the_wire_alone() -> None:
+    """Neither words nor what only people see move it, nor the order of the rows."""
+    words = [changed(s.name, description=f"{s.description}.") for s in TABLE.signals]
+    words += [with_message(description=""), changed("left.height", unit="m", low=-0.2, high=0.2)]
+    words.append(Table(TABLE.signals[::-1], TABLE.messages[::-1], TABLE.registers[::-1]))
+    assert {table.map_hash for table in words} == {TABLE.map_hash}
+
+
+def test_nothing_that_was_given_once_has_moved() -> None:
+    """Programs of others rely on identifiers and addresses. `make generate` keeps the new ones."""
+    kept = kept_places()
+    assert len(kept) > 350
+    assert moved(kept, TABLE) == [], "put back what was there, and give what is new a free place"
+    assert TABLE.places == kept, "run `make generate`: it keeps what was added"
+
+
+def test_adding_is_no_move_and_removing_is() -> None:
+    new = dataclasses.replace(TABLE["left.height"], name="left.strain", address=198)
+    signals = (*TABLE.signals, new)
+    grown = Table(signals, TABLE.messages, registers_of(signals))
+    assert moved(TABLE.places, grown) == []
+    assert grown.places["input 00196"] == "modbus.sequence uint16", "where the block ended, its number stays"
+    assert grown.places["input 00200"] == "modbus.sequence uint16"
+    assert (grown.trip_number("left.strain"), grown.tripped(50.0)) == (50, new)
+    lost = moved(grown.places, TABLE)
+    assert "input 00198 was “left.strain float32” and is now empty" in lost
+    taken = dataclasses.replace(new, address=196)
+    shifted = Table((*TABLE.signals, taken), TABLE.messages, registers_of((*TABLE.signals, taken)))
+    assert moved(TABLE.places, shifted)[0].startswith(
+        "input 00196 was “modbus.sequence uint16” and is now “left"
+    )
+
+
+def test_generating_refuses_to_move(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setattr(generate, "TABLE", changed("left.height", address=198))
+    assert generate.main(["--check"]) == generate.main([]) == 1
+    said = capsys.readouterr()
+    assert "input 00100 was “left.height float32”" in said.err and not said.out
+
+
+def test_what_rig_tripped_says_is_a_reading_or_nothing() -> None:
+    for row in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS):
+        assert TABLE.tripped(float(TABLE.trip_number(row.name))) is row
+    assert [TABLE.tripped(value) for value in (0.0, float("nan"), 49.0, 255.0)] == [None] * 4
 
 
 @pytest.mark.parametrize(
@@ -67,7 +162,7 @@ def test_the_hash_changes_with_any_field() -> None:
         (lambda: signal(unit="inch"), "unit 'inch' is not one of"),
         (lambda: signal(low=0.3), "range 0.3 to 0.3 is empty"),
         (lambda: signal(step=0.0), "step = 0 must be positive"),
-        (lambda: signal(kind=Kind.SETTING, default=1.0), "default 1 is outside"),
+        (lambda: signal(kind=Kind.SETTING, group=None, default=1.0), "default 1 is outside"),
         (lambda: Table((signal(), signal()), (), ()), "signal left.height stands in the table 2 times"),
         (
             lambda: Table(
@@ -94,7 +189,60 @@ def test_the_hash_changes_with_any_field() -> None:
                     Register("left.height", "input", 1, "int16"),
                 ),
             ),
-            "input register 1 is taken twice",
+            "input register 1 is taken twice, by left.height and left.height",
+        ),
+        (lambda: signal("left height"), "signal name 'left height' must be device.reading"),
+        (lambda: signal("Left.height"), "must be device.reading in small letters"),
+        (lambda: signal("height"), "must be device.reading"),
+        (lambda: signal(high=float("inf")), "range -0.3 to inf is empty"),
+        (lambda: signal(group=None), "a measurement, and nothing else, has a group"),
+        (
+            lambda: signal(low=0, high=1, step=0.5, choices=("a", "b")),
+            "choices are numbered from 0 in steps of 1",
+        ),
+        (lambda: signal(low=0, high=1, step=1, choices=("a", "a")), "two of its choices have one name"),
+        (lambda: message(identifier=0x18FF0000), "identifier 0x18ff0000 has more than 11 bits"),
+        (lambda: message(identifier=-1), "has more than 11 bits"),
+        (lambda: message(name="Spring Left"), "message name 'Spring Left' must be up to 32 letters"),
+        (lambda: message(rate=-1.0), "rate = -1 Hz must not be negative"),
+        (lambda: message(data_id=0x10000), "data id 0x10000 does not fit in 16 bits"),
+        (lambda: Field("left.height", 0), "a field has 1 to 53 bits, not 0"),
+        (lambda: Field("left.height", 64), "a field has 1 to 53 bits, not 64"),
+        (
+            lambda: Table((signal(),), (message(field="left.width"),), ()),
+            "M: its field left.width is no signal",
+        ),
+        (
+            lambda: Register("left.height", "inputs", 0, "float32"),
+            "space 'inputs' is not one of input, holding",
+        ),
+        (lambda: Register("left.height", "input", 0, "float64"), "encoding 'float64' is not one of float32"),
+        (
+            lambda: Register("left.height", "coil", 0, "float32"),
+            "float32 does not fit among the coil registers",
+        ),
+        (lambda: Register("left.height", "input", 0, "bit"), "bit does not fit among the input registers"),
+        (lambda: Register("left.height", "input", 65_535, "float32"), "address 65535 is not in 0 to 65534"),
+        (
+            lambda: Table((signal(),), (), (Register("left.width", "input", 0, "float32"),)),
+            "left.width has a register and is no signal of the table",
+        ),
+        (
+            lambda: registers_of((signal(),)),
+            "left.height has no address; its float needs an even input register",
+        ),
+        (
+            lambda: registers_of((signal(address=101),)),
+            "left.height has address 101; its float needs an even",
+        ),
+        (lambda: registers_of((signal(address=222),)), "even input register from 100 to 220"),
+        (
+            lambda: registers_of((signal(address=100), signal("right.height", address=100))),
+            "left.height and right.height both have the input register 100",
+        ),
+        (
+            lambda: registers_of((signal(kind=Kind.SETTING, group=None),)),
+            "left.height, a setting, needs an address among the holding registers",
         ),
     ],
 )

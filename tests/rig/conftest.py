@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bench_protocol.can_codec import Decoder, Encoder
-from bench_protocol.table import CONTROL_MODES, SIDES, STATES, TABLE
+from bench_protocol.table import TABLE
+from bench_protocol.words import CONTROL_MODES, SIDES, STATES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 

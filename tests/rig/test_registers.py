@@ -7,11 +7,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bench_protocol.registers import FLOAT_BLOCK, SCALED_BLOCK
 from bench_protocol.signals import Kind
-from bench_protocol.table import FLOAT_BLOCK, SCALED_BLOCK, TABLE
+from bench_protocol.table import TABLE
 from bench_protocol.units import bar
 
-READINGS = TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS)
+READINGS = sorted(TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS), key=lambda signal: signal.address)
 SETTINGS = TABLE.of_kind(Kind.SETTING)
 ADDRESS = {r.signal: r.address for r in TABLE.registers if r.space == "holding"}
 

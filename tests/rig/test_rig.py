@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bench_protocol.table import AIR_MODES, AXES, TABLE, WAVES
+from bench_protocol.table import TABLE
 from bench_protocol.units import Hz, bar, kN, mm
+from bench_protocol.words import AIR_MODES, AXES, WAVES, BenchState
 from bench_sim.model.layout import State as PlantState
-from bench_sim.rig.states import State
 
 VENT, FILL, LEVEL = AIR_MODES.index("vent"), AIR_MODES.index("fill"), AIR_MODES.index("level")
 
@@ -180,7 +180,8 @@ def test_the_stop_button_empties_a_bellows_that_is_shut_off(armed) -> None:
 def test_a_limit_holds_and_the_first_one_is_named(armed) -> None:
     armed.beat(50, lateral_force_setpoint=50 * kN)
     assert armed.state == "FAULT_HOLD"
-    assert TABLE.signals[int(armed.read("rig.tripped")) - 1].name == "lateral.force"
+    assert TABLE.tripped(armed.read("rig.tripped")) is TABLE["lateral.force"]
+    assert armed.read("rig.tripped") == 11, "as ever"
     assert TABLE["rig.reason"].choices[int(armed.read("rig.reason"))] == "limit tripped"
 
 
@@ -373,4 +374,4 @@ def test_lateness_is_counted_where_it_belongs(make_rig) -> None:
 def test_a_lost_tick_under_the_policy_fault_is_a_fault(armed) -> None:
     armed.rig.report_lateness(0.2, lost=True)
     armed.rig.run(2)
-    assert armed.rig.state is State.FAULT_HOLD
+    assert armed.rig.state is BenchState.FAULT_HOLD

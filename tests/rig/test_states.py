@@ -4,13 +4,12 @@ import itertools
 
 import pytest
 
+from bench_protocol.words import BenchState, Reason
 from bench_sim.rig.states import (
     COMMAND_VALID,
     ESTOP_RELEASED,
     TRANSITIONS,
     Event,
-    Reason,
-    State,
     StateMachine,
 )
 
@@ -19,7 +18,7 @@ NO = {COMMAND_VALID: lambda: False, ESTOP_RELEASED: lambda: False}
 ROWS = {(row.source, row.event): row for row in TRANSITIONS}
 
 
-def machine(state: State, conditions: dict = YES) -> StateMachine:
+def machine(state: BenchState, conditions: dict = YES) -> StateMachine:
     made = StateMachine(conditions)
     made.state = state
     return made
@@ -29,8 +28,8 @@ def test_no_event_has_two_targets() -> None:
     assert len(ROWS) == len(TRANSITIONS)
 
 
-@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, Event)))
-def test_only_the_rows_of_the_table_lead_anywhere(state: State, event: Event) -> None:
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(BenchState, Event)))
+def test_only_the_rows_of_the_table_lead_anywhere(state: BenchState, event: Event) -> None:
     row = ROWS.get((state, event))
     made = machine(state)
     assert made.handle(event) == (row is not None)
@@ -40,29 +39,32 @@ def test_only_the_rows_of_the_table_lead_anywhere(state: State, event: Event) ->
 
 
 def test_every_state_can_be_reached_and_left() -> None:
-    reached = {State.OFF}
+    reached = {BenchState.OFF}
     while grown := {row.target for row in TRANSITIONS if row.source in reached} - reached:
         reached |= grown
-    assert reached == set(State)
-    assert {row.source for row in TRANSITIONS} == set(State)
+    assert reached == set(BenchState)
+    assert {row.source for row in TRANSITIONS} == set(BenchState)
 
 
 def test_from_every_state_the_stop_button_stops() -> None:
-    for state in set(State) - {State.OFF, State.ESTOP}:
+    for state in set(BenchState) - {BenchState.OFF, BenchState.ESTOP}:
         made = machine(state)
         assert made.handle(Event.ESTOP)
-        assert made.state is State.ESTOP
+        assert made.state is BenchState.ESTOP
 
 
 def test_nothing_but_a_reset_leaves_a_latched_fault_upward() -> None:
-    up = {State.AIR_LOW, State.AIR_HIGH, State.HOLD, State.ACTIVE, State.DISABLED}
+    up = {BenchState.AIR_LOW, BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE, BenchState.DISABLED}
     for row in TRANSITIONS:
-        if row.source in (State.FAULT_HOLD, State.FAULT_DISABLED, State.ESTOP) and row.target in up:
+        if (
+            row.source in (BenchState.FAULT_HOLD, BenchState.FAULT_DISABLED, BenchState.ESTOP)
+            and row.target in up
+        ):
             assert row.event is Event.RESET
 
 
 def test_the_first_reason_stays() -> None:
-    made = machine(State.ACTIVE)
+    made = machine(BenchState.ACTIVE)
     made.handle(Event.COMMAND_LATE)
     made.handle(Event.REACTED_HOLD)
     made.handle(Event.COMMAND_LOST)

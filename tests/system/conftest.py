@@ -20,8 +20,9 @@ from astb.run import undisturbed
 from bench_protocol.can_codec import Decoder
 from bench_protocol.clock import RealClock, VirtualClock, wall_time_ns
 from bench_protocol.frames import Block, join
-from bench_protocol.table import STATES, TABLE
+from bench_protocol.table import TABLE
 from bench_protocol.units import NS
+from bench_protocol.words import STATES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from drivers.bench import Bench

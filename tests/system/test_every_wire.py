@@ -8,9 +8,12 @@ import pytest
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import frame, join
 from bench_protocol.modbus import NO_AUTHORITY
+from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER
+from bench_protocol.registers import LEASE_ADDRESS
 from bench_protocol.signals import Kind
-from bench_protocol.table import DISABLE_AFTER, HOLD_AFTER, LEASE_ADDRESS, STATES, TABLE
+from bench_protocol.table import TABLE
 from bench_protocol.units import Hz, bar, kN, mm, mrad, ms, s
+from bench_protocol.words import STATES
 from drivers.errors import NotCommander, Refused, RigFault
 
 #: A sample of the rig, by which its time is read off the bus; and how late, on a busy machine, a thread of the rig

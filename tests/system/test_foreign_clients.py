@@ -18,7 +18,8 @@ from pymodbus.client import ModbusTcpClient
 
 from bench_protocol.can_codec import Decoder
 from bench_protocol.frames import frame
-from bench_protocol.table import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, TABLE
+from bench_protocol.registers import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD
+from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm
 
 REAL = ("tcp", pytest.param("socketcan", marks=pytest.mark.vcan))

@@ -13,8 +13,8 @@ from astb.investigate import LEAST_GAP, LOG, choose, history, investigate
 from astb.menu import experiments, offers
 from astb.rig_file import RigFile, Simulation
 from astb.session import build_rig, virtual_session
-from bench_protocol.table import SIDES
 from bench_protocol.units import bar, minutes, mm, s
+from bench_protocol.words import SIDES
 from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_sim.parameters import load

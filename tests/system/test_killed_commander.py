@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from bench_protocol.table import HOLD_AFTER, TABLE
+from bench_protocol.rates import HOLD_AFTER
+from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 
 COMMANDER = """

@@ -12,8 +12,10 @@ from pathlib import Path
 import pytest
 
 from astb.exit_codes import BLOCKED, FAIL, PASS
-from bench_protocol.table import HOLD_AFTER, STATES, TABLE
+from bench_protocol.rates import HOLD_AFTER
+from bench_protocol.table import TABLE
 from bench_protocol.units import ms
+from bench_protocol.words import STATES
 from bench_records.record import read
 from drivers.can_port import open_can
 from drivers.errors import LinkLost

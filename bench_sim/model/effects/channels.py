@@ -2,20 +2,17 @@
 
 from typing import Final
 
+from bench_protocol.signals import Group
 from bench_sim.model.layout import Sensor
+from bench_sim.model.wiring import sensors_of
 
-VERTICAL_CELLS: Final = [Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_2, Sensor.LOAD_CELL_3, Sensor.LOAD_CELL_4]
-LATERAL_CELLS: Final = [Sensor.LOAD_CELL_5, Sensor.LOAD_CELL_6]
-TRANSDUCERS: Final = [Sensor.VERTICAL_LEFT_FORCE, Sensor.VERTICAL_RIGHT_FORCE, Sensor.LATERAL_FORCE]
+VERTICAL_CELLS: Final = sensors_of(Group.VERTICAL_LOAD_CELL)
+LATERAL_CELLS: Final = sensors_of(Group.LATERAL_LOAD_CELL)
+TRANSDUCERS: Final = [*sensors_of(Group.VERTICAL_FORCE), *sensors_of(Group.LATERAL_FORCE)]
 #: Load cells and the actuators' force transducers: one make of amplifier.
 FORCES: Final = [*TRANSDUCERS, *VERTICAL_CELLS, *LATERAL_CELLS]
 #: The four chambers.
-PRESSURES: Final = [
-    Sensor.LEFT_BELLOWS_PRESSURE,
-    Sensor.RIGHT_BELLOWS_PRESSURE,
-    Sensor.LEFT_AUXILIARY_PRESSURE,
-    Sensor.RIGHT_AUXILIARY_PRESSURE,
-]
+PRESSURES: Final = sensors_of(Group.PRESSURE)
 #: By side: the two vertical load cells under a spring, and the transmitter of its bellows.
 CELLS_BY_SIDE: Final = ([Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_3], [Sensor.LOAD_CELL_2, Sensor.LOAD_CELL_4])
 BELLOWS_BY_SIDE: Final = (Sensor.LEFT_BELLOWS_PRESSURE, Sensor.RIGHT_BELLOWS_PRESSURE)

@@ -1,0 +1,158 @@
+"""The CAN messages of the table: identifier, rate and fields of every frame, one message each.
+
+An identifier is given once, and so is the place of a field: a field that is added stands behind the others.
+"""
+
+from typing import Final
+
+from bench_protocol.messages import Field, Message, Protection
+from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE
+from bench_protocol.units import N
+from bench_protocol.words import ACTUATORS, PLATFORM_AXES, SIDES
+
+
+def _fields(*names: str, bits: int = 16, step: float = 0.0) -> tuple[Field, ...]:
+    return tuple(Field(name, bits, step) for name in names)
+
+
+def _message(
+    name: str, identifier: int, rate: float, fields: tuple[Field, ...], text: str, *, from_rig: bool = True
+) -> Message:
+    protection = Protection.COUNTER if from_rig else Protection.E2E
+    return Message(
+        name, identifier, rate, from_rig, fields, protection, text, 0 if from_rig else 0x0A00 | identifier
+    )
+
+
+def _spring(side: str) -> tuple[Field, ...]:
+    return _fields(f"{side}.height", f"{side}.bellows_pressure", f"{side}.auxiliary_pressure")
+
+
+MESSAGES: Final = (
+    _message("SpringLeft", 0x181, FAST_RATE, _spring("left"), "The left air spring"),
+    _message("SpringRight", 0x182, FAST_RATE, _spring("right"), "The right air spring"),
+    _message(
+        "ActuatorForces", 0x183, FAST_RATE, _fields(*(f"{a}.force" for a in ACTUATORS)), "The three actuators"
+    ),
+    _message(
+        "ActuatorDisplacements",
+        0x184,
+        FAST_RATE,
+        _fields(*(f"{a}.displacement" for a in ACTUATORS)),
+        "The three actuators",
+    ),
+    _message(
+        "LoadCells",
+        0x185,
+        FAST_RATE,
+        _fields(*(f"load_cell.{cell}" for cell in range(1, 5)), bits=14, step=25 * N),
+        "The vertical load cells",
+    ),
+    _message(
+        "Lateral",
+        0x186,
+        FAST_RATE,
+        _fields("load_cell.5", "load_cell.6", "lateral.acceleration"),
+        "The lateral load cells and the accelerometer",
+    ),
+    _message(
+        "Platform",
+        0x281,
+        COMMAND_RATE,
+        _fields("platform.vertical", "platform.lateral", "platform.roll"),
+        "The vibration platform",
+    ),
+    _message(
+        "State",
+        0x282,
+        COMMAND_RATE,
+        (
+            Field("rig.state", 8, signed=False),
+            Field("rig.program", 4, signed=False),
+            Field("rig.reason", 4, signed=False),
+            Field("rig.tripped", 9, signed=False),
+            Field("rig.status_code", 10, signed=False),
+            Field("rig.generator_cycle", 16, signed=False),
+        ),
+        "What the bench is doing and why",
+    ),
+    _message(
+        "Timing",
+        0x381,
+        SLOW_RATE,
+        (
+            Field("rig.tick", 24, signed=False),
+            Field("rig.late_ticks", 16, signed=False),
+            Field("rig.lateness_max", 16, signed=False),
+        ),
+        "How well the tick keeps time",
+    ),
+    _message(
+        "Temperatures",
+        0x382,
+        SLOW_RATE,
+        _fields(
+            *(f"{side}.{part}_temperature" for side in SIDES for part in ("bellows", "auxiliary")), bits=14
+        ),
+        "The gas",
+    ),
+    _message(
+        "Identity",
+        0x383,
+        SLOW_RATE,
+        (
+            Field("rig.map_hash", 32, signed=False, nullable=False),
+            Field("rig.rejected_commands", 16, signed=False),
+        ),
+        "Which table of signals the bench speaks",
+    ),
+    Message(
+        "Emergency",
+        0x081,
+        0.0,
+        True,
+        (
+            Field("emergency.code", 16, signed=False),
+            Field("emergency.register", 8, signed=False),
+            Field("emergency.reason", 8, signed=False),
+        ),
+        Protection.NONE,
+        "Once on entering a fault and once on leaving it, as CANopen devices do",
+    ),
+    _message("Supply", 0x384, SLOW_RATE, _fields("supply.pressure"), "The air supply"),
+    _message(
+        "Control",
+        0x201,
+        COMMAND_RATE,
+        tuple(
+            Field(f"control.{name}", 1, signed=False, nullable=False)
+            for name in ("enable", "hold", "active", "reset")
+        ),
+        "Feeds the watchdog and asks for a state",
+        from_rig=False,
+    ),
+    _message(
+        "ForceSetpoints",
+        0x202,
+        COMMAND_RATE,
+        _fields(*(f"{a}.force_setpoint" for a in ACTUATORS)),
+        "Set-points for actuators in force control",
+        from_rig=False,
+    ),
+    _message(
+        "DisplacementSetpoints",
+        0x203,
+        COMMAND_RATE,
+        _fields(*(f"{a}.displacement_setpoint" for a in ACTUATORS)),
+        "Set-points for actuators in displacement control",
+        from_rig=False,
+    ),
+    _message(
+        "PlatformSetpoints",
+        0x204,
+        COMMAND_RATE,
+        _fields(*(f"platform.{axis}_setpoint" for axis in PLATFORM_AXES)),
+        "Set-points for the vibration platform",
+        from_rig=False,
+    ),
+)

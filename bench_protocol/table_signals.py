@@ -1,0 +1,274 @@
+"""The signals of the table: every value that crosses the wires of the bench, one row each, with its Modbus address.
+
+Pressures on the wires are gauge; displacements are positive upward and to the left (+y), vertical actuator forces
+positive downward (a preload is positive), lateral forces positive to the left. An address is given once: a row that is
+added takes a free one.
+"""
+
+from typing import Final, NamedTuple
+
+from bench_protocol.rates import LATENESS_BINS
+from bench_protocol.signals import Group, Kind, Signal
+from bench_protocol.units import K, N, bar, kN, m, mbar, mm, mrad, rad, us
+from bench_protocol.words import (
+    ACTUATORS,
+    AIR_MODES,
+    AXES,
+    CONTROL_MODES,
+    PIPE_LENGTH,
+    PLATFORM_AXES,
+    PROGRAM_STATES,
+    REASONS,
+    STATES,
+    SWITCH,
+    WAVES,
+)
+
+COUNT_MAX: Final = float(2**24 - 2)  # what 24 bits on CAN and a float32 register both hold exactly
+
+
+class _Range(NamedTuple):
+    unit: str
+    low: float
+    high: float
+    step: float
+
+
+_RANGES: Final = {
+    Group.HEIGHT: _Range("mm", -300 * mm, 300 * mm, 0.01 * mm),
+    Group.PRESSURE: _Range("bar", -1 * bar, 15 * bar, 0.5 * mbar),
+    Group.SUPPLY_PRESSURE: _Range("bar", -1 * bar, 15 * bar, 0.5 * mbar),
+    Group.TEMPERATURE: _Range("K", 200 * K, 400 * K, 0.05 * K),
+    Group.VERTICAL_FORCE: _Range("kN", -200 * kN, 200 * kN, 10 * N),
+    Group.LATERAL_FORCE: _Range("kN", -60 * kN, 60 * kN, 2 * N),
+    Group.DISPLACEMENT: _Range("mm", -300 * mm, 300 * mm, 0.01 * mm),
+    Group.VERTICAL_LOAD_CELL: _Range("kN", -200 * kN, 200 * kN, 25 * N),
+    Group.LATERAL_LOAD_CELL: _Range("kN", -60 * kN, 60 * kN, 2 * N),
+    Group.ACCELERATION: _Range("m/s2", -30.0, 30.0, 0.001),
+    Group.PLATFORM_DISPLACEMENT: _Range("mm", -150 * mm, 150 * mm, 0.01 * mm),
+    Group.PLATFORM_ROLL: _Range("mrad", -0.3 * rad, 0.3 * rad, 0.01 * mrad),
+}
+
+
+def _reading(name: str, address: int, group: Group, text: str) -> Signal:
+    return Signal(name, Kind.MEASUREMENT, *_RANGES[group], text, address=address, group=group)
+
+
+_LASER: Final = "Laser: spring height over design height"
+_BELLOWS: Final = "Gauge pressure in the bellows"
+_AUXILIARY: Final = "Gauge pressure in the auxiliary chamber"
+_WARM_BELLOWS: Final = "Gas in the bellows, 1 s lag"
+_WARM_AUXILIARY: Final = "Gas in the auxiliary, 1 s lag"
+_FORCE: Final = "Force transducer of the actuator"
+_PISTON: Final = "Displacement transducer of the actuator"
+_UPRIGHT: Final = "vertical cell under the platform"
+_ACROSS: Final = "lateral cell under the platform"
+
+#: In the order of the sensors of the measuring chain (`bench_sim.model.layout.Sensor`), and before all other signals:
+#: the row of a measurement is the number of its sensor, which is checked where the two meet.
+MEASUREMENTS: Final = (
+    _reading("left.height", 100, Group.HEIGHT, _LASER),
+    _reading("right.height", 106, Group.HEIGHT, _LASER),
+    _reading("left.bellows_pressure", 102, Group.PRESSURE, _BELLOWS),
+    _reading("right.bellows_pressure", 108, Group.PRESSURE, _BELLOWS),
+    _reading("left.auxiliary_pressure", 104, Group.PRESSURE, _AUXILIARY),
+    _reading("right.auxiliary_pressure", 110, Group.PRESSURE, _AUXILIARY),
+    _reading("supply.pressure", 138, Group.SUPPLY_PRESSURE, "Gauge pressure of the supply"),
+    _reading("left.bellows_temperature", 140, Group.TEMPERATURE, _WARM_BELLOWS),
+    _reading("right.bellows_temperature", 144, Group.TEMPERATURE, _WARM_BELLOWS),
+    _reading("left.auxiliary_temperature", 142, Group.TEMPERATURE, _WARM_AUXILIARY),
+    _reading("right.auxiliary_temperature", 146, Group.TEMPERATURE, _WARM_AUXILIARY),
+    _reading("vertical_left.force", 112, Group.VERTICAL_FORCE, _FORCE),
+    _reading("vertical_right.force", 116, Group.VERTICAL_FORCE, _FORCE),
+    _reading("lateral.force", 120, Group.LATERAL_FORCE, _FORCE),
+    _reading("vertical_left.displacement", 114, Group.DISPLACEMENT, _PISTON),
+    _reading("vertical_right.displacement", 118, Group.DISPLACEMENT, _PISTON),
+    _reading("lateral.displacement", 122, Group.DISPLACEMENT, _PISTON),
+    _reading("load_cell.1", 124, Group.VERTICAL_LOAD_CELL, f"Load cell 1: {_UPRIGHT}"),
+    _reading("load_cell.2", 126, Group.VERTICAL_LOAD_CELL, f"Load cell 2: {_UPRIGHT}"),
+    _reading("load_cell.3", 128, Group.VERTICAL_LOAD_CELL, f"Load cell 3: {_UPRIGHT}"),
+    _reading("load_cell.4", 130, Group.VERTICAL_LOAD_CELL, f"Load cell 4: {_UPRIGHT}"),
+    _reading("load_cell.5", 132, Group.LATERAL_LOAD_CELL, f"Load cell 5: {_ACROSS}"),
+    _reading("load_cell.6", 134, Group.LATERAL_LOAD_CELL, f"Load cell 6: {_ACROSS}"),
+    _reading("lateral.acceleration", 136, Group.ACCELERATION, "Accelerometer at the centre of the bolster"),
+    _reading("platform.vertical", 148, Group.PLATFORM_DISPLACEMENT, "Vibration platform, up"),
+    _reading("platform.lateral", 150, Group.PLATFORM_DISPLACEMENT, "Vibration platform, left"),
+    _reading("platform.roll", 152, Group.PLATFORM_ROLL, "Vibration platform, left side up"),
+)
+
+
+def _state(name: str, address: int, choices: tuple[str, ...], text: str) -> Signal:
+    return Signal(name, Kind.STATUS, "1", 0, len(choices) - 1, 1, text, choices, address=address)
+
+
+def _count(name: str, address: int, text: str, high: float = COUNT_MAX) -> Signal:
+    return Signal(name, Kind.STATUS, "1", 0, high, 1, text, address=address)
+
+
+_EMERGENCIES: Final = "CANopen emergency: 0 no error, 0x8130 command lost, 0xFF01 limit, 0xFF02 stop"
+STATUS: Final = (
+    _state("rig.state", 154, STATES, "State of the bench"),
+    _state("rig.program", 156, PROGRAM_STATES, "State of the function generator's program"),
+    _state("rig.reason", 158, REASONS, "Why the bench left ACTIVE; the first cause stays until a reset"),
+    _count(
+        "rig.tripped",
+        160,
+        "Whose limit tripped first: number of the reading's float register, (address - 100) / 2 + 1; 0 for none",
+        255,
+    ),
+    _count("rig.status_code", 162, "0 disabled, 1xx idle, 2xx warning, 3xx busy, 4xx error", 499),
+    _count("rig.lease", 164, "Token of the commander that holds the bench, 0 if nobody", 65535),
+    _count("rig.generator_cycle", 166, "Cycles that the function generator has completed", 65534),
+    _count("rig.tick", 168, "Ticks since start, modulo 2^24 - 1 (0 follows 16777214)"),
+    _count("rig.late_ticks", 170, "Ticks that began more than one period after their deadline", 65534),
+    Signal(
+        "rig.lateness_max",
+        Kind.STATUS,
+        "us",
+        0,
+        65534 * us,
+        1 * us,
+        "Largest lateness of a tick since start",
+        address=172,
+    ),
+    _count("rig.rejected_commands", 174, "Command frames refused by their end-to-end protection", 65534),
+    _count("emergency.code", 176, _EMERGENCIES, 65534),
+    _count("emergency.register", 178, "CANopen error register", 254),
+    _count("emergency.reason", 180, "Number of the reason, as in rig.reason", 254),
+    _count("rig.map_hash", 182, "First 32 bits of the hash of this table", float(2**32 - 1)),
+    *(
+        _count(one.signal, address, f"Ticks that began {one.text} after their deadline")
+        for address, one in zip((184, 186, 188, 190, 192, 194), LATENESS_BINS, strict=True)
+    ),
+)
+
+
+def _setpoint(name: str, unit: str, span: float, step: float, text: str) -> Signal:
+    return Signal(name, Kind.SETPOINT, unit, -span, span, step, text)
+
+
+def _bit(name: str, text: str) -> Signal:
+    return Signal(f"control.{name}", Kind.SETPOINT, "1", 0, 1, 1, text, SWITCH)
+
+
+SETPOINTS: Final = (
+    _bit("enable", "D: leave INIT; clearing it disables the bench"),
+    _bit("hold", "H: HOLD or higher; clearing it unloads the actuators"),
+    _bit("active", "M: ACTIVE; clearing it holds the present value"),
+    _bit("reset", "R: its rising edge resets a fault and leaves DISABLED"),
+    _setpoint("vertical_left.force_setpoint", "kN", 200 * kN, 10 * N, "Used in force control"),
+    _setpoint("vertical_right.force_setpoint", "kN", 200 * kN, 10 * N, "Used in force control"),
+    _setpoint("lateral.force_setpoint", "kN", 60 * kN, 2 * N, "Used in force control"),
+    *(
+        _setpoint(f"{one}.displacement_setpoint", "mm", 300 * mm, 0.01 * mm, "Used in displacement control")
+        for one in ACTUATORS
+    ),
+    *(
+        _setpoint(f"platform.{axis}_setpoint", "mm", 150 * mm, 0.01 * mm, "Vibration platform")
+        for axis in PLATFORM_AXES[:2]
+    ),
+    _setpoint("platform.roll_setpoint", "mrad", 0.3, 0.01 * mrad, "Vibration platform, left up"),
+)
+
+
+def _choice(name: str, address: int, choices: tuple[str, ...], text: str, default: int = 0) -> Signal:
+    return Signal(name, Kind.SETTING, "1", 0, len(choices) - 1, 1, text, choices, default, address)
+
+
+def _number(
+    name: str, address: int, unit: str, span: tuple[float, float], step: float, text: str, default: float = 0
+) -> Signal:
+    return Signal(name, Kind.SETTING, unit, *span, step, text, (), default, address)
+
+
+_VALVES: Final = "hold: all valves shut; level: leveling valve; fill: to the target"
+_TARGET: Final = "Gauge pressure that fill and vent aim for"
+_JOINED: Final = "on: bellows and auxiliary chamber joined by the orifice"
+SETTINGS: Final = (
+    _choice("air.left_mode", 100, AIR_MODES, _VALVES),
+    _number("air.left_target", 102, "bar", (0.0, 9 * bar), 1 * mbar, _TARGET),
+    _choice("air.left_reservoir", 104, SWITCH, _JOINED, 1),
+    _choice("air.right_mode", 106, AIR_MODES, _VALVES),
+    _number("air.right_target", 108, "bar", (0.0, 9 * bar), 1 * mbar, _TARGET),
+    _choice("air.right_reservoir", 110, SWITCH, _JOINED, 1),
+    _number(
+        "rig.nominal_preload",
+        112,
+        "kN",
+        (0.0, 160 * kN),
+        10 * N,
+        "Load per spring for which the shims set the height to zero; only without load on the actuators",
+        53.5 * kN,
+    ),
+    _choice("air.dpv", 114, SWITCH, "on: differential pressure valve between the sides connected", 1),
+    _choice("vertical.control", 116, CONTROL_MODES, "Control mode of both vertical actuators", 1),
+    _choice("lateral.control", 118, CONTROL_MODES, "Control mode of the lateral actuator", 1),
+    _choice("generator.axis", 120, AXES, "What the function generator moves"),
+    _choice("generator.wave", 122, WAVES, "Waveform; sines and triangles start and end with one soft cycle"),
+    _number(
+        "generator.amplitude",
+        124,
+        "mm",
+        (0.0, 100 * mm),
+        0.01 * mm,
+        "Amplitude in displacement control",
+    ),
+    _number("generator.roll_amplitude", 126, "mrad", (0.0, 0.15 * rad), 0.01 * mrad, "Amplitude of a roll"),
+    _number("generator.force_amplitude", 128, "kN", (0.0, 60 * kN), 10 * N, "Amplitude in force control"),
+    _number("generator.frequency", 130, "Hz", (0.001, 30.0), 0.001, "Frequency of the wave", 1.0),
+    _number("generator.cycles", 132, "1", (1, 1000), 1, "Whole cycles, the soft ones included", 1),
+    _number(
+        "rig.orifice_diameter",
+        134,
+        "mm",
+        (5 * mm, 40 * mm),
+        0.1 * mm,
+        "Orifice plates fitted on both sides; changed by hand: only disengaged and without pressure",
+        13 * mm,
+    ),
+    _choice(
+        "rig.pipe",
+        136,
+        SWITCH,
+        f"on: connecting pipes of {PIPE_LENGTH / m:g} m in series with the orifices; changed by hand as the plates are",
+    ),
+)
+
+
+def _coil(name: str, address: int, text: str) -> Signal:
+    return Signal(f"action.{name}", Kind.ACTION, "1", 0, 1, 1, text, SWITCH, address=address)
+
+
+ACTIONS: Final = (
+    _coil("apply", 0, "Take over all staged settings at once"),
+    _coil("reset", 1, "Clear a latched fault (never an emergency stop that is still pressed)"),
+    _coil("power_on", 2, "OFF to BOOT"),
+    _coil("power_off", 3, "Any state without a fault to OFF"),
+    _coil("air_low", 4, "Supply open, flow restricted"),
+    _coil("air_high", 5, "Supply open, full flow"),
+    _coil("disable", 6, "To DISABLED: actuators unloaded softly, valves shut"),
+    _coil("program_run", 7, "Start or continue the function generator"),
+    _coil("program_hold", 8, "Freeze the function generator where it is"),
+    _coil("program_stop", 9, "Stop the function generator; the axis returns softly"),
+)
+
+
+def _contact(name: str, address: int, text: str) -> Signal:
+    return Signal(f"interlock.{name}", Kind.INTERLOCK, "1", 0, 1, 1, text, SWITCH, address=address)
+
+
+INTERLOCKS: Final = (
+    _contact("estop", 0, "The hard-wired emergency stop is pressed"),
+    _contact("pneumatic", 1, "The interlock that removes pressure is open"),
+    _contact("program", 2, "The interlock that stops the program is open"),
+    _contact("command", 3, "Valid commands arrive in time"),
+    _contact("limits", 4, "A limit detector has tripped"),
+    _contact("fault", 5, "A fault is latched"),
+    _contact("staged", 6, "Settings are staged and not yet applied"),
+)
+
+#: The chambers' pressures and temperatures, and what else comes from every sensor of a group, by group.
+BY_GROUP: Final = {group: tuple(row.name for row in MEASUREMENTS if row.group is group) for group in Group}
+PRESSURES: Final = BY_GROUP[Group.PRESSURE]
+
+SIGNALS: Final = (*MEASUREMENTS, *STATUS, *SETPOINTS, *SETTINGS, *ACTIONS, *INTERLOCKS)

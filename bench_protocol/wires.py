@@ -1,0 +1,152 @@
+"""The table of everything that crosses the wires as one object: checked when it is made, hashed, and never moving."""
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+from bench_protocol.messages import Field, Message, Protection
+from bench_protocol.registers import OWN_NAMES, Register, reading_number
+from bench_protocol.signals import Kind, Signal
+
+CAN_BIT_RATE: Final = 500_000
+#: A full classic frame with an 11-bit identifier and every possible stuff bit.
+FRAME_BITS_WORST: Final = 135
+BUS_LOAD_MAX: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Table:
+    """Everything that crosses the wires: the one truth from which all codecs, maps and documents are made.
+
+    ValueError for what cannot work: names, identifiers or addresses that clash, fields or registers of signals that do
+    not exist, ranges that do not fit in their bits, more than half of the bus.
+    """
+
+    signals: tuple[Signal, ...]
+    messages: tuple[Message, ...]
+    registers: tuple[Register, ...]
+
+    def __post_init__(self) -> None:
+        _no_twice("signal", (signal.name for signal in self.signals))
+        _no_twice("message", (message.name for message in self.messages))
+        _no_twice("CAN identifier", (f"{message.identifier:#x}" for message in self.messages))
+        for message in self.messages:
+            for field in message.fields:
+                self._check_field(message, field)
+        self._check_registers()
+        if self.bus_load > BUS_LOAD_MAX:
+            raise ValueError(
+                f"the CAN messages take {self.bus_load:.1%} of the bus; at most {BUS_LOAD_MAX:.0%}"
+            )
+
+    def _check_field(self, message: Message, field: Field) -> None:
+        if field.signal not in self.index:
+            raise ValueError(f"{message.name}: its field {field.signal} is no signal of the table")
+        signal = self[field.signal]
+        step = field.step or signal.step
+        if round(signal.low / step) < field.raw_low or round(signal.high / step) > field.raw_high:
+            raise ValueError(
+                f"{message.name}: {signal.name} carries {signal.range_text()}, too much for {field.bits} bits"
+            )
+
+    def _check_registers(self) -> None:
+        taken: dict[tuple[str, int], Register] = {}
+        for register in self.registers:
+            if register.signal not in self.index and register.signal not in OWN_NAMES:
+                raise ValueError(f"{register.signal} has a register and is no signal of the table")
+            for address in range(register.address, register.address + register.words):
+                other = taken.setdefault((register.space, address), register)
+                if other is not register:
+                    raise ValueError(
+                        f"{register.space} register {address} is taken twice, by {other.signal} and {register.signal}"
+                    )
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """The row of every signal by its name."""
+        return {signal.name: row for row, signal in enumerate(self.signals)}
+
+    @cached_property
+    def message_index(self) -> dict[str, int]:
+        """The row of every message by its name."""
+        return {message.name: row for row, message in enumerate(self.messages)}
+
+    @cached_property
+    def _by_number(self) -> dict[int, Signal]:
+        return {reading_number(signal): signal for signal in self.of_kind(Kind.MEASUREMENT, Kind.STATUS)}
+
+    def __getitem__(self, name: str) -> Signal:
+        try:
+            return self.signals[self.index[name]]
+        except KeyError:
+            raise KeyError(f"there is no signal {name!r}; `astb signals` lists them") from None
+
+    def of_kind(self, *kinds: Kind) -> tuple[Signal, ...]:
+        """Return the signals of the given kinds in table order."""
+        return tuple(signal for signal in self.signals if signal.kind in kinds)
+
+    def tripped(self, value: float) -> Signal | None:
+        """Return the reading that ``rig.tripped`` names; None for 0, NaN and numbers of nothing."""
+        return self._by_number.get(int(value) - 1) if value >= 1 else None
+
+    def trip_number(self, name: str) -> int:
+        """Return what ``rig.tripped`` says for the reading ``name``: its number in the Modbus blocks, plus one."""
+        return reading_number(self[name]) + 1
+
+    @property
+    def bus_load(self) -> float:
+        """Worst-case fraction of a 500 kbit/s bus that the periodic messages take."""
+        return sum(message.rate for message in self.messages) * FRAME_BITS_WORST / CAN_BIT_RATE
+
+    @cached_property
+    def places(self) -> dict[str, str]:
+        """What stands where on the wires, and how it is coded: everything that two programs must agree on.
+
+        Names, bits, steps, addresses, encodings, protection, rates and the numbers of choices; not the order of the
+        rows, descriptions, ranges or the units that people read.
+        """
+        found: dict[str, str] = {}
+        for message in self.messages:
+            can = f"can {message.identifier:#05x}"
+            sender = "rig" if message.from_rig else "commander"
+            data_id = f" {message.data_id:#06x}" if message.protection is Protection.E2E else ""
+            protection = f"{message.protection.name}{data_id}"
+            found[can] = f"{message.name} {message.rate:g} Hz from {sender}, {protection}"
+            for field, bit in message.placed():
+                flags = f"{'signed' if field.signed else 'unsigned'}{' nullable' if field.nullable else ''}"
+                step = field.step or self[field.signal].step
+                found[f"{can} bit {bit:02}"] = f"{field.signal}, {field.bits} bits {flags}, step {step:.12g}"
+        for register in self.registers:
+            step_text = f" step {self[register.signal].step:.12g}" if register.encoding == "int16" else ""
+            found[f"{register.space} {register.address:05}"] = (
+                f"{register.signal} {register.encoding}{step_text}"
+            )
+        for signal in self.signals:
+            for number, choice in enumerate(signal.choices):
+                found[f"choice {signal.name} {number}"] = choice
+        return dict(sorted(found.items()))
+
+    @cached_property
+    def map_hash(self) -> int:
+        """32 bits that change with every change of the wire format; a driver refuses a rig with another one."""
+        lines = "\n".join(f"{place}: {content}" for place, content in self.places.items())
+        return int.from_bytes(hashlib.sha256(lines.encode()).digest()[:4], "big")
+
+
+def moved(kept: Mapping[str, str], table: Table) -> list[str]:
+    """Return in words what ``table`` has moved, changed or removed of the ``kept`` places; adding is no change."""
+    places = table.places
+    return [
+        f"{place} was “{content}” and is now {f'“{places[place]}”' if place in places else 'empty'}"
+        for place, content in kept.items()
+        if places.get(place) != content
+    ]
+
+
+def _no_twice(what: str, names: Iterable[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ValueError(f"{what} {name} stands in the table {count} times")

@@ -1,0 +1,95 @@
+"""The words of the bench that both ends of the wires use: states, reasons, modes, axes, waves, sides.
+
+What is numbered on the wires is an enum here; the tuples beside it are the names by number. Numbers stay once given.
+"""
+
+from enum import IntEnum
+from typing import Final, Literal, get_args
+
+from bench_protocol.units import m
+
+SIDES: Final = ("left", "right")
+ACTUATORS: Final = ("vertical_left", "vertical_right", "lateral")
+#: Axes of the vibration platform.
+PLATFORM_AXES: Final = ("vertical", "lateral", "roll")
+
+
+class BenchState(IntEnum):
+    """States of the bench."""
+
+    OFF = 0
+    BOOT = 1
+    INIT = 2
+    DISABLED = 3
+    AIR_LOW = 4
+    AIR_HIGH = 5
+    HOLD = 6
+    ACTIVE = 7
+    FAULT_REACTION = 8
+    FAULT_HOLD = 9
+    FAULT_DISABLED = 10
+    ESTOP = 11
+
+
+class Program(IntEnum):
+    """States of the function generator."""
+
+    IDLE = 0
+    RUN = 1
+    HOLD = 2
+    STOPPED = 3
+
+
+class Reason(IntEnum):
+    """Why the bench left ACTIVE."""
+
+    NONE = 0
+    COMMAND_LATE = 1
+    COMMAND_LOST = 2
+    DISCONNECTED = 3
+    ESTOP = 4
+    LIMIT = 5
+    TICK_LOST = 6
+    BY_COMMANDER = 7
+
+
+#: States in which the air is under the bench's control and a commander must be alive.
+LIVE: Final = (BenchState.AIR_LOW, BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
+FAULTS: Final = (
+    BenchState.FAULT_REACTION,
+    BenchState.FAULT_HOLD,
+    BenchState.FAULT_DISABLED,
+    BenchState.ESTOP,
+)
+
+STATES: Final = tuple(state.name for state in BenchState)
+LIVE_STATES: Final = tuple(state.name for state in LIVE)
+FAULT_STATES: Final = tuple(state.name for state in FAULTS)
+PROGRAM_STATES: Final = tuple(state.name for state in Program)
+REASONS: Final = (
+    "none",
+    "command late",
+    "command lost",
+    "commander disconnected",
+    "emergency stop",
+    "limit tripped",
+    "tick lost",
+    "disabled by the commander",
+)
+assert len(REASONS) == len(Reason), "every reason has one text"
+
+AirMode = Literal["hold", "level", "fill", "vent"]
+ControlMode = Literal["off", "force", "displacement"]
+GeneratorAxis = Literal[
+    "vertical", "roll", "lateral", "platform_vertical", "platform_lateral", "platform_roll"
+]
+GeneratorWave = Literal["sine", "unilateral_cosine", "triangle"]
+
+AIR_MODES: Final[tuple[AirMode, ...]] = get_args(AirMode)
+CONTROL_MODES: Final[tuple[ControlMode, ...]] = get_args(ControlMode)
+AXES: Final[tuple[GeneratorAxis, ...]] = get_args(GeneratorAxis)
+WAVES: Final[tuple[GeneratorWave, ...]] = get_args(GeneratorWave)
+SWITCH: Final = ("off", "on")
+
+#: Length of the connecting pipes that lie beside the bench and that ``rig.pipe`` fits.
+PIPE_LENGTH: Final = 1.5 * m
