@@ -1,0 +1,43 @@
+"""The tutorial of the hidden effect shows its files, types commands that exist, and counts the candidates rightly."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+from astb.cli import commands
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import load
+from bench_sim.parameters.model_file import load_effects
+from diagnosis.systems.air_spring import AirSpring
+
+ROOT = Path(__file__).parents[2]
+SPEC = importlib.util.spec_from_file_location("tutorial", ROOT / "tools" / "tutorial_hidden_effect.py")
+tutorial = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(tutorial)
+PAGE = tutorial.PAGE.read_text()
+
+
+def test_every_file_that_is_used_is_shown_and_can_be_read(tmp_path):
+    used = {word for command in tutorial.commands(PAGE) for word in command if word.endswith(".toml")}
+    assert {name for name in used if not name.startswith("runs/")} == tutorial.files(PAGE).keys()
+    for name, text in tutorial.files(PAGE).items():
+        (tmp_path / name).write_text(text)
+        assert load_effects(tmp_path / name)
+
+
+@pytest.mark.parametrize("arguments", tutorial.commands(PAGE), ids=" ".join)
+def test_every_command_can_be_typed(arguments):
+    name, *rest = arguments
+    commands.commands[name].make_context(name, rest)
+
+
+@pytest.mark.parametrize("pattern", [pattern for pattern, _ in tutorial.FIGURES])
+def test_every_figure_has_its_place(pattern):
+    assert len(re.findall(pattern, PAGE)) == 1
+
+
+def test_the_page_counts_the_candidates_that_there_are():
+    candidates = len(AirSpring(load(), effects=CATALOGUE).catalogue)
+    assert re.findall(r"(\d+) candidates", PAGE) == [str(candidates)] * 2
