@@ -3,18 +3,31 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, ClassVar, Final, Protocol, Self, TypeVar
 
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.effect import Effect, Quantity
 from bench_sim.parameters.loading import Entry, ParameterError, check_range
 from bench_sim.parameters.values import read_value
 
-if TYPE_CHECKING:
-    from bench_sim.parameters import Parameters
-
 #: Values (SI) of effects by name and place, such as ``{"leak.left": {"area": 2e-7}}``.
 Effects = Mapping[str, Mapping[str, float]]
+
+
+class ParameterSet(Protocol):
+    """What those who change a parameter set see of it; `Parameters` is one."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def effects(self) -> Effects: ...
+    def with_values(self, **changes: Any) -> Self:
+        """Return a copy with some values changed (SI)."""
+
+
+Set = TypeVar("Set", bound=ParameterSet)
 
 _EXAMPLE: Final = "NAME[.PLACE]=AMPLITUDE[, SHAPE=VALUE]"
 
@@ -86,7 +99,7 @@ def show_effect(name: str, values: Mapping[str, float]) -> str:
     return ", ".join([amplitude, *(f"{shape}={text}" for shape, text in texts.items())])
 
 
-def with_effects(parameters: "Parameters", effects: Effects) -> "Parameters":
+def with_effects(parameters: Set, effects: Effects) -> Set:
     """Return a copy of ``parameters`` whose bench also has these ``effects`` (SI).
 
     Shapes that are not given are at their nominal value. Raises `ParameterError` with name, value, unit and range for

@@ -23,19 +23,16 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import QUANTITIES, SENSOR_QUANTITIES
-from bench_sim.parameters.effects import Effects, find_effect, read_effect, with_effects
+from bench_sim.parameters.effects import Effects, Set, find_effect, read_effect, with_effects
 from bench_sim.parameters.loading import ParameterError, read_toml, unknown
 from bench_sim.parameters.sensors import sensor_units
 from bench_sim.parameters.values import fitting_unit, read_value, write_value
-
-if TYPE_CHECKING:
-    from bench_sim.parameters import Parameters
 
 #: What is said of the keys of a table, by its parameter, effect or surface.
 Notes = Mapping[str, Mapping[str, str]]
@@ -125,12 +122,12 @@ def read_changes(table: Mapping[str, Any]) -> dict[str, Any]:
     return changes
 
 
-def extended(base: "Parameters", model: Model, name: str) -> "Parameters":
+def extended(base: Set, model: Model, name: str) -> Set:
     """Return ``base`` with the changes and effects of ``model``, called ``name``. Raises `ParameterError`."""
     return with_effects(replace(with_changes(base, model.changes), name=name), model.effects)
 
 
-def with_changes(base: "Parameters", changes: Mapping[str, Any]) -> "Parameters":
+def with_changes(base: Set, changes: Mapping[str, Any]) -> Set:
     """Return ``base`` with `Model.changes`. Raises `ParameterError` for what does not fit."""
     return base.with_values(
         **{

@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -210,3 +211,22 @@ def test_ruff_holds_what_import_linter_cannot_see(tree: Path, path: str, line: s
         (tree / path).unlink()
     assert run.returncode == 1, run.stdout + run.stderr
     assert f"{path}:" in run.stdout and rule in run.stdout
+
+
+def circles(graph: grimp.ImportGraph) -> list[set[str]]:
+    """Return the modules that import one another, in groups: each can reach all others of its group."""
+    below = {module: graph.find_upstream_modules(module) for module in graph.modules}
+    return [
+        group
+        for module in sorted(graph.modules)
+        if (group := {module} | {other for other in below[module] if module in below[other]}) != {module}
+        and module == min(group)
+    ]
+
+
+def test_no_package_imports_a_part_that_imports_it() -> None:
+    """What the contract of siblings does not see: a package's own file and the files beside it."""
+    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
+    assert circles(graph) == []
+    graph.add_import(importer="bench_sim.parameters.effects", imported="bench_sim.parameters")
+    assert {"bench_sim.parameters", "bench_sim.parameters.effects"} <= circles(graph)[0]
