@@ -10,7 +10,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 import click
 
@@ -86,6 +86,13 @@ def signals_page() -> str:
         "and the drivers refuse to arm a rig with another one.\n",
         file=out,
     )
+    _print_signals(out)
+    _print_can_messages(out)
+    _print_modbus_map(out)
+    return out.getvalue()
+
+
+def _print_signals(out: TextIO) -> None:
     titles = {
         Kind.MEASUREMENT: "Measurements",
         Kind.STATUS: "Status",
@@ -104,6 +111,9 @@ def signals_page() -> str:
             span = row.range_text().replace("|", "/")
             print(f"| `{row.name}` | {span} | {step} | {can} | {modbus} | {row.description} |", file=out)
         print(file=out)
+
+
+def _print_can_messages(out: TextIO) -> None:
     print("## CAN messages\n", file=out)
     print(
         f"Classic CAN, 11-bit identifiers, 8 bytes, little-endian. Worst-case load of a 500 kbit/s bus:"
@@ -128,6 +138,9 @@ def signals_page() -> str:
             f"| {message.identifier:#05x} | {message.name} | {rate} | {sender} | {protection} | {fields} |",
             file=out,
         )
+
+
+def _print_modbus_map(out: TextIO) -> None:
     print("\n## Modbus map\n", file=out)
     print(
         "Unit 1, TCP. 32-bit values are IEEE 754 singles in SI units, high word first; probe registers carry 3.14159\n"
@@ -140,7 +153,6 @@ def signals_page() -> str:
     print("| space | address | number | encoding | what |\n|---|---|---|---|---|", file=out)
     for r in TABLE.registers:
         print(f"| {r.space} | {r.address} | {r.number} | {r.encoding} | `{r.signal}` |", file=out)
-    return out.getvalue()
 
 
 def _places() -> dict[str, tuple[str, str]]:

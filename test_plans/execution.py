@@ -49,7 +49,7 @@ def execute(
     from bench_records.junit import write_junit
     from bench_records.layout import phases_of
     from bench_records.recorder import Recorder
-    from bench_records.result import Outcome, conclude
+    from bench_records.result import conclude
 
     signals = recorded_signals(bench.table)
     start = bench.clock.now()
@@ -78,16 +78,12 @@ def execute(
         recording.close()
     run.progress(1.0)
 
-    reason = "; then ".join(trouble for trouble in (first, last and f"in tear-down: {last}") if trouble)
-    if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
-        # The product was judged and failed; that the bench then misbehaved stands among the events.
-        reason = ""
     result = conclude(
         plan.name,
         plan.title,
         plan.instruction,
         run.checks,
-        reason=f"{reason}; {left}" if reason and left else reason,
+        reason=_reason(run, first, last, left),
         curves=run.curves,
         phases=phases_of(run.phases, start, bench.clock.now()),
         rig=rig,
@@ -99,6 +95,19 @@ def execute(
     if interrupted or again:
         raise KeyboardInterrupt(left)
     return result
+
+
+def _reason(run: Run, first: str, last: str, left: str) -> str:
+    """Return why the product could not be judged, "" if it could.
+
+    ``first`` is what went wrong up to tear-down, ``last`` in it, ``left`` what the springs hold after an interruption.
+    """
+    from bench_records.result import Outcome, conclude
+
+    if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
+        return ""  # it was judged and failed; that the bench then misbehaved stands among the events
+    reason = "; then ".join(trouble for trouble in (first, last and f"in tear-down: {last}") if trouble)
+    return f"{reason}; {left}" if reason and left else reason
 
 
 def _air_left(bench: Bench) -> str:
