@@ -15,7 +15,13 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
     if meta.get("time") == "virtual":
         words.append("VIRTUAL TIME")
     words += [f"effect {name} = {value}" for name, value in meta.get("effects", {}).items()]
-    words += [f"changed {name} = {value}" for name, value in meta.get("change", {}).items()]
+    words += [f"changed {name} = {_shown(value)}" for name, value in meta.get("change", {}).items()]
     if meta.get("sealed_effects"):
         words.append("sealed effects, which nobody is told")
     return words
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_shown(one)}" for key, one in value.items())
+    return ", ".join(map(_shown, value)) if isinstance(value, list) else str(value)

@@ -1,14 +1,18 @@
 """A file with a plan in it is a plan: nobody lists it anywhere."""
 
+import re
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import test_plans
+from bench_records.result import Outcome
 from test_plans import discovery
 from test_plans.aw0 import aw0
+from test_plans.execution import execute
 from test_plans.run import PlanError
 
 CREEP = '''
@@ -29,7 +33,7 @@ def creep(run: Run) -> None:
 def find():
     """Find all plans anew, now and whatever is changed."""
     yield discovery.plans.__wrapped__
-    for name in ("our_plans", "test_plans.creep"):
+    for name in ("our_plans", "test_plans.creep", "test_plans.symmetry"):
         sys.modules.pop(name, None)
 
 
@@ -45,6 +49,19 @@ def test_a_new_file_is_a_new_plan(find, tmp_path, monkeypatch):
     found = find()
     assert found["creep"].title == "Creep: hold the load for a while."
     assert list(found) == sorted(found)
+
+
+def test_the_recipe_in_contributing_works_to_the_letter(find, tmp_path, monkeypatch, bench_composed):
+    recipe = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    code = re.search(r"in `test_plans/symmetry\.py`:\n\n```python\n(.*?)```", recipe, re.DOTALL)[1]
+    (tmp_path / "symmetry.py").write_text(code, encoding="utf-8")
+    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    plan = find()["symmetry"]
+    with bench_composed() as made:
+        assert execute(plan, made.bench, tmp_path / "sound").verdict is Outcome.PASS
+    with bench_composed(effective_area=[0.26, 0.24]) as made:
+        result = execute(plan, made.bench, tmp_path / "unlike")
+    assert (result.verdict, result.duration) == (Outcome.FAIL, pytest.approx(plan.lasts, rel=0.2))
 
 
 def test_a_package_of_ones_own_brings_plans_through_an_entry_point(find, tmp_path, monkeypatch):

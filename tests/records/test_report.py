@@ -210,6 +210,11 @@ def test_a_cut_off_run_is_blocked_but_shown(small_run: Path) -> None:
         ({"simulated": True, "time": "virtual"}, "SIMULATED VIRTUAL TIME"),
         ({"simulated": True, "effects": {"leak.left": "0.2 mm²"}}, "SIMULATED effect leak.left = 0.2 mm²"),
         ({"simulated": True, "change": {"orifice_diameter": "18 mm"}}, "changed orifice_diameter = 18 mm"),
+        ({"simulated": True, "change": {"area": ["1 m2", "2 m2"]}}, "changed area = 1 m2, 2 m2"),
+        (
+            {"simulated": True, "change": {"sensor_lag": {"left_height": "2 ms"}}},
+            "sensor_lag = left_height 2 ms",
+        ),
         ({"simulated": True, "sealed_effects": True}, "SIMULATED sealed effects, which nobody is told"),
     ],
 )
