@@ -1,14 +1,22 @@
 """Data that nobody on this project made: an actuator and two chambers, measured at TU Delft in 2021 by E. Zillen."""
 
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from diagnosis.contracts import Dataset, MeasuredRun, Simulator
+from diagnosis.engine.diagnose import diagnose
+from diagnosis.finding import Finding
 from diagnosis.systems.mapping import read_mapped
 
-TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
+ROOT = Path(__file__).parents[2]
+TUTORIALS = ROOT / "docs" / "tutorials"
 DATA = TUTORIALS / "data" / "zillen"
 MAPS = TUTORIALS / "maps"
 SEALS = ("NAPN", "O-ring", "PK")
@@ -145,14 +153,42 @@ def test_a_slow_leak_says_nothing_about_its_law() -> None:
         assert rms(other - lines["leak_linear"]) < 0.05 * noise
 
 
+# -- the whole diagnosis, where the tutorial has a command for it as it is typed there ---------------------------------
+
+
+@pytest.fixture
+def typed(tmp_path: Path) -> Callable[[str], Finding]:
+    """Type the one command of the tutorial that names some data, in a directory with what a clone has; its finding."""
+    (tmp_path / "docs").symlink_to(TUTORIALS.parent)
+    astb = tmp_path / ".venv" / "bin" / "astb"
+    astb.parent.mkdir(parents=True)
+    astb.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m astb "$@"\n')
+    astb.chmod(0o755)
+    blocks = re.findall(
+        r"```sh\n(.*?)```", (TUTORIALS / "diagnose-measured-data.md").read_text(), flags=re.DOTALL
+    )
+
+    def type_it(data: str) -> Finding:
+        (line,) = (line for block in blocks for line in block.splitlines() if data in line)
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        done = subprocess.run(
+            ["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        out = tmp_path / line.split("--out ")[1]
+        assert (out / "report.html").exists()
+        return Finding.from_json((out / "finding.json").read_bytes())
+
+    return type_it
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("seal", SEALS)
-def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(seal: str) -> None:
-    from diagnosis.engine.diagnose import diagnose
-
-    simulator, dataset = actuator(seal)
-    finding = diagnose(dataset, simulator)
+def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
+    seal: str, typed: Callable[[str], Finding]
+) -> None:
+    finding = typed("friction__PK") if seal == "PK" else diagnose(*reversed(actuator(seal)))
     assert finding.verdict in {"named", "named + unexplained remainder"}
     assert finding.causes[0].effect == "seal_presliding"
     assert finding.remains  # whatever the verdict, the page says that something is left
@@ -162,22 +198,18 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(seal: 
 
 
 @pytest.mark.slow
-def test_the_diagnosis_cannot_tell_the_law_of_a_slow_leak_and_says_so() -> None:
-    from diagnosis.engine.diagnose import diagnose
-
-    simulator, dataset = chamber("Aluminium")
-    finding = diagnose(dataset, simulator)
+def test_the_diagnosis_cannot_tell_the_law_of_a_slow_leak_and_says_so(
+    typed: Callable[[str], Finding],
+) -> None:
+    finding = typed("chamber__Aluminium.csv")
     assert finding.verdict == "ambiguous"
     named = {finding.causes[0].effect, *(rival.effect for rival in finding.ambiguous_with)}
     assert {"sensor_drift", "leak_linear", "leak_laminar", "leak_orifice"} <= named
 
 
 @pytest.mark.slow
-def test_the_diagnosis_tells_the_law_of_a_leak_from_a_blow_down() -> None:
-    from diagnosis.engine.diagnose import diagnose
-
-    simulator, dataset = chamber("Ultimaker_015")
-    finding = diagnose(dataset, simulator)
+def test_the_diagnosis_tells_the_law_of_a_leak_from_a_blow_down(typed: Callable[[str], Finding]) -> None:
+    finding = typed("chamber__Ultimaker_015.csv")
     assert finding.causes[0].effect == "leak_inertial"
     gain = next(gain for gain in finding.gains if gain.channel == "pressure")
     assert gain.rmse_after < 0.03 * gain.rmse_before  # as fitted: nothing but the run's own start moved
