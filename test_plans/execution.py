@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -58,12 +58,8 @@ def execute(
     )
     recording = Recording(bench.table, list(signals), recorder)
     run = Run(bench, recording, watcher or Nobody(), plan.lasts)
-    bench.receiver.sink = recording.take
-    bench.settings.applied = lambda values: keep_settings(run, values)
     before = lateness(bench)
-    try:
-        with suppress(BenchError):  # a rig that is gone is what set-up will complain of
-            keep_settings(run, bench.settings.in_force())
+    with _recorded(run, recording):
         first, interrupted = _attempt(run, "set-up", plan.setup)
         if not first:
             first, interrupted = _attempt(run, "main", plan.main)
@@ -72,10 +68,6 @@ def execute(
         if left:
             run.say(left)
         punctuality = timing(before, lateness(bench))
-    finally:
-        bench.receiver.sink = None
-        bench.settings.applied = lambda values: None
-        recording.close()
     run.progress(1.0)
 
     result = conclude(
@@ -95,6 +87,22 @@ def execute(
     if interrupted or again:
         raise KeyboardInterrupt(left)
     return result
+
+
+@contextmanager
+def _recorded(run: Run, recording: Recording) -> Iterator[None]:
+    """Let the record take all that is received and set while the block lasts, the settings in force first."""
+    bench = run.bench
+    bench.receiver.sink = recording.take
+    bench.settings.applied = lambda values: keep_settings(run, values)
+    try:
+        with suppress(BenchError):  # a rig that is gone is what set-up will complain of
+            keep_settings(run, bench.settings.in_force())
+        yield
+    finally:
+        bench.receiver.sink = None
+        bench.settings.applied = lambda values: None
+        recording.close()
 
 
 def _reason(run: Run, first: str, last: str, left: str) -> str:

@@ -14,7 +14,6 @@ EXCEPTIONS: dict[str, int] = {
     "bench_records/report.py": 539,
     "bench_sim/rig/rig.py": 574,
     "diagnosis/engine/fitting/fit.py: fit": 68,
-    "test_plans/execution.py: execute": 66,
     "tests/model/test_pipe.py": 516,
     "tests/records/conftest.py: write_run": 65,
 }
