@@ -51,6 +51,7 @@ from diagnosis.systems.air_spring_parameters import (
 )
 from diagnosis.systems.air_spring_parity import parity
 from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.system import KINDS
 
 _SIDE_NAMES: Final = bench.PLACES
 #: Everything that the model predicts from an imposed motion, by the name of its signal.
@@ -67,13 +68,10 @@ OUTPUTS: Final[Mapping[str, Sensor]] = {
         *BY_GROUP[Group.TEMPERATURE],
     )
 }
-#: kind of a channel, unit that people read, and its SI value, by SI unit
-_KINDS: Final = {
-    "Pa": ("pressure", "mbar", 100.0),
-    "N": ("force", "N", 1.0),
-    "m": ("displacement", "mm", 1e-3),
-    "K": ("temperature", "K", 1.0),
-}
+#: Readings that tell the state of the gas.
+GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])
+#: Unit in which people read errors of a channel, by its SI unit.
+_DISPLAYED: Final = {"Pa": "mbar", "N": "N", "m": "mm", "K": "K"}
 _VALVES: Final = {
     "left.leveling": Input.LEFT_LEVELING,
     "right.leveling": Input.RIGHT_LEVELING,
@@ -97,9 +95,17 @@ def channels(parameters: Parameters) -> tuple[Channel, ...]:
     for name, sensor in OUTPUTS.items():
         unit = UNITS[TABLE[name].unit].si
         resolution = max(float(record.sensor_resolution[sensor]), steps[name] or TABLE[name].step)
-        kind, display, scale = _KINDS[unit]
+        display = _DISPLAYED[unit]
         found.append(
-            Channel(name, unit, float(record.sensor_noise[sensor]), resolution, kind, display, scale)
+            Channel(
+                name,
+                unit,
+                float(record.sensor_noise[sensor]),
+                resolution,
+                KINDS[unit],
+                display,
+                UNITS[display].factor,
+            )
         )
     return tuple(found)
 

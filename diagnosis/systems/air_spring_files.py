@@ -8,16 +8,24 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel
-from diagnosis.systems.air_spring import OUTPUTS, AirSpring, channels
+from diagnosis.systems.air_spring import GAS, AirSpring, channels
 from diagnosis.systems.motion import motion_inputs
 from diagnosis.systems.system import System, SystemSetting, SystemSignal
 
 #: A replay begins with these pressures.
 _BEGIN: Final = ("left.bellows_pressure", "right.bellows_pressure")
 _VALVES: Final = ("left.leveling", "right.leveling", "left.reservoir", "right.reservoir", "dpv")
+#: Heights and platform: what must not move at rest.
+_PLACES: Final = (
+    *BY_GROUP[Group.HEIGHT],
+    *BY_GROUP[Group.PLATFORM_DISPLACEMENT],
+    *BY_GROUP[Group.PLATFORM_ROLL],
+)
 #: Slower than this (m/s, rad/s) for half a second is rest.
 _REST_SPEED: Final = 0.2e-3
 #: Where a run begins is read from the median of so many samples.
@@ -102,7 +110,7 @@ def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[n
     half = max(round(0.25 / step), 1)
     still = np.ones(len(clock), dtype=np.bool_)
     for name, values in measured.items():
-        if name.endswith(".height") or name.startswith("platform."):
+        if name in _PLACES:
             padded = np.pad(values, half, mode="edge")
             drift = np.abs(padded[2 * half :] - padded[: -2 * half]) / (2 * half * step)
             still &= drift < _REST_SPEED
@@ -112,8 +120,8 @@ def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[n
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
     """Pressures and temperatures of the gas where a run begins."""
     found = {}
-    for name in OUTPUTS:
-        if name.endswith(("_pressure", "_temperature")) and name in measured:
+    for name in GAS:
+        if name in measured:
             known = measured[name][np.isfinite(measured[name])]
             if len(known):
                 found[name] = float(np.median(known[:_FIRST]))

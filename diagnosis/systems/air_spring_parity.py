@@ -3,11 +3,14 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.words import SIDES
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Experiment
 
-_CELLS: Final = tuple(f"load_cell.{k}" for k in range(1, 7))
+#: Four vertical ones, then two lateral ones.
+_CELLS: Final = (*BY_GROUP[Group.VERTICAL_LOAD_CELL], *BY_GROUP[Group.LATERAL_LOAD_CELL])
 
 
 def parity(experiment: Experiment, outputs: Mapping[str, Array], parameters: Parameters) -> dict[str, Array]:

@@ -19,9 +19,10 @@ from bench_protocol.rates import FAST_RATE, TICK
 from bench_protocol.words import AIR_MODES, PIPE_LENGTH, SIDES
 from bench_records.layout import Phase
 from bench_records.record import Record, read
+from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Dataset, DiagnosisError, Experiment, MeasuredRun
-from diagnosis.systems.air_spring import OUTPUTS, AirSpring
+from diagnosis.systems.air_spring import GAS, AirSpring
 from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise
 
 REPLAY: Final = "replay "
@@ -194,14 +195,12 @@ def _beginning(
     still = int(np.argmin(rest)) if rest[0] and not rest.all() else len(grid)
     first = slice(0, max(min(still, round(_FIRST / STEP)), 2))
     found = {}
-    for name, sensor in OUTPUTS.items():
-        if not name.endswith(("_pressure", "_temperature")):
-            continue
+    for name in GAS:
         values = _sampled(record, name, grid)[first]
         known = np.isfinite(values)
         if known.sum() >= 2:
             line = np.polynomial.Polynomial.fit(STEP * np.flatnonzero(known), values[known], 1)
-            found[name] = float(line(float(parameters.record.sensor_lag[sensor])))
+            found[name] = float(line(float(parameters.record.sensor_lag[sensor_of(name)])))
         elif known.any():
             found[name] = float(values[known][0])
     return found

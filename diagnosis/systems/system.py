@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol.units import UNITS
 from diagnosis.contracts import Array, Channel, DiagnosisError, Simulator
+
+#: What a channel measures, by its SI unit.
+KINDS: Final = {"N": "force", "Pa": "pressure", "K": "temperature", "m": "displacement"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +30,7 @@ class SystemSignal:
 
     def channel(self, noise: float, resolution: float) -> Channel:
         """Return the output channel of this signal; ``noise`` and ``resolution`` in SI, 0: unknown."""
-        kind = {"N": "force", "Pa": "pressure", "K": "temperature", "m": "displacement"}.get(self.unit, "")
+        kind = KINDS.get(self.unit, "")
         return Channel(self.name, self.unit, noise, resolution, kind, self.display, self.scale)
 
 
