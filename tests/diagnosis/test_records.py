@@ -9,7 +9,7 @@ from bench_records.layout import RecordedEvent
 from bench_records.record import read
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.air_spring import OUTPUTS, AirSpring
-from diagnosis.systems.records import STEP, _Settings, read_records
+from diagnosis.systems.records import STEP, _SettingsOfRecord, read_records
 from drivers.memory import Faults
 from test_plans.motions import Stand, Stretch, Valves, Wave
 
@@ -150,7 +150,7 @@ class Told:
 
 
 def test_after_a_service_valve_was_at_work_nothing_is_scored():
-    settings = _Settings(
+    settings = _SettingsOfRecord(
         Told(
             (0.0, {"air.left_mode": "hold"}),
             (2.0, {"air.left_mode": "fill"}),
@@ -162,6 +162,6 @@ def test_after_a_service_valve_was_at_work_nothing_is_scored():
 
 
 def test_a_pipe_that_is_fitted_has_its_length():
-    settings = _Settings(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
+    settings = _SettingsOfRecord(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
     assert settings.constants(1.0) == {"nominal_preload": 145e3, "pipe_length": 1.5}
     assert settings.constants(-1.0) == {}
