@@ -50,6 +50,7 @@ def figure_11(study: Study) -> "Figure":
     label_panel(top[2], "c", "Vertical damping, orifice only", "frequency, Hz", "c, kN·s/m")
     label_panel(below[2], "f", "Lateral damping, orifice only", "frequency, Hz", "c, kN·s/m")
     below[2].set_yscale("log")
+    below[2].tick_params(axis="y", which="minor", left=True)
     for panel in (*top, *below):
         panel.set_xscale("log")
         plain_log_ticks(panel, (0.1, 0.3, 1, 3, 10, 25))
