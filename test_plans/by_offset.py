@@ -12,7 +12,7 @@ from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.geometry import BUMP_STOP_GAP, EMERGENCY_STIFFNESS_LATERAL, shear_of
 from test_plans.loads import AW0, AW3, BELLOWS_VOLUME, EFFECTIVE_AREA, EMERGENCY_STIFFNESS, Band, Load
-from test_plans.poses import Home, Look, go_home, look, take_pose
+from test_plans.poses import Home, PoseReading, go_home, read_pose, take_pose
 from test_plans.tables import (
     AREA,
     BELLOWS_SHEAR,
@@ -51,8 +51,8 @@ class LateralOffset:
 
     offsets: list[float] = field(default_factory=list)
     tangents: list[Stiffness] = field(default_factory=list)
-    stairs: list[Look] = field(default_factory=list)
-    lifts: list[Look] = field(default_factory=list)
+    stairs: list[PoseReading] = field(default_factory=list)
+    lifts: list[PoseReading] = field(default_factory=list)
 
     def dither(self, run: Run, home: Home) -> None:
         """Shake the springs by 1 mm about each offset, bellows and auxiliary chamber joined as in service."""
@@ -76,10 +76,10 @@ class LateralOffset:
             run.bench.air.connect_reservoirs()
 
     @staticmethod
-    def _stand(run: Run, home: Home, shear: float, height: float) -> Look:
+    def _stand(run: Run, home: Home, shear: float, height: float) -> PoseReading:
         take_pose(run, home, shear=shear, height=height)
         run.bench.wait(STAIR_WAIT)
-        return look(run)
+        return read_pose(run)
 
     def keep(self, run: Run, load: Load) -> None:
         """Keep tangents and secants for the report, and what the identification needs, as read."""

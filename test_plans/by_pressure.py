@@ -58,9 +58,9 @@ class LateralPressure:
         at = np.array(self.pressures[amplitude])
         return straight_line(at, np.array([K.storage for K in self.found[amplitude]]))[1]
 
-    def softening(self, less: float, more: float) -> float:
-        """Return how much stiffer the spring is at amplitude ``less`` than at ``more``, the mean over the loads."""
-        ratios = [a.storage / b.storage for a, b in zip(self.found[less], self.found[more], strict=True)]
+    def softening(self, small: float, large: float) -> float:
+        """Return how much stiffer the spring is at amplitude ``small`` than at ``large``, the mean over the loads."""
+        ratios = [a.storage / b.storage for a, b in zip(self.found[small], self.found[large], strict=True)]
         return float(np.mean(ratios))
 
 

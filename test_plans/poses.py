@@ -75,12 +75,12 @@ def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, he
     run.bench.wait(POSE_SETTLE)
 
 
-_LOOK: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
-LOOK_OVER: Final = 2 * s
+_READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
+READ_OVER: Final = 2 * s
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class PoseReading:
     """What the bench reads in one pose (SI), per spring: the mean of both."""
 
     shear: float
@@ -93,17 +93,17 @@ class Look:
     lateral: float  #: force that the spring opposes to its shear
 
 
-def look(run: Run, over: float = LOOK_OVER) -> Look:
+def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
     """Read how the springs stand and what they carry, for ``over`` s."""
-    with run.bench.capture(*_LOOK) as capture:
+    with run.bench.capture(*_READ) as capture:
         run.bench.wait(over)
     mean, slope = {}, {}
-    for name in _LOOK:
+    for name in _READ:
         mean[name], slope[name] = straight_line(capture.times(name), capture.values(name))
     # A thermometer that follows with first order reads what was.
     gas = [mean[name] + THERMOMETER_LAG * slope[name] for name in BELLOWS_TEMPERATURES]
     values = {name: np.array([value]) for name, value in mean.items()}
-    return Look(
+    return PoseReading(
         shear=float(shear_of(values)[0]),
         height=0.5 * (mean["left.height"] + mean["right.height"]),
         roll=float(roll_of(values)[0]),

@@ -28,7 +28,7 @@ Samples = tuple[Instants, Rows, Floats]
 #: How long samples are held (ns): five beats, a tenth of what the record promises to lose at most.
 _HELD_FOR: Final = round(100 * ms * NS)
 #: Signals whose changes are events of their own, and the kind of event.
-_TOLD: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
+_EVENTS: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
 
 
 def recorded_signals(table: Table) -> dict[int, SignalInfo]:
@@ -62,7 +62,7 @@ class Recording:
         self._column[rows] = np.arange(len(rows))
         self._recorder = recorder
         self._table = table
-        self._kinds = {table.index[name]: kind for name, kind in _TOLD.items()}
+        self._kinds = {table.index[name]: kind for name, kind in _EVENTS.items()}
         self._last = np.zeros(len(table.signals))
         self._watched = np.zeros(len(table.signals), np.bool_)
         self._watched[list(self._kinds)] = True

@@ -22,7 +22,7 @@ from test_plans.geometry import (
 )
 from test_plans.loads import AW0
 from test_plans.plan import plan
-from test_plans.poses import go_home, look, take_pose
+from test_plans.poses import go_home, read_pose, take_pose
 from test_plans.waves import lateral_stiffness, shake
 
 slow = pytest.mark.slow
@@ -95,7 +95,7 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
         """Shear the springs by 60 mm and roll them, then shake them about 20 mm."""
         home = go_home(run)
         take_pose(run, home, shear=60 * mm)
-        far = look(run, 0.5)
+        far = read_pose(run, 0.5)
         x = made.rig.plant.state
         seen["far"] = far
         seen["y"] = (
@@ -105,7 +105,7 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
             + COLUMN_HEIGHT * x[State.PLATFORM_ROLL]
         )
         take_pose(run, home, shear=20 * mm, roll=0.04)
-        seen["roll"] = look(run, 0.5).roll
+        seen["roll"] = read_pose(run, 0.5).roll
         take_pose(run, home)
         for frequency in (2.9, 3.1):
             command = LATERAL_DRIVE.command(5 * mm, frequency, 25e3)
