@@ -91,6 +91,6 @@ def _protection(row: Message) -> list[DbcSignal]:
 
 
 def _short(value: float) -> float | int:
-    """Return ``value`` without the dust of a division, as an integer where it is one."""
+    """Return ``value`` without the rounding error of a division, as an integer where it is one."""
     rounded = float(f"{value:.10g}")
     return int(rounded) if rounded == int(rounded) else rounded

@@ -19,7 +19,7 @@ class RigFileError(ValueError):
 
 
 class Can(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The CAN door."""
+    """Where the CAN bus of the rig is."""
 
     bus: str = "auto"  #: auto | tcp | the name of a SocketCAN interface
     host: str = "127.0.0.1"
@@ -27,7 +27,7 @@ class Can(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class Modbus(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The Modbus/TCP door."""
+    """Where the Modbus/TCP server of the rig is."""
 
     host: str = "127.0.0.1"
     port: Port = 15020

@@ -110,7 +110,7 @@ def connected(session: Session) -> Iterator[None]:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Keep the garbage collector short while the block lasts.
+    """Keep collections of garbage short while the block lasts.
 
     With the drawing of an earlier report in memory a full collection takes more than 100 ms, in which no command
     leaves this process: the rig would hold. What exists now is set aside; what comes is little.

@@ -176,7 +176,7 @@ def started(
 
 
 def _ready_line(process: "subprocess.Popen[str]") -> str:
-    """Return the line in which the rig says that both doors are open.
+    """Return the line in which the rig says that both its ports are open.
 
     RigFileError or LinkLost, with the rig's own words, if it ends instead.
     """

@@ -119,7 +119,7 @@ class HubBus(can.BusABC):
         return block
 
     def send_block(self, block: Block) -> None:
-        """Send all frames of ``block`` in order, with one system call; their times stay behind.
+        """Send all frames of ``block`` in order, with one system call; their time stamps are not sent.
 
         Raises can.CanOperationError if the server is gone or has not taken the frames within the bus's timeout.
         """

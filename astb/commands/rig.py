@@ -43,7 +43,7 @@ def rig_command(
 ) -> None:
     """Run the simulated rig in real time until interrupted.
 
-    Prints `ready can=… modbus=…` when both doors are open. SIGUSR1 presses the emergency stop, SIGUSR2 releases it.
+    Prints `ready can=… modbus=…` when both ports are open. SIGUSR1 presses the emergency stop, SIGUSR2 releases it.
     """
     import threading
 
