@@ -82,7 +82,7 @@ class Poller(threading.Thread):
 
 @contextlib.contextmanager
 def child(*command: str) -> Iterator[Any]:
-    """Run a process that must not outlive the block."""
+    """Run a process, which is killed at the end of the block."""
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process

@@ -51,7 +51,7 @@ def main(seconds: int, file: Path) -> None:
     """Run the rig for so long and leave the latenesses in ``file``."""
     stop = threading.Event()
     rig = LatenessRig(1000 * seconds, stop)
-    # Whoever started this has gone: nothing stays behind.
+    # The end of the input says that the parent has ended.
     threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
 
     def ready(can: str, modbus: str) -> None:

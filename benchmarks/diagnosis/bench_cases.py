@@ -18,13 +18,13 @@ LIMIT: Final = 1800.0
 
 @dataclass(frozen=True)
 class Sealed:
-    """What a sealed process left behind: measured runs, and the file that only the judge opens."""
+    """What the process that hides and measures left: measured runs, and the file that only the judge opens."""
 
     dataset: Dataset
     truth: Path
 
     def open(self) -> GroundTruth:
-        """Open the seal."""
+        """Read what was hidden."""
         return GroundTruth.read(self.truth)
 
 

@@ -1,4 +1,4 @@
-"""Many sealed cases, one after another in as many processes as are asked for; each leaves one line of JSON at once."""
+"""Many sealed cases in several processes; the judgement of each is kept at once, as a line of JSON."""
 
 import multiprocessing
 import os
@@ -16,7 +16,7 @@ from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
 from benchmarks.diagnosis.judge import Judged, failed, judge
 
 KEPT: Final = Path(__file__).parents[2] / "runs" / "diagnosis"
-#: What is drawn, over and over: half of it ordinary, the rest what a diagnosis may stumble over.
+#: The kinds of cases, drawn in this order again and again: half of them ordinary, the others difficult.
 ROUND: Final[tuple[tuple[Kind, Condition], ...]] = (
     ("single", "white"),
     ("null", "white"),
@@ -42,7 +42,7 @@ ROUND: Final[tuple[tuple[Kind, Condition], ...]] = (
 
 
 class Case(msgspec.Struct, frozen=True):
-    """What names a case for good: the same one is hidden again whenever it is asked for."""
+    """The key of a case: the same key hides the same again."""
 
     system: str
     kind: Kind

@@ -1,4 +1,4 @@
-"""The screen in its plainest form, dense and under known white noise: what the drawings show, without the engine."""
+"""The screening of candidates with dense matrices and known white noise, for the drawings that explain it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,20 +112,22 @@ def dense_screening(
             rows.append((simulator.run(run.experiment, given, effect or {}) / noise).ravel())
         return np.concatenate(rows)
 
-    def sensitivities(numbers: Array, here: Array) -> Array:
+    def sensitivities(numbers: Array, predictions: Array) -> Array:
         steps = [nuisance.difference / nuisance.spread for nuisance, _ in coordinates]
         moved = numbers + np.diag(steps)
-        return np.column_stack([(predicted(n) - here) / step for n, step in zip(moved, steps, strict=True)])
+        return np.column_stack(
+            [(predicted(n) - predictions) / step for n, step in zip(moved, steps, strict=True)]
+        )
 
     measured = np.concatenate([(run.outputs / noise).ravel() for run in runs])
     numbers = np.zeros(len(coordinates))
-    one = np.eye(len(coordinates))
+    prior = np.eye(len(coordinates))  # of the parameters in their spreads
     for _ in range(STEPS):
-        here = predicted(numbers)
-        X = sensitivities(numbers, here)
-        numbers = numbers + np.linalg.solve(X.T @ X + one, X.T @ (measured - here) - numbers)
-    here = predicted(numbers)
-    X = sensitivities(numbers, here)
+        predictions = predicted(numbers)
+        X = sensitivities(numbers, predictions)
+        numbers = numbers + np.linalg.solve(X.T @ X + prior, X.T @ (measured - predictions) - numbers)
+    predictions = predicted(numbers)
+    X = sensitivities(numbers, predictions)
     entries = [(effect, shapes) for effect in effects for shapes in effect.grid]
     columns = []
     for effect, shapes in entries:
@@ -133,19 +135,19 @@ def dense_screening(
         values = {effect.amplitude.name: step} | {
             p.name: v for p, v in zip(effect.shapes, shapes, strict=True)
         }
-        columns.append((predicted(numbers, {effect.name: values}) - here) / step)
+        columns.append((predicted(numbers, {effect.name: values}) - predictions) / step)
     footprints = np.column_stack(columns)
-    mixed = X.T @ footprints
-    shadow = np.linalg.solve(X.T @ X + one, mixed)
-    errors = measured - here
-    parts = np.abs(shadow) * np.sqrt(np.diagonal(X.T @ X + one))[:, None]
+    cross = X.T @ footprints
+    regression = np.linalg.solve(X.T @ X + prior, cross)
+    errors = measured - predictions
+    parts = np.abs(regression) * np.sqrt(np.diagonal(X.T @ X + prior))[:, None]
     return DenseScreening(
         tuple(effect for effect, _ in entries),
         tuple(run.outputs.shape for run in runs),
         errors,
         footprints,
-        footprints - X @ shadow,
-        footprints.T @ footprints - mixed.T @ shadow,
-        footprints.T @ errors - shadow.T @ (X.T @ errors - numbers),
+        footprints - X @ regression,
+        footprints.T @ footprints - cross.T @ regression,
+        footprints.T @ errors - regression.T @ (X.T @ errors - numbers),
         tuple(coordinates[i][0].name for i in np.argmax(parts, axis=0)),
     )

@@ -70,11 +70,11 @@ def _oscillator(hidden: Effects) -> DenseScreening:
 
 def footprints(path: Path) -> None:
     """What the base model takes away from two footprints, and how what is left matches the errors."""
-    plain = _oscillator({"coulomb": {"amplitude": 0.5}})
+    screened = _oscillator({"coulomb": {"amplitude": 0.5}})
     time = 0.01 * np.arange(*WINDOW)
 
     def drawn(values: Array) -> Array:
-        return plain.of(values, SWEEP)[slice(*WINDOW), FORCE]
+        return screened.of(values, SWEEP)[slice(*WINDOW), FORCE]
 
     with style():
         from matplotlib.figure import Figure
@@ -87,9 +87,9 @@ def footprints(path: Path) -> None:
                 ("maxwell", "Maxwell branch, which is not", IMITATOR),
             )
         ):
-            i = plain.best(name)
-            size = plain.z[i] / plain.norm[i]
-            raw, left = size * plain.footprints[:, i], size * plain.left[:, i]
+            i = screened.best(name)
+            size = screened.z[i] / screened.norm[i]
+            raw, left = size * screened.footprints[:, i], size * screened.left[:, i]
             above, below = axes[:, k]
             above.plot(time, drawn(raw), color=colour, label="footprint")
             above.plot(
@@ -101,9 +101,13 @@ def footprints(path: Path) -> None:
                 label="the base model's imitation of it",
             )
             heading(above, title, "force, in σ")
-            below.plot(time, drawn(plain.errors), color=PALE, linewidth=0.7, label="errors of the base model")
+            below.plot(
+                time, drawn(screened.errors), color=PALE, linewidth=0.7, label="errors of the base model"
+            )
             below.plot(time, drawn(left), color=colour, label="what is left of the footprint")
-            heading(below, f"left: {100 * plain.visible[i]:.0f} %; score {plain.z[i]:.0f}", "force, in σ")
+            heading(
+                below, f"left: {100 * screened.visible[i]:.0f} %; score {screened.z[i]:.0f}", "force, in σ"
+            )
             below.set_xlabel("s of the sweep")
             for one in (above, below):
                 one.margins(x=0.0)
@@ -228,16 +232,16 @@ def alike(path: Path) -> None:
                 outputs = outputs + deviations * rng.standard_normal(outputs.shape)
                 everywhere = np.ones(len(outputs), dtype=bool)
                 runs.append(MeasuredRun(experiment, outputs, everywhere, ~everywhere))
-            plain = dense_screening(simulator, runs, [simulator.catalogue[name] for name in COMPARED])
-            _map(axes, plain.alike, title)
+            screened = dense_screening(simulator, runs, [simulator.catalogue[name] for name in COMPARED])
+            _map(axes, screened.alike, title)
             filled = "none" if marker == "o" else PALETTE[0]
-            left = [plain.visible[plain.most_visible(name)] for name in COMPARED]
+            left = [screened.visible[screened.most_visible(name)] for name in COMPARED]
             label = "one sine" if marker == "o" else "two stretches"
             rest.plot(left, range(len(left)), marker, color=PALETTE[0], mfc=filled, markersize=5, label=label)
         for k, name in enumerate(COMPARED):
-            i = plain.most_visible(name)
-            if plain.visible[i] < HIDDEN:
-                what = plain.imitators[i].rpartition(".")[2].replace("_", " ")
+            i = screened.most_visible(name)
+            if screened.visible[i] < HIDDEN:
+                what = screened.imitators[i].rpartition(".")[2].replace("_", " ")
                 rest.text(1.7, k, what, va="center", color=SOFT, fontsize=7.5)
         maps[0].set_yticks(range(len(COMPARED)), COMPARED, color=INK)
         rest.set_xscale("log")

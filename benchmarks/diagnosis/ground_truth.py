@@ -1,4 +1,4 @@
-"""What is hidden in a bench before it is measured: drawn from a seed, written to a file that only the judge opens."""
+"""What is hidden in a specimen: drawn from a seed, and written to a file that only the judge opens."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -24,7 +24,7 @@ CONDITIONS: Final[tuple[Condition, ...]] = get_args(Condition)
 
 #: Sizes are drawn evenly in the logarithm of λ; ordinary faults of the bench reach 500 to 10 000.
 LAMBDA: Final = (4.0, 4000.0)
-#: Outside the catalogue, and near it, only what is seen for certain can be asked for a cause.
+#: The same for pairs, near misses and terms outside the catalogue: a cause can be asked of them only where λ is large.
 LAMBDA_CLEAR: Final = (20.0, 400.0)
 #: Springs beyond so many standard deviations of a delivery are sent back.
 DELIVERED: Final = 2.5
@@ -68,12 +68,12 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
         return min(self.lambdas.values(), default=0.0)
 
     def write(self, path: Path) -> None:
-        """Seal it."""
+        """Write the file that stays closed until the diagnosis is made."""
         path.write_bytes(msgspec.json.encode(self))
 
     @staticmethod
     def read(path: Path) -> "GroundTruth":
-        """Open what was sealed; for the judge, after the diagnosis."""
+        """Read such a file: for the judge, after the diagnosis."""
         return msgspec.json.decode(path.read_bytes(), type=GroundTruth)
 
 

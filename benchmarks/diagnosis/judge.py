@@ -1,4 +1,4 @@
-"""The judge: opens the truth after the diagnosis and says how the finding stands to it."""
+"""The judge compares a finding with what was hidden, which it reads after the diagnosis."""
 
 import math
 from collections.abc import Sequence
@@ -74,7 +74,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def amiss(self) -> str:
-        """What an honest diagnosis would not have said, in a few words; "" if nothing."""
+        """What is wrong with the finding, in a few words; "" if nothing."""
         said = f"{self.verdict}: {', '.join(self.causes)}" if self.causes else self.verdict
         if self.rivals:
             said += f" or {', '.join(self.rivals)}"

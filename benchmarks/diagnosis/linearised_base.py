@@ -17,7 +17,7 @@ _BATCH = 12
 
 
 class LinearisedBase:
-    """The base model at its nominal values on some runs, on which footprints stand."""
+    """The base model, linear around its nominal parameters on some runs, and λ of what it lacks there."""
 
     def __init__(self, simulator: Simulator, runs: Sequence[MeasuredRun]) -> None:
         self._replay = Replay(simulator, tuple(runs))
@@ -49,7 +49,7 @@ class LinearisedBase:
         return self._norms(self._columns(run, [effects]))[0]
 
     def absorbed(self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]) -> Array:
-        """Return by how many of their spreads base parameters k would follow each of ``effects`` (k, m)."""
+        """Return how far the k base parameters would move to imitate each of m ``effects`` (k, m), in their spreads."""
         projection = self._linearisation.project(self._whitened(self._columns(run, effects)))
         shared = [i for i, c in enumerate(self._point.coordinates) if not c.run]
         found: Array = projection.regression[shared]

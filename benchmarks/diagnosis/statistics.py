@@ -1,4 +1,4 @@
-"""How sure a rate is: exact binomial intervals."""
+"""Rates with their exact binomial intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
