@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
-from bench_sim.rig.tick import TICK_NS
+from bench_sim.rig.controls import TICK_NS
 from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus

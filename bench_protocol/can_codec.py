@@ -70,7 +70,7 @@ class Tally(IntEnum):
 
 
 @dataclass(frozen=True)
-class Plan:
+class FrameLayout:
     """The table compiled into arrays that the kernels read."""
 
     messages: npt.NDArray[np.void]
@@ -78,7 +78,7 @@ class Plan:
     rows: npt.NDArray[np.int64]  #: message row by identifier, -1 where there is none
 
     @classmethod
-    def of(cls, table: Table) -> "Plan":
+    def of(cls, table: Table) -> "FrameLayout":
         """Compile ``table``."""
         messages = np.zeros(len(table.messages), _MESSAGE)
         fields = np.zeros(sum(len(message.fields) for message in table.messages), _FIELD)
@@ -164,32 +164,32 @@ def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tall
         if counters[row] >= 0:
             advance = (np.int64(byte) - counters[row]) % 256
             if advance == 0:
-                tally[5] += 1
+                tally[Tally.REPEATED] += 1
                 return False
             # More than half round in less time than half a round takes: an old frame that came late, not 128 lost.
             if advance >= 128 and record.time - times[row] < 128 * message.period:
-                tally[6] += 1
+                tally[Tally.OUT_OF_SEQUENCE] += 1
                 return False
-            tally[3] += advance - 1
+            tally[Tally.LOST] += advance - 1
         counters[row] = byte
         return True
     if crc8(record.data, message.data_id) != record.data[0]:
-        tally[4] += 1
+        tally[Tally.CORRUPT] += 1
         return False
     counter: Any = np.int64(byte) & 0x0F
     if counter >= COUNTER_PERIOD:
-        tally[4] += 1
+        tally[Tally.CORRUPT] += 1
         return False
     if counters[row] >= 0:
         advance = counter_step(counter, counters[row])
         if advance == 0:
-            tally[5] += 1
+            tally[Tally.REPEATED] += 1
             return False
         # As in the profile's MaxDeltaCounter: silence widens the window, so that a gap heals by itself.
         if advance > 2 + (record.time - times[row]) // max(message.period, 1):
-            tally[6] += 1
+            tally[Tally.OUT_OF_SEQUENCE] += 1
             return False
-        tally[3] += advance - 1
+        tally[Tally.LOST] += advance - 1
     counters[row] = counter
     return True
 
@@ -197,7 +197,7 @@ def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tall
 @numba.njit(cache=True)
 def decode_into(
     block: Any,
-    plan_rows: Any,
+    message_rows: Any,
     messages: Any,
     fields: Any,
     counters: Any,
@@ -217,20 +217,20 @@ def decode_into(
     count = 0
     for record in block:
         if record.extended != 0 or record.id > STANDARD_ID_MAX:
-            tally[1] += 1
+            tally[Tally.UNKNOWN] += 1
             continue
-        row = plan_rows[record.id]
+        row = message_rows[record.id]
         if row < 0:
-            tally[1] += 1
+            tally[Tally.UNKNOWN] += 1
             continue
         if record.length != 8:
-            tally[2] += 1
+            tally[Tally.MALFORMED] += 1
             continue
         message = messages[row]
         if not _accept(record, message, row, counters, times, tally):
             continue
         times[row] = record.time
-        tally[0] += 1
+        tally[Tally.ACCEPTED] += 1
         word = np.uint64(0)
         for byte in range(8):
             word |= np.uint64(record.data[byte]) << np.uint64(8 * byte)
@@ -251,13 +251,13 @@ def decode_into(
 
 
 _NUMBERS, _INDICES, _FRAMES = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, FRAME)
-_PLAN: Final = np.zeros(0, _MESSAGE), np.zeros(0, _FIELD)
-_encode: Final = bind(encode_into, _NUMBERS, _INDICES, 0, *_PLAN, _INDICES, _FRAMES, 0)
+_LAYOUT: Final = np.zeros(0, _MESSAGE), np.zeros(0, _FIELD)
+_encode: Final = bind(encode_into, _NUMBERS, _INDICES, 0, *_LAYOUT, _INDICES, _FRAMES, 0)
 _decode: Final = bind(
     decode_into,
     _FRAMES,
     _INDICES,
-    *_PLAN,
+    *_LAYOUT,
     _INDICES,
     _INDICES,
     _INDICES,
@@ -273,7 +273,7 @@ class Encoder:
     """Turns values into frames; keeps the counters of the messages it sends."""
 
     def __init__(self, table: Table) -> None:
-        self.plan = Plan.of(table)
+        self.layout = FrameLayout.of(table)
         self._table = table
         self.counters = np.zeros(len(table.messages), np.int64)
 
@@ -284,7 +284,7 @@ class Encoder:
     def encode(self, values: npt.NDArray[np.float64], rows: npt.NDArray[np.int64], time: int) -> Block:
         """Return a block with one frame per message row, stamped ``time`` (ns)."""
         block = np.empty(rows.size, FRAME)
-        _encode(values, rows, time, self.plan.messages, self.plan.fields, self.counters, block, 0)
+        _encode(values, rows, time, self.layout.messages, self.layout.fields, self.counters, block, 0)
         return block
 
 
@@ -309,17 +309,17 @@ class Decoder:
     tally: npt.NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.plan = Plan.of(self.table)
+        self.layout = FrameLayout.of(self.table)
         for message in self.table.messages:
             if self.from_rig not in (None, message.from_rig):
-                self.plan.rows[message.identifier] = -1  # an echo of our own frames is nobody's news
+                self.layout.rows[message.identifier] = -1  # an echo of our own frames is nobody's news
         size = len(self.table.signals)
         self.latest = np.full(size, np.nan)
         self.latest_times = np.full(size, -1, np.int64)
         self.message_times = np.full(len(self.table.messages), -1, np.int64)
         self.tally = np.zeros(len(Tally), np.int64)
         self._counters = np.full(len(self.table.messages), -1, np.int64)
-        self._fields_max = int(self.plan.messages["count"].max())
+        self._fields_max = int(self.layout.messages["count"].max())
 
     def forget(self) -> None:
         """Start anew after a reconnection: the next frame of every message is its first."""
@@ -331,9 +331,9 @@ class Decoder:
         times, signals, values = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
         count = _decode(
             block,
-            self.plan.rows,
-            self.plan.messages,
-            self.plan.fields,
+            self.layout.rows,
+            self.layout.messages,
+            self.layout.fields,
             self._counters,
             self.message_times,
             self.tally,

@@ -6,6 +6,7 @@ come from here; the attributes of the drivers are declared and checked against i
 
 from typing import Final
 
+from bench_protocol.rates import RATES
 from bench_protocol.registers import registers_of
 from bench_protocol.signals import Kind
 from bench_protocol.table_messages import MESSAGES
@@ -14,7 +15,13 @@ from bench_protocol.wires import Table
 
 
 def _complete(table: Table) -> Table:
-    """Return ``table``; ValueError for a sensor or a set-point that no CAN message carries."""
+    """Return ``table``; ValueError for a sensor or set-point without a CAN message, or a rate that nobody sends at."""
+    for message in table.messages:
+        if message.rate not in (0.0, *RATES):
+            rates = ", ".join(f"{rate:g}" for rate in RATES)
+            raise ValueError(
+                f"{message.name}: {message.rate:g} Hz is no rate of the bench; right would be {rates}"
+            )
     carried = {field.signal for message in table.messages for field in message.fields}
     for signal in table.of_kind(Kind.MEASUREMENT, Kind.SETPOINT):
         if signal.name not in carried:

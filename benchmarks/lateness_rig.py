@@ -13,9 +13,10 @@ import numpy as np
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
 from bench_sim.parameters import load
+from bench_sim.rig.controls import SLOW, TICK_NS
 from bench_sim.rig.process import run_rig
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.tick import FRAMES_PER_TICK_MAX, SLOW, TICK_NS
+from bench_sim.rig.tick import FRAMES_PER_TICK_MAX
 
 #: Clients connect meanwhile; not measured.
 WARM_UP_TICKS: Final = 2000

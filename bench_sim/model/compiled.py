@@ -10,11 +10,13 @@ from numba import njit
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    for package in ("bench_protocol", "bench_sim.model"):  # the rig's tick contains the codec and the model
-        for source in sorted(files(package).iterdir(), key=lambda entry: entry.name):
-            if source.name.endswith(".py"):
-                digest.update(source.name.encode())
-                digest.update(source.read_bytes())
+    # The rig's tick contains the codec, the model and the numbering of its controls.
+    sources = [*files("bench_protocol").iterdir(), *files("bench_sim.model").iterdir()]
+    sources.append(files("bench_sim.rig") / "controls.py")
+    for source in sorted(sources, key=lambda entry: entry.name):
+        if source.name.endswith(".py"):
+            digest.update(source.name.encode())
+            digest.update(source.read_bytes())
     return digest.hexdigest()
 
 

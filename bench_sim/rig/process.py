@@ -11,11 +11,11 @@ from bench_protocol.clock import Clock, RealClock, hurry, hurry_process, relax, 
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
 from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.modbus_server import ModbusTcpServer
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.servers import CAN_PORT, serve_in_thread
 from bench_sim.rig.socketcan import SocketCan
-from bench_sim.rig.tick import TICK_NS
 
 MODBUS_PORT: Final = 15020
 _TICK_PRIORITY: Final = 10

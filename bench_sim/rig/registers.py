@@ -21,8 +21,8 @@ _SINGLE: Final = struct.Struct(">f")
 _TWO_WORDS: Final = struct.Struct(">HH")
 
 
-class Plant(Protocol):
-    """What the registers need of the rig."""
+class Host(Protocol):
+    """What the registers need of the rig that they belong to."""
 
     values: npt.NDArray[np.float64]  #: all signals by table row, SI; NaN where not available
 
@@ -87,9 +87,9 @@ def _single(value: float) -> float:
 class RegisterBank:
     """The registers of one rig, shared by all its clients; :meth:`seen_by` is what one client may do with them."""
 
-    def __init__(self, table: Table, plant: Plant) -> None:
+    def __init__(self, table: Table, host: Host) -> None:
         self.table = table
-        self.plant = plant
+        self.host = host
         self._spaces = {
             space: Space([r for r in table.registers if r.space == space])
             for space in ("input", "holding", "coil", "discrete")
@@ -110,12 +110,12 @@ class RegisterBank:
             return False
         self._lend(0, None)
         self.watchdog_ms = 0
-        self.plant.watch(0)
+        self.host.watch(0)
         return True
 
     def _lend(self, lease: int, owner: str | None) -> None:
         self.lease, self.owner = lease, owner
-        self.plant.values[self.table.index["rig.lease"]] = lease
+        self.host.values[self.table.index["rig.lease"]] = lease
 
     def read_input(self, address: int, count: int) -> list[int]:
         words: list[int] = []
@@ -126,7 +126,7 @@ class RegisterBank:
     def _input(self, register: Register) -> list[int]:
         match register.signal:
             case "modbus.sequence":
-                return [self.plant.sequence]
+                return [self.host.sequence]
             case "modbus.map_hash":
                 return [self.table.map_hash >> 16, self.table.map_hash & 0xFFFF]
             case "modbus.probe_float":
@@ -134,7 +134,7 @@ class RegisterBank:
             case "modbus.probe_word":
                 return [PROBE_WORD >> 16, PROBE_WORD & 0xFFFF]
         row = self.table.index[register.signal]
-        value = float(self.plant.values[row])
+        value = float(self.host.values[row])
         if register.encoding == "float32":
             return float_words(value)
         if math.isnan(value):
@@ -193,19 +193,19 @@ class RegisterBank:
             if not value:
                 continue
             if register.signal == "action.apply":
-                if not self.plant.apply(dict(self.staged)):
+                if not self.host.apply(dict(self.staged)):
                     raise ModbusError(DEVICE_FAILURE)
                 self.unapplied = False
-            elif not self.plant.act(register.signal.removeprefix("action.")):
+            elif not self.host.act(register.signal.removeprefix("action.")):
                 raise ModbusError(DEVICE_FAILURE)
 
     def read_discrete(self, address: int, count: int) -> list[bool]:
         bits = []
         for register in self._spaces["discrete"].slots(address, count):
             if register.signal.startswith("interlock."):
-                bits.append(self.plant.contact(register.signal.removeprefix("interlock.")))
+                bits.append(self.host.contact(register.signal.removeprefix("interlock.")))
             else:  # quality: the reading is available
-                bits.append(not math.isnan(self.plant.values[self.table.index[register.signal]]))
+                bits.append(not math.isnan(self.host.values[self.table.index[register.signal]]))
         return bits
 
     def identification(self) -> Mapping[int, bytes]:
@@ -248,4 +248,4 @@ class PeerBank:
     def _authorise(self) -> None:
         if self._bank.owner not in (None, self._peer):
             raise ModbusError(NO_AUTHORITY)
-        self._bank.plant.watch(self._bank.watchdog_ms if self._bank.owner == self._peer else 0)
+        self._bank.host.watch(self._bank.watchdog_ms if self._bank.owner == self._peer else 0)

@@ -1,36 +1,27 @@
 """The whole rig without a socket or clock: frames and requests in, frames and answers out, tick by tick."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from bench_protocol import modbus
 from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder, Tally
 from bench_protocol.frames import FRAME, Block, join
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
-from bench_protocol.signals import Group
+from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
-from bench_protocol.units import bar
-from bench_protocol.words import (
-    ACTUATORS,
-    AXES,
-    CONTROL_MODES,
-    FAULTS,
-    LIVE,
-    PIPE_LENGTH,
-    PLATFORM_AXES,
-    BenchState,
-    Program,
-    Reason,
-)
-from bench_sim.model.layout import Sensor
-from bench_sim.model.layout import State as PlantState
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, SIDES, BenchState, Reason
+from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
-from bench_sim.model.wiring import sensors_of
 from bench_sim.parameters import Parameters
+from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, AirSupply, ControlBit, Happened, Target
+from bench_sim.rig.fittings import Fittings
+from bench_sim.rig.generator import Generator
 from bench_sim.rig.limits import LIMITS, Limit, LimitAction, detectors
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.states import (
@@ -42,36 +33,21 @@ from bench_sim.rig.states import (
     StateMachine,
 )
 from bench_sim.rig.tick import (
-    CONTROLS,
     FRAMES_PER_TICK_MAX,
-    TARGETS,
-    TICK_NS,
-    Air,
-    Happened,
-    Target,
+    PlantArrays,
+    Sampling,
+    Sending,
+    Steering,
     run_ticks,
     take_commands,
 )
 
 _SCRATCH_TICKS: Final = 100  # as many frames need no new memory
 _BOOT_TICKS: Final = 200
-_RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to come back
-#: By table row: which target a set-point aims for, and in which control mode; -1 for none and any.
-_TARGETS: Final = np.full(len(TABLE.signals), -1, np.int64)
-_MODES: Final = np.full(len(TABLE.signals), -1, np.int64)
-for _target, _name in enumerate(ACTUATORS):
-    for _mode in ("force", "displacement"):
-        _TARGETS[TABLE.index[f"{_name}.{_mode}_setpoint"]] = _target
-        _MODES[TABLE.index[f"{_name}.{_mode}_setpoint"]] = CONTROL_MODES.index(_mode)
-for _axis in PLATFORM_AXES:
-    _TARGETS[TABLE.index[f"platform.{_axis}_setpoint"]] = Target[f"PLATFORM_{_axis.upper()}"]
+_STEERING: Final = Steering.of_table()
 #: More command frames than this in one block are a flood; what comes after is not heard.
 _CHANGES_MAX: Final = 4096
-_ENABLE, _HOLD, _ACTIVE, _RESET = 1, 2, 4, 8
 _REJECTED: Final = TABLE.index["rig.rejected_commands"]
-_CONTROL: Final = TABLE.index["control.enable"]
-#: Up to which gauge pressure somebody may open a flange.
-_FLANGE_PRESSURE: Final = 0.3 * bar
 #: CANopen emergency codes (CiA 301): 0x8130 is its heartbeat error, 0xFF00 and up are the device's own.
 _EMERGENCY: Final = {
     Reason.NONE: 0x0000,
@@ -101,57 +77,74 @@ class Rig:
         self.estop = False
         self._limits = limits
         self._detectors = detectors(TABLE, limits, FAST_RATE)
-        controls = np.zeros(1, CONTROLS)
-        self._controls: Any = controls[0]
+        self._control_array = np.zeros(1, CONTROLS)
+        self._controls: Any = self._control_array[0]
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
         self._commander: str | None = None
-        self._bits = 0  # D, H, M, R of the last valid command
+        self._bits = ControlBit.NONE  # of the last valid command
         self._changes = np.zeros(_CHANGES_MAX, np.int64)
         self._modbus_deadline = -1
         self._pending: list[Block] = []
         self._scratch = np.empty(_SCRATCH_TICKS * FRAMES_PER_TICK_MAX, FRAME)
-        self._readings = np.zeros(len(Sensor))
-        self._status_rows = np.array(
-            [TABLE.index[name] for name in ("rig.tick", "rig.program", "rig.generator_cycle")], np.int64
-        )
-        self._rows = {
-            rate: self._encoder.rows([m.name for m in TABLE.messages if m.from_rig and m.rate == rate])
-            for rate in (FAST_RATE, COMMAND_RATE, SLOW_RATE)
-        }
         self._emergency_row = self._encoder.rows(["Emergency"])
-        self._tick_state = (
-            controls,
-            self.plant.state,
-            self.plant.memory_array,
-            self.plant.inputs,
-            self.plant.parameter_array,
-            self._readings,
-            self.values,
-            self._status_rows,
-            self._detectors,
-            self._encoder.plan.messages,
-            self._encoder.plan.fields,
-            self._encoder.counters,
-            self._rows[FAST_RATE],
-            self._rows[COMMAND_RATE],
-            self._rows[SLOW_RATE],
-        )
-        self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, np.zeros(FRAMES_PER_TICK_MAX, FRAME))
+        self._tick_state = self._arrays()
+        self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
         none = np.zeros(0, np.int64), np.zeros(0)
-        self._take_commands: Any = bind(
-            take_commands, controls, *none, _TARGETS, _MODES, _CONTROL, self._changes
-        )
+        self._take_commands: Any = bind(take_commands, self._control_array, *none, _STEERING, self._changes)
         self.machine = StateMachine(
             {COMMAND_VALID: self._command_valid, ESTOP_RELEASED: lambda: not self.estop},
         )
         self.registers = RegisterBank(TABLE, self)
-        #: What the bench was last told to have fitted. The parameter set may say otherwise: a plate that was
-        #: bored wrong stays in until somebody changes it.
-        self._fitted = _fittings(self.registers.staged)
+        self.generator = Generator(
+            self._controls, self.registers.staged, self.plant.parameters.actuator_half_spacing
+        )
+        self.fittings = Fittings(self.plant, self.registers.staged)
+        self._actions = _of_every(
+            Kind.ACTION,
+            {
+                "apply": lambda: self.apply(self.registers.staged),
+                "reset": self._reset,
+                "power_on": partial(self._handle, Event.POWER_ON),
+                "power_off": partial(self._handle, Event.POWER_OFF),
+                "air_low": partial(self._handle, Event.AIR_LOW),
+                "air_high": partial(self._handle, Event.AIR_HIGH),
+                "disable": partial(self._handle, Event.DISABLE),
+                "program_run": lambda: self.state is BenchState.ACTIVE and self.generator.run(),
+                "program_hold": self.generator.hold,
+                "program_stop": self.generator.stop,
+            },
+        )
+        self._contacts = _of_every(
+            Kind.INTERLOCK,
+            {
+                "estop": lambda: self.estop,
+                "pneumatic": lambda: self.state not in (*LIVE, BenchState.FAULT_HOLD),
+                "program": lambda: self.state is not BenchState.ACTIVE,
+                "command": self._command_valid,
+                "limits": lambda: bool(self._detectors["tripped"].any()),
+                "fault": lambda: self.state in FAULTS,
+                "staged": lambda: self.registers.unapplied,
+            },
+        )
         self._start_values()
         self.apply(self.registers.staged)
         self._handle(Event.POWER_ON)
+
+    def _arrays(self) -> tuple[npt.NDArray[np.void], PlantArrays, Sampling, Sending]:
+        """Return what the compiled tick works on."""
+        plant, layout = self.plant, self._encoder.layout
+        fast, medium, slow = (self._rows(rate) for rate in (FAST_RATE, COMMAND_RATE, SLOW_RATE))
+        return (
+            self._control_array,
+            PlantArrays(plant.state, plant.memory_array, plant.inputs, plant.parameter_array),
+            Sampling(np.zeros(SENSORS), self.values, self._detectors),
+            Sending(layout.messages, layout.fields, self._encoder.counters, fast, medium, slow),
+        )
+
+    def _rows(self, rate: float) -> npt.NDArray[np.int64]:
+        """Return the rows of the messages that leave at ``rate`` (Hz)."""
+        return self._encoder.rows([m.name for m in TABLE.messages if m.from_rig and m.rate == rate])
 
     # -- the doors -----------------------------------------------------------------------------------------------
 
@@ -170,16 +163,10 @@ class Rig:
             if samples.signals.size:
                 self._commander = peer
                 count = self._take_commands(
-                    self._tick_state[0],
-                    samples.signals,
-                    samples.values,
-                    _TARGETS,
-                    _MODES,
-                    _CONTROL,
-                    self._changes,
+                    self._control_array, samples.signals, samples.values, _STEERING, self._changes
                 )
                 for bits in self._changes[:count].tolist():
-                    self._command(bits)
+                    self._command(ControlBit(bits))
 
     def answer(self, request: bytes, peer: str = "") -> bytes:
         """Return the response to one Modbus/TCP request (ADU) from ``peer``."""
@@ -249,7 +236,7 @@ class Rig:
     @property
     def sequence(self) -> int:
         """The sampling instant, modulo 65536."""
-        return int(self._controls["tick"]) // 5 & 0xFFFF
+        return int(self._controls["tick"]) // FAST & 0xFFFF
 
     @property
     def state(self) -> BenchState:
@@ -258,22 +245,7 @@ class Rig:
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
-        match name:
-            case "estop":
-                return self.estop
-            case "pneumatic":
-                return self.state not in (*LIVE, BenchState.FAULT_HOLD)
-            case "program":
-                return self.state is not BenchState.ACTIVE
-            case "command":
-                return self._command_valid()
-            case "limits":
-                return bool(self._detectors["tripped"].any())
-            case "fault":
-                return self.state in FAULTS
-            case "staged":
-                return self.registers.unapplied
-        raise ValueError(f"there is no interlock {name!r}")
+        return self._contacts[name]()
 
     def watch(self, milliseconds: int) -> None:
         """Expect the next write of the lease holder within ``milliseconds``; 0 stops watching."""
@@ -281,39 +253,22 @@ class Rig:
 
     def act(self, name: str) -> bool:
         """Carry out a coil's action; return whether the present state allows it."""
-        match name:
-            case "reset":
-                return self._reset()
-            case "program_run":
-                return self._program_run()
-            case "program_hold":
-                return self._program_hold()
-            case "program_stop":
-                return self._program_stop()
-        return self._handle(Event(name.replace("_", " ")) if name != "disable" else Event.DISABLE)
+        return self._actions[name]()
 
     def apply(self, settings: Mapping[str, float]) -> bool:
         """Take over all settings at once; an engaged actuator changes its control mode without a bump."""
         c = self._controls
-        if c["program"] in (Program.RUN, Program.HOLD):
-            moved = [
-                c["control"][0] != settings["vertical.control"],
-                c["control"][2] != settings["lateral.control"],
-            ]
-            if any(moved):
-                return False  # a mode must not change under a running program
-        fittings = _fittings(settings)
-        if fittings != self._fitted and not self._may_be_opened():
+        vertical, lateral = settings["vertical.control"], settings["lateral.control"]
+        modes = (vertical, vertical, lateral)
+        if self.generator.busy and (c["control"] != modes).any():
+            return False  # a mode must not change under a running program
+        if not self.fittings.change(settings, engaged=bool(c["engaged"])):
             return False
-        if not self._shim(settings["rig.nominal_preload"]):
-            return False
-        self._fit(*fittings)
-        for k, side in enumerate(("left", "right")):
+        for k, side in enumerate(SIDES):
             c["air_mode"][k] = settings[f"air.{side}_mode"]
             c["air_target"][k] = settings[f"air.{side}_target"]
             c["reservoir"][k] = settings[f"air.{side}_reservoir"]
         c["dpv"] = settings["air.dpv"]
-        modes = (settings["vertical.control"], settings["vertical.control"], settings["lateral.control"])
         for actuator, mode in enumerate(modes):
             if c["control"][actuator] != mode:
                 c["control"][actuator] = mode
@@ -345,62 +300,28 @@ class Rig:
         return (
             self._commander is not None
             and self._silence() * TICK < DISABLE_AFTER
-            and bool(self._bits & _ENABLE)
+            and bool(self._bits & ControlBit.ENABLE)
         )
 
-    def _command(self, bits: int) -> None:
+    def _command(self, bits: ControlBit) -> None:
         """Act on the D, H, M and R bits of a valid Control message in which one of them has changed."""
         rising, self._bits = bits & ~self._bits, bits
-        if not bits & _ENABLE:
+        if not bits & ControlBit.ENABLE:
             self._handle(Event.DISABLE)
-        if rising & _RESET:
+        if rising & ControlBit.RESET:
             self._reset()
-        if rising & _HOLD:
+        if rising & ControlBit.HOLD:
             self._handle(Event.HOLD)
-        if rising & _ACTIVE:
+        if rising & ControlBit.ACTIVE:
             self._handle(Event.ACTIVATE)
         self._step_down()
 
     def _step_down(self) -> None:
         """Leave the states that the present bits do not ask for: going up takes an edge, going down a level."""
-        if not self._bits & _HOLD:
+        if not self._bits & ControlBit.HOLD:
             self._handle(Event.RELEASE)
-        if not self._bits & _ACTIVE:
+        if not self._bits & ControlBit.ACTIVE:
             self._handle(Event.PAUSE)
-
-    def _shim(self, preload: float) -> bool:
-        """Set the height to zero for ``preload`` (N per spring), as shims under the emergency springs do.
-
-        The bolster is lifted or lowered by what the emergency springs differ between the two loads, so that the
-        bellows do not feel it. Refused while the actuators hold or move.
-        """
-        par, x = self.plant.parameters, self.plant.state
-        change = preload - par.nominal_preload
-        if not change.any():
-            return True
-        if self._controls["engaged"]:
-            return False
-        lift = change / par.emergency_stiffness_vertical if par.emergency_spring else np.zeros(2)
-        x[PlantState.BOLSTER_VERTICAL] += lift.mean()
-        x[PlantState.BOLSTER_ROLL] += 0.5 * (lift[0] - lift[1]) / par.spring_half_spacing
-        x[PlantState.LEVER : PlantState.LEVER + 2] += lift
-        par.nominal_preload[:] = preload
-        return True
-
-    def _may_be_opened(self) -> bool:
-        """Tell whether hands may open the flanges: nothing engaged, and no pressure (the air asks no sensor)."""
-        gauge = self.plant.ideal()[sensors_of(Group.PRESSURE)]
-        return not self._controls["engaged"] and bool((np.abs(gauge) < _FLANGE_PRESSURE).all())
-
-    def _fit(self, plate: int, pipe: bool) -> None:
-        """Change the orifice plates (bore in steps of the setting) and the pipes of both sides, where they differ."""
-        par, (old_plate, old_pipe) = self.plant.parameters, self._fitted
-        if plate != old_plate:
-            par.orifice_diameter[:] = plate * TABLE["rig.orifice_diameter"].step
-        if pipe != old_pipe:
-            par.pipe_length[:] = PIPE_LENGTH if pipe else 0.0
-            self.plant.state[PlantState.PIPE_FLOW : PlantState.PIPE_FLOW + 2] = 0.0
-        self._fitted = plate, pipe
 
     def _take_present(self, target: Target) -> None:
         """Let an actuator's set-point be what it measures now, so that taking over changes nothing."""
@@ -429,11 +350,11 @@ class Rig:
         c["active"] = state is BenchState.ACTIVE
         c["armed"] = state in (*LIVE, BenchState.FAULT_HOLD)
         if state in (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE):
-            c["air"] = Air.FULL
+            c["air"] = AirSupply.FULL
         elif state is BenchState.AIR_LOW:
-            c["air"] = Air.RESTRICTED
+            c["air"] = AirSupply.RESTRICTED
         else:
-            c["air"] = Air.VENTED if state is BenchState.ESTOP else Air.SHUT
+            c["air"] = AirSupply.VENTED if state is BenchState.ESTOP else AirSupply.SHUT
         if state in (BenchState.BOOT, BenchState.INIT):
             c["alarm"] = c["tick"] + _BOOT_TICKS
         elif state is BenchState.FAULT_REACTION:
@@ -445,19 +366,12 @@ class Rig:
     def _freeze(self, *, keep_program: bool) -> None:
         """Stop where everything is: set-points stay, the generator pauses, or ends with its offset kept."""
         c = self._controls
-        if c["program"] == Program.RUN and keep_program:
-            c["program"] = Program.HOLD
-        elif not keep_program:
-            self._absorb_offset()
-            c["program"] = Program.STOPPED if c["program"] != Program.IDLE else Program.IDLE
+        if keep_program:
+            self.generator.hold()
+        else:
+            self.generator.freeze()
         c["goal"] = c["setpoint"]
         c["slew"] = 0
-
-    def _absorb_offset(self) -> None:
-        c = self._controls
-        c["setpoint"] += c["offset"]
-        c["offset"] = 0.0
-        c["phase"] = 0.0
 
     def _emergency(self) -> None:
         reason = self.machine.reason
@@ -519,56 +433,10 @@ class Rig:
         self._step_down()
         return True
 
-    def _program_run(self) -> bool:
-        c, staged = self._controls, self.registers.staged
-        if self.state is not BenchState.ACTIVE or c["program"] == Program.RUN:
-            return False
-        if c["program"] == Program.HOLD:
-            c["program"] = Program.RUN
-            return True
-        amplitude = self._amplitude(int(staged["generator.axis"]))
-        if amplitude is None:
-            return False
-        c["axis"], c["wave"] = staged["generator.axis"], staged["generator.wave"]
-        c["amplitude"] = amplitude
-        c["lever"] = self.plant.parameters.actuator_half_spacing
-        c["frequency"], c["cycles"] = staged["generator.frequency"], staged["generator.cycles"]
-        c["phase"] = 0.0
-        c["program"] = Program.RUN
-        return True
 
-    def _amplitude(self, axis: int) -> float | None:
-        """Return the amplitude for ``axis`` in its present control mode; None if it cannot move so."""
-        staged, name = self.registers.staged, AXES[axis]
-        if name == "platform_roll":
-            return staged["generator.roll_amplitude"]
-        if name.startswith("platform"):
-            return staged["generator.amplitude"]
-        mode = CONTROL_MODES[int(self._controls["control"][2 if name == "lateral" else 0])]
-        if mode == "displacement":
-            return staged["generator.roll_amplitude" if name == "roll" else "generator.amplitude"]
-        if mode == "force" and name != "roll":
-            return staged["generator.force_amplitude"]
-        return None
-
-    def _program_hold(self) -> bool:
-        if self._controls["program"] != Program.RUN:
-            return False
-        self._controls["program"] = Program.HOLD
-        return True
-
-    def _program_stop(self) -> bool:
-        c = self._controls
-        if c["program"] not in (Program.RUN, Program.HOLD):
-            return False
-        self._absorb_offset()
-        c["program"] = Program.STOPPED
-        for target in range(TARGETS):
-            c["slew"][target] = _RETURN_TICKS
-        return True
-
-
-def _fittings(settings: Mapping[str, float]) -> tuple[int, bool]:
-    """Return the bore of the plates, in steps of the setting (no single says exactly 13 mm), and if pipes are in."""
-    signal = TABLE["rig.orifice_diameter"]
-    return round(settings[signal.name] / signal.step), bool(settings["rig.pipe"])
+def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:
+    """Return ``told`` by the last part of the names; ValueError unless it has every signal of ``kind`` in the table."""
+    names = {signal.attribute[1] for signal in TABLE.of_kind(kind)}
+    if different := names ^ told.keys():
+        raise ValueError(f"table and rig differ in the {kind}s {', '.join(sorted(different))}")
+    return told

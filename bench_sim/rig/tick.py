@@ -5,27 +5,45 @@ machine must decide on, so that real time (one tick a call) and virtual time (ma
 """
 
 import math
-from enum import IntEnum, IntFlag
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bench_protocol.can_codec import encode_into
 from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER, TICK
-from bench_protocol.units import NS, bar, mbar
-from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, WAVES
+from bench_protocol.table import TABLE
+from bench_protocol.table_signals import COUNT_MAX
+from bench_protocol.units import bar, mbar
+from bench_protocol.words import (
+    ACTUATORS,
+    AIR_MODES,
+    AXES,
+    CONTROL_MODES,
+    PLATFORM_AXES,
+    SIDES,
+    WAVES,
+    Program,
+)
 from bench_sim.model.algebraic import ALGEBRAICS
 from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
 from bench_sim.model.pipe import pipe_steps
 from bench_sim.model.sensors import read_sensors
+from bench_sim.rig.controls import (
+    FAST,
+    MEDIUM,
+    SLEW_TICKS,
+    SLOW,
+    TARGETS,
+    TICK_NS,
+    AirSupply,
+    ControlBit,
+    Happened,
+    Target,
+)
 
-TICK_NS: Final = round(TICK * NS)
-#: Set-points arrive at 50 Hz; the rig draws a straight line to each within one such period.
-SLEW_TICKS: Final = 20
-#: Ticks between samples at 200, 50 and 10 Hz.
-FAST, MEDIUM, SLOW = 5, 20, 100
 FRAMES_PER_TICK_MAX: Final = 12
 
 _LATE_TICKS: Final = round(HOLD_AFTER / TICK)
@@ -38,72 +56,17 @@ _DEAD_ZONE: Final = 5 * mbar
 _RESTRICTED: Final = 0.2
 
 
-class Target(IntEnum):
-    """Rows of the set-points."""
-
-    VERTICAL_LEFT = 0
-    VERTICAL_RIGHT = 1
-    LATERAL = 2
-    PLATFORM_VERTICAL = 3
-    PLATFORM_LATERAL = 4
-    PLATFORM_ROLL = 5
-
-
-TARGETS: Final = len(Target)
-
-
-class Air(IntEnum):
-    """What the state of the bench lets the air do."""
-
-    SHUT = 0
-    RESTRICTED = 1
-    FULL = 2
-    VENTED = 3  #: emergency stop: supply shut, springs vented
-
-
-class Happened(IntFlag):
-    """What the state machine must decide on."""
-
-    NOTHING = 0
-    COMMAND_LATE = 1
-    COMMAND_LOST = 2
-    LIMIT = 4
-    PROGRAM_DONE = 8
-    ALARM = 16
-
-
-#: Everything that the tick keeps of its own, in one record: a snapshot of the rig is a copy of it.
-CONTROLS: Final = np.dtype(
-    [
-        ("tick", "<i8"),
-        ("alarm", "<i8"),  # tick at which the state machine wants to be asked, -1 for never
-        ("command_tick", "<i8"),  # when the last valid command came
-        ("bits", "<i8"),  # D, H, M, R of the last valid command: 1, 2, 4, 8
-        ("armed", "<i8"),  # 1: the watchdog is watching
-        ("late", "<i8"),  # 1: already reported
-        ("lost", "<i8"),
-        ("active", "<i8"),  # 1: follow the commander's set-points
-        ("engaged", "<i8"),  # 1: the actuators hold or move
-        ("air", "<i8"),
-        ("control", "<i8", (3,)),  # control mode by actuator
-        ("goal", "<f8", (TARGETS,)),
-        ("setpoint", "<f8", (TARGETS,)),
-        ("slew", "<i8", (TARGETS,)),
-        ("air_mode", "<i8", (2,)),
-        ("air_target", "<f8", (2,)),
-        ("reservoir", "<i8", (2,)),
-        ("dpv", "<i8"),
-        ("program", "<i8"),
-        ("axis", "<i8"),
-        ("wave", "<i8"),
-        ("amplitude", "<f8"),
-        ("lever", "<f8"),  # m per rad, of a roll at the vertical actuators
-        ("frequency", "<f8"),
-        ("cycles", "<f8"),
-        ("phase", "<f8"),  # cycles since the start of the program
-        ("offset", "<f8", (TARGETS,)),  # what the generator adds to the set-points
-    ]
+#: Rows of the table that the tick itself fills; the tick's number fits in 24 bits with one code left for "unknown".
+_TICK_ROW: Final = TABLE.index["rig.tick"]
+_PROGRAM_ROW: Final = TABLE.index["rig.program"]
+_CYCLE_ROW: Final = TABLE.index["rig.generator_cycle"]
+_CONTROL_ROW: Final = TABLE.index["control.enable"]
+#: The bits of the Control message stand in its fields and in the table in one order.
+_CONTROL_BITS: Final = len(ControlBit)
+assert TABLE.signals[_CONTROL_ROW : _CONTROL_ROW + _CONTROL_BITS] == tuple(
+    TABLE[f"control.{bit.name.lower()}"] for bit in ControlBit if bit.name
 )
+_TICK_MODULUS: Final = int(COUNT_MAX) + 1
 
 _LEVEL: Final = AIR_MODES.index("level")
 _FILL: Final = AIR_MODES.index("fill")
@@ -111,7 +74,10 @@ _VENT: Final = AIR_MODES.index("vent")
 assert tuple(mode.name.lower() for mode in Mode) == CONTROL_MODES
 _AXIS_VERTICAL: Final = AXES.index("vertical")
 _AXIS_ROLL: Final = AXES.index("roll")
-_AXIS_LATERAL: Final = AXES.index("lateral")
+#: Targets stand as the actuators and then the axes of the platform, the generator's axes from the lateral one on alike.
+_NAMES: Final = tuple(target.name.lower() for target in Target)
+assert (*ACTUATORS, *(f"platform_{axis}" for axis in PLATFORM_AXES)) == _NAMES
+assert AXES[Target.LATERAL :] == _NAMES[Target.LATERAL :]
 _COSINE: Final = WAVES.index("unilateral_cosine")
 _TRIANGLE: Final = WAVES.index("triangle")
 
@@ -145,24 +111,24 @@ def waveform(wave: int, phase: float, cycles: float) -> float:
 @compiled
 def _generate(c: Any) -> int:
     """Advance the function generator by one tick and set its offsets."""
-    happened = 0
-    if c.program == 1:
+    happened = Happened.NOTHING.value
+    if c.program == Program.RUN:
         c.phase += c.frequency * TICK
         if c.phase >= c.cycles:
             c.phase = c.cycles
-            c.program = 0
-            happened = 8
+            c.program = Program.IDLE.value
+            happened = Happened.PROGRAM_DONE.value
     for row in range(TARGETS):
         c.offset[row] = 0.0
-    value = c.amplitude * waveform(c.wave, c.phase, c.cycles) if c.program != 0 else 0.0
+    value = c.amplitude * waveform(c.wave, c.phase, c.cycles) if c.program != Program.IDLE else 0.0
     if c.axis == _AXIS_VERTICAL:
-        c.offset[0] = value
-        c.offset[1] = value
+        c.offset[Target.VERTICAL_LEFT] = value
+        c.offset[Target.VERTICAL_RIGHT] = value
     elif c.axis == _AXIS_ROLL:
-        c.offset[0] = value * c.lever
-        c.offset[1] = -value * c.lever
+        c.offset[Target.VERTICAL_LEFT] = value * c.lever
+        c.offset[Target.VERTICAL_RIGHT] = -value * c.lever
     else:
-        c.offset[c.axis] = value  # from the lateral axis on, axes and targets are numbered alike
+        c.offset[c.axis] = value
     return happened
 
 
@@ -186,37 +152,39 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
         if c.slew[row] > 0:
             c.setpoint[row] += (c.goal[row] - c.setpoint[row]) / c.slew[row]
             c.slew[row] -= 1
-    for actuator in range(3):
+    for actuator in range(len(ACTUATORS)):
         command = Input.VERTICAL_LEFT_COMMAND + actuator
         mode = Input.VERTICAL_LEFT_MODE + actuator
         # The wire's numbers of the control modes are the plant's.
         u[mode] = float(c.control[actuator]) if c.engaged != 0 else 0.0
         u[command] = c.setpoint[actuator] + c.offset[actuator]
-    for axis in range(3):
-        u[Input.PLATFORM_VERTICAL + axis] = c.setpoint[3 + axis] + c.offset[3 + axis]
+    for axis in range(len(PLATFORM_AXES)):
+        target = Target.PLATFORM_VERTICAL + axis
+        u[Input.PLATFORM_VERTICAL + axis] = c.setpoint[target] + c.offset[target]
 
-    flowing = c.air == 1 or c.air == 2
+    flowing = c.air == AirSupply.RESTRICTED or c.air == AirSupply.FULL
     u[Input.SUPPLY] = 1.0 if flowing else 0.0
     u[Input.DPV_CONNECTED] = c.dpv
-    for side in range(2):
+    for side in range(len(SIDES)):
         pressure = pressure_left if side == 0 else pressure_right
         opening = 0.0
         if flowing:
             opening = _opening(c.air_mode[side], c.air_target[side], pressure)
-            if c.air == 1:
+            if c.air == AirSupply.RESTRICTED:
                 opening *= _RESTRICTED
-        elif c.air == 3:
+        elif c.air == AirSupply.VENTED:
             opening = -1.0
+        leveling = c.air == AirSupply.FULL and c.air_mode[side] == _LEVEL
         u[Input.LEFT_SERVICE_VALVE + side] = opening
-        u[Input.LEFT_LEVELING + side] = 1.0 if c.air == 2 and c.air_mode[side] == _LEVEL else 0.0
+        u[Input.LEFT_LEVELING + side] = 1.0 if leveling else 0.0
         # An emergency stop empties the bellows too: the way through their auxiliary chambers stands open.
-        u[Input.LEFT_RESERVOIR_VALVE + side] = 1.0 if c.air == Air.VENTED else c.reservoir[side]
+        u[Input.LEFT_RESERVOIR_VALVE + side] = 1.0 if c.air == AirSupply.VENTED else c.reservoir[side]
 
 
 @compiled
 def _detect(values: Any, detectors: Any) -> int:
-    """Advance the limit detectors by one sample; return 4 if one of them tripped just now."""
-    happened = 0
+    """Advance the limit detectors by one sample; return whether one of them tripped just now."""
+    happened = Happened.NOTHING.value
     for row in range(detectors.size):
         detector = detectors[row]
         value = values[detector.signal]
@@ -224,7 +192,7 @@ def _detect(values: Any, detectors: Any) -> int:
             detector.outside += 1
             if detector.outside >= detector.samples and detector.tripped == 0:
                 detector.tripped = 1
-                happened = 4
+                happened = Happened.LIMIT.value
         else:
             detector.outside = 0
     return happened
@@ -233,36 +201,52 @@ def _detect(values: Any, detectors: Any) -> int:
 @compiled
 def _watch(c: Any) -> int:
     """Return what the watchdog has to say in this tick."""
+    happened = Happened.NOTHING.value
     if c.armed == 0:
-        return 0
+        return happened
     silence = c.tick - c.command_tick
-    happened = 0
     if silence >= _LATE_TICKS and c.late == 0:
         c.late = 1
-        happened |= 1
+        happened |= Happened.COMMAND_LATE.value
     if silence >= _LOST_TICKS and c.lost == 0:
         c.lost = 1
-        happened |= 2
+        happened |= Happened.COMMAND_LOST.value
     return happened
 
 
+class Steering(NamedTuple):
+    """By table row: which target a set-point aims for (-1: none) and in which control mode (-1: any)."""
+
+    targets: npt.NDArray[np.int64]
+    modes: npt.NDArray[np.int64]
+
+    @classmethod
+    def of_table(cls) -> "Steering":
+        """Return what the set-points of the table steer."""
+        steering = cls(*(np.full(len(TABLE.signals), -1, np.int64) for _ in cls._fields))
+        for target, name in enumerate(ACTUATORS):
+            for mode in (Mode.FORCE, Mode.DISPLACEMENT):
+                row = TABLE.index[f"{name}.{mode.name.lower()}_setpoint"]
+                steering.targets[row], steering.modes[row] = target, mode
+        for axis, name in enumerate(PLATFORM_AXES):
+            steering.targets[TABLE.index[f"platform.{name}_setpoint"]] = Target.PLATFORM_VERTICAL + axis
+        return steering
+
+
 @compiled_entry
-def take_commands(
-    controls: Any, signals: Any, values: Any, targets: Any, modes: Any, control_row: int, changes: Any
-) -> int:
+def take_commands(controls: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> int:
     """Let the decoded samples of commands act; return how many changes of the control bits were written to ``changes``.
 
-    ``targets`` and ``modes`` say by table row which target a set-point aims for (-1: none) and in which control mode
-    (-1: any). A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before".
+    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before".
     """
     c = controls[0]
     count = 0
     for k in range(signals.size):
         row = signals[k]
-        target = targets[row]
-        if row == control_row:
+        target = steering.targets[row]
+        if row == _CONTROL_ROW:
             bits = 0
-            for bit in range(4):
+            for bit in range(_CONTROL_BITS):
                 bits |= (values[k + bit] != 0.0) << bit
             c.command_tick = c.tick
             c.late = 0
@@ -274,7 +258,7 @@ def take_commands(
         elif (
             target >= 0
             and c.active != 0
-            and (modes[row] < 0 or modes[row] == c.control[target])
+            and (steering.modes[row] < 0 or steering.modes[row] == c.control[target])
             and not np.isnan(values[k])
             and c.goal[target] != values[k]
         ):
@@ -283,62 +267,78 @@ def take_commands(
     return count
 
 
+class PlantArrays(NamedTuple):
+    """The plant as its compiled step takes it; one record each in ``memory`` and ``parameters``."""
+
+    state: npt.NDArray[np.float64]
+    memory: npt.NDArray[np.void]
+    inputs: npt.NDArray[np.float64]
+    parameters: npt.NDArray[np.void]
+
+
+class Sampling(NamedTuple):
+    """What is sampled at 200 Hz: readings of the sensors, all signals by table row, and the limits on them."""
+
+    readings: npt.NDArray[np.float64]
+    values: npt.NDArray[np.float64]  #: SI; the measurements stand first, in the order of the sensors
+    detectors: npt.NDArray[np.void]
+
+
+class Sending(NamedTuple):
+    """The layout of the frames, their counters, and the rows of the messages that leave at each rate."""
+
+    messages: npt.NDArray[np.void]
+    fields: npt.NDArray[np.void]
+    counters: npt.NDArray[np.int64]
+    fast: npt.NDArray[np.int64]
+    medium: npt.NDArray[np.int64]
+    slow: npt.NDArray[np.int64]
+
+
+@compiled
+def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, position: int) -> int:
+    """Write one frame per message in ``rows`` to ``out``; return the position behind the last."""
+    return encode_into(values, rows, time, sending.messages, sending.fields, sending.counters, out, position)
+
+
 @compiled_entry
 def run_ticks(
-    ticks: int,
-    controls: Any,
-    x: Any,
-    memory: Any,
-    u: Any,
-    parameters: Any,
-    readings: Any,
-    values: Any,
-    status_rows: Any,
-    detectors: Any,
-    messages: Any,
-    fields: Any,
-    counters: Any,
-    fast_rows: Any,
-    medium_rows: Any,
-    slow_rows: Any,
-    out: Any,
+    ticks: int, controls: Any, plant: PlantArrays, sampling: Sampling, sending: Sending, out: Any
 ) -> tuple[int, int, int]:
     """Run up to ``ticks`` ticks; return (ticks run, frames written to ``out``, what happened in the last one).
 
-    ``controls``, ``memory`` and ``parameters`` hold one record each: numba looks at an array in 0.2 µs and at a
-    record in 13. ``values`` are the signals by table row (SI), the measurements first and in the order of the sensors;
-    ``status_rows`` says where tick, program and cycle stand. ``out`` must have room for 12 frames a tick.
+    Records come in arrays of one: numba looks at an array in 0.2 µs and at a record in 13. ``out`` must have room for
+    `FRAMES_PER_TICK_MAX` frames a tick.
     """
-    c, mem, par = controls[0], memory[0], parameters[0]
+    c, mem, par = controls[0], plant.memory[0], plant.parameters[0]
+    x, u, values = plant.state, plant.inputs, sampling.values
     work, algebraic, ideal = np.empty((5, STATES)), np.empty(ALGEBRAICS), np.empty(SENSORS)
     pieces = pipe_steps(par, TICK)
     position = 0
-    happened = 0
+    happened = Happened.NOTHING.value
     done = 0
     while done < ticks and happened == 0:
         done += 1
         c.tick += 1
         happened |= _generate(c)
-        left = values[Sensor.LEFT_AUXILIARY_PRESSURE]
-        right = values[Sensor.RIGHT_AUXILIARY_PRESSURE]
-        _drive(c, u, left, right)
+        _drive(c, u, values[Sensor.LEFT_AUXILIARY_PRESSURE], values[Sensor.RIGHT_AUXILIARY_PRESSURE])
         step(x, mem, u, par, TICK, pieces, work, algebraic, ideal)
         if c.tick % FAST == 0:
             observe(x, mem, u, par, work[0], algebraic, ideal)
-            read_sensors(mem, par, ideal, c.tick // FAST, readings)
-            for k in range(readings.size):
-                values[k] = readings[k]  # measurements stand first in the table, in the order of the sensors
-            happened |= _detect(values, detectors)
+            read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)
+            for k in range(SENSORS):
+                values[k] = sampling.readings[k]
+            happened |= _detect(values, sampling.detectors)
             time = c.tick * TICK_NS
-            position = encode_into(values, fast_rows, time, messages, fields, counters, out, position)
-            values[status_rows[0]] = c.tick % 16777215
-            values[status_rows[1]] = c.program
-            values[status_rows[2]] = math.floor(c.phase)
+            position = _send(values, sending, sending.fast, time, out, position)
+            values[_TICK_ROW] = c.tick % _TICK_MODULUS
+            values[_PROGRAM_ROW] = c.program
+            values[_CYCLE_ROW] = math.floor(c.phase)
             if c.tick % MEDIUM == 0:
-                position = encode_into(values, medium_rows, time, messages, fields, counters, out, position)
+                position = _send(values, sending, sending.medium, time, out, position)
             if c.tick % SLOW == 0:
-                position = encode_into(values, slow_rows, time, messages, fields, counters, out, position)
+                position = _send(values, sending, sending.slow, time, out, position)
         happened |= _watch(c)
         if c.tick == c.alarm:
-            happened |= 16
+            happened |= Happened.ALARM.value
     return done, position, happened

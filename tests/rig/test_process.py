@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bench_protocol.frames import FRAME
+from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.process import Late, keep_time
-from bench_sim.rig.tick import TICK_NS
 
 
 class StallingClock:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.table import TABLE
-from bench_sim.rig.tick import TICK_NS
+from bench_sim.rig.controls import TICK_NS
 
 
 def test_silence_holds_at_100_ms_and_disables_at_500_ms(armed) -> None:

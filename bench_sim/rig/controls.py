@@ -1,0 +1,95 @@
+"""What the tick keeps of its own: set-points, generator, air control and watchdog as one record, and its numbering."""
+
+from enum import IntEnum, IntFlag
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
+from bench_protocol.units import NS
+
+TICK_NS: Final = round(TICK * NS)
+#: Ticks between samples at the three rates of the messages.
+FAST: Final = round(1.0 / (FAST_RATE * TICK))
+MEDIUM: Final = round(1.0 / (COMMAND_RATE * TICK))
+SLOW: Final = round(1.0 / (SLOW_RATE * TICK))
+#: Set-points arrive at COMMAND_RATE; the rig draws a straight line to each within one such period.
+SLEW_TICKS: Final = MEDIUM
+
+
+class Target(IntEnum):
+    """Rows of the set-points."""
+
+    VERTICAL_LEFT = 0
+    VERTICAL_RIGHT = 1
+    LATERAL = 2
+    PLATFORM_VERTICAL = 3
+    PLATFORM_LATERAL = 4
+    PLATFORM_ROLL = 5
+
+
+TARGETS: Final = len(Target)
+
+
+class AirSupply(IntEnum):
+    """What the state of the bench lets the air do."""
+
+    SHUT = 0
+    RESTRICTED = 1
+    FULL = 2
+    VENTED = 3  #: emergency stop: supply shut, springs vented
+
+
+class ControlBit(IntFlag):
+    """The bits of the Control message, in the order of its fields."""
+
+    NONE = 0
+    ENABLE = 1  #: D
+    HOLD = 2  #: H
+    ACTIVE = 4  #: M
+    RESET = 8  #: R
+
+
+class Happened(IntFlag):
+    """What the state machine must decide on."""
+
+    NOTHING = 0
+    COMMAND_LATE = 1
+    COMMAND_LOST = 2
+    LIMIT = 4
+    PROGRAM_DONE = 8
+    ALARM = 16
+
+
+#: A snapshot of the rig's tick is a copy of this record.
+CONTROLS: Final = np.dtype(
+    [
+        ("tick", "<i8"),
+        ("alarm", "<i8"),  # tick at which the state machine wants to be asked, -1 for never
+        ("command_tick", "<i8"),  # when the last valid command came
+        ("bits", "<i8"),  # `ControlBit` of the last valid command
+        ("armed", "<i8"),  # 1: the watchdog is watching
+        ("late", "<i8"),  # 1: already reported
+        ("lost", "<i8"),
+        ("active", "<i8"),  # 1: follow the commander's set-points
+        ("engaged", "<i8"),  # 1: the actuators hold or move
+        ("air", "<i8"),  # `AirSupply`
+        ("control", "<i8", (3,)),  # control mode by actuator
+        ("goal", "<f8", (TARGETS,)),
+        ("setpoint", "<f8", (TARGETS,)),
+        ("slew", "<i8", (TARGETS,)),
+        ("air_mode", "<i8", (2,)),
+        ("air_target", "<f8", (2,)),
+        ("reservoir", "<i8", (2,)),
+        ("dpv", "<i8"),
+        ("program", "<i8"),  # `Program`
+        ("axis", "<i8"),
+        ("wave", "<i8"),
+        ("amplitude", "<f8"),
+        ("lever", "<f8"),  # m per rad, of a roll at the vertical actuators
+        ("frequency", "<f8"),
+        ("cycles", "<f8"),
+        ("phase", "<f8"),  # cycles since the start of the program
+        ("offset", "<f8", (TARGETS,)),  # what the generator adds to the set-points
+    ]
+)

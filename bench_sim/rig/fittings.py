@@ -1,0 +1,89 @@
+"""What hands change on the bench between runs: shims under the emergency springs, orifice plates, connecting pipes."""
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from bench_protocol.signals import Group
+from bench_protocol.table import TABLE
+from bench_protocol.units import bar
+from bench_protocol.words import PIPE_LENGTH
+from bench_sim.model.layout import SIDES, State
+from bench_sim.model.plant import Plant
+from bench_sim.model.wiring import sensors_of
+
+#: Up to which gauge pressure somebody may open a flange.
+_FLANGE_PRESSURE: Final = 0.3 * bar
+_CHAMBERS: Final = sensors_of(Group.PRESSURE)
+_BORE: Final = TABLE["rig.orifice_diameter"]
+
+
+class Ordered(NamedTuple):
+    """The plates and pipes that the settings ask for."""
+
+    plate: int  #: bore in steps of the setting: no single says exactly 13 mm
+    pipe: bool
+
+    @classmethod
+    def by(cls, settings: Mapping[str, float]) -> "Ordered":
+        """Return what ``settings`` (SI) ask for."""
+        return cls(round(settings[_BORE.name] / _BORE.step), bool(settings["rig.pipe"]))
+
+
+class Fittings:
+    """What is fitted to ``plant``, and what of it may be changed when.
+
+    The parameter set may say otherwise than the settings: a plate that was bored wrong stays in until somebody orders
+    another one. So only a change of the order changes the plant.
+    """
+
+    def __init__(self, plant: Plant, settings: Mapping[str, float]) -> None:
+        self._plant = plant
+        self._ordered = Ordered.by(settings)
+
+    def change(self, settings: Mapping[str, float], *, engaged: bool) -> bool:
+        """Fit what ``settings`` ask for; return False, with nothing changed, where that is not allowed now.
+
+        Shims want disengaged actuators (``engaged`` False), plates and pipes chambers without pressure as well.
+        """
+        ordered = Ordered.by(settings)
+        if ordered != self._ordered and (engaged or self._under_pressure()):
+            return False
+        if not self._shim(settings["rig.nominal_preload"], engaged):
+            return False
+        self._fit(ordered)
+        return True
+
+    def _under_pressure(self) -> bool:
+        """Tell whether air would come out of an open flange; the air asks no sensor."""
+        return not (np.abs(self._plant.ideal()[_CHAMBERS]) < _FLANGE_PRESSURE).all()
+
+    def _shim(self, preload: float, engaged: bool) -> bool:
+        """Set the height to zero for ``preload`` (N per spring), as shims under the emergency springs do.
+
+        The bolster is lifted or lowered by what the emergency springs differ between the two loads, so that the
+        bellows do not feel it.
+        """
+        par, x = self._plant.parameters, self._plant.state
+        change = preload - par.nominal_preload
+        if not change.any():
+            return True
+        if engaged:
+            return False
+        lift = change / par.emergency_stiffness_vertical if par.emergency_spring else np.zeros(SIDES)
+        x[State.BOLSTER_VERTICAL] += lift.mean()
+        x[State.BOLSTER_ROLL] += 0.5 * (lift[0] - lift[1]) / par.spring_half_spacing
+        x[State.LEVER : State.LEVER + SIDES] += lift
+        par.nominal_preload[:] = preload
+        return True
+
+    def _fit(self, ordered: Ordered) -> None:
+        """Change plates and pipes of both sides where the order differs from the last one."""
+        par = self._plant.parameters
+        if ordered.plate != self._ordered.plate:
+            par.orifice_diameter[:] = ordered.plate * _BORE.step
+        if ordered.pipe != self._ordered.pipe:
+            par.pipe_length[:] = PIPE_LENGTH if ordered.pipe else 0.0
+            self._plant.state[State.PIPE_FLOW : State.PIPE_FLOW + SIDES] = 0.0
+        self._ordered = ordered

@@ -1,0 +1,87 @@
+"""The function generator of the rig: how a program is started, held and stopped; the tick moves it on."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from bench_protocol.words import AXES, CONTROL_MODES, Program
+from bench_sim.rig.controls import Target
+
+_RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to come back
+
+
+class Generator:
+    """The program in the tick's ``controls``, started with the staged ``settings`` (SI, by name).
+
+    ``lever``: m per rad, of a roll at the vertical actuators.
+    """
+
+    def __init__(self, controls: Any, settings: Mapping[str, float], lever: float) -> None:
+        self._controls = controls
+        self._settings = settings
+        self._lever = lever
+
+    @property
+    def busy(self) -> bool:
+        """Whether a program runs or is held."""
+        return self._controls["program"] in (Program.RUN, Program.HOLD)
+
+    def run(self) -> bool:
+        """Start the staged program, or go on with the one that is held; return whether that is possible."""
+        c, settings = self._controls, self._settings
+        if c["program"] == Program.RUN:
+            return False
+        if c["program"] == Program.HOLD:
+            c["program"] = Program.RUN
+            return True
+        amplitude = self._amplitude(int(settings["generator.axis"]))
+        if amplitude is None:
+            return False
+        c["axis"], c["wave"] = settings["generator.axis"], settings["generator.wave"]
+        c["amplitude"], c["lever"] = amplitude, self._lever
+        c["frequency"], c["cycles"] = settings["generator.frequency"], settings["generator.cycles"]
+        c["phase"] = 0.0
+        c["program"] = Program.RUN
+        return True
+
+    def hold(self) -> bool:
+        """Stay where the program is; return whether one ran."""
+        if self._controls["program"] != Program.RUN:
+            return False
+        self._controls["program"] = Program.HOLD
+        return True
+
+    def stop(self) -> bool:
+        """End the program and let the axis come back softly; return whether there was one."""
+        if not self.busy:
+            return False
+        self._absorb_offset()
+        self._controls["program"] = Program.STOPPED
+        self._controls["slew"][:] = _RETURN_TICKS
+        return True
+
+    def freeze(self) -> None:
+        """End the program where it is: the set-points take over its offset."""
+        c = self._controls
+        self._absorb_offset()
+        c["program"] = Program.STOPPED if c["program"] != Program.IDLE else Program.IDLE
+
+    def _amplitude(self, axis: int) -> float | None:
+        """Return the amplitude for ``axis`` in its present control mode; None if it cannot move so."""
+        settings, name = self._settings, AXES[axis]
+        if name == "platform_roll":
+            return settings["generator.roll_amplitude"]
+        if name.startswith("platform"):
+            return settings["generator.amplitude"]
+        actuator = Target.LATERAL if name == "lateral" else Target.VERTICAL_LEFT
+        mode = CONTROL_MODES[int(self._controls["control"][actuator])]
+        if mode == "displacement":
+            return settings["generator.roll_amplitude" if name == "roll" else "generator.amplitude"]
+        if mode == "force" and name != "roll":
+            return settings["generator.force_amplitude"]
+        return None
+
+    def _absorb_offset(self) -> None:
+        c = self._controls
+        c["setpoint"] += c["offset"]
+        c["offset"] = 0.0
+        c["phase"] = 0.0
