@@ -1,24 +1,200 @@
-"""What a diagnosis may be told: levels, limits and how much of the machine it may use."""
+"""What a diagnosis may be told, and every level that its argument rests on, in the order of the steps that use them.
+
+``Config`` is what a caller may change. The constants below it were chosen once and measured with it: the rates of false
+alarms and of right names in docs/reference/diagnosis-benchmark.md hold for these numbers. A change of any of them is a
+change of the method, to be measured again.
+
+Terms: χ² is the sum of squares of whitened residuals; *penalised* χ² adds the squares of the parameters in units of
+their prior spread (minus twice the log of the posterior density, up to a constant). λ is the norm of a footprint after
+the base model was refitted, in standard deviations of the noise. lpd is the log predictive density of the select runs.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """The defaults are those under which the false-alarm and naming rates of the reference were measured."""
+    """What a caller may choose; the defaults are those under which the rates of the reference were measured."""
 
-    alpha: float = 0.003  #: chance of a score above the threshold in data that hold nothing
-    alpha_unknown: float = 0.002  #: the same of the omnibus test for what has no name
+    alpha: float = (
+        0.003  #: step 5: probability that any score exceeds the threshold in data that hold nothing
+    )
+    alpha_unknown: float = 0.002  #: step 7: the same of the omnibus test for what has no name
     seed: int = 1
     workers: int = 2
-    max_effects: int = 3
-    fits: int = 8  #: so many effects with the highest scores are fitted at each step
+    max_effects: int = 3  #: step 6: so many causes at most
+    fits: int = 8  #: step 6: so many hypotheses with the highest scores are fitted at each forward step
     effects: tuple[str, ...] | None = None  #: only these of the catalogue; None: all
-    ambiguous: float = 10.0  #: BIC gap under which two causes are not told apart
-    lpd_loss: float = 3.0  #: what a cause may cost in log density on the select runs
-    rough: float = (
-        0.03  #: a further cause must leave at least this part of the λ of those that were found before
-    )
-    gain: float = 0.05  #: least part of the explainable RMSE that a cause must explain on the select runs
+    ambiguous: float = 10.0  #: steps 6 and 8: BIC gap under which two causes are not told apart
+    lpd_loss: float = 3.0  #: step 6: what a cause may cost in log predictive density
+    rough: float = 0.03  #: step 6: part of the λ found before that a further cause must exceed
+    gain: float = 0.05  #: step 6: least part of the explainable RMSE that a cause must explain
+
+
+# -- step 1, the residual: residual/ -----------------------------------------------------------------------------------
+
+#: False discovery rate of the panel (Benjamini and Hochberg). It accuses nobody, so that one row in a hundred may err.
+PANEL_FDR: Final = 0.01
+#: A test of a whole run needs so many samples for its asymptotic distribution; one of a sine, half as many.
+LEAST_SAMPLES: Final = 100
+LEAST_OF_A_SINE: Final = 50
+#: Lags of the Ljung-Box test: a few tenths of a second at the rates of these benches.
+LJUNG_BOX_LAGS: Final = 40
+#: Blocks in a run, at the three scales of the test for drift.
+DRIFT_BLOCKS: Final = (48, 16, 5)
+#: Below this frequency in Hz, gas and rubber are slow enough for a loop to count as quasi-static.
+QUASI_STATIC_HZ: Final = 0.25
+#: Time constants in s of what may settle during a hold, half a decade apart.
+SETTLING_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
+#: Samples in a hold without which an exponential is not told from a line.
+LEAST_OF_A_HOLD: Final = 200
+#: Bins along each side of a surface of the error: 49 means are a χ² that single outliers do not make.
+SURFACE_BINS: Final = 7
+#: Samples that the mean of one bin needs.
+LEAST_IN_BIN: Final = 30
+#: Blocks of a parity signal, whose means are compared.
+PARITY_BLOCKS: Final = 24
+#: Draws of the noise that the F statistic of a parity signal is compared with: twelve times as many means.
+PARITY_DRAWS: Final = 12
+#: Cycles belong to one stretch while period and height agree within this part: an amplitude or frequency of a plan
+#: differs from the next by more.
+SAME_CYCLE: Final = 0.05
+#: Share of the variance that a sine must explain to be taken for one; a triangle's fundamental explains 0.986.
+SINE_SHARE: Final = 0.995
+#: Fewer equal cycles than this have no scatter from which a test could be made.
+LEAST_CYCLES: Final = 3
+#: An input holds still while it stays within this part of its range in the run …
+STILL_SHARE: Final = 0.01
+#: … for so many seconds.
+LEAST_HOLD_S: Final = 5.0
+
+# -- step 2, base parameters, and every later fit: base_model.py, fitting/ ---------------------------------------------
+
+#: Steps that a fit may take while models are compared: a fit that needs more is far from any other.
+FIT_STEPS: Final = 30
+#: Steps of the model that is reported.
+REPORTED_FIT_STEPS: Final = 150
+#: A fit ends where the next step would lower χ² by less than this: far below any level that χ² is compared with.
+FIT_TOLERANCE: Final = 0.01
+#: Relative tolerance at which the fit stops, per unit of χ² beyond the noise: finite differences resolve no more.
+FIT_RELATIVE_TOLERANCE: Final = 1e-5
+#: A step that gains less than this part of the predicted decrease was taken with poor columns: they are computed anew.
+POOR_STEP: Final = 0.75
+#: A step that gains this part of the predicted decrease had good columns: a failure after it is one of length.
+GOOD_STEP: Final = 0.9
+#: A step is taken if it gains this part of the predicted decrease.
+LEAST_STEP: Final = 0.01
+#: A fit gives up where a step would close less than this part of its gap to a better model.
+HOPELESS_STEP: Final = 0.02
+#: Where no step is short enough, the fit counts as converged if it lies less than this above the predicted optimum in
+#: χ²: two standard deviations of one parameter.
+ROUGH_OPTIMUM: Final = 4.0
+#: Better columns are not worth their simulations for a predicted decrease of χ² below this.
+WORTH_NEW_COLUMNS: Final = 1.0
+#: Part of a squared step that the effects' own parameters must make for Broyden's rule to learn from it.
+BROYDEN_SHARE: Final = 0.01
+#: Part of the largest eigenvalue below which one is rounding: some hundred times the precision of a double.
+EIGENVALUE_FLOOR: Final = 1e-13
+#: Weight of what a fit knows of parameters that a prediction holds fixed.
+FIXED_WEIGHT: Final = 1e4
+#: Weight of a prior that says nothing, per square of the parameter's scale: it makes the evidence finite.
+FLAT_WEIGHT: Final = 1e-6
+
+# -- step 3, the noise: noise.py, noise_estimate.py --------------------------------------------------------------------
+
+#: Highest order of the autoregression; BIC takes fewer.
+AR_ORDER: Final = 10
+#: So many further predecessors help to predict a sample where some are missing.
+BRIDGED_GAP: Final = 4
+#: No channel is believed to be quieter than this part of what its data sheet says, which is an upper bound.
+LEAST_OF_DATA_SHEET: Final = 0.5
+#: Pairs of samples that a lag needs for each order of the autoregression.
+PAIRS_PER_ORDER: Final = 20
+#: Blocks of all runs together over which scores scatter: each is far longer than the noise remembers.
+DISPERSION_BLOCKS: Final = 256
+
+# -- steps 4 and 5, scores and their threshold: footprints.py, screening.py, threshold.py ------------------------------
+
+#: Draws of the largest of all scores under chance: at α = 0.003 the quantile rests on 60 of them.
+THRESHOLD_DRAWS: Final = 20_000
+
+# -- step 6, fit and gates: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py -----------------------
+
+#: So many of the best scores bring their confusers and richer relatives with them.
+WITH_RELATIVES: Final = 2
+#: χ² that would be gained beyond the end of a range, from which on the range is violated: two standard deviations.
+RANGE_CHI2: Final = 4.0
+#: A base parameter so many prior standard deviations from its nominal value is no longer believed …
+STRAINED_PRIOR: Final = 4.0
+#: … and a cause is blamed for it if it asks for so many more than the model without it.
+FURTHER_STRAIN: Final = 1.0
+#: A noise floor is known to about a tenth.
+FLOOR_SLACK: Final = 1.1
+#: So many samples at rest in a row say how large the noise is.
+LEAST_AT_REST: Final = 50
+#: So many rivals are tried in the place of each accepted effect.
+RIVALS: Final = 4
+#: So many causes that are not physical alone are tried two by two.
+PAIRED: Final = 4
+#: What passes the gates must gain this part of the BIC that the best unphysical trial gains, or it is no substitute.
+SUBSTITUTE: Final = 0.1
+#: A rival must gain this part of the BIC that the accepted effect gains.
+COMPARABLE: Final = 0.5
+
+# -- step 7, what has no name: unknown.py ------------------------------------------------------------------------------
+
+#: A surface acts where its coefficients are so many standard deviations from 0 …
+CLEAR_COEFFICIENT: Final = 2.0
+#: … and such a part of the largest ones.
+LARGE_COEFFICIENT: Final = 0.25
+#: A place of a surface was visited where the data halve the standard deviation that was believed.
+VISITED: Final = 0.5
+
+# -- step 8, the verdict: verdict.py -----------------------------------------------------------------------------------
+
+#: Part of the χ² explained by the causes from which on a significant rest belongs to the verdict.
+REMAINDER: Final = 0.01
+#: A surface that predicts the select runs no better is told only if chance makes it with less than this probability.
+UNKEPT_SURFACE_P: Final = 1e-6
+#: Part of what a cause gains that it must still gain beside a surface which imitates it. A stop that was called a cubic
+#: spring kept a hundredth, measured friction under its right name three to seven.
+GAIN_BESIDE_SURFACE: Final = 0.02
+#: Part of the information on an amplitude that a surface must take away to imitate the effect.
+IMITATED_INFORMATION: Final = 0.9
+#: Beside a cause, a surface may be so many times as large as is believed.
+WIDER_SURFACE: Final = 10.0
+#: So many times the noise on the report runs are worth a sentence.
+NOISE_RATIO_TOLD: Final = 1.2
+
+# -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
+
+#: A predicted BIC gap below this does not tell two effects apart.
+SEPARABLE: Final = 10.0
+#: Pairs of footprints with a smaller cosine are not worth a line.
+WORTH_A_LINE: Final = 0.8
+#: The score exceeds the threshold in 95 % of cases where λ lies above it by this (one-sided normal quantile).
+POWER95: Final = 1.6449
+#: An amplitude beyond so many prior spreads is not believed.
+BELIEVED_SPREADS: Final = 5.0
+#: An effect is hidden where less than this part of its footprint is left beside the base model.
+HIDDEN_FOOTPRINT: Final = 0.3
+#: A reference is worth naming if it makes the gap grow by this factor.
+WORTH_A_REFERENCE: Final = 2.0
+#: So many references are named at most.
+MOST_REFERENCES: Final = 3
+
+# -- step 9, the gain: gain.py -----------------------------------------------------------------------------------------
+
+#: Nominal levels of the predicted intervals whose coverage is counted.
+COVERAGE_LEVELS: Final = (0.50, 0.90, 0.95)
+#: Draws of the bootstrap: the ends of the 95 % interval rest on 50 of them.
+BOOTSTRAPS: Final = 2000
+#: With fewer report runs than this, the bootstrap draws blocks of runs instead of runs.
+LEAST_RUNS: Final = 6
+#: Blocks in a run for the bootstrap: seconds long, so that what the noise remembers stays inside.
+BOOTSTRAP_BLOCKS: Final = 24
+#: A misfit that exceeds the noise by a smaller factor leaves nothing to explain.
+EXPLAINABLE: Final = 1.05

@@ -4,42 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from itertools import combinations
-from typing import Final
 
 import numpy as np
 
 from diagnosis.contracts import Array, Parameter
+from diagnosis.engine.config import BELIEVED_SPREADS, HIDDEN_FOOTPRINT, POWER95, SEPARABLE, WORTH_A_LINE
 from diagnosis.engine.fitting.linear import Linearisation
 from diagnosis.engine.screening import Screening
 from diagnosis.finding import Confusability, Pair, Unseen, number, numbers
 
-#: A BIC gap below this does not tell two effects apart.
-SEPARABLE: Final = 10.0
-#: Pairs with less in common than this are not worth a line.
-ALIKE: Final = 0.8
-#: The score exceeds the threshold in 95 % of cases where λ lies above it by this.
-POWER95: Final = 1.6449
-#: An amplitude beyond so many prior spreads is not believed.
-BELIEVED: Final = 5.0
-#: Less of a footprint than this left beside the base model means: hidden.
-HIDDEN: Final = 0.3
 
-
-def confusability(screen: Screening) -> Confusability:
+def confusability(screening: Screening) -> Confusability:
     """Cosines of the footprints of all effects, each pair at the points of their grids where they are most alike.
 
     An effect as large as its prior spread has a certain λ in these runs; the predicted BIC gap to another one that
     is fitted in its stead is λ²(1 − cosine²), and under 10 the pair is called inseparable.
     """
-    names = list(dict.fromkeys(c.effect.name for c in screen.candidates))
-    places = {n: [i for i, c in enumerate(screen.candidates) if c.effect.name == n] for n in names}
-    alike = np.abs(screen.projection.cosines)
+    names = list(dict.fromkeys(c.effect.name for c in screening.candidates))
+    places = {n: [i for i, c in enumerate(screening.candidates) if c.effect.name == n] for n in names}
+    alike = np.abs(screening.projection.cosines)
     cosines = np.array([[float(alike[np.ix_(places[a], places[b])].max()) for b in names] for a in names])
-    strength = [max(float(typical(screen)[i]) for i in places[n]) for n in names]
+    lambdas = [max(float(typical(screening)[i]) for i in places[n]) for n in names]
     pairs = []
     for a, b in combinations(range(len(names)), 2):
-        gap = min(strength[a], strength[b]) ** 2 * max(0.0, 1.0 - cosines[a, b] ** 2)
-        if cosines[a, b] > ALIKE:
+        gap = min(lambdas[a], lambdas[b]) ** 2 * max(0.0, 1.0 - cosines[a, b] ** 2)
+        if cosines[a, b] > WORTH_A_LINE:
             pairs.append(
                 Pair(
                     first=names[a],
@@ -56,35 +45,42 @@ def confusability(screen: Screening) -> Confusability:
     )
 
 
-def typical(screen: Screening) -> Array:
+def typical(screening: Screening) -> Array:
     """λ (m,) of every candidate as large as its prior spread."""
-    return screen.strength * np.array([c.effect.amplitude.spread for c in screen.candidates])
+    return screening.root_information * np.array([c.effect.amplitude.spread for c in screening.candidates])
 
 
-def unseen(screen: Screening, here: Linearisation, found: Collection[str] = ()) -> list[Unseen]:
+def unseen(screening: Screening, linearisation: Linearisation, found: Collection[str] = ()) -> list[Unseen]:
     """For each effect that was not found, the smallest one that would have been found in 95 % of cases.
 
-    It is told for the point of the grid where the effect is seen best.  ``here`` is what the screen projected on.
+    It is told for the point of the grid where the effect is seen best. ``linearisation`` is what the scores were
+    projected on.
     """
-    names = [n for n in dict.fromkeys(c.effect.name for c in screen.candidates) if n not in found]
+    names = [n for n in dict.fromkeys(c.effect.name for c in screening.candidates) if n not in found]
     result = []
     for name in names:
-        mine = [i for i, c in enumerate(screen.candidates) if c.effect.name == name]
-        best = max(mine, key=lambda i: float(screen.strength[i]))
-        result.append(_unseen(screen, here, best))
+        mine = [i for i, c in enumerate(screening.candidates) if c.effect.name == name]
+        best = max(mine, key=lambda i: float(screening.root_information[i]))
+        result.append(_unseen(screening, linearisation, best))
     return result
 
 
-def _unseen(screen: Screening, here: Linearisation, place: int) -> Unseen:
-    candidate, strength = screen.candidates[place], float(screen.strength[place])
+def _unseen(screening: Screening, linearisation: Linearisation, place: int) -> Unseen:
+    candidate, per_unit = screening.candidates[place], float(screening.root_information[place])
     effect, amplitude = candidate.effect, candidate.effect.amplitude
-    raw = float(screen.projection.raw[place])
-    visible = float(screen.projection.norm[place]) / raw if raw > 0.0 else 0.0
-    most = min(BELIEVED * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
-    smallest = (screen.threshold + POWER95) / strength if strength > 0.0 else float("inf")
+    raw = float(screening.projection.raw[place])
+    visible = float(screening.projection.norm[place]) / raw if raw > 0.0 else 0.0
+    most = min(BELIEVED_SPREADS * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
+    smallest = (screening.threshold + POWER95) / per_unit if per_unit > 0.0 else float("inf")
     # What of the model imitates the footprint best, by the size of its part.
-    parts = np.abs(screen.projection.regression[:, place]) * np.sqrt(np.diagonal(here.information))
-    hidden_by = here.point.coordinates[int(np.argmax(parts))].label if visible < HIDDEN and parts.size else ""
+    parts = np.abs(screening.projection.regression[:, place]) * np.sqrt(
+        np.diagonal(linearisation.information)
+    )
+    hidden_by = (
+        linearisation.point.coordinates[int(np.argmax(parts))].label
+        if visible < HIDDEN_FOOTPRINT and parts.size
+        else ""
+    )
     unit = _unit(amplitude)
     if raw == 0.0:
         sentence = "leaves no trace in these runs"

@@ -1,34 +1,44 @@
-"""The whole diagnosis: from runs and a simulator to a finding, reproducible from its seed."""
+"""The whole diagnosis: from runs and a simulator to a finding, reproducible from its seed.
+
+The argument has nine steps, told with examples in docs/explanation/how-the-diagnosis-reasons.md. Each has its file,
+with its theory of operation at the head; levels and limits of all of them stand in `config.py`.
+
+    1  residual           residual/panel.py
+    2  base parameters    base_model.py, by fitting/
+    3  noise              noise_estimate.py, noise.py
+    4  footprint, score   footprints.py, screening.py
+    5  threshold          threshold.py
+    6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py
+    7  what has no name   unknown.py, doubt.py
+    8  verdict            verdict.py; then confusability.py (what was not seen) and next_run.py (what would decide)
+    9  gain               gain.py
+
+`diagnose` takes them in this order but for the first. The panel of step 1 looks at the base model in units of the
+noise, and the noise is known for good only when step 7 has been taken: the panel is computed then. Nothing depends on
+it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from itertools import combinations
-from typing import Final
 
-from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, MeasuredRun, Simulator
-from diagnosis.engine.config import Config
+from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
+from diagnosis.engine.base_model import without_effects
+from diagnosis.engine.config import NOISE_RATIO_TOLD, PANEL_FDR, Config
 from diagnosis.engine.confusability import confusability, unseen
-from diagnosis.engine.fitting.fit import PATIENT, FittedModel, fit
-from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.replay import Replay
-from diagnosis.engine.footprints import Footprints, candidates, footprints, joined, with_surfaces
-from diagnosis.engine.gain import Measured, measure, models, shifts
-from diagnosis.engine.naming import Naming, Search
+from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.residual.panel import panel
-from diagnosis.engine.runs import measured, split
-from diagnosis.engine.screening import ScreenedModel, fit_and_screen
+from diagnosis.engine.runs import measured_channels, split
+from diagnosis.engine.search import Progress, search
 from diagnosis.engine.verdict import Judgement, judge
 from diagnosis.engine.wording import cause, rivals, scores, sentence
 from diagnosis.finding import Finding, Gain, NextRun, NextSensor, Provenance, Verdict
-
-#: So many times the noise on the report runs are worth a sentence.
-WORSE: Final = 1.2
-
-Progress = Callable[[str, float], None]
 
 
 def diagnose(
@@ -45,19 +55,19 @@ def diagnose(
     """
     config = config or Config()
     tell = progress or (lambda _text, _part: None)
-    data, model = measured(dataset, simulator)
+    data, model = measured_channels(dataset, simulator)
     if len({run.role for run in data.runs}) == 1:
         data = split(data, config.seed)
     if not data.of("fit"):
         raise DiagnosisError("no run has the role 'fit': the parameters must be fitted to at least one")
-    effects = _chosen(model.catalogue, config)
+    hypotheses = _chosen(model.catalogue, config)
     replay = Replay(model, data.of("fit"), config.workers)
 
-    naming = Search(replay, data.of("select"), effects, config, tell).run()
+    found = search(replay, data.of("select"), hypotheses, config, tell)  # steps 2 to 6
     tell("looking for what has no name", 0.85)
-    sight, judgement, naming = _judged(naming, effects, config)
+    judgement = judge(found, hypotheses, config)  # steps 7 and 8
     tell("measuring the gain", 0.92)
-    return _conclusion(data, naming, sight, judgement, effects, config, menu)
+    return _finding(data, judgement, hypotheses, config, menu)  # steps 9 and 1
 
 
 def _chosen(catalogue: Mapping[str, Hypothesis], config: Config) -> dict[str, Hypothesis]:
@@ -70,141 +80,95 @@ def _chosen(catalogue: Mapping[str, Hypothesis], config: Config) -> dict[str, Hy
     return {name: catalogue[name] for name in config.effects}
 
 
-def _judged(
-    naming: Naming, effects: Mapping[str, Hypothesis], config: Config
-) -> tuple[ScreenedModel, Judgement, Naming]:
-    """Judge the result of the search, with the noise estimated anew without what surfaces explain.
-
-    What is doubtful leaves the model.
-    """
-    select = naming.prediction.replay.runs if naming.prediction else ()
-    replay = naming.model.replay
-    if not replay.simulator.surfaces:
-        sight = ScreenedModel(naming.model, naming.screen, ())
-        return sight, judge(naming, sight, sight, select, config), naming
-    around = with_surfaces(replay, naming.around)
-    while True:
-        sight = fit_and_screen(replay, around, alpha=config.alpha, seed=config.seed, steps=PATIENT)
-        whole = _with_more(around, replay, select, config) if select else sight
-        judgement = judge(naming, sight, whole, select, config)
-        if not judgement.doubtful:
-            return sight, judgement, naming
-        naming = replace(
-            naming, accepted=tuple(a for a in naming.accepted if a.effect not in judgement.doubtful)
-        )
-        point = around.point
-        for name in judgement.doubtful:
-            point = point.without(name)
-        entries = candidates([e for name, e in effects.items() if name not in point.owners])
-        around = with_surfaces(replay, footprints(replay, point, entries))
-
-
-def _with_more(
-    around: Footprints, replay: Replay, select: Sequence[MeasuredRun], config: Config
-) -> ScreenedModel:
-    """Look at the select runs too: what has no name is often clearest where nothing was fitted."""
-    more = replay.of(select)
-    there = with_surfaces(more, footprints(more, around.point.with_runs(more.names), around.entries))
-    together = replay.of((*replay.runs, *select))
-    return fit_and_screen(together, joined(around, there), alpha=config.alpha, seed=config.seed)
-
-
-def _conclusion(
+def _finding(
     data: Dataset,
-    naming: Naming,
-    sight: ScreenedModel,
     judgement: Judgement,
-    effects: Mapping[str, Hypothesis],
+    hypotheses: Mapping[str, Hypothesis],
     config: Config,
     menu: Sequence[Experiment],
 ) -> Finding:
-    after, verdict = judgement.model, judgement.verdict
-    before = fit(after.replay, after.noise, _bare(after.point), sight.model.linearisation)
-    covariance = sight.model.covariance()
-    causes = [cause(a, effects[a.effect], sight.model.point, covariance) for a in naming.accepted]
-    others = (
-        rivals(naming, [c.effect for c in causes], effects, config.ambiguous)
-        if verdict is Verdict.AMBIGUOUS
-        else []
-    )
-    runs, references = _separating(naming, sight.model, config, menu) if others else ([], [])
+    """Compare both models and put everything that was concluded into the finding."""
+    found, verdict, extended = judgement.found, judgement.verdict, judgement.model
+    named = judgement.screened.model
+    base = fit(extended.replay, extended.noise, without_effects(extended.point), named.linearisation)
+    covariance = named.covariance()
+    causes = [cause(a, hypotheses[a.effect], named.point, covariance) for a in found.accepted]
+    others = rivals(found, hypotheses, config.ambiguous) if verdict is Verdict.AMBIGUOUS else []
+    next_runs, next_sensors = _deciding(judgement, config, menu) if others else ([], [])
     report = data.of("report")
-    gain = measure(before, after, report, naming.floors, seed=config.seed) if report else Measured([], [], [])
-    first = naming.steps[0].screen
+    gain = compare(base, extended, report, found.floors, seed=config.seed) if report else Comparison()
+    first = found.steps[0].screening
     return Finding(
         verdict=verdict,
-        sentence=sentence(verdict, causes, others, judgement.unknowns, naming),
+        sentence=sentence(verdict, causes, others, judgement.unknowns, found),
         causes=causes,
         threshold=first.threshold,
         alpha=config.alpha,
-        provenance=_provenance(data, after, config),
-        models=models(before, after),
+        provenance=_provenance(data, extended, config),
+        models=models(base, extended),
         ambiguous_with=others,
-        scores=scores(naming),
+        scores=scores(found),
         gains=gain.gains,
         coverage=gain.coverage,
-        not_seen=unseen(sight.screen, sight.model.linearisation, [c.effect for c in causes]),
-        next_runs=runs,
-        next_sensors=references,
-        shifts=shifts(before, after),
-        panel=panel(before, seed=config.seed, alpha=0.01),
+        not_seen=unseen(judgement.screened.screening, named.linearisation, [c.effect for c in causes]),
+        next_runs=next_runs,
+        next_sensors=next_sensors,
+        shifts=shifts(base, extended),
+        panel=panel(base, seed=config.seed, alpha=PANEL_FDR),
         confusability=confusability(first),
         unknowns=list(judgement.unknowns),
-        remains=_remains(data, sight, after, naming, gain.gains),
+        remains=_remains(data, judgement, gain.gains),
         traces=gain.traces,
     )
 
 
-def _bare(point: Point) -> Point:
-    """Return the point without any effect or surface."""
-    for owner in point.owners:
-        point = point.without(owner)
-    return point
-
-
-def _separating(
-    naming: Naming, model: FittedModel, config: Config, menu: Sequence[Experiment]
+def _deciding(
+    judgement: Judgement, config: Config, menu: Sequence[Experiment]
 ) -> tuple[list[NextRun], list[NextSensor]]:
     """Rank the runs that would part what these runs do not, and what could be known otherwise."""
-    rivals = [
+    model = judgement.screened.model
+    others = [
         fit(model.replay, model.noise, trial.point, model.linearisation)
-        for _, trial in naming.confused(config.ambiguous)
+        for _, trial in judgement.found.ambiguous(config.ambiguous)
     ]
     references = {
-        found.name: found
-        for first, second in combinations((model, *rivals), 2)
-        for found in reversed(sensors(first, second))
+        sensor.name: sensor
+        for first, second in combinations((model, *others), 2)
+        for sensor in reversed(sensors(first, second))
     }
-    ranked = sorted(references.values(), key=lambda found: -(found.bic_gap or 0.0))
-    return rank((model, *rivals), menu) if menu else [], ranked
+    ranked = sorted(references.values(), key=lambda sensor: -(sensor.bic_gap or 0.0))
+    return rank((model, *others), menu) if menu else [], ranked
 
 
-def _remains(
-    data: Dataset, sight: ScreenedModel, after: FittedModel, naming: Naming, gains: Sequence[Gain]
-) -> list[str]:
+def _remains(data: Dataset, judgement: Judgement, gains: Sequence[Gain]) -> list[str]:
     """Return sentences on what is still not explained, or could not be checked."""
-    told = [
-        f"{sight.screen.candidates[i].effect.title} still scores {sight.screen.z[i]:.1f}, "
-        f"above {sight.screen.threshold:.1f}."
-        for i in sight.screen.exceeding
+    screening = judgement.screened.screening
+    sentences = [
+        f"{screening.candidates[i].effect.title} still scores {screening.z[i]:.1f}, "
+        f"above {screening.threshold:.1f}."
+        for i in screening.exceeding
     ]
-    told += [
+    sentences += [
         f"{trial.effect} was seen but not accepted: {trial.failed}."
-        for trial in naming.steps[-1].trials
+        for trial in judgement.found.steps[-1].trials
         if trial.failed
     ]
-    if not after.converged:
-        told.append("The fit of the last model did not come to rest; its intervals are not to be trusted.")
-    whole = gains[0].noise_ratio if gains else None
-    if whole is not None and whole > WORSE:
-        told.append(
-            f"On the report runs {whole:.2g} times the noise is left: not all that is wrong there was found."
+    if not judgement.model.converged:
+        sentences.append(
+            "The fit of the last model did not come to rest; its intervals are not to be trusted."
+        )
+    ratio = gains[0].noise_ratio if gains else None
+    if ratio is not None and ratio > NOISE_RATIO_TOLD:
+        sentences.append(
+            f"On the report runs {ratio:.2g} times the noise is left: not all that is wrong there was found."
         )
     if not data.of("select"):
-        told.append("There is no run to select on: no cause was tested on data that it was not fitted to.")
+        sentences.append(
+            "There is no run to select on: no cause was tested on data that it was not fitted to."
+        )
     if not data.of("report"):
-        told.append("There is no run to report on: the gain on unseen data is not known.")
-    return told
+        sentences.append("There is no run to report on: the gain on unseen data is not known.")
+    return sentences
 
 
 def _provenance(data: Dataset, model: FittedModel, config: Config) -> Provenance:

@@ -1,4 +1,17 @@
-"""Step 4a: the footprint of every candidate, by one simulation each."""
+"""Step 4, footprints: what each candidate, and each parameter of the model, would change in the outputs.
+
+Theory of operation
+-------------------
+A footprint is the derivative of all outputs by the amplitude of an effect, at an amplitude of 0. One simulation with a
+small amplitude gives it as a difference quotient, for effects are required to be smooth in their amplitude there.
+Whatever else shapes an effect (a time constant, a travel) is undefined while the amplitude is 0, so that an effect is
+tried at a few values of it, the points of its grid. An effect at one point of its grid is a `Candidate`.
+
+The same is done for every parameter of the base model and of the accepted effects, because what those can imitate does
+not speak for a candidate (step 4 continues in `screening.py`), and in step 7 for each coefficient of the surfaces that
+stand for what has no name. All these quotients come from the simulator once, before the noise is known, and serve for
+the estimate of the noise (step 3, `noise_estimate.py`) as well as for the scores.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +37,7 @@ class Candidate:
     shapes: tuple[float, ...]
 
     def added_to(self, point: Point) -> Point:
-        """Return a point with this effect in it, of no size yet."""
+        """Return a point with this effect in it, with an amplitude of 0."""
         return point.extended(effect_coordinates(self.effect), (0.0, *self.shapes))
 
     @property
@@ -35,17 +48,18 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprints:
-    """What each number of a model, each candidate and each coefficient of a surface would change around a ``point``.
+    """Difference quotients (k, n, c) of each run around a ``point``, per engine unit, neither whitened nor projected.
 
-    Quotients (k, n, c) for each run, as they come from the simulator: ``own``, of the ``entries``, of each surface.
+    ``parameter_columns`` are those of the point's own numbers, ``candidate_columns`` those of the ``candidates``,
+    ``surface_columns`` those of the coefficients of each surface.
     """
 
     point: Point
     predictions: tuple[Array, ...]
-    own: tuple[Quotients, ...]
-    entries: tuple[Candidate, ...]
-    more: tuple[Quotients, ...]
-    surfaces: tuple[tuple[Quotients, ...], ...] = ()
+    parameter_columns: tuple[Quotients, ...]
+    candidates: tuple[Candidate, ...]
+    candidate_columns: tuple[Quotients, ...]
+    surface_columns: tuple[tuple[Quotients, ...], ...] = ()
 
 
 def candidates(effects: Sequence[Hypothesis]) -> tuple[Candidate, ...]:
@@ -53,41 +67,43 @@ def candidates(effects: Sequence[Hypothesis]) -> tuple[Candidate, ...]:
     return tuple(Candidate(effect, shapes) for effect in effects for shapes in effect.grid)
 
 
-def footprints(replay: Replay, point: Point, entries: Sequence[Candidate]) -> Footprints:
+def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Footprints:
     """Simulate what the numbers of a model and the candidates change around a point."""
     predictions = replay.predictions(point)
-    steps = [neighbour(c.added_to(point), len(point.numbers)) for c in entries]
+    steps = [neighbour(candidate.added_to(point), len(point.numbers)) for candidate in tried]
     return Footprints(
         point,
         tuple(predictions),
         tuple(replay.sensitivities(point, predictions)),
-        tuple(entries),
+        tuple(tried),
         tuple(replay.differences(predictions, [steps] * len(replay.runs))),
     )
 
 
 def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
     """Add what each coefficient of each surface of the simulator would change."""
-    surfaces = [
-        tuple(replay.differences(around.predictions, [_roughened(around.point, surface)] * len(replay.runs)))
+    columns = [
+        tuple(
+            replay.differences(around.predictions, [_coefficients(around.point, surface)] * len(replay.runs))
+        )
         for surface in replay.simulator.surfaces
     ]
-    return replace(around, surfaces=tuple(surfaces))
+    return replace(around, surface_columns=tuple(columns))
 
 
-def joined(these: Footprints, others: Footprints) -> Footprints:
-    """Put footprints on further runs beside these; their point is the same, with the nuisances of those runs."""
+def joined(first: Footprints, second: Footprints) -> Footprints:
+    """Return footprints on the runs of both; the second point is the first one with the nuisances of further runs."""
     return Footprints(
-        others.point,
-        these.predictions + others.predictions,
-        these.own + others.own,
-        these.entries,
-        these.more + others.more,
-        tuple(mine + more for mine, more in zip(these.surfaces, others.surfaces, strict=True)),
+        second.point,
+        first.predictions + second.predictions,
+        first.parameter_columns + second.parameter_columns,
+        first.candidates,
+        first.candidate_columns + second.candidate_columns,
+        tuple(a + b for a, b in zip(first.surface_columns, second.surface_columns, strict=True)),
     )
 
 
-def _roughened(point: Point, surface: Surface) -> list[tuple[Point, float]]:
+def _coefficients(point: Point, surface: Surface) -> list[tuple[Point, float]]:
     """Return the neighbours of a point along the coefficients of a surface."""
     flat = point.extended(surface_coordinates(surface), [p.nominal for p in surface.coefficients])
     return [neighbour(flat, i) for i in range(len(point.numbers), len(flat.numbers))]

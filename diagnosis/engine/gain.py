@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from diagnosis.contracts import Array, Channel, MeasuredRun
+from diagnosis.engine.config import BOOTSTRAP_BLOCKS, BOOTSTRAPS, COVERAGE_LEVELS, EXPLAINABLE, LEAST_RUNS
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.finding import Coverage, Gain, Models, Shift, Trace, number, numbers
 
-#: Nominal levels of the predicted intervals.
-LEVELS: Final = (0.50, 0.90, 0.95)
-BOOTSTRAPS: Final = 2000
-#: With fewer runs than this, blocks of runs are drawn instead of runs.
-ENOUGH_RUNS: Final = 6
-BLOCKS: Final = 24
-#: A misfit that exceeds the noise by less than this leaves nothing to explain.
-EXPLAINABLE: Final = 1.05
 #: Channels that are drawn, bins and points of their drawings.
 DRAWN, BINS, POINTS = 6, 250, 400
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Comparison:
     """The gain in every channel and in all, the coverage of the predictions, and the curves to look at."""
 
-    gains: list[Gain]
-    coverage: list[Coverage]
-    traces: list[Trace]
+    gains: list[Gain] = field(default_factory=list)
+    coverage: list[Coverage] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +43,9 @@ class _Arms:
         ]
 
 
-def measure(
+def compare(
     before: FittedModel, after: FittedModel, runs: Sequence[MeasuredRun], noise: Array, *, seed: int = 0
-) -> Measured:
+) -> Comparison:
     """Compare two fitted models on the report runs; ``noise`` (c,) is what noise alone leaves in each channel.
 
     Each run finds its own nuisances (an initial pressure); shared ones stay as they were fitted.
@@ -83,7 +75,7 @@ def measure(
                 rng,
             )
         )
-    return Measured(gains, _coverage(errors, noise), _traces(channels, arms, errors, gains[1:]))
+    return Comparison(gains, _coverage(errors, noise), _traces(channels, arms, errors, gains[1:]))
 
 
 def _gain(
@@ -117,7 +109,7 @@ def _gain(
 
 def _sums(before: Array, after: Array) -> Array:
     """Squares before and after and the number of samples, in the blocks of one run: (1, blocks, 3)."""
-    starts = (np.arange(BLOCKS) * len(before)) // BLOCKS
+    starts = (np.arange(BOOTSTRAP_BLOCKS) * len(before)) // BOOTSTRAP_BLOCKS
     parts = np.column_stack(
         (
             np.nansum(before**2, axis=1),
@@ -136,7 +128,7 @@ def _fraction(total: Array, floor: float) -> Array:
 
 def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[float, float]:
     """The 95 % interval of the fraction by the bootstrap: of runs, or of their blocks where there are few runs."""
-    units = sums.sum(axis=1) if len(sums) >= ENOUGH_RUNS else sums.reshape(-1, 3)
+    units = sums.sum(axis=1) if len(sums) >= LEAST_RUNS else sums.reshape(-1, 3)
     units = units[units[:, 2] > 0]
     drawn = units[rng.integers(len(units), size=(BOOTSTRAPS, len(units)))].sum(axis=1)
     low, high = np.nanquantile(_fraction(drawn, floor), (0.025, 0.975))
@@ -156,7 +148,7 @@ def _coverage(errors: Sequence[Sequence[Array]], noise: Array) -> list[Coverage]
             before=number(float(np.mean(sizes[0] < ndtri(0.5 + 0.5 * level)))),
             after=number(float(np.mean(sizes[1] < ndtri(0.5 + 0.5 * level)))),
         )
-        for level in LEVELS
+        for level in COVERAGE_LEVELS
     ]
 
 

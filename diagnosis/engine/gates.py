@@ -1,23 +1,41 @@
-"""The gates that a candidate must pass to be named: better by BIC and prediction, physical, and worth having."""
+"""Step 6, the gates that a candidate must pass to be named: better by BIC, physical, more than rough, worth having.
+
+Theory of operation
+-------------------
+With enough data a further parameter always fits a little more, and every real model is rejected by statistics alone.
+Four gates stand between a good score and a name. Each returns why a model does not pass it, as the rest of a sentence
+for people, or "" where it does.
+
+* `unfit`: the BIC must be better, that is the penalised χ² must fall by ln N for each further parameter;
+* `unphysical`: each parameter of the effect stays inside its range, and no base parameter has to move further than
+  its prior believes. A transducer 0.2 bar off zero is no explanation;
+* `merely_rough`: of a cause in plain view, no equation being exact, a small rest is left that noise would not leave.
+  A further cause must explain more than such a rest;
+* `useless`: the select runs are predicted no worse by their log density, and a part of the explainable misfit goes
+  where the effect acts.
+
+The last gate needs to know what noise alone leaves, since no cause can explain that: `noise_floors`.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
 from diagnosis.contracts import Array, Channel, MeasuredRun
-from diagnosis.engine.config import Config
+from diagnosis.engine.config import (
+    FLOOR_SLACK,
+    FURTHER_STRAIN,
+    LEAST_AT_REST,
+    RANGE_CHI2,
+    STRAINED_PRIOR,
+    Config,
+)
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.predict import Prediction
 from diagnosis.engine.noise import Noise, filters
-
-PUSH: Final = 4.0  #: χ² that would be gained beyond the end of a range: two standard deviations
-STRAIN: Final = 4.0  #: so many prior standard deviations is no belief any more
-MORE: Final = 1.0  #: and a cause strains it that asks for so many more than the model without it
-SLACK: Final = 1.1  #: a noise floor is known to a tenth
-REST: Final = 50  #: so many samples at rest say how large the noise is
 
 
 def unfit(model: FittedModel, effect: str, base: FittedModel) -> str:
@@ -42,31 +60,48 @@ def useless(
     """
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
         return f"predicts the select runs worse: log density falls by {before.lpd - after.lpd:.1f}"
-    return idle(model, after, base, before, floors, config)
+    return explains_too_little(model, after, base, before, floors, config)
 
 
 def unphysical(model: FittedModel, effect: str, base: FittedModel) -> str:
     """Return what is not physical in a fit: a number pushed out of its range, a belief strained; "" if nothing."""
-    here = model.linearisation
+    fitted = model.linearisation
     strained = {c: abs(u) for c, u in zip(base.point.coordinates, base.point.numbers, strict=True)}
-    for i, (coordinate, number) in enumerate(zip(here.point.coordinates, here.point.numbers, strict=True)):
+    for i, (coordinate, number) in enumerate(
+        zip(fitted.point.coordinates, fitted.point.numbers, strict=True)
+    ):
         low, high = coordinate.range
-        push = here.gradient[i]
+        push = fitted.gradient[i]
         outwards = (number <= low and push < 0.0) or (number >= high and push > 0.0)
         value = f"{coordinate.outside(number) / coordinate.parameter.scale:.4g} "
         value += coordinate.parameter.display or coordinate.parameter.unit
         if (
             coordinate.owner == effect
             and outwards
-            and push**2 > PUSH * model.noise.dispersion * here.information[i, i]
+            and push**2 > RANGE_CHI2 * model.noise.dispersion * fitted.information[i, i]
         ):
             return f"{coordinate.label} runs into the end of its range, {value}"
-        if coordinate.weight and abs(number) > max(STRAIN, strained.get(coordinate, 0.0) + MORE):
+        if coordinate.weight and abs(number) > max(
+            STRAINED_PRIOR, strained.get(coordinate, 0.0) + FURTHER_STRAIN
+        ):
             return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from what is believed"
     return ""
 
 
-def idle(
+def merely_rough(gained: float, explained: float, threshold: float, config: Config) -> str:
+    """Return why a further cause may be no more than what the causes found so far are wrong by; "" if it is more.
+
+    ``gained`` is the penalised χ² that it explains, ``explained`` what those before it did, ``threshold`` that of the
+    scores: what exceeds the roughness must be significant.
+    """
+    gained = max(gained, 0.0)
+    if not explained or gained >= config.rough**2 * explained + threshold**2:
+        return ""
+    part = math.sqrt(gained / explained)
+    return f"leaves {100.0 * part:.2g} % of the trace of what was found before, which may be rough by as much"
+
+
+def explains_too_little(
     model: FittedModel,
     after: Prediction | None,
     base: FittedModel,
@@ -87,7 +122,7 @@ def idle(
     footprint = [f(b - a) for f, a, b in zip(filters(base.noise, replay.runs), old, new, strict=True)]
     channel = int(np.argmax(sum(np.sum(p**2, axis=0) for p in footprint)))
     square0, square1 = (_mean_square(replay.runs, outputs, channel) for outputs in (old, new))
-    explainable = square0 - SLACK * floors[channel] ** 2
+    explainable = square0 - FLOOR_SLACK * floors[channel] ** 2
     if explainable <= 0.0:
         return ""
     gained = 1.0 - np.sqrt(max(explainable - (square0 - square1), 0.0) / explainable)
@@ -118,7 +153,7 @@ def _rests(run: MeasuredRun, channel: int) -> list[slice]:
     """Return the stretches at rest of one channel that are long enough; what stands still may stand elsewhere later."""
     still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
     borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
-    return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= REST]
+    return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= LEAST_AT_REST]
 
 
 def _straightened(values: Array) -> Array:

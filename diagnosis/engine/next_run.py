@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from diagnosis.contracts import Array, DiagnosisError, Experiment, MeasuredRun
-from diagnosis.engine.confusability import SEPARABLE
+from diagnosis.engine.config import MOST_REFERENCES, SEPARABLE, WORTH_A_REFERENCE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.noise import filters
 from diagnosis.finding import NextRun, NextSensor, number
-
-#: References that are worth a line.
-MOST_SENSORS: Final = 3
 
 
 @runtime_checkable
@@ -129,7 +126,7 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
     for name in dict.fromkeys(c.parameter.name for c in here.point.coordinates if not c.owner):
         free = np.array([bool(c.owner) or c.parameter.name != name for c in here.point.coordinates])
         gap = _left(here, footprint, free)
-        if gap > 2.0 * now:
+        if gap > WORTH_A_REFERENCE * now:
             how = known.get(name, f"measure {name} against a reference")
             found.append(
                 NextSensor(
@@ -138,7 +135,7 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
                     sentence=f"{how}: the gap grows from {now:.3g} to {gap:.3g}",
                 )
             )
-    return sorted(found, key=lambda sensor: -(sensor.bic_gap or 0.0))[:MOST_SENSORS]
+    return sorted(found, key=lambda sensor: -(sensor.bic_gap or 0.0))[:MOST_REFERENCES]
 
 
 def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:

@@ -10,19 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Channel, MeasuredRun
+from diagnosis.engine.config import AR_ORDER, BRIDGED_GAP, LEAST_OF_DATA_SHEET, PAIRS_PER_ORDER
 
 Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
-
-ORDER: Final = 10  #: highest order of the autoregression
-BRIDGE: Final = 4  #: so many further predecessors help where some are missing
-BELIEF: Final = 0.5  #: no channel is believed to be quieter than this part of what its data sheet says
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,15 +150,15 @@ def estimate(
 
 def quietest(channel: Channel) -> float:
     """Return the standard deviation below which no noise of a channel is believed: its resolution, its data sheet."""
-    return float(np.hypot(channel.resolution / np.sqrt(12.0), BELIEF * channel.noise))
+    return float(np.hypot(channel.resolution / np.sqrt(12.0), LEAST_OF_DATA_SHEET * channel.noise))
 
 
 def _autoregression(
     errors: Sequence[Array], counted: Sequence[Mask], freedom: float, least: float
 ) -> ChannelNoise:
-    pairs, products, squares = np.zeros(ORDER + 1), np.zeros(ORDER + 1), np.zeros(ORDER + 1)
+    pairs, products, squares = np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1), np.zeros(AR_ORDER + 1)
     for error, mask in zip(errors, counted, strict=True):
-        for lag in range(min(ORDER + 1, len(error))):
+        for lag in range(min(AR_ORDER + 1, len(error))):
             both = mask[lag:] & mask[: len(mask) - lag]
             late, early = error[lag:][both], error[: len(error) - lag][both]
             pairs[lag] += len(late)
@@ -169,14 +166,14 @@ def _autoregression(
             squares[lag] += 0.5 * (late @ late + early @ early)
     power = max(freedom * squares[0] / max(pairs[0], 1.0), least**2, 1e-300)
     # Correlations over the power of the very samples in each pair: what is missing scatters both alike.
-    covariance = power * np.divide(products, squares, out=np.zeros(ORDER + 1), where=squares > 0.0)
+    covariance = power * np.divide(products, squares, out=np.zeros(AR_ORDER + 1), where=squares > 0.0)
     covariance[0] = power
     # Levinson and Durbin; stops where the next reflection would not be one (too few pairs, or a perfect line).
     best, order = 0.0, 0
     coefficients, variance = np.zeros(0), float(covariance[0])
-    for p in range(1, ORDER + 1):
+    for p in range(1, AR_ORDER + 1):
         reflection = float(covariance[p] - coefficients @ covariance[p - 1 : 0 : -1]) / variance
-        if not abs(reflection) < 1.0 - 1e-9 or pairs[p] < 20 * ORDER:
+        if not abs(reflection) < 1.0 - 1e-9 or pairs[p] < PAIRS_PER_ORDER * AR_ORDER:
             break
         coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
         variance *= 1.0 - reflection**2
@@ -189,7 +186,7 @@ def _autoregression(
 def _whitener(noise: ChannelNoise, counted: Mask) -> tuple[Places, Places, Array]:
     """Return which samples (m,) of a channel weigh which others (m,) by how much (m,), to whiten it."""
     lags = noise.order
-    lags += BRIDGE if lags and not counted.all() else 0
+    lags += BRIDGED_GAP if lags and not counted.all() else 0
     rows = np.flatnonzero(counted)
     places = rows[:, None] - np.arange(lags + 1)
     past = counted[places[:, 1:]] & (places[:, 1:] >= 0)

@@ -23,34 +23,34 @@ from diagnosis.contracts import (
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """A simulator of which only some channels were measured."""
+class MeasuredChannels:
+    """A simulator that predicts only the channels which were measured."""
 
-    whole: Simulator
+    simulator: Simulator
     channels: tuple[Channel, ...]
     places: tuple[int, ...]
 
     @property
     def name(self) -> str:
-        return self.whole.name
+        return self.simulator.name
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
-        return self.whole.nuisances
+        return self.simulator.nuisances
 
     @property
     def catalogue(self) -> Mapping[str, Hypothesis]:
-        return self.whole.catalogue
+        return self.simulator.catalogue
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
-        return self.whole.surfaces
+        return self.simulator.surfaces
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
-        return self.whole.run(experiment, parameters, effects)[:, list(self.places)]
+        return self.simulator.run(experiment, parameters, effects)[:, list(self.places)]
 
 
-def measured(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator]:
+def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator]:
     """Return data and simulator with the channels of the data that hold anything, as the data describe them.
 
     Raises ``DiagnosisError`` for a channel that the simulator does not have, and where nothing was measured.
@@ -70,7 +70,9 @@ def measured(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator
     data = replace(dataset, channels=channels, runs=runs)
     if channels == simulator.channels:
         return data, simulator
-    return data, Measured(simulator, channels, tuple(names.index(channel.name) for channel in channels))
+    return data, MeasuredChannels(
+        simulator, channels, tuple(names.index(channel.name) for channel in channels)
+    )
 
 
 def split(dataset: Dataset, seed: int) -> Dataset:

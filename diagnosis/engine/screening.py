@@ -1,4 +1,19 @@
-"""The screen: how well every candidate's footprint matches what the model leaves, and what chance alone would match."""
+"""Step 4, scores: how well the footprint of every candidate matches what a fitted model leaves of the data.
+
+Theory of operation
+-------------------
+What the parameters of the model can imitate of a footprint does not speak for its candidate: it is projected out
+(`Linearisation.project`). With s the rest of a whitened footprint and r the whitened residual, the score is
+z = sᵀr/|s|, standard normal where the effect is absent. |s| per unit of amplitude is the square root of the Fisher
+information on the amplitude once everything else is fitted; times the amplitude it is λ. This is the score test with
+the shape parameters, which are absent under the null, on a grid (Davies 1977, 1987).
+
+Two things make a score count less. Its own overdispersion (`noise_estimate.overdispersion`), and what the simulator or
+the way in which its inputs were measured may imitate of the effect (`Hypothesis.imitated`): both widen the scatter that
+a score is measured in. Where only one sign of an amplitude is physical, a score of the other sign is negative.
+
+`fit_and_screen` puts steps 2 to 5 together for one model: noise from the footprints, fit under it, scores, threshold.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +24,15 @@ from itertools import pairwise
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
-from diagnosis.engine.fitting.fit import ITERATIONS, FittedModel, fit
+from diagnosis.engine.config import FIT_STEPS
+from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import Linearisation, Projection
 from diagnosis.engine.fitting.linearise import from_quotients
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.fitting.replay import Quotients, Replay
 from diagnosis.engine.footprints import Candidate, Footprints
 from diagnosis.engine.noise import filters
-from diagnosis.engine.noise_estimate import overdispersion, remaining_noise
+from diagnosis.engine.noise_estimate import leftover_noise, overdispersion
 from diagnosis.engine.threshold import threshold
 
 
@@ -46,8 +62,8 @@ class Screening:
         return self.projection.z * self._signs / self.scatter
 
     @property
-    def strength(self) -> Array:
-        """How well the data see a unit of amplitude (m,): λ per unit of the amplitude."""
+    def root_information(self) -> Array:
+        """Square root of the Fisher information on each amplitude (m,), nuisances fitted: λ per unit of amplitude."""
         scales = np.array([c.amplitude.scale for c in self.candidates])
         return self.projection.norm / scales / self.scatter
 
@@ -61,15 +77,15 @@ class Screening:
     def start(self, point: Point, i: int) -> Point:
         """Return where a fit of a candidate may start: at the amplitude of its score, with what makes room for it."""
         candidate = self.candidates[i]
-        entered = candidate.added_to(point)
+        extended = candidate.added_to(point)
         effect = candidate.effect.amplitude
         inside = candidate.amplitude.inside(
             float(np.clip(self.amplitude[i], 0.95 * effect.low, 0.95 * effect.high))
         )
-        numbers = entered.numbers.copy()
+        numbers = extended.numbers.copy()
         numbers[: len(point.numbers)] -= inside * self.projection.regression[:, i]
         numbers[len(point.numbers)] = inside
-        return entered.at(numbers)
+        return extended.at(numbers)
 
     @property
     def exceeding(self) -> list[int]:
@@ -95,8 +111,8 @@ class ScreenedModel:
     """A model fitted under its noise, the scores of all candidates, and each surface's columns (m, n, c) by run."""
 
     model: FittedModel
-    screen: Screening
-    surfaces: tuple[tuple[Quotients, ...], ...]
+    screening: Screening
+    surface_columns: tuple[tuple[Quotients, ...], ...]
 
 
 def signs(effects: Sequence[Hypothesis], scores: Array) -> Array:
@@ -106,36 +122,40 @@ def signs(effects: Sequence[Hypothesis], scores: Array) -> Array:
 
 
 def fit_and_screen(
-    replay: Replay, around: Footprints, *, alpha: float, seed: int, steps: int = ITERATIONS
+    replay: Replay, around: Footprints, *, alpha: float, seed: int, steps: int = FIT_STEPS
 ) -> ScreenedModel:
-    """Estimate the noise around a model, fit the model under it, and score every candidate against it.
-
-    Noise is what a linear model of everything leaves: of the model's own numbers, of all candidates and of the
-    coefficients of the surfaces. So it holds no effect that anybody will look for, whichever is there.
-    """
-    start, names = around.point, replay.names
-    everything = [np.concatenate(parts) for parts in zip(around.more, *around.surfaces, strict=True)]
-    residuals = replay.residuals(around.predictions)
-    noise = remaining_noise(replay, start, residuals, around.own, everything)
+    """Estimate the noise around a model, fit the model under it, and score every candidate against it."""
+    start = around.point
+    extra = [np.concatenate(x) for x in zip(around.candidate_columns, *around.surface_columns, strict=True)]
+    noise = leftover_noise(replay, around, extra)
     whiten = filters(noise, replay.runs)
-    model = fit(replay, noise, start, from_quotients(names, start, whiten, residuals, around.own))
-    columns = [f.single(x) for f, x in zip(whiten, everything, strict=True)]
-    del everything
+    columns = [f.single(x) for f, x in zip(whiten, extra, strict=True)]
+    del extra  # the largest array of a diagnosis, not needed unwhitened any more
+    residuals = replay.residuals(around.predictions)
+    known = from_quotients(replay.names, start, whiten, residuals, around.parameter_columns)
+    model = fit(replay, noise, start, known)
     inflation = overdispersion(model.linearisation, columns)
     noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
     model = fit(replay, noise, model.point, model.linearisation, steps=steps)
-    ends = np.cumsum([len(around.entries), *(len(surface[0]) for surface in around.surfaces)])
-    entry = [x[: ends[0]] for x in columns]
+    count = len(around.candidates)
+    ends = np.cumsum([count, *(len(surface[0]) for surface in around.surface_columns)])
     return ScreenedModel(
         model,
-        screen(model.linearisation, around.entries, entry, inflation[: ends[0]], alpha=alpha, seed=seed),
+        screened(
+            model.linearisation,
+            around.candidates,
+            [x[:count] for x in columns],
+            inflation[:count],
+            alpha=alpha,
+            seed=seed,
+        ),
         tuple(tuple(x[a:b] for x in columns) for a, b in pairwise(ends)),
     )
 
 
-def screen(
-    here: Linearisation,
-    entries: Sequence[Candidate],
+def screened(
+    linearisation: Linearisation,
+    candidates: Sequence[Candidate],
     columns: Sequence[Quotients],
     inflation: Array,
     *,
@@ -143,10 +163,10 @@ def screen(
     seed: int,
 ) -> Screening:
     """Score candidates by their whitened columns (m, n, c) of each run."""
-    projection = here.project(columns)
-    one_sided = np.array([c.effect.one_sided for c in entries], dtype=bool)
+    projection = linearisation.project(columns)
+    one_sided = np.array([c.effect.one_sided for c in candidates], dtype=bool)
     return Screening(
-        tuple(entries),
+        tuple(candidates),
         projection,
         tuple(columns),
         inflation,

@@ -1,27 +1,45 @@
-"""What no named effect explains: a test on a surface over two states, and that surface fitted inside the model."""
+"""Step 7, what has no name: a test on a surface over two states, and that surface fitted inside the model.
+
+Theory of operation
+-------------------
+Whatever the catalogue lacks is still a force, a flow or a heat that depends on states: a smooth surface over two of
+them, a sum of basis functions, stands for all of it. It is tested like a candidate, by the scores of its coefficients
+together (`score_test`). The whole surface sees everything and nothing well. Most of what has no name depends on one
+state alone, a stop or a one-way damper, and is clearer among the few functions of that state. So each state is tested
+alone as well, and the clearest view counts, its p-value multiplied by the number of views.
+
+What is seen is fitted inside the model, its prior spread as the ridge. The named causes keep their numbers: the
+surface is what they leave, and must not eat them. It is kept where, as fitted, it predicts the select runs better. It
+is told as a surface, with the range that the runs visited and with what it resembles, and never as a cause
+(`explain`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun, Surface
+from diagnosis.engine.config import (
+    CLEAR_COEFFICIENT,
+    FIXED_WEIGHT,
+    LARGE_COEFFICIENT,
+    REMAINDER,
+    VISITED,
+    Config,
+)
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import Linearisation, Prior, prior_of, solve
 from diagnosis.engine.fitting.point import Point, surface_coordinates
-from diagnosis.engine.fitting.predict import HELD, predict
+from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Quotients
 from diagnosis.engine.noise_estimate import overdispersion
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
-from diagnosis.engine.screening import Screening
+from diagnosis.engine.screening import ScreenedModel, Screening
+from diagnosis.engine.search_state import Accepted
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
-
-#: A surface acts where its coefficients are so many standard deviations from 0, and such a part of the largest ones.
-CLEAR, LARGE = 2.0, 0.25
-#: A coefficient was seen where the data halve the standard deviation that was believed.
-SEEN = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,23 +58,20 @@ class Omnibus:
     start: Array
 
 
-def score_test(here: Linearisation, surface: Surface, columns: Sequence[Quotients]) -> Omnibus:
+def score_test(linearisation: Linearisation, surface: Surface, columns: Sequence[Quotients]) -> Omnibus:
     """χ² = sᵀ G⁺ s of the projected scores s, in the directions that the data would show.
 
     G is the Gram matrix per prior spread: where one of its eigenvalues is below 1, a surface as large as is believed
     stays under the noise, and looking there would only add chance. χ² counts as much less as scores scatter more than
-    the noise allows (Rao and Scott).
-
-    The whole surface sees everything and nothing well. Most of what is unnamed depends on one state alone, a stop or a
-    one-way damper, and is clearer among the few functions of that state. The clearest view counts.
+    the noise allows (Rao and Scott). Of all views, the one with the smallest p-value counts.
     """
-    projection = here.project(columns)
+    projection = linearisation.project(columns)
     seen = []
     for view in _views(surface):
         values, vectors = np.linalg.eigh(view @ projection.information @ view.T)
         shown = values > 1.0
         along = vectors[:, shown].T @ view @ projection.score
-        scatter = overdispersion(here, [np.tensordot(view, c, 1).astype(c.dtype) for c in columns])
+        scatter = overdispersion(linearisation, [np.tensordot(view, c, 1).astype(c.dtype) for c in columns])
         statistic = float(np.sum(along**2 / values[shown]) / np.mean(scatter))
         freedom = int(shown.sum())
         seen.append((p_of_chi2(statistic, freedom), statistic, freedom))
@@ -71,6 +86,29 @@ def score_test(here: Linearisation, surface: Surface, columns: Sequence[Quotient
     )
 
 
+def clear_surfaces(
+    accepted: Sequence[Accepted], screened: ScreenedModel, together: ScreenedModel, config: Config
+) -> list[Omnibus]:
+    """Return the tests of surfaces that see a good part of what the accepted effects explain, the clearest first.
+
+    How clear they are is what the model says that saw fit runs and select runs ``together``; what their fit starts from
+    is what the fit runs say.
+    """
+    surfaces = screened.model.replay.simulator.surfaces
+    # The gain in log predictive density is NaN, and counts as none, where there are no select runs.
+    explained = sum(one.lambda_**2 + max(0.0, 2.0 * one.lpd_gain) for one in accepted)
+    tests = []
+    for surface, columns, all_columns in zip(
+        surfaces, screened.surface_columns, together.surface_columns, strict=True
+    ):
+        seen = score_test(together.model.linearisation, surface, all_columns)
+        p = bonferroni(seen.p, len(surfaces))
+        if p < config.alpha_unknown and seen.statistic - seen.freedom > REMAINDER * explained:
+            test = score_test(screened.model.linearisation, surface, columns)
+            tests.append(replace(test, statistic=seen.statistic, freedom=seen.freedom, p=p))
+    return sorted(tests, key=lambda test: (test.p, -test.statistic))
+
+
 def _views(surface: Surface) -> list[Array]:
     """Orthonormal directions (k, m) of all m coefficients, then of what depends on one coordinate alone."""
     views = [np.eye(len(surface.coefficients))]
@@ -81,25 +119,23 @@ def _views(surface: Surface) -> list[Array]:
 
 
 def explain(
-    model: FittedModel, test: Omnibus, screen: Screening | None, select: Sequence[MeasuredRun]
+    model: FittedModel, test: Omnibus, screening: Screening, select: Sequence[MeasuredRun]
 ) -> tuple[FittedModel, Unknown]:
     """Fit a surface inside a model and say where it acts and what it resembles; never what it is.
 
-    The prior spread of its coefficients is the ridge. The named causes keep their numbers: the surface is what they
-    leave, and must not eat them. It is kept where, as fitted, it predicts the select runs better; then the model that
-    is returned holds it, otherwise it is ``model``.
+    The model that is returned holds the surface where that predicts the select runs better; else it is ``model``.
     """
     coordinates = surface_coordinates(test.surface)
     start = model.point.extended(
         coordinates, [c.outside(u) for c, u in zip(coordinates, test.start, strict=True)]
     )
-    fitted = fit(model.replay, model.noise, start, model.linearisation, prior=_held(model, start))
+    fitted = fit(model.replay, model.noise, start, model.linearisation, prior=_effects_fixed(model, start))
     gain = _gain(model, fitted, select)
     kept = gain > 0.0
     places = [fitted.point.place(c) for c in coordinates]
     deviations = np.sqrt(np.maximum(np.diagonal(fitted.covariance())[places], 0.0))
     regions = _regions(test.surface, fitted.point.numbers[places], deviations)
-    nearest = resemblance(model.linearisation, test, screen) if screen else []
+    nearest = resemblance(model.linearisation, test, screening)
     unknown = Unknown(
         surface=test.surface.name,
         title=test.surface.title,
@@ -123,26 +159,30 @@ def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]
     return predict(fitted, select, held=True).lpd - predict(model, select, held=True).lpd
 
 
-def _held(model: FittedModel, start: Point) -> Prior:
+def _effects_fixed(model: FittedModel, start: Point) -> Prior:
     """Return the priors of a larger model that leave the effects of a fitted one where they are."""
     prior = prior_of(start)
     for i, coordinate in enumerate(model.point.coordinates):
         if coordinate.owner:
             prior.mean[i] = model.point.numbers[i]
-            prior.precision[i, i] = HELD * model.linearisation.information[i, i] / model.noise.dispersion
+            prior.precision[i, i] = (
+                FIXED_WEIGHT * model.linearisation.information[i, i] / model.noise.dispersion
+            )
     return prior
 
 
-def resemblance(here: Linearisation, test: Omnibus, screen: Screening, most: int = 3) -> list[Nearest]:
+def resemblance(
+    linearisation: Linearisation, test: Omnibus, screening: Screening, most: int = 3
+) -> list[Nearest]:
     """The named effects whose footprint is most like that of the surface, by the cosine after projection."""
     together = [
         np.concatenate((named, np.tensordot(test.start, unnamed, 1)[np.newaxis]))
-        for named, unnamed in zip(screen.columns, test.columns, strict=True)
+        for named, unnamed in zip(screening.columns, test.columns, strict=True)
     ]
-    projection = here.project(together)
+    projection = linearisation.project(together)
     cosines = np.abs(projection.cosines[-1, :-1])
     best: dict[str, float] = {}
-    for candidate, cosine in zip(screen.candidates, cosines, strict=True):
+    for candidate, cosine in zip(screening.candidates, cosines, strict=True):
         best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), float(cosine))
     ranked = sorted(best.items(), key=lambda item: -item[1])[:most]
     return [Nearest(effect=name, cosine=number(cosine)) for name, cosine in ranked]
@@ -156,10 +196,10 @@ def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[R
     for name, axis in zip(surface.coordinates, np.array(surface.centres).T, strict=True):
         places = np.unique(axis)
         at = [axis == place for place in places]
-        size = np.array([np.sqrt(np.mean(coefficients[here] ** 2)) for here in at])
-        sure = np.array([np.any(np.abs(coefficients[here]) > CLEAR * deviations[here]) for here in at])
-        seen = places[[bool(np.any(deviations[here] < SEEN)) for here in at]]
-        acts = sure & (size > LARGE * size.max())
+        size = np.array([np.sqrt(np.mean(coefficients[k] ** 2)) for k in at])
+        clear = np.array([np.any(np.abs(coefficients[k]) > CLEAR_COEFFICIENT * deviations[k]) for k in at])
+        seen = places[[bool(np.any(deviations[k] < VISITED)) for k in at]]
+        acts = clear & (size > LARGE_COEFFICIENT * size.max())
         borders = np.flatnonzero(np.diff(np.concatenate(([0], acts.astype(np.int8), [0]))))
         for start, stop in borders.reshape(-1, 2):
             found.append(
@@ -205,7 +245,7 @@ def _map(surface: Surface, values: Array, deviations: Array) -> Figure | None:
         return None
     first = surface.coefficients[0]
     x, y = np.array(surface.centres).T
-    seen = deviations < SEEN
+    seen = deviations < VISITED
     return Figure(
         kind="map",
         x_label=surface.coordinates[0],

@@ -1,4 +1,4 @@
-"""The parts of a finding that the search for names supplies: causes, rivals, scores, and the sentence on top."""
+"""Causes, rivals and scores as the finding has them, and the sentence on top of it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.engine.fitting.point import Point, effect_coordinates
-from diagnosis.engine.naming import Accepted, Naming
 from diagnosis.engine.screening import Screening
+from diagnosis.engine.search_state import Accepted, SearchResult
 from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, estimate, number
 
 SENTENCES: Final = {
@@ -35,14 +35,14 @@ def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estim
 
 
 def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Array) -> Cause:
-    """Tell an accepted effect."""
+    """Return an accepted effect as the finding has it."""
     return Cause(
         effect=effect.name,
         title=effect.title,
         family=effect.family,
         parameters=estimates(effect, point, covariance),
-        strength=number(accepted.strength),
-        score=number(accepted.z),
+        strength=number(accepted.lambda_),
+        score=number(accepted.score),
         bic_gain=number(accepted.bic_gain),
         lpd_gain=number(accepted.lpd_gain),
         equation=effect.equation,
@@ -50,11 +50,9 @@ def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Arra
     )
 
 
-def rivals(
-    naming: Naming, causes: Sequence[str], effects: Mapping[str, Hypothesis], gap: float
-) -> list[Rival]:
-    """Tell which other effects explain the data as well as a cause does."""
-    first = naming.steps[0].screen
+def rivals(found: SearchResult, effects: Mapping[str, Hypothesis], gap: float) -> list[Rival]:
+    """Return which other effects explain the data as well as a cause does."""
+    first = found.steps[0].screening
     return [
         Rival(
             effect=trial.effect,
@@ -62,20 +60,19 @@ def rivals(
             family=effects[trial.effect].family,
             instead_of=accepted.effect,
             parameters=estimates(effects[trial.effect], trial.point, trial.covariance),
-            bic_gap=number(trial.bic - naming.model.bic),
+            bic_gap=number(trial.bic - found.model.bic),
             cosine=_cosine(first, accepted.effect, trial.effect),
         )
-        for accepted, trial in naming.confused(gap)
-        if accepted.effect in causes
+        for accepted, trial in found.ambiguous(gap)
     ]
 
 
-def scores(naming: Naming) -> list[Score]:
-    """Tell the score of every effect against the base model, and what became of it."""
-    first = naming.steps[0].screen
-    gates = {trial.effect: trial.failed for step in reversed(naming.steps) for trial in step.trials}
-    accepted = [a.effect for a in naming.accepted]
-    told = []
+def scores(found: SearchResult) -> list[Score]:
+    """Return the score of every effect against the base model, and what became of it."""
+    first = found.steps[0].screening
+    gates = {trial.effect: trial.failed for step in reversed(found.steps) for trial in step.trials}
+    accepted = [a.effect for a in found.accepted]
+    rows = []
     for name in dict.fromkeys(c.effect.name for c in first.candidates):
         i = first.best(name)
         candidate = first.candidates[i]
@@ -87,7 +84,7 @@ def scores(naming: Naming) -> list[Score]:
             outcome = "another explains it better"
         else:
             outcome = "below the threshold"
-        told.append(
+        rows.append(
             Score(
                 effect=name,
                 title=candidate.effect.title,
@@ -101,7 +98,7 @@ def scores(naming: Naming) -> list[Score]:
                 outcome=outcome,
             )
         )
-    return sorted(told, key=lambda score: -(score.score or 0.0))
+    return sorted(rows, key=lambda score: -(score.score or 0.0))
 
 
 def sentence(
@@ -109,10 +106,10 @@ def sentence(
     causes: Sequence[Cause],
     others: Sequence[Rival],
     unknowns: Sequence[Unknown],
-    naming: Naming,
+    found: SearchResult,
 ) -> str:
     """Say the verdict in one or two sentences, for whoever reads nothing else."""
-    trials = naming.steps[-1].trials
+    trials = found.steps[-1].trials
     near = f"{trials[0].effect} comes nearest but {trials[0].failed}." if trials and trials[0].failed else ""
     return (
         SENTENCES[verdict]
@@ -136,8 +133,8 @@ def _size(parameters: Sequence[Estimate]) -> str:
     return f"{first.value:.4g}{error} {first.unit}"
 
 
-def _cosine(screen: Screening, first: str, second: str) -> float | None:
-    places = {c.effect.name for c in screen.candidates}
+def _cosine(screening: Screening, first: str, second: str) -> float | None:
+    places = {c.effect.name for c in screening.candidates}
     if not {first, second} <= places:
         return None
-    return number(abs(float(screen.projection.cosines[screen.best(first), screen.best(second)])))
+    return number(abs(float(screening.projection.cosines[screening.best(first), screening.best(second)])))

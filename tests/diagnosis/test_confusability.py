@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from diagnosis.contracts import DiagnosisError, Experiment
-from diagnosis.engine.confusability import POWER95, confusability, typical, unseen
+from diagnosis.engine.config import POWER95
+from diagnosis.engine.confusability import confusability, typical, unseen
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
@@ -38,8 +39,8 @@ class Bench:
     def screen(self, *names):
         effects = [self.simulator.catalogue[n] for n in names] or list(self.simulator.catalogue.values())
         around = footprints(self.replay, self.base.point, candidates(effects))
-        sight = fit_and_screen(self.replay, around, alpha=0.01, seed=0)
-        return sight.model, sight.screen
+        screened = fit_and_screen(self.replay, around, alpha=0.01, seed=0)
+        return screened.model, screened.screening
 
 
 @pytest.mark.parametrize(
@@ -55,13 +56,13 @@ def test_predicted_gap_is_the_fitted_one(laboratory, true, size, other):
     bench = Bench(laboratory, 5, {true: {"amplitude": size}})
     _, screen = bench.screen(true, other)
     cosine = confusability(screen).cosines[0][1]
-    strength = screen.strength[[c.effect.name for c in screen.candidates].index(true)] * size
+    lambda_ = screen.root_information[[c.effect.name for c in screen.candidates].index(true)] * size
     fits = {n: bench.with_effect(n, start) for n, start in ((true, size), (other, 0.0))}
     fitted = fits[other].bic - fits[true].bic
-    predicted = strength**2 * (1 - cosine**2)
-    assert strength > 5
+    predicted = lambda_**2 * (1 - cosine**2)
+    assert lambda_ > 5
     # λ itself scatters by 1, so that λ² scatters by 2 λ.
-    assert fitted == pytest.approx(predicted, abs=4 * strength + 0.1 * predicted)
+    assert fitted == pytest.approx(predicted, abs=4 * lambda_ + 0.1 * predicted)
 
 
 def test_cosines_are_cosines(laboratory):
@@ -88,10 +89,10 @@ def test_effects_larger_than_the_smallest_detectable_are_detected(laboratory):
     assert hits >= 9  # 95 % of 12 is 11.4
 
 
-def test_detectable_size_is_threshold_and_power_over_strength(laboratory):
+def test_detectable_size_is_threshold_and_power_over_root_information(laboratory):
     model, screen = Bench(laboratory, 0).screen("cubic")
     (one,) = unseen(screen, model.linearisation)
-    assert one.smallest * float(screen.strength[0]) == pytest.approx(screen.threshold + POWER95)
+    assert one.smallest * float(screen.root_information[0]) == pytest.approx(screen.threshold + POWER95)
     assert f"{one.smallest:.3g} N/m³" in one.sentence
 
 
@@ -112,9 +113,9 @@ def test_what_hides_an_effect_is_named(laboratory):
     assert one.smallest is None and one.sentence == "leaves no trace in these runs"
 
 
-def test_typical_strength_is_that_of_a_prior_spread(laboratory):
+def test_typical_lambda_is_that_of_a_prior_spread(laboratory):
     _, screen = Bench(laboratory, 0).screen("cubic")
-    assert typical(screen)[0] == pytest.approx(screen.strength[0] * 2e6)
+    assert typical(screen)[0] == pytest.approx(screen.root_information[0] * 2e6)
 
 
 @pytest.fixture(scope="module")

@@ -16,12 +16,13 @@ from diagnosis.contracts import (
     Nuisance,
     Parameter,
 )
-from diagnosis.engine.fitting.fit import PATIENT, fit
+from diagnosis.engine.config import REPORTED_FIT_STEPS
+from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
-from diagnosis.engine.naming import Search
 from diagnosis.engine.noise import white
+from diagnosis.engine.search import search
 
 N = 60
 SD = (0.5, 2.0)
@@ -172,10 +173,10 @@ def test_the_whole_search_is_right_about_a_line():
     from diagnosis.engine.config import Config
 
     replay = Replay(Straight(), tuple(data), 1)
-    naming = Search(replay, select, Straight().catalogue, Config(), lambda *_: None).run()
-    assert [a.effect for a in naming.accepted] == ["bend"]
-    found = naming.model.point.effects()["bend"]["amplitude"]
-    sd = naming.model.deviation(naming.model.point.coordinates[-1])
+    result = search(replay, select, Straight().catalogue, Config())
+    assert [a.effect for a in result.accepted] == ["bend"]
+    found = result.model.point.effects()["bend"]["amplitude"]
+    sd = result.model.deviation(result.model.point.coordinates[-1])
     assert abs(found - 0.8) < 3.5 * sd
 
 
@@ -191,7 +192,7 @@ def test_a_fit_follows_a_narrow_curved_valley(laboratory):
     def fitted(**start):
         values = [(branches | start)[parameter.name] for parameter in effect.parameters]
         noise = white([channel.noise for channel in data.channels])
-        return fit(replay, noise, base.extended(effect_coordinates(effect), values), steps=PATIENT)
+        return fit(replay, noise, base.extended(effect_coordinates(effect), values), steps=REPORTED_FIT_STEPS)
 
     best = fitted()
     away = fitted(amplitude=60.0, tau=0.06, ratio=2.0, tau_two=0.4)

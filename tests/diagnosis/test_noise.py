@@ -6,7 +6,8 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from diagnosis.contracts import Channel
-from diagnosis.engine.noise import ORDER, ChannelNoise, Noise, estimate, white
+from diagnosis.engine.config import AR_ORDER
+from diagnosis.engine.noise import ChannelNoise, Noise, estimate, white
 
 
 def covariance(noise, n):
@@ -57,7 +58,7 @@ def test_an_autoregression_is_found_again_across_runs_and_gaps():
     runs = [lfilter([1.0], [1.0, -1.2, 0.5], rng.standard_normal(5200))[200:, None] for _ in range(4)]
     masks = [rng.random((5000, 1)) > 0.1 for _ in runs]
     noise = estimate([Channel("y", "m")], runs, masks)
-    coefficients, variance = noise.channels[0].predictor(np.ones(ORDER, bool))
+    coefficients, variance = noise.channels[0].predictor(np.ones(AR_ORDER, bool))
     assert coefficients[:2] == pytest.approx([1.2, -0.5], abs=0.06)
     assert variance == pytest.approx(1.0, rel=0.03)
     for run, mask in zip(runs, masks, strict=True):
@@ -115,7 +116,7 @@ def test_the_order_never_exceeds_what_is_allowed_and_whitens(colour):
     error = lfilter([1.0], [1.0, -colour], rng.standard_normal(20200))[200:, None]
     counted = np.ones((20000, 1), bool)
     noise = estimate([Channel("y", "m")], [error], [counted])
-    assert noise.channels[0].order <= ORDER
+    assert noise.channels[0].order <= AR_ORDER
     e = noise.filter(counted)(error)[:, 0]
     lags = [float(np.mean(e[k:] * e[:-k])) for k in range(1, 21)]
     assert np.mean(e**2) == pytest.approx(1.0, abs=0.04)

@@ -26,9 +26,9 @@ def fitted(laboratory, surface, seed, effects=None, **noise):
         replay, white([c.noise for c in data.channels]), base_point(lab.simulator.nuisances, replay.names)
     )
     around = with_surfaces(replay, footprints(replay, near.point, entries))
-    sight = fit_and_screen(replay, around, alpha=0.01, seed=0)
-    test = score_test(sight.model.linearisation, surface, sight.surfaces[0])
-    return data, sight.model, sight.screen, test
+    screened = fit_and_screen(replay, around, alpha=0.01, seed=0)
+    test = score_test(screened.model.linearisation, surface, screened.surface_columns[0])
+    return data, screened.model, screened.screening, test
 
 
 STOP = {"stop": {"amplitude": 300.0, "gap": 0.012}}

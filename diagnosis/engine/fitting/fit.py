@@ -1,35 +1,57 @@
-"""Grey-box fits: least squares with priors by Levenberg and Marquardt, and how well a fit predicts unseen runs."""
+"""Penalised least squares by Levenberg and Marquardt, with as few simulations as will do.
+
+Theory of operation
+-------------------
+Minimised is the penalised χ²: Σ|r|² of the whitened residuals plus the squares of the parameters' distances from their
+priors (`linear.py`). Simulations are all that costs time, nearly all of them for difference quotients. So columns are
+bought only when they are needed, in the order of their price (`Source`):
+
+* the columns of the nuisances are borrowed from a fit under the same noise, for they hardly change from model to model;
+* those of the effects follow each step by Broyden's rule: corrected so that they explain the change just seen;
+* a step that gains clearly less than the linear model predicts has new columns of the effects computed, a step that
+  fails has all, a further one has central differences;
+* only where these fail too is the step shortened, by damping. Along a narrow curved valley good steps are short: the
+  damping falls slowly, and a step that fails after good ones is tried shorter before its columns are doubted.
+
+The fit ends where the next step promises less than the finite differences resolve.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from enum import IntEnum
 
 import numpy as np
 
 from diagnosis.contracts import Array, DiagnosisError
+from diagnosis.engine.config import (
+    BROYDEN_SHARE,
+    FIT_RELATIVE_TOLERANCE,
+    FIT_STEPS,
+    FIT_TOLERANCE,
+    GOOD_STEP,
+    HOPELESS_STEP,
+    LEAST_STEP,
+    POOR_STEP,
+    ROUGH_OPTIMUM,
+    WORTH_NEW_COLUMNS,
+)
 from diagnosis.engine.fitting.linear import Block, Columns, Linearisation, Prior, prior_of
 from diagnosis.engine.fitting.linearise import linearise
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import Filter, Noise, filters
 
-ITERATIONS: Final = 30  #: steps that a fit may take
-PATIENT: Final = 150  #: the same of a model that is reported
-COARSE: Final = 1e-5  #: the same per unit of misfit beyond the noise, of which differences see no finer part
-FAIR: Final = 0.75  #: a step that gains less than this part of its promise was taken with poor columns
-GOOD: Final = 0.9  #: a step that gains this part of its promise had good columns
-ENOUGH: Final = 0.01  #: a fit ends where the next step promises less than this, in units of χ²
-HOPELESS: Final = 0.02  #: a step that closes less than this part of the gap to a better model is the last one
-ROUGH: Final = 4.0  #: so much χ² may lie below a fit that comes to no better: two standard deviations
-IDLE: Final = 1.0  #: what a step failed to gain is not worth better columns below this, in units of χ²
-LEADING: Final = 0.01  #: part of a step² that the own numbers must make for their columns to learn from it
 
-#: Where the columns of a fit come from: an earlier point, differences at this point for the effects' own numbers or for
-#: all, central differences of the effects' own or, without effects, of all.
-BORROWED, OWN, FRESH, CENTRAL = range(4)
+class Source(IntEnum):
+    """Where the columns of a linearisation come from, the dearer the better."""
+
+    BORROWED = 0  #: an earlier point
+    OWN = 1  #: differences at this point for the effects' own numbers
+    FRESH = 2  #: differences at this point for all numbers
+    CENTRAL = 3  #: central differences of the effects' own numbers or, without effects, of all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,13 +81,13 @@ class FittedModel:
 
     @property
     def bic(self) -> float:
-        """χ² and priors at the optimum, and ln N for each parameter of an effect; only differences mean something."""
+        """Penalised χ² at the optimum and ln N for each parameter of an effect; only differences mean something."""
         extra = sum(1 for c in self.point.coordinates if c.owner)
         return self.penalised_chi2 + extra * math.log(self.samples)
 
     @property
     def penalised_chi2(self) -> float:
-        """χ² of the data, as far as they count, and of the priors."""
+        """χ² of the data over its dispersion, and the squared distances from the priors."""
         return self.linearisation.penalised_chi2 / self.noise.dispersion
 
     def covariance(self) -> Array:
@@ -87,83 +109,113 @@ def fit(
     prior: Prior | None = None,
     refresh: bool = False,
     target: float = math.inf,
-    steps: int = ITERATIONS,
+    steps: int = FIT_STEPS,
 ) -> FittedModel:
-    """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces the priors.
+    """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces that of the parameters.
 
-    The nuisances' columns are those of ``known`` (whitened by the same noise) if it is given. Those of the effects
-    follow the steps by Broyden's rule and are computed anew where a step does not keep its promise; all columns are
-    where it fails and, on ``refresh``, at the end; where it fails again, by central differences. A fit that stays far
-    above the cost ``target`` of another model is not carried to the last digit; none takes more than so many ``steps``.
-    Along a narrow curved valley they are short: the damping falls slowly, and a step that fails after good ones is
-    tried shorter before columns are doubted. Raises ``DiagnosisError`` where the
-    model fails at the start.
+    ``known`` may hold columns of the nuisances, whitened by the same noise; ``refresh`` computes all columns anew at
+    the end. A fit that stays far above ``target``, the penalised χ² of another model, is not carried to the last
+    digit; none takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
     """
     whiten = filters(noise, replay.runs)
     predictions = replay.predictions(start)
     _check(replay, predictions, start)
     prior = (prior or prior_of(start)).times(noise.dispersion)
-    here = linearise(replay, whiten, start, predictions, prior, known)
-    columns = BORROWED if known else FRESH
+    first = linearise(replay, whiten, start, predictions, prior, known)
+    source = Source.BORROWED if known else Source.FRESH
+    descent = _Descent(replay, noise, whiten, prior, first, predictions, source)
     samples = sum(int(run.counted.sum()) for run in replay.runs)
-    damping, converged, trusted = 0.0, False, False
+    converged = False
     for _ in range(steps):
-        trial = here.point.at(here.point.numbers + here.step(damping))
-        promise = here.predicted_decrease(trial.numbers - here.point.numbers)
-        enough = max(ENOUGH * noise.dispersion, COARSE * (here.chi2 - samples))
-        if promise < max(enough, HOPELESS * (here.penalised_chi2 - noise.dispersion * target)):
-            if damping > 0.0:
+        at = descent.at
+        trial = at.point.at(at.point.numbers + at.step(descent.damping))
+        decrease = at.predicted_decrease(trial.numbers - at.point.numbers)
+        tolerance = max(FIT_TOLERANCE * noise.dispersion, FIT_RELATIVE_TOLERANCE * (at.chi2 - samples))
+        if decrease < max(tolerance, HOPELESS_STEP * (at.penalised_chi2 - noise.dispersion * target)):
+            if descent.damping > 0.0:
                 # No step is short enough: the model is rougher than its differences. As good as it gets.
-                converged = here.predicted_decrease(here.step()) < max(ROUGH, enough)
+                converged = at.predicted_decrease(at.step()) < max(ROUGH_OPTIMUM, tolerance)
                 break
-            if columns >= FRESH or not refresh:
-                converged = promise < enough
+            if descent.source >= Source.FRESH or not refresh:
+                converged = decrease < tolerance
                 break
-            here, columns = linearise(replay, whiten, here.point, predictions, prior), FRESH
-            continue
-        tried = replay.predictions(trial)
-        there = _follow(here, trial, whiten, replay, tried)
-        gain = (here.penalised_chi2 - there.penalised_chi2) / promise
-        if gain > 0.01:
-            here, predictions, columns = there, tried, BORROWED
-            if gain < FAIR:
-                columns = OWN if trial.owners else FRESH
-                known = here if columns == OWN else None
-                here = linearise(replay, whiten, trial, predictions, prior, known)
-            damping = damping / 3.0 if damping > 1e-6 else 0.0
-            trusted = gain > GOOD and damping > 0.0
-        elif columns >= OWN and promise < IDLE * noise.dispersion:
+            descent.linearise(Source.FRESH)
+        elif not descent.attempt(trial, decrease):
             converged = True
             break
-        elif trusted:
-            damping, trusted = 2.0 * max(damping, 1e-6), False
-        elif columns < CENTRAL:
-            columns = max(columns + 1, OWN if trial.owners else FRESH)
-            known = here if trial.owners and columns != FRESH else None
-            here = linearise(
-                replay, whiten, here.point, predictions, prior, known, central=columns == CENTRAL
-            )
+    return FittedModel(replay, noise, descent.at, tuple(descent.predictions), converged)
+
+
+@dataclass(slots=True, eq=False)
+class _Descent:
+    """Where a fit is: the model linearised there, its predictions, where its columns come from, and the damping."""
+
+    replay: Replay
+    noise: Noise
+    whiten: Sequence[Filter]
+    prior: Prior
+    at: Linearisation
+    predictions: Sequence[Array]
+    source: Source
+    damping: float = 0.0
+    trusted: bool = False  #: the last step was good, though damped
+
+    def attempt(self, trial: Point, decrease: float) -> bool:
+        """Simulate a step, and take it or prepare a better one; False where no better one is worth its price.
+
+        ``decrease`` is what the linear model predicts of the penalised χ².
+        """
+        predictions = self.replay.predictions(trial)
+        there = _follow(self.at, trial, self.whiten, self.replay, predictions)
+        gain = (self.at.penalised_chi2 - there.penalised_chi2) / decrease
+        if gain > LEAST_STEP:
+            self.at, self.predictions, self.source = there, predictions, Source.BORROWED
+            if gain < POOR_STEP:
+                self.linearise(self._cheapest)
+            self.damping = self.damping / 3.0 if self.damping > 1e-6 else 0.0
+            self.trusted = gain > GOOD_STEP and self.damping > 0.0
+        elif self.source >= Source.OWN and decrease < WORTH_NEW_COLUMNS * self.noise.dispersion:
+            return False
+        elif self.trusted:
+            self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
+        elif self.source < Source.CENTRAL:
+            self.linearise(max(Source(self.source + 1), self._cheapest))
         else:
-            damping = max(10.0 * damping, 1e-3)
-    return FittedModel(replay, noise, here, tuple(predictions), converged)
+            self.damping = max(10.0 * self.damping, 1e-3)
+        return True
+
+    def linearise(self, source: Source) -> None:
+        """Compute columns anew where the fit is; those of the nuisances stay unless all are asked for."""
+        point = self.at.point
+        known = self.at if point.owners and source != Source.FRESH else None
+        central = source == Source.CENTRAL
+        self.at = linearise(
+            self.replay, self.whiten, point, self.predictions, self.prior, known, central=central
+        )
+        self.source = source
+
+    @property
+    def _cheapest(self) -> Source:
+        """The cheapest columns that are new: a model without effects has none of its own."""
+        return Source.OWN if self.at.point.owners else Source.FRESH
 
 
 def _follow(
-    here: Linearisation, trial: Point, whiten: Sequence[Filter], replay: Replay, predictions: Sequence[Array]
+    old: Linearisation, trial: Point, whiten: Sequence[Filter], replay: Replay, predictions: Sequence[Array]
 ) -> Linearisation:
     """Return the linearisation at a new point whose own columns agree with the change just seen (Broyden)."""
-    moved = trial.numbers - here.point.numbers
+    moved = trial.numbers - old.point.numbers
     blocks = []
-    for block, filter_, residual in zip(here.blocks, whiten, replay.residuals(predictions), strict=True):
+    for block, filter_, residual in zip(old.blocks, whiten, replay.residuals(predictions), strict=True):
         white = filter_(residual)
         (common, nuisances), (own, columns) = block.parts
         mine = moved[list(own)]
         square = float(mine @ mine)
-        if square > LEADING * float(moved @ moved) and np.isfinite(white).all():
+        if square > BROYDEN_SHARE * float(moved @ moved) and np.isfinite(white).all():
             surprise = block.residual - white - block.along(moved)
             columns = Columns(columns.values + surprise * (mine / square)[:, None, None])
         blocks.append(Block(block.run, white, ((common, nuisances), (own, columns))))
-    return Linearisation(trial, here.prior, tuple(blocks))
+    return Linearisation(trial, old.prior, tuple(blocks))
 
 
 def _check(replay: Replay, predictions: Sequence[Array], point: Point) -> None:

@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array
+from diagnosis.engine.config import EIGENVALUE_FLOOR
 from diagnosis.engine.fitting.point import Point
-
-SEEN: Final = 1e-13  #: eigenvalues below this part of the largest are rounding
 
 
 class Columns:
@@ -161,7 +159,7 @@ class Linearisation:
         from scipy.optimize import lsq_linear
 
         scale, values, vectors = _spectrum(damped)
-        keep = values > SEEN * values.max(initial=0.0)
+        keep = values > EIGENVALUE_FLOOR * values.max(initial=0.0)
         root = vectors[:, keep] * np.sqrt(values[keep])
         right = vectors[:, keep].T @ (scale * self.gradient) / np.sqrt(values[keep])
         return scale * lsq_linear(root.T, right, (low / scale, high / scale), method="bvls").x
@@ -195,7 +193,7 @@ class Linearisation:
 def solve(gram: Array, right: Array) -> Array:
     """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0."""
     scale, values, vectors = _spectrum(gram)
-    keep = values > SEEN * values.max(initial=0.0)
+    keep = values > EIGENVALUE_FLOOR * values.max(initial=0.0)
     basis = vectors[:, keep] / np.sqrt(values[keep])
     return (scale * (basis @ (basis.T @ (scale * right.T).T)).T).T
 

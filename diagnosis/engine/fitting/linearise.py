@@ -22,27 +22,53 @@ def linearise(
     central: bool = False,
 ) -> Linearisation:
     """Linearise a model; where ``known`` (whitened alike) has the columns of a run's nuisances, they are shared."""
-    places = [point.places_of(run) for run in replay.names]
-    common = [[i for i in own if not point.coordinates[i].owner] for own in places]
-    special = [[i for i in own if point.coordinates[i].owner] for own in places]
+    nuisances, effects = zip(*(_parted(point, run) for run in replay.names), strict=True)
     shared = [
-        _shared(known, run, [point.coordinates[i] for i in own])
-        for run, own in zip(replay.names, common, strict=True)
+        _shared(known, run, [point.coordinates[i] for i in places])
+        for run, places in zip(replay.names, nuisances, strict=True)
     ]
     missing = [
-        [*(own if held is None else ()), *more]
-        for own, more, held in zip(common, special, shared, strict=True)
+        [*(places if columns is None else ()), *more]
+        for places, more, columns in zip(nuisances, effects, shared, strict=True)
     ]
     quotients = replay.sensitivities(point, predictions, missing, central=central)
     residuals = replay.residuals(predictions)
     blocks = []
     for r, filter_ in enumerate(whiten):
-        white, old = filter_(quotients[r]), shared[r]
-        count = len(white) - len(special[r])
-        nuisances = Columns(white[:count]) if old is None else old
-        parts = (tuple(common[r]), nuisances), (tuple(special[r]), Columns(white[count:]))
+        white, columns = filter_(quotients[r]), shared[r]
+        count = len(white) - len(effects[r])
+        of_nuisances = Columns(white[:count]) if columns is None else columns
+        parts = (nuisances[r], of_nuisances), (effects[r], Columns(white[count:]))
         blocks.append(Block(replay.names[r], filter_(residuals[r]), parts))
     return Linearisation(point, prior, tuple(blocks))
+
+
+def from_quotients(
+    names: Sequence[str],
+    point: Point,
+    whiten: Sequence[Filter],
+    residuals: Sequence[Array],
+    quotients: Sequence[Quotients],
+) -> Linearisation:
+    """Linearise a model whose quotients (k, n, c) by run are there already, under the priors of its parameters."""
+    blocks = []
+    for name, filter_, residual, columns in zip(names, whiten, residuals, quotients, strict=True):
+        white, order = filter_(columns), point.places_of(name)
+        parts = tuple(
+            (places, Columns(white[[i in places for i in order]])) for places in _parted(point, name)
+        )
+        blocks.append(Block(name, filter_(residual), parts))
+    return Linearisation(point, prior_of(point), tuple(blocks))
+
+
+def _parted(point: Point, run: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the places of what a run depends on: of the nuisances, and of the effects' own numbers."""
+    places = point.places_of(run)
+    owned = [bool(point.coordinates[i].owner) for i in places]
+    return (
+        tuple(i for i, effect in zip(places, owned, strict=True) if not effect),
+        tuple(i for i, effect in zip(places, owned, strict=True) if effect),
+    )
 
 
 def _shared(known: Linearisation | None, run: str, nuisances: Sequence[Coordinate]) -> Columns | None:
@@ -52,25 +78,3 @@ def _shared(known: Linearisation | None, run: str, nuisances: Sequence[Coordinat
         if known and block.run == run and [known.point.coordinates[i] for i in places] == nuisances:
             return columns
     return None
-
-
-def from_quotients(
-    names: Sequence[str],
-    point: Point,
-    whiten: Sequence[Filter],
-    residuals: Sequence[Array],
-    own: Sequence[Quotients],
-) -> Linearisation:
-    """Return the linearisation from quotients: the nuisances' columns, then those of the model's effects."""
-    blocks = []
-    for name, f, residual, quotients in zip(names, whiten, residuals, own, strict=True):
-        white = f(quotients)
-        parts = tuple(
-            (
-                tuple(i for i in point.places_of(name) if bool(point.coordinates[i].owner) is special),
-                Columns(white[[bool(point.coordinates[i].owner) is special for i in point.places_of(name)]]),
-            )
-            for special in (False, True)
-        )
-        blocks.append(Block(name, f(residual), parts))
-    return Linearisation(point, prior_of(point), tuple(blocks))

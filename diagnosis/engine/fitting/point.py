@@ -138,6 +138,12 @@ class Point:
         ]
         return self.extended(fresh, [c.parameter.nominal for c in fresh])
 
+    def replaced(self, old: str, effect: Hypothesis, source: Point) -> Point:
+        """Return the point with an effect in the place of another, with the values that it has in ``source``."""
+        values = source.effects()[effect.name]
+        coordinates = effect_coordinates(effect)
+        return self.without(old).extended(coordinates, [values[c.parameter.name] for c in coordinates])
+
     def without(self, owner: str) -> Point:
         """Return the point without an effect or surface."""
         keep = [i for i, c in enumerate(self.coordinates) if c.owner != owner]

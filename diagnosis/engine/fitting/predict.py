@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun
+from diagnosis.engine.config import FIXED_WEIGHT, FLAT_WEIGHT
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import Linearisation, Prior, solve
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.replay import Replay
-
-HELD: Final = 1e4  #: weight of what a fit knows where its numbers must not move
-FLAT: Final = 1e-6  #: weight of a prior that says nothing, in units of the parameter's scale
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +40,7 @@ def predict(
     What the fit knows of the shared numbers is their prior now; those of each new run are found and marginalised by
     Laplace's approximation. ``known`` may hold columns of the nuisances for these runs, whitened alike.
     """
-    point, prior = _transferred(fitted, fitted.replay.of(runs), HELD if held else 1.0)
+    point, prior = _transferred(fitted, fitted.replay.of(runs), FIXED_WEIGHT if held else 1.0)
     again = fit(fitted.replay.of(runs), fitted.noise, point, known, prior=prior)
     here = again.linearisation
     gram = here.information / fitted.noise.dispersion
@@ -69,7 +66,7 @@ def _transferred(fitted: FittedModel, replay: Replay, weight: float) -> tuple[Po
         (*(old.coordinates[i] for i in shared), *fresh),
         np.concatenate((old.numbers[shared], np.zeros(len(fresh)))),
     )
-    precision = np.diag([*([0.0] * len(shared)), *(c.weight for c in fresh)]) + FLAT * np.eye(
+    precision = np.diag([*([0.0] * len(shared)), *(c.weight for c in fresh)]) + FLAT_WEIGHT * np.eye(
         len(fresh) + len(shared)
     )
     precision[: len(shared), : len(shared)] += weight * known

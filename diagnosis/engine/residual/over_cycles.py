@@ -7,15 +7,11 @@ from itertools import pairwise
 import numpy as np
 
 from diagnosis.contracts import Array, Channel
+from diagnosis.engine.config import LEAST_CYCLES, LEAST_OF_A_HOLD, QUASI_STATIC_HZ, SETTLING_S
 from diagnosis.engine.p_values import bonferroni, p_of_chi2, p_of_t
 from diagnosis.engine.residual.residuals import Errors, Hit, Mute, wald
 from diagnosis.engine.residual.stretches import Hold, Swing
 from diagnosis.finding import Figure, Series, numbers
-
-#: Below this a loop counts as quasi-static.
-QUASI_STATIC_HZ = 0.25
-#: Time constants of what may settle during a hold.
-SETTLING_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 
 
 def loss(errors: Errors, c: int) -> Hit | Mute:
@@ -61,7 +57,7 @@ def loss(errors: Errors, c: int) -> Hit | Mute:
 def _followed(errors: Errors, c: int) -> list[Swing]:
     """The stretches of the input that the channel follows there, with at least three cycles that are all known."""
     chosen = [s for s in errors.swings if errors.partner(c, s.start, s.stop) == s.signal]
-    return [s for s in chosen if _losses(errors, c, s).size >= 3]
+    return [s for s in chosen if _losses(errors, c, s).size >= LEAST_CYCLES]
 
 
 def _losses(errors: Errors, c: int, swing: Swing) -> Array:
@@ -165,7 +161,7 @@ def _loop(errors: Errors, c: int, swing: Swing, channel: Channel) -> Series:
 def settles(errors: Errors, c: int) -> Hit | Mute:
     """The error in a hold: a straight line, or an exponential that stops."""
     white = errors.white[:, c]
-    holds = [h for h in errors.holds if np.isfinite(white[h.start : h.stop]).sum() > 200]
+    holds = [h for h in errors.holds if np.isfinite(white[h.start : h.stop]).sum() > LEAST_OF_A_HOLD]
     if not holds:
         return Mute("no input holds still")
     looks = len(holds) * (1 + len(SETTLING_S))

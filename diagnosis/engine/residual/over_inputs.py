@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from diagnosis.contracts import Array
+from diagnosis.engine.config import LEAST_IN_BIN, LEAST_OF_A_SINE, LEAST_SAMPLES, SURFACE_BINS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
 from diagnosis.engine.residual.residuals import Errors, Hit, Mute, wald
 from diagnosis.engine.residual.stretches import Swing, harmonics
@@ -23,8 +24,6 @@ POINTS_TO = {
 TESTED = {"linear": slice(2, 4), "even": slice(4, 6), "odd": slice(6, 8)}
 ALL_HARMONICS = (1, 2, 3, 4, 5, 6, 7)
 FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
-#: Bins along each side of a surface, and how many samples a bin needs.
-SIDE, LEAST_IN_BIN = 7, 30
 
 
 def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
@@ -37,7 +36,7 @@ def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
     def test(errors: Errors, c: int) -> Hit | Mute:
         white = errors.white[:, c]
         known = np.isfinite(white)
-        if not errors.inputs or known.sum() < 100:
+        if not errors.inputs or known.sum() < LEAST_SAMPLES:
             return Mute("no input moves" if not errors.inputs else "too few samples")
         y = white[known]
         best: tuple[float, float, str] | None = None
@@ -96,7 +95,7 @@ def rings(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
         sines = [
             s for s in distinct(errors.swings) if s.sine and orders[-1] * s.frequency < 0.45 / errors.step
         ]
-        sines = [s for s in sines if np.isfinite(errors.white[s.start : s.stop, c]).sum() > 50]
+        sines = [s for s in sines if np.isfinite(errors.white[s.start : s.stop, c]).sum() > LEAST_OF_A_SINE]
         if not sines:
             return Mute("no input is a sine")
         hits = [(*_ringing(errors, c, sine, orders), sine) for sine in sines]
@@ -201,15 +200,15 @@ def _surface(
     errors: Errors, c: int, across: tuple[str, Array], up: tuple[str, Array], points_to: str
 ) -> Hit | Mute:
     known = np.isfinite(errors.white[:, c])
-    if known.sum() < SIDE * SIDE * LEAST_IN_BIN:
+    if known.sum() < SURFACE_BINS * SURFACE_BINS * LEAST_IN_BIN:
         return Mute("too few samples for a surface")
-    places = SIDE * _quantile_bin(across[1][known]) + _quantile_bin(up[1][known])
-    counts = np.bincount(places, minlength=SIDE * SIDE)
+    places = SURFACE_BINS * _quantile_bin(across[1][known]) + _quantile_bin(up[1][known])
+    counts = np.bincount(places, minlength=SURFACE_BINS * SURFACE_BINS)
     filled = counts >= LEAST_IN_BIN
     if filled.sum() < 4:
         return Mute("the run visits too little of the plane")
     white = errors.white[known, c]
-    sums = np.bincount(places, white, minlength=SIDE * SIDE)
+    sums = np.bincount(places, white, minlength=SURFACE_BINS * SURFACE_BINS)
     value = float(np.sum(sums[filled] ** 2 / counts[filled]))
     excess = float(white @ white) - white.size
     share = value / excess if excess > 0.0 else 1.0
@@ -223,7 +222,9 @@ def _surface(
 
     def draw() -> Figure:
         def means(values: Array) -> list[float | None]:
-            return numbers(np.bincount(places, values, minlength=SIDE * SIDE)[filled] / counts[filled])
+            return numbers(
+                np.bincount(places, values, minlength=SURFACE_BINS * SURFACE_BINS)[filled] / counts[filled]
+            )
 
         series = Series(
             name=channel.name,
@@ -246,6 +247,6 @@ def _surface(
 
 
 def _quantile_bin(values: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Which of SIDE equally filled bins each value lies in."""
-    edges = np.quantile(values, np.linspace(0.0, 1.0, SIDE + 1)[1:-1])
+    """Which of SURFACE_BINS equally filled bins each value lies in."""
+    edges = np.quantile(values, np.linspace(0.0, 1.0, SURFACE_BINS + 1)[1:-1])
     return np.searchsorted(edges, values).astype(np.int64)

@@ -7,16 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from diagnosis.contracts import Array
+from diagnosis.engine.config import DRIFT_BLOCKS, LEAST_SAMPLES, LJUNG_BOX_LAGS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
 from diagnosis.engine.residual.over_inputs import regressors
 from diagnosis.engine.residual.residuals import Errors, Hit, Mute
 from diagnosis.finding import Figure, Series, numbers
 
 BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
-LAGS = 40
-#: Blocks in a run, at the three scales of the test for drift.
-BLOCKS = (48, 16, 5)
-FEWEST = 100
 
 
 def size(errors: Errors, c: int) -> Hit | Mute:
@@ -24,7 +21,7 @@ def size(errors: Errors, c: int) -> Hit | Mute:
     white = errors.white[:, c]
     known = np.isfinite(white)
     n = int(known.sum())
-    if n < FEWEST:
+    if n < LEAST_SAMPLES:
         return Mute(f"{n} samples are too few")
     power = np.abs(np.fft.rfft(np.nan_to_num(white)))[1:-1] ** 2 / n
     frequency = np.fft.rfftfreq(white.size, errors.step)[1:-1]
@@ -58,17 +55,17 @@ def memory(errors: Errors, c: int) -> Hit | Mute:
     white = errors.white[:, c]
     known = np.isfinite(white)
     n = int(known.sum())
-    if n < 5 * LAGS:
+    if n < 5 * LJUNG_BOX_LAGS:
         return Mute(f"{n} samples are too few")
     e = np.where(known, white - np.nanmean(white), 0.0)
-    pairs = _self_products(known.astype(np.float64), LAGS)
-    rho = _self_products(e, LAGS) / np.maximum(pairs, 1.0) / (e @ e / n)
+    pairs = _self_products(known.astype(np.float64), LJUNG_BOX_LAGS)
+    rho = _self_products(e, LJUNG_BOX_LAGS) / np.maximum(pairs, 1.0) / (e @ e / n)
     q = float(pairs @ rho**2)
     lag = int(np.argmax(np.abs(rho))) + 1
     name = errors.channels[c].name
     return Hit(
         statistic=q,
-        p=p_of_chi2(q, LAGS),
+        p=p_of_chi2(q, LJUNG_BOX_LAGS),
         sentence=f"the error of {name} remembers itself: correlation {rho[lag - 1]:.2f} "
         f"after {lag * errors.step:.3g} s",
         points_to="lag, delay, fast dynamics",
@@ -76,7 +73,9 @@ def memory(errors: Errors, c: int) -> Hit | Mute:
             kind="bars",
             x_label="lag in s",
             y_label="autocorrelation",
-            series=[Series(name=name, x=numbers(errors.step * np.arange(1, LAGS + 1)), y=numbers(rho))],
+            series=[
+                Series(name=name, x=numbers(errors.step * np.arange(1, LJUNG_BOX_LAGS + 1)), y=numbers(rho))
+            ],
             limit=2.576 / float(np.sqrt(n)),
         ),
     )
@@ -92,11 +91,11 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
 
     What follows the input is taken out first, or the means of slow cycles would look like a drift.
     """
-    if int(np.isfinite(errors.white[:, c]).sum()) < FEWEST:
+    if int(np.isfinite(errors.white[:, c]).sum()) < LEAST_SAMPLES:
         return Mute("too few samples")
     white = _unmoved(errors, c, errors.white[:, c])
     best: tuple[float, float, int] | None = None
-    for blocks in BLOCKS:
+    for blocks in DRIFT_BLOCKS:
         sums, counts = _blocks(white, blocks)
         used = counts > 0
         value = float(np.sum(sums[used] ** 2 / counts[used]))
@@ -111,7 +110,7 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
     unit = channel.display or channel.unit
     return Hit(
         statistic=value,
-        p=bonferroni(p, len(BLOCKS)),
+        p=bonferroni(p, len(DRIFT_BLOCKS)),
         sentence=f"means of {channel.name} over {seconds:.3g} s are off by {np.nanmin(means):.3g} to "
         f"{np.nanmax(means):.3g} {unit}",
         points_to="leak, heat, drift, volume",

@@ -9,12 +9,11 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 
 from diagnosis.contracts import Array, Experiment
+from diagnosis.engine.config import PARITY_BLOCKS, PARITY_DRAWS
 from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.residual.residuals import Errors, Hit, Mute
 from diagnosis.finding import Figure, Series, numbers
 
-BLOCKS: Final = 24
-DRAWS: Final = 12
 #: What settles before the first drawn sample.
 BURN_IN: Final = 200
 
@@ -42,7 +41,7 @@ def parity(errors: Errors, noise: Noise, source: HasParity, name: str, seed: int
     rng = np.random.default_rng(seed)
     chance = [
         source.parity(errors.experiment, predicted + draw(noise, predicted.shape[0], rng))[name] - expected
-        for _ in range(DRAWS)
+        for _ in range(PARITY_DRAWS)
     ]
     seen, time = _means(difference)
     floor = np.concatenate([_means(values)[0] for values in chance])
@@ -65,7 +64,7 @@ def parity(errors: Errors, noise: Noise, source: HasParity, name: str, seed: int
 
 def _means(values: Array) -> tuple[Array, Array]:
     """Means of the blocks in which anything is known, and the samples in their middle."""
-    starts = (np.arange(BLOCKS + 1) * values.size) // BLOCKS
+    starts = (np.arange(PARITY_BLOCKS + 1) * values.size) // PARITY_BLOCKS
     inside = [
         (float(np.nanmean(values[a:b])), 0.5 * (a + b))
         for a, b in pairwise(starts)

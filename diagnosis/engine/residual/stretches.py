@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Experiment
+from diagnosis.engine.config import LEAST_CYCLES, LEAST_HOLD_S, SAME_CYCLE, SINE_SHARE, STILL_SHARE
 
 Samples = NDArray[np.int64]
-#: Periods and swings of one stretch agree within this.
-ALIKE: Final = 0.05
-#: Share of the variance that a sine with constant mean must explain, to be taken for one.
-SINE: Final = 0.995
-LEAST_CYCLES: Final = 3
-#: An input holds still while it stays within this part of the range that it has in the run.
-STILL: Final = 0.01
-LEAST_HOLD_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +72,8 @@ def swings(experiment: Experiment, signal: str) -> list[Swing]:
     first = 0
     for i in range(1, lengths.size + 1):
         alike = i < lengths.size and (
-            abs(lengths[i] - lengths[first]) <= ALIKE * lengths[first] + 1
-            and abs(heights[i] - heights[first]) <= ALIKE * heights[first]
+            abs(lengths[i] - lengths[first]) <= SAME_CYCLE * lengths[first] + 1
+            and abs(heights[i] - heights[first]) <= SAME_CYCLE * heights[first]
         )
         if alike:
             continue
@@ -130,7 +122,7 @@ def _swing(experiment: Experiment, signal: str, edges: Samples) -> Swing:
             )
         ),
         mean=float(np.mean(u)),
-        sine=bool(np.var(left) <= (1.0 - SINE) * np.var(u)),
+        sine=bool(np.var(left) <= (1.0 - SINE_SHARE) * np.var(u)),
     )
 
 
@@ -146,7 +138,7 @@ def holds(experiment: Experiment) -> list[Hold]:
     still = np.ones(n, dtype=bool)
     window = max(2, round(0.5 / experiment.step))
     for u in moving(experiment).values():
-        still &= _local_range(u, window) <= STILL * np.ptp(u)
+        still &= _local_range(u, window) <= STILL_SHARE * np.ptp(u)
     borders = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(np.int8), [0]))))
     least = round(LEAST_HOLD_S / experiment.step)
     return [Hold(int(a), int(b)) for a, b in borders.reshape(-1, 2) if b - a >= least]

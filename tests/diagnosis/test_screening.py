@@ -1,4 +1,4 @@
-"""The screen: its threshold against brute force, its scores under chance, its estimates where the truth is known."""
+"""Scores: their threshold against brute force, its scores under chance, its estimates where the truth is known."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_only_the_physical_sign_scores(oscillator):
     assert signs(effects, np.array([2.0, -2.0, 2.0, -2.0])) == pytest.approx([1.0, 1.0, 1.0, -1.0])
 
 
-def sight(lab, data, **settings):
+def screened(lab, data, **settings):
     replay = Replay(lab.simulator, data.of("fit"), 1)
     start = base_point(lab.simulator.nuisances, replay.names)
     noise = fit_and_screen(replay, footprints(replay, start, ()), alpha=0.01, seed=1).model.noise
@@ -63,8 +63,8 @@ def test_scores_of_nulls_are_standard_normal(laboratory, colour):
     lab = laboratory(samples=800)
     z = []
     for seed in range(120):
-        found = sight(lab, lab.measure(seed, colour=colour))
-        z.append(found.screen.projection.z)
+        found = screened(lab, lab.measure(seed, colour=colour))
+        z.append(found.screening.projection.z)
     for column in np.transpose(z):
         assert kstest(column, "norm").pvalue > 1e-3
         assert np.var(column) < 1.5
@@ -73,7 +73,7 @@ def test_scores_of_nulls_are_standard_normal(laboratory, colour):
 def test_a_score_estimates_the_amplitude(laboratory):
     lab = laboratory()
     truth = 0.05
-    screen = sight(lab, lab.measure(5, {"force_gain": {"amplitude": truth}})).screen
+    screen = screened(lab, lab.measure(5, {"force_gain": {"amplitude": truth}})).screening
     i = screen.best("force_gain")
     # An offset and a stiffness hide most of a gain, and the noise estimate is that of the linear model.
     assert screen.amplitude[i] == pytest.approx(truth, rel=0.1)
@@ -83,7 +83,7 @@ def test_a_score_estimates_the_amplitude(laboratory):
 def test_noise_of_a_large_effect_in_the_library_is_still_noise(laboratory):
     """An effect thirty times the noise must not be called noise."""
     lab = laboratory()
-    model = sight(lab, lab.measure(6, {"drift": {"amplitude": 3.0}})).model
+    model = screened(lab, lab.measure(6, {"drift": {"amplitude": 3.0}})).model
     assert model.linearisation.chi2 > 2.0 * model.samples
     assert model.noise.channels[1].deviation == pytest.approx(1.0, rel=0.05)
 
@@ -91,9 +91,9 @@ def test_noise_of_a_large_effect_in_the_library_is_still_noise(laboratory):
 def test_a_fit_starts_near_its_end(laboratory):
     """The start makes room for the effect: its cost is below that of the model without it."""
     lab = laboratory()
-    found = sight(lab, lab.measure(7, {"maxwell": {"amplitude": 40.0, "tau": 0.1}}))
-    i = found.screen.best("maxwell")
-    start = found.screen.start(found.model.point, i)
+    found = screened(lab, lab.measure(7, {"maxwell": {"amplitude": 40.0, "tau": 0.1}}))
+    i = found.screening.best("maxwell")
+    start = found.screening.start(found.model.point, i)
     replay = found.model.replay
     errors = replay.residuals(replay.predictions(start))
     whiten = [found.model.noise.filter(np.ones_like(e, bool)) for e in errors]

@@ -1,0 +1,112 @@
+"""Step 6, admission: which trial enters the model, alone, in the place of a poorer relative, or together with another.
+
+Theory of operation
+-------------------
+The trials come in the order of BIC, and the first through all gates is the choice. It does not enter if
+
+* an unphysical trial explains far more: what explains next to nothing of that is no substitute for it. The data then
+  ask for a pair, or for what is in no catalogue;
+* a richer member of the family of an accepted cause explains as much in that one's place (`family.py`). Then that
+  enters, if it is worth its parameters by BIC, or nothing does.
+
+Where nothing enters, pairs are tried. A cause that is missing strains what is believed of the base model, and the
+other cause gets the blame: the mass that a lag seems to need may be the rubber that is missing beside it. Two trials
+that failed by nothing but such a strain are fitted together, if they are of different families.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+from diagnosis.engine.config import COMPARABLE, PAIRED, SUBSTITUTE
+from diagnosis.engine.family import richer_members, richer_surcharge
+from diagnosis.engine.fitting.point import effect_coordinates
+from diagnosis.engine.gates import unfit, unphysical
+from diagnosis.engine.search_state import Problem, SearchState, Trial
+from diagnosis.engine.trials import (
+    current_model,
+    fit_physical,
+    predicted,
+    refit,
+    too_rough,
+    too_useless,
+    trial_of,
+)
+
+
+def choose(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
+    """Return the trial that enters the model, None where none does."""
+    chosen = next((trial for trial in trials if not trial.failed), None)
+    if chosen is None:
+        return None
+    bic = state.current.model.bic
+    impossible = min((trial.bic for trial in trials if not trial.physical), default=math.inf)
+    if bic - chosen.bic < SUBSTITUTE * (bic - impossible):
+        return None
+    singles = _richer_instead(problem, state, chosen)
+    if not singles:
+        return chosen
+    return min((single for single in singles if single.bic < bic), key=lambda trial: trial.bic, default=None)
+
+
+def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list[Trial]:
+    """Return models with a richer relative in the place of an accepted effect that the two do not clearly beat."""
+    current, config = state.current, problem.config
+    singles: list[Trial] = []
+    for old in current.effects:
+        for name in richer_members(problem, old, current.effects):
+            if name not in state.last_fit:
+                continue
+            start = current.model.point.replaced(old, problem.hypotheses[name], state.last_fit[name])
+            single = fit_physical(problem, name, start, current)
+            by_bic = chosen.bic < single.bic - config.ambiguous
+            by_lpd = not chosen.lpd <= single.lpd + config.lpd_loss  # so is NaN, of no select runs
+            if not (single.failed or (by_bic and by_lpd)):
+                singles.append(single)
+    return singles
+
+
+def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
+    """Return the best model with two more causes at once, of those of which each alone is not physical."""
+    current = state.current
+    strained = [trial for trial in trials if not trial.physical][:PAIRED]
+    found: list[Trial] = []
+    for first, second in combinations(strained, 2):
+        one, two = problem.hypotheses[first.effect], problem.hypotheses[second.effect]
+        if one.family == two.family or len(current.effects) + 2 > problem.config.max_effects:
+            continue
+        shapes = [second.point.effects()[two.name][shape.name] for shape in two.shapes]
+        start = first.point.extended(effect_coordinates(two), (0.0, *shapes))
+        model = refit(problem, start, current)
+        failed = unfit(model, two.name, current.model) or unphysical(model, one.name, current.model)
+        if failed or too_rough(problem, current, model):
+            continue
+        prediction = predicted(problem, model, current.prediction)
+        if not too_useless(problem, state, model, prediction):
+            surcharge = sum(richer_surcharge(problem, name, model, current) for name in (one.name, two.name))
+            found.append(trial_of(two.name, model, prediction, "", surcharge=surcharge))
+    return min(found, key=lambda trial: trial.bic, default=None)
+
+
+def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Trial, ...]) -> SearchState:
+    """Return the state with the chosen trial as the current model, and with the alternatives of what entered."""
+    current = state.current
+    alternatives = dict(state.alternatives)
+    for gone in set(current.effects) - set(chosen.point.owners):
+        alternatives[chosen.effect] = (gone, *alternatives.pop(gone))
+    others = _comparable(current.model.bic, chosen, trials)
+    for new in set(chosen.point.owners) - set(current.effects):
+        alternatives[new] = tuple(dict.fromkeys((*others, *alternatives.get(new, ()))))
+    explained = current.explained_chi2 + current.model.penalised_chi2 - chosen.penalised_chi2
+    return replace(
+        state, current=current_model(problem, chosen.point, explained), alternatives=alternatives, rivals={}
+    )
+
+
+def _comparable(bic: float, chosen: Trial, trials: Sequence[Trial]) -> list[str]:
+    """Return the other effects whose fits gain at least a good part of what the chosen one gains over ``bic``."""
+    least = max(COMPARABLE * (bic - chosen.bic), 0.0)
+    return [t.effect for t in trials if t.effect != chosen.effect and bic - t.bic > least]

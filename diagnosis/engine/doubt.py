@@ -1,0 +1,78 @@
+"""Step 7, doubt: named causes that a surface without a name, which is needed anyway, makes superfluous.
+
+Theory of operation
+-------------------
+A stop that is in no catalogue looks like a cubic spring, and is named so if it is alone. A surface then sees what the
+spring leaves. Whether the spring is a cause or a likeness is asked of both:
+
+* Can the surface do what the effect does? It can if, beside it, nearly all information on the amplitude is gone
+  (`_imitable`). A surface may then be larger than is believed.
+* Does the effect say anything beside the surface? The model with the surface is fitted with and without the effects. A
+  true cause keeps a good part of its gain: it remembers what no surface does, or is right where no run has been yet.
+
+Where a surface can do what effects do and they are worth next to nothing beside it, they are doubtful and leave the
+model. A surface never displaces a cause that it merely imitates: dry friction is a surface over the speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from diagnosis.contracts import MeasuredRun
+from diagnosis.engine.config import GAIN_BESIDE_SURFACE, IMITATED_INFORMATION, WIDER_SURFACE, Config
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.linear import inverse
+from diagnosis.engine.fitting.point import surface_coordinates
+from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.search_state import Accepted
+from diagnosis.engine.unknown import Omnibus
+
+
+def doubtful(
+    model: FittedModel,
+    test: Omnibus,
+    accepted: Sequence[Accepted],
+    select: Sequence[MeasuredRun],
+    config: Config,
+) -> tuple[str, ...]:
+    """Return the accepted effects of a fitted model that the surface of a test makes superfluous."""
+    likenesses = [one for one in accepted if _imitable(model, test, one.effect)]
+    if likenesses and _superfluous(model, test, likenesses, select, config):
+        return tuple(one.effect for one in likenesses)
+    return ()
+
+
+def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
+    """Return whether most of what the data say of an effect's amplitude is gone beside a surface."""
+    linearisation = model.linearisation
+    place = next(i for i, c in enumerate(linearisation.point.coordinates) if c.owner == effect)
+    variance = linearisation.covariance()[place, place]
+    projection = linearisation.project(test.columns)
+    imitation = projection.regression[place]
+    ridge = np.eye(len(test.start)) / WIDER_SURFACE**2
+    more = imitation @ inverse(projection.information + ridge) @ imitation
+    return bool(variance < (1.0 - IMITATED_INFORMATION) * (variance + more))
+
+
+def _superfluous(
+    model: FittedModel,
+    test: Omnibus,
+    accepted: Sequence[Accepted],
+    select: Sequence[MeasuredRun],
+    config: Config,
+) -> bool:
+    """Return whether a surface says nearly as much without effects as beside them."""
+    coefficients = surface_coordinates(test.surface)
+    beside = model.point.extended(coefficients, [c.parameter.nominal for c in coefficients])
+    alone = beside
+    for one in accepted:
+        alone = alone.without(one.effect)
+    # Beside much that has no name, a small cause is a part of that sooner than of anything else.
+    part = GAIN_BESIDE_SURFACE * max(1.0, test.statistic / sum(a.lambda_**2 for a in accepted))
+    with_, without = (fit(model.replay, model.noise, p, model.linearisation) for p in (beside, alone))
+    if not select:
+        return without.bic - with_.bic < max(config.ambiguous, part * sum(a.bic_gain for a in accepted))
+    lost = predict(with_, select).lpd - predict(without, select).lpd
+    return lost < max(0.5 * config.ambiguous, part * sum(a.lpd_gain for a in accepted))

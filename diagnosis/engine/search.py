@@ -1,0 +1,65 @@
+"""Step 6, the search: stepwise over the catalogue, forwards with a swap pass after each step, then backwards.
+
+Theory of operation
+-------------------
+Causes are not found one by one and added up: each is judged beside those that were found before it, under the noise
+that they leave. One turn of the loop is steps 3 to 6 of the argument:
+
+1. `trials.current_model`: noise, fit, footprints and scores around what has been accepted so far (steps 2 to 5);
+2. `trials.fit_trials`: what exceeds the threshold is fitted and judged by the gates (`gates.py`);
+3. `admission.choose`, `choose_pair`, `admit`: one trial enters, or two together, or none and the search ends;
+4. `rivals.swap`: others are tried in the place of each accepted effect.
+
+In the end `backward.weigh` leaves out what the others have made superfluous. At most ``Config.max_effects`` enter.
+The result is the same for the same seed, however many workers there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from diagnosis.contracts import Hypothesis, MeasuredRun
+from diagnosis.engine.admission import admit, choose, choose_pair
+from diagnosis.engine.backward import weigh
+from diagnosis.engine.base_model import fit_base_model
+from diagnosis.engine.config import Config
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.gates import noise_floors
+from diagnosis.engine.rivals import swap
+from diagnosis.engine.search_state import Problem, SearchResult, SearchState, Trial
+from diagnosis.engine.trials import current_model, fit_trials
+
+Progress = Callable[[str, float], None]
+
+
+def search(
+    replay: Replay,
+    select: tuple[MeasuredRun, ...],
+    hypotheses: Mapping[str, Hypothesis],
+    config: Config,
+    progress: Progress = lambda _text, _part: None,
+) -> SearchResult:
+    """Search a catalogue for the causes of what the base model leaves of the fit runs of ``replay``.
+
+    ``select`` are the runs on which models are chosen, none if there are none; ``progress`` is told in words what is
+    done, and which part of the diagnosis lies behind.
+    """
+    problem = Problem(replay, select, hypotheses, config)
+    progress("fitting the base model", 0.0)
+    current = current_model(problem, fit_base_model(replay))
+    floors = noise_floors(replay.simulator.channels, (*replay.runs, *select), current.model.noise)
+    state = SearchState(current, floors)
+    while True:
+        done = len(state.current.effects) / config.max_effects
+        trials: tuple[Trial, ...] = ()
+        if done < 1.0:
+            model = " + ".join(("the base model", *state.current.effects))
+            progress(f"fitting what stands out against {model}", 0.1 + 0.8 * done)
+            trials = fit_trials(problem, state)
+        state = state.after(trials)
+        chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
+        if chosen is None:
+            break
+        state = swap(problem, admit(problem, state, chosen, trials))
+    progress("weighing what was found", 0.9)
+    return weigh(problem, state)

@@ -1,0 +1,130 @@
+"""Step 6: what the search for causes knows at any moment, from the question that it was given to the result.
+
+`Problem` is the question and never changes. `CurrentModel` is the model that every hypothesis is measured against; it
+is replaced whenever an effect enters or leaves. `Trial` is what came of fitting one more model. `SearchState` holds
+all that the passes of the search hand to each other, and `SearchResult` what is left of it in the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from diagnosis.contracts import Array, Hypothesis, MeasuredRun
+from diagnosis.engine.config import Config
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.fitting.predict import Prediction
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import Footprints
+from diagnosis.engine.screening import Screening
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """What is searched: the simulator on the fit runs, the select runs, the hypotheses by name, and the levels."""
+
+    replay: Replay
+    select: tuple[MeasuredRun, ...]
+    hypotheses: Mapping[str, Hypothesis]
+    config: Config
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurrentModel:
+    """The accepted effects in the base model, fitted under noise estimated around it, and the scores of all others.
+
+    ``prediction`` is that of the select runs, None where there are none; ``explained_chi2`` the penalised χ² that the
+    accepted effects have explained so far.
+    """
+
+    model: FittedModel
+    screening: Screening
+    footprints: Footprints
+    prediction: Prediction | None
+    explained_chi2: float = 0.0
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """The accepted effects, in the order in which they came."""
+        return self.model.effects
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """What came of fitting a model with ``effect`` in it. ``failed`` is the gate that it did not pass, or ""."""
+
+    effect: str
+    point: Point
+    covariance: Array  #: of the point's numbers (k, k)
+    penalised_chi2: float
+    bic: float  #: with the surcharge of a richer member of a family
+    lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
+    failed: str = ""
+    physical: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForwardStep:
+    """The effects that were in the model, the scores of all others against it, and the trials of what stood out."""
+
+    effects: tuple[str, ...]
+    screening: Screening
+    trials: tuple[Trial, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchState:
+    """All that the passes of the search hand to each other."""
+
+    current: CurrentModel
+    floors: Array  #: (c,) what noise alone leaves in each channel, as a standard deviation
+    steps: tuple[ForwardStep, ...] = ()
+    #: Where each effect was last fitted in a forward step: a later fit of it starts there.
+    last_fit: Mapping[str, Point] = field(default_factory=dict)
+    #: What else explained a good part when an accepted effect entered, best first: it may yet take its place.
+    alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    #: Physical models with another effect in the place of an accepted one, best first, under the present noise.
+    rivals: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
+
+    def after(self, trials: tuple[Trial, ...]) -> SearchState:
+        """Return the state after the trials of a forward step."""
+        screening = replace(self.current.screening, columns=())  # too large to be kept for every step
+        return replace(
+            self,
+            steps=(*self.steps, ForwardStep(self.current.effects, screening, trials)),
+            last_fit={**self.last_fit, **{trial.effect: trial.point for trial in trials}},
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Accepted:
+    """An accepted effect: its score z, its λ, what it gains over the model without it, and its rivals."""
+
+    effect: str
+    score: float
+    lambda_: float
+    bic_gain: float
+    lpd_gain: float  #: NaN where there are no select runs
+    rivals: tuple[Trial, ...]  #: physical models with another effect in its place, best first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchResult:
+    """All that the search found.
+
+    ``screening`` holds the scores of what is not in the model, seen against it; ``footprints`` those scores came from;
+    ``floors`` (c,) is what noise alone leaves.
+    """
+
+    steps: tuple[ForwardStep, ...]
+    accepted: tuple[Accepted, ...]
+    model: FittedModel
+    prediction: Prediction | None
+    screening: Screening
+    footprints: Footprints
+    floors: Array
+
+    def ambiguous(self, gap: float) -> list[tuple[Accepted, Trial]]:
+        """Return accepted effects with each rival that comes within a BIC gap of them."""
+        return [(a, r) for a in self.accepted for r in a.rivals if r.bic - self.model.bic < gap]

@@ -1,0 +1,123 @@
+"""Step 6, fit and gates: models with one more hypothesis, fitted under the present noise and judged by the gates.
+
+Theory of operation
+-------------------
+A score is no name (step 4): whatever resembles the true cause scores as well. What decides is the fit, of the effect
+together with all base parameters. Fitted are the hypotheses that exceed the threshold, the highest scores first, and
+with the two highest whatever their catalogue calls their confusers or their richer relatives: an impostor often scores
+first, and the true cause may stand behind it.
+
+A fit starts at the amplitude that the score estimates, with the base parameters that make room for it. All fits of one
+forward step share the noise and the columns of the base parameters, which makes them cheap, and comparable by BIC.
+
+Trials are judged in the order of their BIC. Predicting the select runs costs as much as a fit, so only a trial that has
+passed all other gates, and that no better one has already passed before, is asked for it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from diagnosis.engine.config import WITH_RELATIVES
+from diagnosis.engine.family import richer_surcharge
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.fitting.predict import Prediction, predict
+from diagnosis.engine.footprints import candidates, footprints
+from diagnosis.engine.gates import merely_rough, unfit, unphysical, useless
+from diagnosis.engine.screening import fit_and_screen
+from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
+
+
+def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -> CurrentModel:
+    """Re-estimate the noise around a point, refit, score everything that is not in the model, predict."""
+    rest = candidates([e for name, e in problem.hypotheses.items() if name not in point.owners])
+    around = footprints(problem.replay, point, rest)
+    config = problem.config
+    screened = fit_and_screen(problem.replay, around, alpha=config.alpha, seed=config.seed)
+    prediction = predicted(problem, screened.model)
+    return CurrentModel(screened.model, screened.screening, around, prediction, explained_chi2)
+
+
+def predicted(problem: Problem, model: FittedModel, near: Prediction | None = None) -> Prediction | None:
+    """Predict the select runs, with the columns of a prediction under the same noise; None where there are none."""
+    if not problem.select:
+        return None
+    return predict(model, problem.select, near.linearisation if near else None)
+
+
+def refit(problem: Problem, start: Point, current: CurrentModel, target: float = math.inf) -> FittedModel:
+    """Fit another model under the noise of the current one, with its columns of the base parameters."""
+    return fit(problem.replay, current.model.noise, start, current.model.linearisation, target=target)
+
+
+def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
+    """Fit what stands out against the current model, with its relatives, and judge it; best BIC first."""
+    current = state.current
+    fits: dict[str, FittedModel] = {}
+    for name, place in _wanted(problem, current).items():
+        best = min((model.penalised_chi2 for model in fits.values()), default=math.inf)
+        fits[name] = refit(problem, current.screening.start(current.model.point, place), current, best)
+    surcharge = {name: richer_surcharge(problem, name, model, current) for name, model in fits.items()}
+    trials: list[Trial] = []
+    for name in sorted(fits, key=lambda name: fits[name].bic + surcharge[name]):
+        model, prediction = fits[name], None
+        failed = unfit(model, name, current.model) or too_rough(problem, current, model)
+        if not failed and all(trial.failed for trial in trials):
+            prediction = predicted(problem, model, current.prediction)
+            failed = too_useless(problem, state, model, prediction)
+        physical = not unphysical(model, name, current.model)
+        trials.append(trial_of(name, model, prediction, failed, physical, surcharge[name]))
+    return tuple(trials)
+
+
+def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
+    """Return what is fitted, each with its best point of the grid."""
+    screening = current.screening
+    exceeding = screening.exceeding[: problem.config.fits]
+    wanted = {screening.candidates[i].effect.name: i for i in exceeding}
+    for i in exceeding[:WITH_RELATIVES]:
+        effect = screening.candidates[i].effect
+        for name in (*effect.richer, *effect.confusers):
+            if name in problem.hypotheses and name not in current.effects:
+                wanted.setdefault(name, screening.best(name))
+    return wanted
+
+
+def fit_physical(
+    problem: Problem, effect: str, start: Point, current: CurrentModel, target: float = math.inf
+) -> Trial:
+    """Fit and predict a model of which nothing is asked but that it is physical."""
+    model = refit(problem, start, current, target)
+    prediction = predicted(problem, model, current.prediction)
+    failed = unphysical(model, effect, current.model)
+    surcharge = richer_surcharge(problem, effect, model, current)
+    return trial_of(effect, model, prediction, failed, surcharge=surcharge)
+
+
+def too_rough(problem: Problem, current: CurrentModel, model: FittedModel) -> str:
+    """Return why a model with one more effect may only take up what the causes found before are wrong by."""
+    gained = current.model.penalised_chi2 - model.penalised_chi2
+    return merely_rough(gained, current.explained_chi2, current.screening.threshold, problem.config)
+
+
+def too_useless(
+    problem: Problem, state: SearchState, model: FittedModel, prediction: Prediction | None
+) -> str:
+    """Return why a model with more effects than the current one predicts nothing better."""
+    current = state.current
+    return useless(model, prediction, current.model, current.prediction, state.floors, problem.config)
+
+
+def trial_of(
+    effect: str,
+    model: FittedModel,
+    prediction: Prediction | None,
+    failed: str,
+    physical: bool = True,
+    surcharge: float = 0.0,
+) -> Trial:
+    """Return what is kept of a fitted model."""
+    lpd = prediction.lpd if prediction else float("nan")
+    bic = model.bic + surcharge
+    return Trial(effect, model.point, model.covariance(), model.penalised_chi2, bic, lpd, failed, physical)
