@@ -1,4 +1,13 @@
-"""What cannot be told apart or would not be seen, before any data: cosines of footprints, smallest detectable sizes."""
+"""With the verdict (step 8): which effects these runs cannot tell apart, and how large an unseen one may be.
+
+Theory of operation
+-------------------
+Both follow from the projected footprints of step 4, whatever the data say. Two effects whose footprints have a cosine
+ρ differ by a BIC gap of about λ²(1 − ρ²) if one is fitted in the other's stead; below 10 the pair is called
+inseparable (`confusability`). An effect is found in 95 % of cases where its λ lies above the threshold of step 5 by
+the 95 % quantile of a normal score (`unseen`): divided by λ per unit of amplitude, that is the smallest size that
+would have been found.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +96,7 @@ def _unseen(screening: Screening, linearisation: Linearisation, place: int) -> U
     elif smallest > most:
         sentence = f"is not visible in these runs{f': {hidden_by} imitates it' if hidden_by else ''}"
     else:
-        at = ", ".join(_said(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
+        at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
         sentence = f"would have been found from {smallest / amplitude.scale:.3g} {unit}".rstrip()
         sentence += (f" (at {at})" if at else "") + (
             f", though {hidden_by} hides most of it" if hidden_by else ""
@@ -104,7 +113,7 @@ def _unseen(screening: Screening, linearisation: Linearisation, place: int) -> U
     )
 
 
-def _said(parameter: Parameter, value: float) -> str:
+def _with_unit(parameter: Parameter, value: float) -> str:
     return f"{parameter.name} {value / parameter.scale:.3g} {_unit(parameter)}".rstrip()
 
 

@@ -1,4 +1,17 @@
-"""What would decide between rivals that explain the data alike: a run of a menu, or a reference."""
+"""After an ambiguous verdict (step 8): which run of a menu, or which reference, would decide between the rivals.
+
+Theory of operation
+-------------------
+Rivals explain the data there are; they need not predict the same of a run that was not done. If one of them is true,
+the other predicts that run worse by some log predictive density, after its parameters have taken up what they can
+within what the data so far say of them. Twice that is the BIC gap which the run would add. The true one is not known,
+so the smaller of both directions counts; among several rivals, the pair that a run parts least (`rank`, after Hunter
+and Reiner 1965, Buzzi-Ferraris and Forzatti 1983). Divided by the minutes of the rig, it ranks the menu.
+
+Where a base parameter imitates what parts two rivals, no run of the same kind helps, but knowing that parameter
+otherwise does, by a calibration for example. `sensors` fixes one parameter after the other and says what the gap
+grows to on the runs there are.
+"""
 
 from __future__ import annotations
 
@@ -24,17 +37,15 @@ class HasReferences(Protocol):
 
     @property
     def references(self) -> Mapping[str, str]:
-        """What to do, by the name of the nuisance that becomes known."""
+        """What to do, in words, by the name of the nuisance that becomes known by it."""
         ...
 
 
 def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[NextRun]:
     """Rank experiments by how far they would part the two rivals that they part least, per minute of the rig.
 
-    Buzzi-Ferraris and Forzatti (1983), after Hunter and Reiner (1965): if one rival is true, the other predicts the
-    run worse by so much, in units of BIC, after it has taken up what its parameters can within what the data so far
-    say of them.  The smaller of both directions counts.  A gap under `SEPARABLE` may be an upper bound.  Raises
-    ``DiagnosisError`` for an experiment without minutes.
+    A gap under ``SEPARABLE`` may be an upper bound: parameters did not adapt. Raises ``DiagnosisError`` for an
+    experiment without minutes.
     """
     return sorted(
         (_ranked(rivals, experiment) for experiment in menu), key=lambda run: -(run.per_minute or 0.0)
@@ -51,8 +62,8 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
     gap, pair = min((_distance(a, b, runs), pair) for pair, (a, b) in pairs.items())
     # Parameters that adapt bring rivals nearer together: what is too near already need not wait for them.
     if gap >= SEPARABLE:
-        foreseen = _foreseen(runs)
-        gap, pair = min((_parted(a, b, foreseen), pair) for pair, (a, b) in pairs.items())
+        forecasts = _forecasts(runs)
+        gap, pair = min((_parted(a, b, forecasts), pair) for pair, (a, b) in pairs.items())
     return NextRun(
         experiment=experiment.name,
         minutes=experiment.minutes,
@@ -64,12 +75,12 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
 
 def separation(first: FittedModel, second: FittedModel, experiment: Experiment) -> float:
     """The BIC gap which an experiment adds between two fitted models, whichever of them is true; the smaller one."""
-    return _parted(first, second, _foreseen(_simulated((first, second), experiment)))
+    return _parted(first, second, _forecasts(_simulated((first, second), experiment)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Foreseen:
-    """An experiment as one model predicts it, and how well that model predicts it then."""
+class _Forecast:
+    """An experiment as one model predicts it, and the log predictive density which that model then has of it."""
 
     run: MeasuredRun
     prediction: Prediction
@@ -89,23 +100,25 @@ def _distance(first: FittedModel, second: FittedModel, runs: Mapping[FittedModel
     return float(np.sum(whiten(runs[first].outputs - runs[second].outputs) ** 2)) / first.noise.dispersion
 
 
-def _foreseen(runs: Mapping[FittedModel, MeasuredRun]) -> dict[FittedModel, _Foreseen]:
+def _forecasts(runs: Mapping[FittedModel, MeasuredRun]) -> dict[FittedModel, _Forecast]:
     """Return how well each model predicts its run. Under one noise they share the columns of their nuisances."""
-    foreseen: dict[FittedModel, _Foreseen] = {}
+    forecasts: dict[FittedModel, _Forecast] = {}
     for model, run in runs.items():
-        known = next((foreseen[m].prediction.linearisation for m in foreseen if m.noise is model.noise), None)
-        foreseen[model] = _Foreseen(run, predict(model, [run], known))
-    return foreseen
+        known = next(
+            (forecasts[m].prediction.linearisation for m in forecasts if m.noise is model.noise), None
+        )
+        forecasts[model] = _Forecast(run, predict(model, [run], known))
+    return forecasts
 
 
-def _parted(first: FittedModel, second: FittedModel, foreseen: Mapping[FittedModel, _Foreseen]) -> float:
-    return min(_advantage(first, second, foreseen), _advantage(second, first, foreseen))
+def _parted(first: FittedModel, second: FittedModel, forecasts: Mapping[FittedModel, _Forecast]) -> float:
+    return min(_advantage(first, second, forecasts), _advantage(second, first, forecasts))
 
 
-def _advantage(true: FittedModel, other: FittedModel, foreseen: Mapping[FittedModel, _Foreseen]) -> float:
+def _advantage(true: FittedModel, other: FittedModel, forecasts: Mapping[FittedModel, _Forecast]) -> float:
     """2·(lpd of the true model − lpd of the other one) on the run as the true model predicts it."""
-    here, known = foreseen[true], foreseen[other].prediction.linearisation
-    return 2.0 * (here.prediction.lpd - predict(other, [here.run], known).lpd)
+    forecast, known = forecasts[true], forecasts[other].prediction.linearisation
+    return 2.0 * (forecast.prediction.lpd - predict(other, [forecast.run], known).lpd)
 
 
 def _name(model: FittedModel) -> str:
@@ -119,13 +132,13 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
     nuisance could no longer adapt.
     """
     footprint = _footprint(first, second)
-    here = second.linearisation
-    now = _left(here, footprint, np.ones(len(here.point.numbers), dtype=bool))
+    base = second.linearisation
+    now = _unexplained(base, footprint, np.ones(len(base.point.numbers), dtype=bool))
     known = second.replay.simulator.references if isinstance(second.replay.simulator, HasReferences) else {}
     found = []
-    for name in dict.fromkeys(c.parameter.name for c in here.point.coordinates if not c.owner):
-        free = np.array([bool(c.owner) or c.parameter.name != name for c in here.point.coordinates])
-        gap = _left(here, footprint, free)
+    for name in dict.fromkeys(c.parameter.name for c in base.point.coordinates if not c.owner):
+        free = np.array([bool(c.owner) or c.parameter.name != name for c in base.point.coordinates])
+        gap = _unexplained(base, footprint, free)
         if gap > WORTH_A_REFERENCE * now:
             how = known.get(name, f"measure {name} against a reference")
             found.append(
@@ -150,20 +163,20 @@ def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
         numbers[place] = point.coordinates[place].inside(0.0)
     without = first.replay.predictions(point.at(numbers))
     return [
-        f(whole - less)
-        for f, whole, less in zip(
+        f(predicted - less)
+        for f, predicted, less in zip(
             filters(first.noise, first.replay.runs), first.predictions, without, strict=True
         )
     ]
 
 
-def _left(
-    here: Linearisation, footprint: Sequence[Array], free: np.ndarray[tuple[int], np.dtype[np.bool_]]
+def _unexplained(
+    linearisation: Linearisation, footprint: Sequence[Array], free: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> float:
     """The squared norm of a footprint after the free coordinates have taken up what they can."""
     mixed, own = np.zeros(len(free)), 0.0
-    for block, values in zip(here.blocks, footprint, strict=True):
+    for block, values in zip(linearisation.blocks, footprint, strict=True):
         mixed[block.places] += block.against(values.reshape(1, -1))[:, 0]
         own += float(np.vdot(values, values))
-    gram = here.information[np.ix_(free, free)]
-    return max(own - float(mixed[free] @ solve(gram, mixed[free])), 0.0)
+    information = linearisation.information[np.ix_(free, free)]
+    return max(own - float(mixed[free] @ solve(information, mixed[free])), 0.0)

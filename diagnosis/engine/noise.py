@@ -1,8 +1,12 @@
-"""The noise of each channel, estimated from what no model can explain, and the filter that whitens it.
+"""Step 3, noise: an autoregression for each channel, and the filter that whitens residuals and footprints alike.
 
-Noise is autoregressive: its autocovariances at lags 0…p by Yule and Walker, p ≤ 10 by BIC, over pairs of samples that
-were both measured in the same run. A sample is predicted from those of its predecessors that were measured; its error
-over its standard deviation is white whatever is missing, and a run's first samples count as much as its last.
+Theory of operation
+-------------------
+Of what no model explains (`noise_estimate.py`), the autocovariances at lags 0…p are taken over pairs of samples that
+were both measured in the same run. Yule and Walker's equations make an autoregression of them, of an order p ≤ 10 by
+BIC. Whitening predicts each sample from those of its predecessors that were measured and divides the error by its
+standard deviation. So it is white whatever is missing, and a run's first samples count as much as its last. Without
+it, noise with AR(1) coefficients of 0.3, 0.6 and 0.9 gives a test at 1 % false alarms of 9, 35 and 61 %.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The runs of a dataset as the engine wants them: only channels that were measured, and a role for every run."""
+"""Before step 1: the runs of a dataset with only the channels that were measured, and with a role for every run."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from diagnosis.contracts import Channel, Experiment
 from diagnosis.engine.noise import ChannelNoise, Noise, white
 from diagnosis.engine.residual.panel import TESTS, benjamini_hochberg, judged
 from diagnosis.engine.residual.parity import draw, parity
-from diagnosis.engine.residual.residuals import Hit, Mute, errors
+from diagnosis.engine.residual.residuals import NotApplicable, Outcome, residuals_of
 from diagnosis.engine.residual.stretches import holds, swings
 from diagnosis.finding import PanelRow
 
@@ -51,22 +51,22 @@ V = np.gradient(U, STEP)
 
 
 PREDICTED = np.column_stack((1e5 * U, 2e3 * U))
-QUIET = errors(EXPERIMENT, CHANNELS, PREDICTED, PREDICTED, np.ones_like(PREDICTED))
+QUIET = residuals_of(EXPERIMENT, CHANNELS, PREDICTED, PREDICTED, np.ones_like(PREDICTED))
 
 
 def seen(rng, extra=0.0, missing=0.0):
-    """Errors of unit variance with something added to the force."""
+    """Residuals of unit variance with something added to the force."""
     n = U.size
     noise = rng.standard_normal((n, 2))
     noise[:, 0] += extra
     noise[rng.random((n, 2)) < missing] = np.nan
-    return replace(QUIET, measured=QUIET.predicted + noise, error=noise, white=noise)
+    return replace(QUIET, measured=QUIET.predicted + noise, residual=noise, whitened=noise)
 
 
 def p_values(extra, seed=1):
     case = seen(np.random.default_rng(seed), extra)
     found = {name: test(case, 0) for name, test in TEST.items()}
-    return {name: hit.p for name, hit in found.items() if isinstance(hit, Hit)}
+    return {name: outcome.p for name, outcome in found.items() if isinstance(outcome, Outcome)}
 
 
 def test_stretches_are_found_as_they_were_driven():
@@ -91,9 +91,9 @@ def test_noise_on_the_input_moves_no_stretch():
 def test_p_values_are_uniform_or_careful_where_the_model_is_right(name):
     p = []
     for seed in range(40):
-        hit = TEST[name](seen(np.random.default_rng(seed), missing=0.1 * (seed % 2)), 0)
-        assert isinstance(hit, Hit)
-        p.append(hit.p)
+        outcome = TEST[name](seen(np.random.default_rng(seed), missing=0.1 * (seed % 2)), 0)
+        assert isinstance(outcome, Outcome)
+        p.append(outcome.p)
     # Bonferroni makes a p-value larger, never smaller: only too small ones are an error.
     assert kstest(p, "uniform", alternative="greater").pvalue > 1e-3
     assert np.mean(np.array(p) < 0.05) < 0.15
@@ -161,17 +161,17 @@ def test_loss_grows_as_its_mechanism_says():
 
 def test_size_names_the_band():
     t = EXPERIMENT.time
-    hit = TEST["size"](seen(np.random.default_rng(6), 0.5 * np.sin(2 * np.pi * 7 * t)), 0)
-    assert "5 to 10 Hz" in hit.sentence and hit.p < 1e-6
+    outcome = TEST["size"](seen(np.random.default_rng(6), 0.5 * np.sin(2 * np.pi * 7 * t)), 0)
+    assert "5 to 10 Hz" in outcome.sentence and outcome.p < 1e-6
 
 
 def test_a_test_without_its_stretch_says_so():
     t = np.arange(0.0, 30.0, STEP)
     still = Experiment("still", t, {"height": np.zeros_like(t)})
     noise = np.random.default_rng(0).standard_normal((t.size, 2))
-    case = errors(still, CHANNELS, noise, np.zeros_like(noise), noise)
+    case = residuals_of(still, CHANNELS, noise, np.zeros_like(noise), noise)
     for name in ("linear", "even harmonics", "loss", "hold", "x-v surface", "x-p surface"):
-        assert isinstance(TEST[name](case, 0), Mute), name
+        assert isinstance(TEST[name](case, 0), NotApplicable), name
 
 
 class Combination:
@@ -190,12 +190,12 @@ def test_parity_is_silent_on_noise_and_sees_a_drift(noise):
     p = []
     for seed in range(40):
         drawn = draw(noise, n, np.random.default_rng(seed))
-        case = errors(EXPERIMENT, CHANNELS, predicted + drawn, predicted, drawn)
+        case = residuals_of(EXPERIMENT, CHANNELS, predicted + drawn, predicted, drawn)
         p.append(parity(case, noise, Combination(), "rubber", seed=0).p)
     # Its own floor is drawn, so that p is not exactly uniform; it must not be small by chance.
     assert np.mean(np.array(p) < 0.02) < 0.12
     drawn[:, 0] += 30 * np.arange(n) / n
-    case = errors(EXPERIMENT, CHANNELS, predicted + drawn, predicted, drawn)
+    case = residuals_of(EXPERIMENT, CHANNELS, predicted + drawn, predicted, drawn)
     assert parity(case, noise, Combination(), "rubber", seed=0).p < 1e-3
 
 

@@ -1,4 +1,4 @@
-"""Tests of an error on what a test engineer draws: loops, their loss per cycle, and what happens in a hold."""
+"""Tests of a residual on what a test engineer draws: loops, their loss per cycle, and what happens in a hold."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ import numpy as np
 from diagnosis.contracts import Array, Channel
 from diagnosis.engine.config import LEAST_CYCLES, LEAST_OF_A_HOLD, QUASI_STATIC_HZ, SETTLING_S
 from diagnosis.engine.p_values import bonferroni, p_of_chi2, p_of_t
-from diagnosis.engine.residual.residuals import Errors, Hit, Mute, wald
+from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals, wald
 from diagnosis.engine.residual.stretches import Hold, Swing
 from diagnosis.finding import Figure, Series, numbers
 
 
-def loss(errors: Errors, c: int) -> Hit | Mute:
+def loss(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """Loss per cycle W = ∮ y du, measured less predicted, with Student's t over the cycles of a stretch.
 
     How it grows tells the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A and flat in f
     Coulomb or Berg.
     """
-    if errors.channels[c].kind not in {"force", "pressure"}:
-        return Mute("the channel is neither a force nor a pressure")
-    swings = _followed(errors, c)
+    if residuals.channels[c].kind not in {"force", "pressure"}:
+        return NotApplicable("the channel is neither a force nor a pressure")
+    swings = _followed(residuals, c)
     if not swings:
-        return Mute("no input swings evenly")
-    found = [(swing, _losses(errors, c, swing)) for swing in swings]
+        return NotApplicable("no input swings evenly")
+    found = [(swing, _losses(residuals, c, swing)) for swing in swings]
     tests = [(_against_zero(values), swing, float(values.mean())) for swing, values in found]
     (p, t), swing, mean = min(tests, key=lambda one: one[0])
-    channel = errors.channels[c]
+    channel = residuals.channels[c]
     unit = f"{channel.display or channel.unit} × {swing.signal}"
     sure = [(s, w) for (chance, _), s, w in tests if chance < 0.01]
     law, points_to = _law(sure)
-    return Hit(
+    return Outcome(
         statistic=abs(t),
         p=bonferroni(p, len(tests)),
         sentence=f"{channel.name} loses {mean / channel.scale:+.3g} {unit} a cycle beyond the model at "
@@ -54,15 +54,15 @@ def loss(errors: Errors, c: int) -> Hit | Mute:
     )
 
 
-def _followed(errors: Errors, c: int) -> list[Swing]:
+def _followed(residuals: Residuals, c: int) -> list[Swing]:
     """The stretches of the input that the channel follows there, with at least three cycles that are all known."""
-    chosen = [s for s in errors.swings if errors.partner(c, s.start, s.stop) == s.signal]
-    return [s for s in chosen if _losses(errors, c, s).size >= LEAST_CYCLES]
+    chosen = [s for s in residuals.swings if residuals.partner(c, s.start, s.stop) == s.signal]
+    return [s for s in chosen if _losses(residuals, c, s).size >= LEAST_CYCLES]
 
 
-def _losses(errors: Errors, c: int, swing: Swing) -> Array:
+def _losses(residuals: Residuals, c: int, swing: Swing) -> Array:
     """∮ e du (cycles,) over each cycle that is mostly known."""
-    e, u = errors.error[:, c], errors.inputs[swing.signal]
+    e, u = residuals.residual[:, c], residuals.inputs[swing.signal]
     cycles = []
     for a, b in pairwise(swing.edges):
         known = np.isfinite(e[a:b])
@@ -106,12 +106,12 @@ def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
     return text, anything
 
 
-def quasi_static(errors: Errors, c: int) -> Hit | Mute:
+def quasi_static(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """The width of the error's loop at two low speeds: the same at both for friction, growing for a Maxwell branch."""
-    if errors.channels[c].kind != "force":
-        return Mute("the channel is no force")
+    if residuals.channels[c].kind != "force":
+        return NotApplicable("the channel is no force")
     slow = sorted(
-        (s for s in _followed(errors, c) if s.frequency <= QUASI_STATIC_HZ), key=lambda s: s.frequency
+        (s for s in _followed(residuals, c) if s.frequency <= QUASI_STATIC_HZ), key=lambda s: s.frequency
     )
     pairs = [
         (a, b)
@@ -122,17 +122,17 @@ def quasi_static(errors: Errors, c: int) -> Hit | Mute:
         and a.signal == b.signal
     ]
     if not pairs:
-        return Mute("no input swings slowly at two speeds")
+        return NotApplicable("no input swings slowly at two speeds")
     first, second = pairs[0]
-    widths = [_losses(errors, c, s) / (4.0 * s.amplitude) for s in (first, second)]
+    widths = [_losses(residuals, c, s) / (4.0 * s.amplitude) for s in (first, second)]
     tests = [_against_zero(w) for w in widths]
     apart = abs(float(widths[1].mean() - widths[0].mean()))
     error = float(np.sqrt(sum(w.var(ddof=1) / w.size for w in widths)))
-    channel = errors.channels[c]
+    channel = residuals.channels[c]
     shown = [float(w.mean()) / channel.scale for w in widths]
     unit = channel.display or channel.unit
     same = apart < 3.0 * error or apart < 0.15 * max(abs(float(w.mean())) for w in widths)
-    return Hit(
+    return Outcome(
         statistic=max(abs(t) for _, t in tests),
         p=bonferroni(min(p for p, _ in tests), 2),
         sentence=f"half the width of the loop of {channel.name} is off by {shown[0]:.3g} {unit} at "
@@ -143,42 +143,44 @@ def quasi_static(errors: Errors, c: int) -> Hit | Mute:
             kind="lines",
             x_label=first.signal,
             y_label=f"error in {unit}",
-            series=[_loop(errors, c, swing, channel) for swing in (first, second)],
+            series=[_loop(residuals, c, swing, channel) for swing in (first, second)],
         ),
     )
 
 
-def _loop(errors: Errors, c: int, swing: Swing, channel: Channel) -> Series:
+def _loop(residuals: Residuals, c: int, swing: Swing, channel: Channel) -> Series:
     a, b = swing.edges[1], swing.edges[2]
     step = max(1, (b - a) // 300)
     return Series(
         name=f"{swing.frequency:.3g} Hz",
-        x=numbers(errors.inputs[swing.signal][a:b:step]),
-        y=numbers(errors.error[a:b:step, c] / channel.scale),
+        x=numbers(residuals.inputs[swing.signal][a:b:step]),
+        y=numbers(residuals.residual[a:b:step, c] / channel.scale),
     )
 
 
-def settles(errors: Errors, c: int) -> Hit | Mute:
+def settles(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """The error in a hold: a straight line, or an exponential that stops."""
-    white = errors.white[:, c]
-    holds = [h for h in errors.holds if np.isfinite(white[h.start : h.stop]).sum() > LEAST_OF_A_HOLD]
+    white = residuals.whitened[:, c]
+    holds = [h for h in residuals.holds if np.isfinite(white[h.start : h.stop]).sum() > LEAST_OF_A_HOLD]
     if not holds:
-        return Mute("no input holds still")
+        return NotApplicable("no input holds still")
     looks = len(holds) * (1 + len(SETTLING_S))
-    hits = [(*_in_hold(white, hold, errors.step, tau), hold) for hold in holds for tau in (0.0, *SETTLING_S)]
-    p, value, tau, hold = min(hits, key=lambda hit: (hit[0], -hit[1]))
-    channel, inside = errors.channels[c], slice(hold.start, hold.stop)
-    e = errors.error[inside, c] / channel.scale
+    tests = [
+        (*_in_hold(white, hold, residuals.step, tau), hold) for hold in holds for tau in (0.0, *SETTLING_S)
+    ]
+    p, value, tau, hold = min(tests, key=lambda test: (test[0], -test[1]))
+    channel, inside = residuals.channels[c], slice(hold.start, hold.stop)
+    e = residuals.residual[inside, c] / channel.scale
     known = np.isfinite(e)
-    time: Array = errors.step * np.arange(e.size, dtype=np.float64)
+    time: Array = residuals.step * np.arange(e.size, dtype=np.float64)
     shape = np.exp(-time / tau) if tau else time
     columns = np.column_stack((np.ones(e.size), shape))
     size = np.linalg.lstsq(columns[known], e[known], rcond=None)[0][1]
     unit = channel.display or channel.unit
-    return Hit(
+    return Outcome(
         statistic=value,
         p=bonferroni(p, looks),
-        sentence=f"in a hold of {e.size * errors.step:.3g} s the error of {channel.name} "
+        sentence=f"in a hold of {e.size * residuals.step:.3g} s the error of {channel.name} "
         + (
             f"settles by {-size:+.3g} {unit} within about {tau:g} s"
             if tau

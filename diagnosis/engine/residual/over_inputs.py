@@ -1,4 +1,4 @@
-"""Tests of an error against the inputs: whether it follows them, oddly or evenly, or lies on a surface over them."""
+"""Tests of a residual against the inputs: whether it follows them, oddly or evenly, or lies on a surface over them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.contracts import Array
 from diagnosis.engine.config import LEAST_IN_BIN, LEAST_OF_A_SINE, LEAST_SAMPLES, SURFACE_BINS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
-from diagnosis.engine.residual.residuals import Errors, Hit, Mute, wald
+from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals, wald
 from diagnosis.engine.residual.stretches import Swing, harmonics
 from diagnosis.finding import Figure, Series, numbers
 
@@ -26,22 +26,22 @@ ALL_HARMONICS = (1, 2, 3, 4, 5, 6, 7)
 FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
 
 
-def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
+def follows(parity: Parity) -> Callable[[Residuals, int], Outcome | NotApplicable]:
     """Regression of the error on an input: linear (u, u̇), and beyond that even (u², u u̇) and odd (sgn u̇, u³).
 
     A drift in time is taken out first.  Each kind comes with its slope, so that a whitening filter, which turns
     phases, does not hide it.
     """
 
-    def test(errors: Errors, c: int) -> Hit | Mute:
-        white = errors.white[:, c]
+    def test(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+        white = residuals.whitened[:, c]
         known = np.isfinite(white)
-        if not errors.inputs or known.sum() < LEAST_SAMPLES:
-            return Mute("no input moves" if not errors.inputs else "too few samples")
+        if not residuals.inputs or known.sum() < LEAST_SAMPLES:
+            return NotApplicable("no input moves" if not residuals.inputs else "too few samples")
         y = white[known]
         best: tuple[float, float, str] | None = None
-        for name, u in errors.inputs.items():
-            columns = regressors(u, errors.step)[:, : 4 if parity == "linear" else 8]
+        for name, u in residuals.inputs.items():
+            columns = regressors(u, residuals.step)[:, : 4 if parity == "linear" else 8]
             value, freedom = wald(columns[known], y, TESTED[parity])
             p = p_of_chi2(value, freedom)
             if best is None or (p, -value) < (best[0], -best[1]):
@@ -50,12 +50,12 @@ def follows(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
         p, value, name = best
         share = float(np.sqrt(value / (y @ y)))
         how = {"linear": "follows", "even": "is even in", "odd": "has an odd, nonlinear part in"}[parity]
-        return Hit(
+        return Outcome(
             statistic=value,
-            p=bonferroni(p, len(errors.inputs)),
-            sentence=f"the error of {errors.channels[c].name} {how} {name} (correlation {share:.2f})",
+            p=bonferroni(p, len(residuals.inputs)),
+            sentence=f"the error of {residuals.channels[c].name} {how} {name} (correlation {share:.2f})",
             points_to=POINTS_TO[parity],
-            draw=lambda: _over_input(errors, c, name),
+            draw=lambda: _over_input(residuals, c, name),
         )
 
     return test
@@ -70,45 +70,53 @@ def regressors(u: Array, step: float) -> Array:
     return np.column_stack((np.ones_like(x), time, x, v, x * x, x * v, np.tanh(2.0 * v), x**3))
 
 
-def _over_input(errors: Errors, c: int, name: str) -> Figure:
-    channel, u = errors.channels[c], errors.inputs[name]
-    known = np.flatnonzero(np.isfinite(errors.error[:, c]))
+def _over_input(residuals: Residuals, c: int, name: str) -> Figure:
+    channel, u = residuals.channels[c], residuals.inputs[name]
+    known = np.flatnonzero(np.isfinite(residuals.residual[:, c]))
     shown = known[:: max(1, known.size // 1200)]
     return Figure(
         kind="cloud",
         x_label=name,
         y_label=f"error in {channel.display or channel.unit}",
         series=[
-            Series(name=channel.name, x=numbers(u[shown]), y=numbers(errors.error[shown, c] / channel.scale))
+            Series(
+                name=channel.name,
+                x=numbers(u[shown]),
+                y=numbers(residuals.residual[shown, c] / channel.scale),
+            )
         ],
     )
 
 
-def rings(parity: Parity) -> Callable[[Errors, int], Hit | Mute]:
+def rings(parity: Parity) -> Callable[[Residuals, int], Outcome | NotApplicable]:
     """Harmonics of the error while an input is a sine: even ones (2, 4, 6) or odd ones (3, 5, 7).
 
     What the error has in common with the measured input, its harmonics included, is taken out first.
     """
 
-    def test(errors: Errors, c: int) -> Hit | Mute:
+    def test(residuals: Residuals, c: int) -> Outcome | NotApplicable:
         orders = FIRST_HARMONICS[parity]
         sines = [
-            s for s in distinct(errors.swings) if s.sine and orders[-1] * s.frequency < 0.45 / errors.step
+            s
+            for s in distinct(residuals.swings)
+            if s.sine and orders[-1] * s.frequency < 0.45 / residuals.step
         ]
-        sines = [s for s in sines if np.isfinite(errors.white[s.start : s.stop, c]).sum() > LEAST_OF_A_SINE]
+        sines = [
+            s for s in sines if np.isfinite(residuals.whitened[s.start : s.stop, c]).sum() > LEAST_OF_A_SINE
+        ]
         if not sines:
-            return Mute("no input is a sine")
-        hits = [(*_ringing(errors, c, sine, orders), sine) for sine in sines]
-        value, freedom, sine = min(hits, key=lambda hit: (p_of_chi2(hit[0], hit[1]), -hit[0]))
-        channel, sizes = errors.channels[c], _amplitudes(errors, c, sine)[np.array(orders) - 1]
+            return NotApplicable("no input is a sine")
+        tests = [(*_ringing(residuals, c, sine, orders), sine) for sine in sines]
+        value, freedom, sine = min(tests, key=lambda test: (p_of_chi2(test[0], test[1]), -test[0]))
+        channel, sizes = residuals.channels[c], _amplitudes(residuals, c, sine)[np.array(orders) - 1]
         unit, largest = channel.display or channel.unit, int(np.argmax(sizes))
-        return Hit(
+        return Outcome(
             statistic=value,
             p=bonferroni(p_of_chi2(value, freedom), len(sines)),
             sentence=f"while {sine.signal} is a sine of {sine.frequency:.3g} Hz, the error of {channel.name} has "
             f"{sizes[largest] / channel.scale:.3g} {unit} at {orders[largest]} times that",
             points_to=POINTS_TO[parity],
-            draw=lambda: _spectrum(errors, c, sine),
+            draw=lambda: _spectrum(residuals, c, sine),
         )
 
     return test
@@ -129,32 +137,34 @@ def distinct(swings: Sequence[Swing]) -> list[Swing]:
     return kept
 
 
-def _ringing(errors: Errors, c: int, sine: Swing, orders: tuple[int, ...]) -> tuple[float, int]:
+def _ringing(residuals: Residuals, c: int, sine: Swing, orders: tuple[int, ...]) -> tuple[float, int]:
     """χ² of some harmonics of the error, and its degrees of freedom."""
     inside = slice(sine.start, sine.stop)
-    known = np.isfinite(errors.white[inside, c])
-    n, u = sine.stop - sine.start, errors.inputs[sine.signal][inside]
+    known = np.isfinite(residuals.whitened[inside, c])
+    n, u = sine.stop - sine.start, residuals.inputs[sine.signal][inside]
     x = (u - u.mean()) / u.std()
     base = [np.ones((n, 1)), np.linspace(-1.0, 1.0, n)[:, None], x[:, None], np.gradient(x)[:, None]]
-    base += [harmonics(n, errors.step, sine.frequency, k) for k in ALL_HARMONICS if k not in orders]
-    tested = [harmonics(n, errors.step, sine.frequency, k) for k in orders]
+    base += [harmonics(n, residuals.step, sine.frequency, k) for k in ALL_HARMONICS if k not in orders]
+    tested = [harmonics(n, residuals.step, sine.frequency, k) for k in orders]
     columns = np.hstack([*base, *tested])[known]
-    return wald(columns, errors.white[inside, c][known], slice(columns.shape[1] - 2 * len(orders), None))
+    return wald(
+        columns, residuals.whitened[inside, c][known], slice(columns.shape[1] - 2 * len(orders), None)
+    )
 
 
-def _amplitudes(errors: Errors, c: int, sine: Swing) -> Array:
+def _amplitudes(residuals: Residuals, c: int, sine: Swing) -> Array:
     """The amplitudes (7,) in SI of the harmonics of the error."""
     inside = slice(sine.start, sine.stop)
-    known = np.isfinite(errors.error[inside, c])
+    known = np.isfinite(residuals.residual[inside, c])
     n = sine.stop - sine.start
-    waves = [harmonics(n, errors.step, sine.frequency, k) for k in ALL_HARMONICS]
+    waves = [harmonics(n, residuals.step, sine.frequency, k) for k in ALL_HARMONICS]
     columns = np.hstack([np.ones((n, 1)), *waves])[known]
-    raw = np.linalg.lstsq(columns, errors.error[inside, c][known], rcond=None)[0][1:]
+    raw = np.linalg.lstsq(columns, residuals.residual[inside, c][known], rcond=None)[0][1:]
     return np.hypot(raw[0::2], raw[1::2])
 
 
-def _spectrum(errors: Errors, c: int, sine: Swing) -> Figure:
-    channel = errors.channels[c]
+def _spectrum(residuals: Residuals, c: int, sine: Swing) -> Figure:
+    channel = residuals.channels[c]
     return Figure(
         kind="bars",
         x_label=f"harmonic of {sine.frequency:.3g} Hz",
@@ -163,57 +173,61 @@ def _spectrum(errors: Errors, c: int, sine: Swing) -> Figure:
             Series(
                 name=channel.name,
                 x=numbers(ALL_HARMONICS),
-                y=numbers(_amplitudes(errors, c, sine) / channel.scale),
+                y=numbers(_amplitudes(residuals, c, sine) / channel.scale),
             )
         ],
     )
 
 
-def velocity_surface(errors: Errors, c: int) -> Hit | Mute:
+def velocity_surface(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """Restoring-force surface of the error r(x, v), by Masri and Caughey (1979): means over an input and its slope."""
-    name = errors.partner(c)
+    name = residuals.partner(c)
     if not name:
-        return Mute("no input moves")
-    u = errors.inputs[name]
+        return NotApplicable("no input moves")
+    u = residuals.inputs[name]
     return _surface(
-        errors, c, (name, u), (f"slope of {name}", np.gradient(u, errors.step)), "stop, friction, hysteresis"
+        residuals,
+        c,
+        (name, u),
+        (f"slope of {name}", np.gradient(u, residuals.step)),
+        "stop, friction, hysteresis",
     )
 
 
-def pressure_surface(errors: Errors, c: int) -> Hit | Mute:
+def pressure_surface(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """Surface of the error r(x, p) over an input and the predicted pressure that the channel follows best."""
-    pressures = [i for i, channel in enumerate(errors.channels) if channel.kind == "pressure"]
-    name = errors.partner(c)
+    pressures = [i for i, channel in enumerate(residuals.channels) if channel.kind == "pressure"]
+    name = residuals.partner(c)
     if not pressures or not name:
-        return Mute("no input moves" if pressures else "no channel is a pressure")
-    y = np.nan_to_num(errors.measured[:, c] - np.nanmean(errors.measured[:, c]))
+        return NotApplicable("no input moves" if pressures else "no channel is a pressure")
+    y = np.nan_to_num(residuals.measured[:, c] - np.nanmean(residuals.measured[:, c]))
     close = [
         abs(float(y @ (p - p.mean()))) / (p.std() or np.inf)
-        for p in (errors.predicted[:, i] for i in pressures)
+        for p in (residuals.predicted[:, i] for i in pressures)
     ]
     chosen = pressures[int(np.argmax(close))]
-    pressure = (errors.channels[chosen].name, errors.predicted[:, chosen])
-    return _surface(errors, c, (name, errors.inputs[name]), pressure, "area curve, pressure gain, flow")
+    pressure = (residuals.channels[chosen].name, residuals.predicted[:, chosen])
+    return _surface(residuals, c, (name, residuals.inputs[name]), pressure, "area curve, pressure gain, flow")
 
 
 def _surface(
-    errors: Errors, c: int, across: tuple[str, Array], up: tuple[str, Array], points_to: str
-) -> Hit | Mute:
-    known = np.isfinite(errors.white[:, c])
+    residuals: Residuals, c: int, across: tuple[str, Array], up: tuple[str, Array], points_to: str
+) -> Outcome | NotApplicable:
+    known = np.isfinite(residuals.whitened[:, c])
     if known.sum() < SURFACE_BINS * SURFACE_BINS * LEAST_IN_BIN:
-        return Mute("too few samples for a surface")
+        return NotApplicable("too few samples for a surface")
     places = SURFACE_BINS * _quantile_bin(across[1][known]) + _quantile_bin(up[1][known])
     counts = np.bincount(places, minlength=SURFACE_BINS * SURFACE_BINS)
     filled = counts >= LEAST_IN_BIN
     if filled.sum() < 4:
-        return Mute("the run visits too little of the plane")
-    white = errors.white[known, c]
+        return NotApplicable("the run visits too little of the plane")
+    white = residuals.whitened[known, c]
     sums = np.bincount(places, white, minlength=SURFACE_BINS * SURFACE_BINS)
     value = float(np.sum(sums[filled] ** 2 / counts[filled]))
     excess = float(white @ white) - white.size
     share = value / excess if excess > 0.0 else 1.0
-    channel = errors.channels[c]
-    # Errors at one place of the plane that differ from visit to visit come from something that is not in the plane.
+    channel = residuals.channels[c]
+    # Residuals at one place of the plane that differ from visit to visit come from something that is not in the plane.
     rest = (
         ""
         if share > 0.5
@@ -230,14 +244,14 @@ def _surface(
             name=channel.name,
             x=means(across[1][known]),
             y=means(up[1][known]),
-            z=means(errors.error[known, c] / channel.scale),
+            z=means(residuals.residual[known, c] / channel.scale),
         )
         unit = channel.display or channel.unit
         return Figure(
             kind="map", x_label=across[0], y_label=up[0], z_label=f"error in {unit}", series=[series]
         )
 
-    return Hit(
+    return Outcome(
         statistic=value,
         p=p_of_chi2(value, int(filled.sum())),
         sentence=f"the error of {channel.name} depends on {across[0]} and {up[0]}{rest}",

@@ -1,4 +1,4 @@
-"""Tests on an error alone: how large it is in which band, whether it remembers itself, whether it drifts."""
+"""Tests on a residual alone: how large it is in which band, whether it remembers itself, whether it drifts."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from diagnosis.contracts import Array
 from diagnosis.engine.config import DRIFT_BLOCKS, LEAST_SAMPLES, LJUNG_BOX_LAGS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
 from diagnosis.engine.residual.over_inputs import regressors
-from diagnosis.engine.residual.residuals import Errors, Hit, Mute
+from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals
 from diagnosis.finding import Figure, Series, numbers
 
 BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
-def size(errors: Errors, c: int) -> Hit | Mute:
+def size(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """Pure-error ratio χ²/N in bands of frequency: the power of the whitened error over that of the noise."""
-    white = errors.white[:, c]
+    white = residuals.whitened[:, c]
     known = np.isfinite(white)
     n = int(known.sum())
     if n < LEAST_SAMPLES:
-        return Mute(f"{n} samples are too few")
+        return NotApplicable(f"{n} samples are too few")
     power = np.abs(np.fft.rfft(np.nan_to_num(white)))[1:-1] ** 2 / n
-    frequency = np.fft.rfftfreq(white.size, errors.step)[1:-1]
+    frequency = np.fft.rfftfreq(white.size, residuals.step)[1:-1]
     bands = [(a, b, (frequency > a) & (frequency <= b)) for a, b in pairwise(BANDS_HZ)]
     bands = [band for band in bands if band[2].any()]
     ratios = np.array([power[inside].mean() for _, _, inside in bands])
@@ -32,8 +32,8 @@ def size(errors: Errors, c: int) -> Hit | Mute:
     worst = int(np.argmax((ratios - 1.0) * np.sqrt(counts)))
     low, high, _ = bands[worst]
     total = float(np.nanmean(white**2))
-    name = errors.channels[c].name
-    return Hit(
+    name = residuals.channels[c].name
+    return Outcome(
         statistic=float(ratios[worst]),
         p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
         sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise, and {np.sqrt(ratios[worst]):.3g} "
@@ -50,31 +50,33 @@ def size(errors: Errors, c: int) -> Hit | Mute:
     )
 
 
-def memory(errors: Errors, c: int) -> Hit | Mute:
+def memory(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """Ljung and Box: Q = Σ n_h ρ_h² over the first lags, in a form that tolerates gaps."""
-    white = errors.white[:, c]
+    white = residuals.whitened[:, c]
     known = np.isfinite(white)
     n = int(known.sum())
     if n < 5 * LJUNG_BOX_LAGS:
-        return Mute(f"{n} samples are too few")
+        return NotApplicable(f"{n} samples are too few")
     e = np.where(known, white - np.nanmean(white), 0.0)
     pairs = _self_products(known.astype(np.float64), LJUNG_BOX_LAGS)
     rho = _self_products(e, LJUNG_BOX_LAGS) / np.maximum(pairs, 1.0) / (e @ e / n)
     q = float(pairs @ rho**2)
     lag = int(np.argmax(np.abs(rho))) + 1
-    name = errors.channels[c].name
-    return Hit(
+    name = residuals.channels[c].name
+    return Outcome(
         statistic=q,
         p=p_of_chi2(q, LJUNG_BOX_LAGS),
         sentence=f"the error of {name} remembers itself: correlation {rho[lag - 1]:.2f} "
-        f"after {lag * errors.step:.3g} s",
+        f"after {lag * residuals.step:.3g} s",
         points_to="lag, delay, fast dynamics",
         draw=lambda: Figure(
             kind="bars",
             x_label="lag in s",
             y_label="autocorrelation",
             series=[
-                Series(name=name, x=numbers(errors.step * np.arange(1, LJUNG_BOX_LAGS + 1)), y=numbers(rho))
+                Series(
+                    name=name, x=numbers(residuals.step * np.arange(1, LJUNG_BOX_LAGS + 1)), y=numbers(rho)
+                )
             ],
             limit=2.576 / float(np.sqrt(n)),
         ),
@@ -86,14 +88,14 @@ def _self_products(values: Array, lags: int) -> Array:
     return np.array([values[:-h] @ values[h:] for h in range(1, lags + 1)])
 
 
-def drift(errors: Errors, c: int) -> Hit | Mute:
+def drift(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     """Means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ².
 
     What follows the input is taken out first, or the means of slow cycles would look like a drift.
     """
-    if int(np.isfinite(errors.white[:, c]).sum()) < LEAST_SAMPLES:
-        return Mute("too few samples")
-    white = _unmoved(errors, c, errors.white[:, c])
+    if int(np.isfinite(residuals.whitened[:, c]).sum()) < LEAST_SAMPLES:
+        return NotApplicable("too few samples")
+    white = _unmoved(residuals, c, residuals.whitened[:, c])
     best: tuple[float, float, int] | None = None
     for blocks in DRIFT_BLOCKS:
         sums, counts = _blocks(white, blocks)
@@ -104,11 +106,11 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
             best = (value, p, blocks)
     assert best is not None  # there is at least one scale
     value, p, blocks = best
-    channel, seconds = errors.channels[c], white.size * errors.step / blocks
-    sums, counts = _blocks(_unmoved(errors, c, errors.error[:, c]), blocks)
+    channel, seconds = residuals.channels[c], white.size * residuals.step / blocks
+    sums, counts = _blocks(_unmoved(residuals, c, residuals.residual[:, c]), blocks)
     means = np.divide(sums, counts, out=np.full(blocks, np.nan), where=counts > 0) / channel.scale
     unit = channel.display or channel.unit
-    return Hit(
+    return Outcome(
         statistic=value,
         p=bonferroni(p, len(DRIFT_BLOCKS)),
         sentence=f"means of {channel.name} over {seconds:.3g} s are off by {np.nanmin(means):.3g} to "
@@ -125,12 +127,12 @@ def drift(errors: Errors, c: int) -> Hit | Mute:
     )
 
 
-def _unmoved(errors: Errors, c: int, values: Array) -> Array:
+def _unmoved(residuals: Residuals, c: int, values: Array) -> Array:
     """Values (n,) without what follows the input that the channel follows best."""
-    name = errors.partner(c)
+    name = residuals.partner(c)
     if not name:
         return values
-    columns, known = regressors(errors.inputs[name], errors.step), np.isfinite(values)
+    columns, known = regressors(residuals.inputs[name], residuals.step), np.isfinite(values)
     found = np.linalg.lstsq(columns[known], values[known], rcond=1e-9)[0]
     found[1] = 0.0  # the line in time is what is looked for
     return values - columns @ found

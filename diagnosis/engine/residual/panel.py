@@ -1,4 +1,18 @@
-"""The residual panel: what is wrong with a fitted model, and where, without a name for the cause."""
+"""Step 1, the residual panel: what is wrong with the base model, and where, without a name for the cause.
+
+Theory of operation
+-------------------
+The measured motion drives the model; measured less predicted is the residual. Every test looks at it in one run and
+one channel with no cause in mind: its size against the noise in bands of frequency, its memory, its drift
+(`over_time.py`); what it has in common with the inputs, oddly or evenly, and whether it lies on a surface over two
+states (`over_inputs.py`); loss per cycle, loops and holds (`over_cycles.py`); combinations of channels that one
+subsystem alone can move (`parity.py`). Each returns a statistic with its p-value, a sentence and a figure, or why it
+does not apply.
+
+A row tells of the run in which its test says most, its p-value multiplied by the number of runs. Over the whole
+panel, Benjamini and Hochberg's procedure bounds the part of false rows among the significant ones. The panel shows
+*that* something is wrong. It names nothing, and nothing in the later steps depends on it.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +27,10 @@ from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.residual import over_cycles, over_inputs, over_time
 from diagnosis.engine.residual.parity import HasParity, parity
-from diagnosis.engine.residual.residuals import Errors, Hit, Mute, errors
+from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals, residuals_of
 from diagnosis.finding import PanelRow, number
 
-Test = Callable[[Errors, int], Hit | Mute]
+Test = Callable[[Residuals, int], Outcome | NotApplicable]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
     ("size", "size against the noise", over_time.size),
     ("memory", "memory (Ljung-Box)", over_time.memory),
@@ -41,7 +55,7 @@ def panel(model: FittedModel, *, seed: int = 0, alpha: float = 0.01) -> list[Pan
     ``significant``: false among those are at most a part ``alpha``, by Benjamini and Hochberg (1995).
     """
     runs = [
-        errors(run.experiment, model.replay.simulator.channels, run.outputs, predicted, block.residual)
+        residuals_of(run.experiment, model.replay.simulator.channels, run.outputs, predicted, block.residual)
         for run, predicted, block in zip(
             model.replay.runs, model.predictions, model.linearisation.blocks, strict=True
         )
@@ -54,7 +68,7 @@ def panel(model: FittedModel, *, seed: int = 0, alpha: float = 0.01) -> list[Pan
     return judged([*rows, *_parities(model, runs, seed)], alpha)
 
 
-def _parities(model: FittedModel, runs: Sequence[Errors], seed: int) -> list[PanelRow]:
+def _parities(model: FittedModel, runs: Sequence[Residuals], seed: int) -> list[PanelRow]:
     source = model.replay.simulator
     if not isinstance(source, HasParity):
         return []
@@ -70,10 +84,12 @@ def _parities(model: FittedModel, runs: Sequence[Errors], seed: int) -> list[Pan
     ]
 
 
-def _row(test: str, title: str, channel: str, found: Sequence[tuple[str, Hit | Mute]]) -> PanelRow:
-    hits = [(run, hit) for run, hit in found if isinstance(hit, Hit)]
-    if not hits:
-        why = "; ".join(dict.fromkeys(mute.why for _, mute in found if isinstance(mute, Mute)))
+def _row(
+    test: str, title: str, channel: str, found: Sequence[tuple[str, Outcome | NotApplicable]]
+) -> PanelRow:
+    outcomes = [(run, outcome) for run, outcome in found if isinstance(outcome, Outcome)]
+    if not outcomes:
+        why = "; ".join(dict.fromkeys(one.why for _, one in found if isinstance(one, NotApplicable)))
         return PanelRow(
             test=test,
             title=title,
@@ -84,17 +100,17 @@ def _row(test: str, title: str, channel: str, found: Sequence[tuple[str, Hit | M
             sentence=f"does not apply: {why}",
             points_to="",
         )
-    run, hit = min(hits, key=lambda one: (one[1].p, -one[1].statistic))
+    run, outcome = min(outcomes, key=lambda one: (one[1].p, -one[1].statistic))
     return PanelRow(
         test=test,
         title=title,
         run=run,
         channel=channel,
-        statistic=number(hit.statistic),
-        p=number(bonferroni(hit.p, len(hits))),
-        sentence=hit.sentence,
-        points_to=hit.points_to,
-        figure=hit.draw() if hit.draw else None,
+        statistic=number(outcome.statistic),
+        p=number(bonferroni(outcome.p, len(outcomes))),
+        sentence=outcome.sentence,
+        points_to=outcome.points_to,
+        figure=outcome.draw() if outcome.draw else None,
     )
 
 

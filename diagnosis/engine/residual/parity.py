@@ -11,7 +11,7 @@ import numpy as np
 from diagnosis.contracts import Array, Experiment
 from diagnosis.engine.config import PARITY_BLOCKS, PARITY_DRAWS
 from diagnosis.engine.noise import ChannelNoise, Noise
-from diagnosis.engine.residual.residuals import Errors, Hit, Mute
+from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals
 from diagnosis.finding import Figure, Series, numbers
 
 #: What settles before the first drawn sample.
@@ -27,28 +27,32 @@ class HasParity(Protocol):
         ...
 
 
-def parity(errors: Errors, noise: Noise, source: HasParity, name: str, seed: int) -> Hit | Mute:
+def parity(
+    residuals: Residuals, noise: Noise, source: HasParity, name: str, seed: int
+) -> Outcome | NotApplicable:
     """A parity signal of the measured outputs less that of the predicted ones, as means of blocks.
 
     Its noise is that of the channels, drawn and sent through the same combination; F compares the two.
     """
     from scipy.special import fdtrc
 
-    known = np.isfinite(errors.error)
-    predicted = np.where(known, errors.predicted, np.nan)
-    expected = source.parity(errors.experiment, predicted)[name]
-    difference = source.parity(errors.experiment, np.where(known, errors.measured, np.nan))[name] - expected
+    known = np.isfinite(residuals.residual)
+    predicted = np.where(known, residuals.predicted, np.nan)
+    expected = source.parity(residuals.experiment, predicted)[name]
+    difference = (
+        source.parity(residuals.experiment, np.where(known, residuals.measured, np.nan))[name] - expected
+    )
     rng = np.random.default_rng(seed)
     chance = [
-        source.parity(errors.experiment, predicted + draw(noise, predicted.shape[0], rng))[name] - expected
+        source.parity(residuals.experiment, predicted + draw(noise, predicted.shape[0], rng))[name] - expected
         for _ in range(PARITY_DRAWS)
     ]
     seen, time = _means(difference)
     floor = np.concatenate([_means(values)[0] for values in chance])
     if seen.size < 4 or not np.any(floor):
-        return Mute("too few samples in which every channel of the combination was measured")
+        return NotApplicable("too few samples in which every channel of the combination was measured")
     ratio = float(np.mean(seen**2) / np.mean(floor**2))
-    return Hit(
+    return Outcome(
         statistic=ratio,
         p=float(fdtrc(seen.size, floor.size, ratio)),
         sentence=f"{name}: measured and predicted differ by {np.sqrt(ratio):.3g} times what noise makes of it",
@@ -57,7 +61,7 @@ def parity(errors: Errors, noise: Noise, source: HasParity, name: str, seed: int
             kind="points",
             x_label="s",
             y_label="measured less predicted",
-            series=[Series(name=name, x=numbers(time * errors.step), y=numbers(seen))],
+            series=[Series(name=name, x=numbers(time * residuals.step), y=numbers(seen))],
         ),
     )
 

@@ -1,4 +1,4 @@
-"""The errors of one run: measured less predicted, the same whitened, and what the inputs do meanwhile."""
+"""The residuals of one run: measured less predicted, the same whitened, and what the inputs do meanwhile."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from diagnosis.finding import Figure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Errors:
-    """``error`` (n, c) in SI and ``white`` (n, c) with unit variance, both NaN where nothing counts.
+class Residuals:
+    """What one run leaves: ``residual`` (n, c) in SI, ``whitened`` (n, c) with unit variance, NaN where nothing counts.
 
     ``inputs`` are those that move; ``swings`` and ``holds`` what they do.
     """
@@ -23,8 +23,8 @@ class Errors:
     channels: tuple[Channel, ...]
     measured: Array
     predicted: Array
-    error: Array
-    white: Array
+    residual: Array
+    whitened: Array
     inputs: Mapping[str, Array]
     swings: tuple[Swing, ...]
     holds: tuple[Hold, ...]
@@ -55,19 +55,19 @@ class Errors:
         return found
 
 
-def errors(
+def residuals_of(
     experiment: Experiment, channels: tuple[Channel, ...], measured: Array, predicted: Array, white: Array
-) -> Errors:
-    """Errors from outputs (n, c) and whitened residuals (n, c), which are NaN or exactly 0 where nothing counts."""
+) -> Residuals:
+    """Residuals from outputs (n, c) and whitened residuals (n, c), which are NaN or exactly 0 where nothing counts."""
     counts = np.isfinite(white) & (white != 0.0) & np.isfinite(measured)
     inputs = moving(experiment)
-    return Errors(
+    return Residuals(
         experiment=experiment,
         channels=channels,
         measured=measured,
         predicted=predicted,
-        error=np.where(counts, measured - predicted, np.nan),
-        white=np.where(counts, white, np.nan),
+        residual=np.where(counts, measured - predicted, np.nan),
+        whitened=np.where(counts, white, np.nan),
         inputs=inputs,
         swings=tuple(swing for name in inputs for swing in swings(experiment, name)),
         holds=tuple(holds(experiment)) if inputs else (),
@@ -75,7 +75,7 @@ def errors(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hit:
+class Outcome:
     """What one test says of one channel in one run; ``p`` counts everything that the test looked at there."""
 
     statistic: float
@@ -86,8 +86,8 @@ class Hit:
 
 
 @dataclass(frozen=True, slots=True)
-class Mute:
-    """A test that does not apply, and why."""
+class NotApplicable:
+    """Why a test does not apply to a channel or a run."""
 
     why: str
 
