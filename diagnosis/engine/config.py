@@ -38,8 +38,9 @@ class Config:
 
 #: False discovery rate of the panel (Benjamini and Hochberg). It accuses nobody, so that one row in a hundred may err.
 PANEL_FDR: Final = 0.01
-#: A test of a whole run needs so many samples for its asymptotic distribution; one of a sine, half as many.
+#: A test of a whole run needs so many samples for its asymptotic distribution.
 LEAST_SAMPLES: Final = 100
+#: A test of harmonics needs fewer: it compares with a sine that is known.
 LEAST_OF_A_SINE: Final = 50
 #: Lags of the Ljung-Box test: a few tenths of a second at the rates of these benches.
 LJUNG_BOX_LAGS: Final = 40
@@ -51,7 +52,7 @@ QUASI_STATIC_HZ: Final = 0.25
 SETTLING_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
 #: Samples in a hold without which an exponential is not told from a line.
 LEAST_OF_A_HOLD: Final = 200
-#: Bins along each side of a surface of the error: 49 means are a χ² that single outliers do not make.
+#: Bins along each side of a surface of the error, equally filled along each coordinate.
 SURFACE_BINS: Final = 7
 #: Samples that the mean of one bin needs.
 LEAST_IN_BIN: Final = 30
@@ -59,6 +60,8 @@ LEAST_IN_BIN: Final = 30
 PARITY_BLOCKS: Final = 24
 #: Draws of the noise that the F statistic of a parity signal is compared with: twelve times as many means.
 PARITY_DRAWS: Final = 12
+#: Samples that a drawn autoregression runs before its first one counts, so that it has forgotten its start.
+PARITY_BURN_IN: Final = 200
 #: Cycles belong to one stretch while period and height agree within this part: an amplitude or frequency of a plan
 #: differs from the next by more.
 SAME_CYCLE: Final = 0.05

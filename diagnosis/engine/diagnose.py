@@ -67,7 +67,7 @@ def diagnose(
     tell("looking for what has no name", 0.85)
     judgement = judge(found, hypotheses, config)  # steps 7 and 8
     tell("measuring the gain", 0.92)
-    return _finding(data, judgement, hypotheses, config, menu)  # steps 9 and 1
+    return _finding(data, judgement, hypotheses, config, menu)  # steps 1 and 9
 
 
 def _chosen(catalogue: Mapping[str, Hypothesis], config: Config) -> dict[str, Hypothesis]:
@@ -91,6 +91,7 @@ def _finding(
     found, verdict, extended = judgement.found, judgement.verdict, judgement.model
     named = judgement.screened.model
     base = fit(extended.replay, extended.noise, without_effects(extended.point), named.linearisation)
+    tests = panel(base, seed=config.seed, alpha=PANEL_FDR)
     covariance = named.covariance()
     causes = [cause(a, hypotheses[a.effect], named.point, covariance) for a in found.accepted]
     others = rivals(found, hypotheses, config.ambiguous) if verdict is Verdict.AMBIGUOUS else []
@@ -114,7 +115,7 @@ def _finding(
         next_runs=next_runs,
         next_sensors=next_sensors,
         shifts=shifts(base, extended),
-        panel=panel(base, seed=config.seed, alpha=PANEL_FDR),
+        panel=tests,
         confusability=confusability(first),
         unknowns=list(judgement.unknowns),
         remains=_remains(data, judgement, gain.gains),

@@ -65,7 +65,7 @@ def compare(
     channels = after.replay.simulator.channels
     arms = _Arms(
         tuple(runs),
-        (predict(before, runs, held=True).outputs, predict(after, runs, held=True).outputs),
+        (predict(before, runs, fixed=True).outputs, predict(after, runs, fixed=True).outputs),
         noise,
     )
     errors = (arms.errors(0), arms.errors(1))
@@ -230,11 +230,11 @@ def shifts(before: FittedModel, after: FittedModel) -> list[Shift]:
 
 
 def _shown(coordinate: Coordinate, value: float) -> float | None:
-    return number(coordinate.outside(float(value)) / coordinate.parameter.scale)
+    return number(coordinate.to_value(float(value)) / coordinate.parameter.scale)
 
 
 def _width(coordinate: Coordinate, value: float, deviation: float) -> float | None:
-    size = abs(coordinate.outside(float(value))) if coordinate.parameter.logarithmic else 1.0
+    size = abs(coordinate.to_value(float(value))) if coordinate.parameter.logarithmic else 1.0
     return number(size * coordinate.scale * float(deviation) / coordinate.parameter.scale)
 
 

@@ -73,7 +73,7 @@ def unphysical(model: FittedModel, effect: str, base: FittedModel) -> str:
         low, high = coordinate.range
         push = fitted.gradient[i]
         outwards = (number <= low and push < 0.0) or (number >= high and push > 0.0)
-        value = f"{coordinate.outside(number) / coordinate.parameter.scale:.4g} "
+        value = f"{coordinate.to_value(number) / coordinate.parameter.scale:.4g} "
         value += coordinate.parameter.display or coordinate.parameter.unit
         if (
             coordinate.owner == effect

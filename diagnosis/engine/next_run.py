@@ -160,7 +160,7 @@ def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
     # An amplitude is 0 at its nominal value: the first parameter of each effect.
     for owner in own:
         place = point.place(next(c for c in names if c.owner == owner))
-        numbers[place] = point.coordinates[place].inside(0.0)
+        numbers[place] = point.coordinates[place].to_number(0.0)
     without = first.replay.predictions(point.at(numbers))
     return [
         f(predicted - less)

@@ -79,7 +79,7 @@ class Screening:
         candidate = self.candidates[i]
         extended = candidate.added_to(point)
         effect = candidate.effect.amplitude
-        inside = candidate.amplitude.inside(
+        inside = candidate.amplitude.to_number(
             float(np.clip(self.amplitude[i], 0.95 * effect.low, 0.95 * effect.high))
         )
         numbers = extended.numbers.copy()

@@ -127,7 +127,7 @@ def explain(
     """
     coordinates = surface_coordinates(test.surface)
     start = model.point.extended(
-        coordinates, [c.outside(u) for c, u in zip(coordinates, test.start, strict=True)]
+        coordinates, [c.to_value(u) for c, u in zip(coordinates, test.start, strict=True)]
     )
     fitted = fit(model.replay, model.noise, start, model.linearisation, prior=_effects_fixed(model, start))
     gain = _gain(model, fitted, select)
@@ -156,7 +156,7 @@ def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]
     """Return by how much better the select runs are predicted, as fitted: no other number makes up for a surface."""
     if not select:
         return float("nan")
-    return predict(fitted, select, held=True).lpd - predict(model, select, held=True).lpd
+    return predict(fitted, select, fixed=True).lpd - predict(model, select, fixed=True).lpd
 
 
 def _effects_fixed(model: FittedModel, start: Point) -> Prior:

@@ -81,7 +81,7 @@ def test_a_step_stays_in_range_and_the_others_make_the_best_of_it():
     rng = np.random.default_rng(5)
     X = rng.standard_normal((200, 3)) @ np.array([[1.0, 0.9, 0.0], [0.0, 0.5, 0.3], [0.0, 0.0, 1.0]])
     r = X @ np.array([2.0, -1.5, 0.5]) + 0.1 * rng.standard_normal(200)
-    coordinates = tuple(Coordinate(Parameter(n, "1", 0.0, 1.0, -0.7, 0.8), believed=False) for n in "abc")
+    coordinates = tuple(Coordinate(Parameter(n, "1", 0.0, 1.0, -0.7, 0.8), penalised=False) for n in "abc")
     point = Point(coordinates, np.zeros(3))
     prior = Prior(np.zeros(3), np.zeros((3, 3)))
     here = Linearisation(point, prior, (Block("a", r[:, None], (((0, 1, 2), Columns(X.T[:, :, None])),)),))

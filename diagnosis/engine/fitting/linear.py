@@ -176,8 +176,8 @@ class Linearisation:
         """Project whitened columns (m, n, c) of each run onto what no coordinate can imitate."""
         size, width = len(self.point.numbers), len(extra[0])
         mixed, own, score = np.zeros((size, width)), np.zeros((width, width)), np.zeros(width)
-        for block, more in zip(self.blocks, extra, strict=True):
-            columns = more.reshape(width, block.residual.size).astype(np.float64, copy=False)
+        for block, further in zip(self.blocks, extra, strict=True):
+            columns = further.reshape(width, block.residual.size).astype(np.float64, copy=False)
             mixed[block.places] += block.against(columns)
             own += columns @ columns.T
             score += columns @ block.residual.ravel()

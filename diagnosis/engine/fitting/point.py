@@ -1,4 +1,4 @@
-"""A point in the space of models: which effects are in, and the value of every free number."""
+"""A point in the space of models: which effects are in the model, and the value of every free number."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from diagnosis.contracts import Array, DiagnosisError, Hypothesis, Nuisance, Par
 class Coordinate:
     """One free number: a nuisance, or a parameter of an effect or a surface (``owner``), of one run if ``run`` is set.
 
-    The engine counts it in units of its spread, so that every column of a Jacobian has the size of what is believed;
-    ``believed``: the prior counts as an observation.
+    The engine counts it from its nominal value in units of its prior spread, so that all numbers are of one size;
+    ``penalised``: the prior counts as an observation.
     """
 
     parameter: Parameter
     owner: str = ""
     run: str = ""
-    believed: bool = True
+    penalised: bool = True
 
     @property
     def label(self) -> str:
@@ -57,21 +57,21 @@ class Coordinate:
     @property
     def weight(self) -> float:
         """1 where the prior counts as an observation, else 0."""
-        return float(self.believed and self.parameter.spread < math.inf)
+        return float(self.penalised and self.parameter.spread < math.inf)
 
     @property
     def range(self) -> tuple[float, float]:
         """Lowest and highest value, in engine units."""
-        return self.inside(self.parameter.low), self.inside(self.parameter.high)
+        return self.to_number(self.parameter.low), self.to_number(self.parameter.high)
 
-    def inside(self, value: float) -> float:
+    def to_number(self, value: float) -> float:
         """Return the engine's number for a value."""
         nominal = self.parameter.nominal
         if not self.parameter.logarithmic:
             return (value - nominal) / self.scale
         return math.log(value / nominal) / self.scale if value > 0.0 else -math.inf
 
-    def outside(self, number: float) -> float:
+    def to_value(self, number: float) -> float:
         """Return the value for a number of the engine."""
         nominal = self.parameter.nominal
         if not self.parameter.logarithmic:
@@ -93,19 +93,19 @@ class Point:
 
     def values(self) -> Array:
         """Return the values (k,) in their own units."""
-        return np.array([c.outside(u) for c, u in zip(self.coordinates, self.numbers, strict=True)])
+        return np.array([c.to_value(u) for c, u in zip(self.coordinates, self.numbers, strict=True)])
 
     def parameters(self, run: str) -> dict[str, float]:
         """Return every nuisance of one run."""
         pairs = zip(self.coordinates, self.numbers, strict=True)
-        return {c.parameter.name: c.outside(u) for c, u in pairs if not c.owner and c.run in {"", run}}
+        return {c.parameter.name: c.to_value(u) for c, u in pairs if not c.owner and c.run in {"", run}}
 
     def effects(self) -> dict[str, dict[str, float]]:
         """Return the values of every effect and surface, by name and parameter."""
         effects: dict[str, dict[str, float]] = {}
         for coordinate, number in zip(self.coordinates, self.numbers, strict=True):
             if coordinate.owner:
-                effects.setdefault(coordinate.owner, {})[coordinate.parameter.name] = coordinate.outside(
+                effects.setdefault(coordinate.owner, {})[coordinate.parameter.name] = coordinate.to_value(
                     number
                 )
         return effects
@@ -125,9 +125,9 @@ class Point:
 
     def extended(self, coordinates: Iterable[Coordinate], values: Iterable[float]) -> Point:
         """Return the point with further coordinates at the given values (in their own units)."""
-        more = tuple(coordinates)
-        inside = [c.inside(v) for c, v in zip(more, values, strict=True)]
-        return Point((*self.coordinates, *more), np.concatenate((self.numbers, inside)))
+        further = tuple(coordinates)
+        numbers = [c.to_number(v) for c, v in zip(further, values, strict=True)]
+        return Point((*self.coordinates, *further), np.concatenate((self.numbers, numbers)))
 
     def with_runs(self, runs: Iterable[str]) -> Point:
         """Return the point with the nuisances of further runs, at their nominal values."""
@@ -162,9 +162,9 @@ def base_point(nuisances: Iterable[Nuisance], runs: Iterable[str]) -> Point:
 
 
 def effect_coordinates(effect: Hypothesis) -> tuple[Coordinate, ...]:
-    """Return amplitude and shapes of an effect; the data alone speak of the amplitude."""
+    """Return amplitude and shapes of an effect; the amplitude has no prior, so that only the data speak of it."""
     return (
-        Coordinate(effect.amplitude, effect.name, believed=False),
+        Coordinate(effect.amplitude, effect.name, penalised=False),
         *(Coordinate(shape, effect.name) for shape in effect.shapes),
     )
 

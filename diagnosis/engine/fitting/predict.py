@@ -1,4 +1,14 @@
-"""How well a fit predicts runs that it has not seen: their log predictive density."""
+"""How well a fit predicts runs that it has not seen: their log predictive density (lpd).
+
+Theory of operation
+-------------------
+A plug-in prediction, with the fitted values alone, punishes a model for what it does not know exactly and loses
+power. So the posterior of the fit, a normal distribution by Laplace's approximation, is the prior of the prediction:
+shared parameters may move as far as the fit left them uncertain, and those that belong to a new run alone (an initial
+pressure) start from their own priors. They are fitted to the new runs and integrated out: the lpd is minus half the
+penalised χ² plus half the logarithm of det(information before) / det(information after), up to a constant of the
+noise.
+"""
 
 from __future__ import annotations
 
@@ -33,19 +43,19 @@ def predict(
     runs: Sequence[MeasuredRun],
     known: Linearisation | None = None,
     *,
-    held: bool = False,
+    fixed: bool = False,
 ) -> Prediction:
-    """Say what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``held``.
+    """Say what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``fixed``.
 
     What the fit knows of the shared numbers is their prior now; those of each new run are found and marginalised by
     Laplace's approximation. ``known`` may hold columns of the nuisances for these runs, whitened alike.
     """
-    point, prior = _transferred(fitted, fitted.replay.of(runs), FIXED_WEIGHT if held else 1.0)
+    point, prior = _transferred(fitted, fitted.replay.of(runs), FIXED_WEIGHT if fixed else 1.0)
     again = fit(fitted.replay.of(runs), fitted.noise, point, known, prior=prior)
-    here = again.linearisation
-    gram = here.information / fitted.noise.dispersion
-    evidence = np.linalg.slogdet(prior.precision)[1] - np.linalg.slogdet(gram)[1]
-    return Prediction(again.replay, 0.5 * float(evidence - again.penalised_chi2), again.predictions, here)
+    information = again.linearisation.information / fitted.noise.dispersion
+    occam = np.linalg.slogdet(prior.precision)[1] - np.linalg.slogdet(information)[1]
+    lpd = 0.5 * float(occam - again.penalised_chi2)
+    return Prediction(again.replay, lpd, again.predictions, again.linearisation)
 
 
 def _transferred(fitted: FittedModel, replay: Replay, weight: float) -> tuple[Point, Prior]:
@@ -56,9 +66,9 @@ def _transferred(fitted: FittedModel, replay: Replay, weight: float) -> tuple[Po
     old = fitted.point
     shared = [i for i, c in enumerate(old.coordinates) if not c.run]
     own = [i for i, c in enumerate(old.coordinates) if c.run]
-    gram = fitted.linearisation.information / fitted.noise.dispersion
-    known = gram[np.ix_(shared, shared)] - gram[np.ix_(shared, own)] @ solve(
-        gram[np.ix_(own, own)], gram[np.ix_(own, shared)]
+    information = fitted.linearisation.information / fitted.noise.dispersion
+    known = information[np.ix_(shared, shared)] - information[np.ix_(shared, own)] @ solve(
+        information[np.ix_(own, own)], information[np.ix_(own, shared)]
     )
     names = dict.fromkeys(c.parameter for c in (old.coordinates[i] for i in own))
     fresh = [Coordinate(parameter, run=run) for parameter in names for run in replay.names]

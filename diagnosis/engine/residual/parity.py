@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Final, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from diagnosis.contracts import Array, Experiment
-from diagnosis.engine.config import PARITY_BLOCKS, PARITY_DRAWS
+from diagnosis.engine.config import PARITY_BLOCKS, PARITY_BURN_IN, PARITY_DRAWS
 from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals
 from diagnosis.finding import Figure, Series, numbers
-
-#: What settles before the first drawn sample.
-BURN_IN: Final = 200
 
 
 @runtime_checkable
@@ -87,6 +84,6 @@ def _draw(noise: ChannelNoise, n: int, rng: np.random.Generator) -> Array:
     from scipy.signal import lfilter
 
     weights, variance = noise.predictor(np.ones(noise.order, dtype=bool))
-    driven = np.sqrt(variance) * rng.standard_normal(n + BURN_IN)
-    drawn: Array = lfilter([1.0], np.concatenate(([1.0], -weights)), driven)[BURN_IN:]
+    driven = np.sqrt(variance) * rng.standard_normal(n + PARITY_BURN_IN)
+    drawn: Array = lfilter([1.0], np.concatenate(([1.0], -weights)), driven)[PARITY_BURN_IN:]
     return drawn
