@@ -20,17 +20,17 @@ ROLES: Final[tuple[Role, ...]] = ("fit", "select", "report")
 
 
 class DiagnosisError(ValueError):
-    """Data, a map or a request that cannot be diagnosed; the text says whose fault it is and what would be right."""
+    """Data, a map or a request that cannot be diagnosed; the text says what is wrong and what would be right."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of a model: where it lies when nothing is known, how far it may lie from there, and in which unit."""
+    """One number of a model, with its unit, its prior (nominal value and spread) and its bounds."""
 
     name: str
     unit: str
     nominal: float
-    spread: float  #: one standard deviation of what is believed beforehand; inf: nothing is
+    spread: float  #: standard deviation of the prior; inf: there is none
     low: float = -math.inf
     high: float = math.inf
     step: float = 0.0  #: of finite differences, in units of the parameter; 0: a hundredth of the spread
@@ -53,10 +53,10 @@ class Nuisance(Parameter):
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """A cause that the base model leaves out.
+    """An effect that the base model may lack, as the diagnosis tries it.
 
     ``amplitude`` is 0 where the effect is absent (its ``low`` is 0 where only one sign is physical); ``shapes`` are
-    what is undefined without it (a time constant), looked at on the points of ``grid``.
+    parameters that mean nothing while it is absent (a time constant), tried at the points of ``grid``.
     """
 
     name: str
@@ -71,8 +71,8 @@ class Hypothesis:
     richer: tuple[str, ...] = ()
     equation: str = ""
     source: str = ""
-    #: One standard deviation of what the simulator itself, or the way in which its inputs were measured, may imitate:
-    #: nobody should take an amplitude of this size for real.
+    #: Amplitude that errors of the simulator itself, or of the way in which its inputs were measured, may imitate, as
+    #: one standard deviation: an effect of this size is not told from them.
     imitated: float = 0.0
 
     @property

@@ -44,8 +44,9 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 class Cause(msgspec.Struct, frozen=True, kw_only=True):
     """A named effect that explains what the base model gets wrong.
 
-    ``strength`` is λ, the norm of its footprint in whitened noise units after the base model was refitted; ``score`` is
-    z; ``bic_gain`` and ``lpd_gain`` say how much better the model is with it, on the fit and on the select runs.
+    ``strength`` is λ, the norm of its footprint in standard deviations of the noise after the base model was refitted;
+    ``score`` is z. ``bic_gain`` (of the fit runs) and ``lpd_gain`` (log predictive density of the select runs) say how
+    much better the model is with it.
     """
 
     effect: str
@@ -75,6 +76,7 @@ class Rival(msgspec.Struct, frozen=True, kw_only=True):
 class Score(msgspec.Struct, frozen=True, kw_only=True):
     """The score z of one candidate against the base model, at the best point of its shape grid.
 
+    ``strength`` is the λ that the score estimates, before overdispersion widens the scatter in which z is measured.
     ``outcome`` tells what became of it: below the threshold, accepted, or the gate that it did not pass.
     """
 

@@ -60,7 +60,7 @@ class Block:
         return np.concatenate([columns.flat @ values.T for _, columns in self.parts])
 
     def along(self, numbers: Array) -> Array:
-        """Return what all columns make (n, c) with a number for every coordinate of the point."""
+        """Return the sum (n, c) of all columns, each times the number of its coordinate of the point."""
         made = sum(numbers[list(places)] @ columns.flat for places, columns in self.parts)
         return np.asarray(made).reshape(self.residual.shape)
 
@@ -100,18 +100,18 @@ class Projection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prior:
-    """What is known of the numbers of a point without these data: mean (k,) and precision (k, k)."""
+    """What is known of the numbers of a point without these data: normal, with mean (k,) and precision (k, k)."""
 
     mean: Array
     precision: Array
 
     def times(self, factor: float) -> Prior:
-        """Return the belief that outweighs data by a factor."""
+        """Return the prior with its precision multiplied by a factor."""
         return Prior(self.mean, factor * self.precision)
 
 
 def prior_of(point: Point) -> Prior:
-    """Return what the parameters themselves say: nominal value and spread."""
+    """Return the prior of the parameters of a point: nominal value and spread, independent of each other."""
     return Prior(np.zeros(len(point.numbers)), np.diag([c.weight for c in point.coordinates]))
 
 
@@ -165,7 +165,7 @@ class Linearisation:
         return scale * lsq_linear(root.T, right, (low / scale, high / scale), method="bvls").x
 
     def predicted_decrease(self, step: Array) -> float:
-        """Return how much a step would lower the cost if the model were linear."""
+        """Return how much a step would lower the penalised χ² if the model were linear."""
         return float(2.0 * step @ self.gradient - step @ self.information @ step)
 
     def covariance(self) -> Array:

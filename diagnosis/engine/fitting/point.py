@@ -32,7 +32,7 @@ class Coordinate:
 
     @property
     def scale(self) -> float:
-        """The parameter's own units per engine unit; where nothing is believed, a hundred differences."""
+        """The parameter's own units per engine unit: the spread; where that is infinite, a hundred differences."""
         spread = self.parameter.spread
         scale = spread if 0.0 < spread < math.inf else 100.0 * self.parameter.step
         if not 0.0 < scale < math.inf:
