@@ -13,7 +13,6 @@ FILE, FUNCTION = 450, 60
 EXCEPTIONS: dict[str, int] = {
     "bench_records/report.py": 539,
     "bench_sim/rig/rig.py": 574,
-    "diagnosis/engine/fitting/fit.py: fit": 68,
     "tests/model/test_pipe.py": 516,
     "tests/records/conftest.py: write_run": 65,
 }
