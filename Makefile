@@ -23,11 +23,11 @@ run: $(READY)  ## run AW0 and AW3 on the virtual rig, in real time over real soc
 
 .PHONY: test
 test: $(READY)  ## the ordinary suite (ARGS="-k leak" narrows it)
-	@tools/test.sh $(BIN)/python $(ARGS)
+	@tools/test.sh $(BIN)/python "not slow" $(ARGS)
 
 .PHONY: test-slow
 test-slow: $(READY)  ## only the tests that the ordinary suite leaves out for their length
-	$(PYTEST) -m "slow and not vcan" $(ARGS)
+	@tools/test.sh $(BIN)/python "slow and not vcan" $(ARGS)
 
 .PHONY: test-all
 test-all: $(READY)  ## the ordinary suite and the slow tests

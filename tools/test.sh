@@ -1,11 +1,17 @@
 #!/usr/bin/env bash
-# The ordinary suite in two parts side by side: tools/test.sh PYTHON [ARGUMENT OF PYTEST]...
+# A suite in two parts side by side: tools/test.sh PYTHON CHOICE [ARGUMENT OF PYTEST]..., CHOICE "not slow" or of slow tests.
 #
 # What only computes shares the processors, at a lower priority. What holds deadlines (the mark real_time) mostly waits:
 # it runs one test after the other and, when its time has come, goes before the rest. Its output follows at the end.
 set -u
-python=$1
-shift
+python=$1 choice=$2
+shift 2
+# Ordinary tests share what their file has prepared. Slow ones prepare little and differ much in length.
+if [ "$choice" = "not slow" ]; then
+    spread=(--dist loadfile --no-loadscope-reorder)
+else
+    spread=(--dist worksteal --timeout 300)
+fi
 colour=()
 [ -t 1 ] && colour=(--color=yes)
 
@@ -14,13 +20,13 @@ trap 'rm -f "$said"' EXIT
 {
     # A changed model is compiled here, where no test waits for its rig meanwhile.
     "$python" -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation())' &&
-        exec "$python" -m pytest "${colour[@]}" -m "not slow and real_time" "$@"
+        exec "$python" -m pytest "${colour[@]}" -m "$choice and real_time" "$@"
 } >"$said" 2>&1 </dev/null &
 timed_process=$!
 trap 'kill "$timed_process" 2>/dev/null; exit 130' INT TERM
 
-nice -n 5 "$python" -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder \
-    -m "not slow and not real_time" "$@"
+nice -n 5 "$python" -m pytest -n auto --maxprocesses 4 "${spread[@]}" \
+    -m "$choice and not real_time" "$@"
 computed=$?
 wait "$timed_process"
 timed=$?
