@@ -6,21 +6,31 @@ from contextlib import contextmanager
 from typing import Any
 
 import numba
+import numpy as np
 
 
 def bind(function: Any, *arguments: Any) -> Callable[..., Any]:
     """Return ``function`` compiled for the types of ``arguments``, to be called with such arguments only.
 
     Finding out anew what its arguments are costs numba up to 25 µs a call. With ``NUMBA_DISABLE_JIT=1`` there is
-    nothing to bind and the plain function comes back.
+    nothing to bind: the plain function comes back, and sees records whose fields are attributes, as in compiled code.
     """
     if not hasattr(function, "get_overload"):
-        return function
+        return lambda *given: function(*(_with_attributes(argument) for argument in given))
     signature = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
     with _without_linear_algebra():
         function.compile(signature)
     bound: Callable[..., Any] = function.get_overload(signature)
     return bound
+
+
+def _with_attributes(argument: Any) -> Any:
+    """Return ``argument`` with its arrays of records, in named tuples too, as record arrays of the same memory."""
+    if isinstance(argument, tuple):
+        return type(argument)(*(_with_attributes(part) for part in argument))
+    if isinstance(argument, np.ndarray) and argument.dtype.names:
+        return argument.view(np.recarray)
+    return argument
 
 
 @contextmanager

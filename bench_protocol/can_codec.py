@@ -147,9 +147,9 @@ def encode_into(
             word |= np.uint64(counters[row]) << np.uint64(message.counter_bit)
             counters[row] = (counters[row] + 1) % (COUNTER_PERIOD if message.protection == _E2E else 256)
         for byte in range(8):
-            record.data[byte] = np.uint8(word >> np.uint64(8 * byte) & np.uint64(0xFF))
+            record["data"][byte] = np.uint8(word >> np.uint64(8 * byte) & np.uint64(0xFF))
         if message.protection == _E2E:
-            record.data[0] = crc8(record.data, message.data_id)
+            record["data"][0] = crc8(record["data"], message.data_id)
         position += 1
     return position
 
@@ -159,7 +159,7 @@ def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tall
     """Check the protection of one frame and move its counter; a rejected frame moves nothing."""
     if message.protection == _NONE:
         return True
-    byte = record.data[message.counter_bit >> 3]
+    byte = record["data"][message.counter_bit >> 3]
     if message.protection == _COUNTER:
         if counters[row] >= 0:
             advance = (np.int64(byte) - counters[row]) % 256
@@ -173,7 +173,7 @@ def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tall
             tally[Tally.LOST] += advance - 1
         counters[row] = byte
         return True
-    if crc8(record.data, message.data_id) != record.data[0]:
+    if crc8(record["data"], message.data_id) != record["data"][0]:
         tally[Tally.CORRUPT] += 1
         return False
     counter: Any = np.int64(byte) & 0x0F
@@ -233,7 +233,7 @@ def decode_into(
         tally[Tally.ACCEPTED] += 1
         word = np.uint64(0)
         for byte in range(8):
-            word |= np.uint64(record.data[byte]) << np.uint64(8 * byte)
+            word |= np.uint64(record["data"][byte]) << np.uint64(8 * byte)
         for k in range(message.first, message.first + message.count):
             place = fields[k]
             mask = (np.uint64(1) << np.uint64(place.bits)) - np.uint64(1)

@@ -174,7 +174,9 @@ def test_the_stop_button_empties_a_bellows_that_is_shut_off(armed) -> None:
     assert armed.read("left.bellows_pressure") > 0.8 * bar
     armed.rig.press_estop()
     armed.wait(20_000)
-    assert armed.read("left.bellows_pressure") < 0.3 * bar
+    assert armed.read("left.bellows_pressure") < 0.1 * bar, (
+        "shut off, it keeps 0.2 bar under the free bolster"
+    )
 
 
 def test_a_limit_holds_and_the_first_one_is_named(armed) -> None:

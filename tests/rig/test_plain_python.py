@@ -1,0 +1,63 @@
+"""The rig in plain Python (NUMBA_DISABLE_JIT=1) sends the bytes of the compiled one."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+#: Arms a rig, moves it by set-points and by its generator, fills a spring, and prints the state and all frames.
+RIDE = """
+from bench_protocol.words import AIR_MODES, AXES
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from tests.rig.conftest import Commander
+
+commander = Commander(Rig(load("astb", "AW0"), seed=3))
+run = commander.rig.run
+sent = []
+def kept(ticks):
+    block = run(ticks)
+    sent.append(block.tobytes())
+    return block
+commander.rig.run = kept
+commander.arm()
+commander.hold_height()
+commander.beat(2, lateral_force_setpoint=500.0, platform_vertical_setpoint=1e-3)
+commander.apply(
+    generator_axis=AXES.index("platform_lateral"), generator_amplitude=1e-3,
+    generator_frequency=20.0, generator_cycles=2,
+    air_left_mode=AIR_MODES.index("fill"), air_left_target=1e5,
+)
+assert commander.coil("program_run")[0] == 5
+commander.beat(8)
+commander.rig.press_estop()
+commander.wait(20)
+print(commander.state, b"".join(sent).hex())
+"""
+
+
+def ridden(**environment: str) -> str:
+    """Return what the ride prints in a process with ``environment``."""
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", RIDE],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+@pytest.mark.slow
+def test_the_plain_rig_sends_the_bytes_of_the_compiled_one() -> None:
+    compiled, plain = ridden(), ridden(NUMBA_DISABLE_JIT="1")
+    assert compiled.startswith("ESTOP ")
+    assert len(compiled) > 2 * 16 * 1000, "some thousand frames"
+    assert plain == compiled
