@@ -115,7 +115,14 @@ class Rig:
                 "program_stop": self.generator.stop,
             },
         )
-        self._contacts = _of_every(
+        self._contacts = self._interlock_contacts()
+        self._start_values()
+        self.apply(self.registers.staged)
+        self._handle(Event.POWER_ON)
+
+    def _interlock_contacts(self) -> Mapping[str, Callable[[], bool]]:
+        """Return what tells of each interlock, and of what is staged, whether it is set."""
+        return _of_every(
             Kind.INTERLOCK,
             {
                 "estop": lambda: self.estop,
@@ -127,9 +134,6 @@ class Rig:
                 "staged": lambda: self.registers.unapplied,
             },
         )
-        self._start_values()
-        self.apply(self.registers.staged)
-        self._handle(Event.POWER_ON)
 
     def _arrays(self) -> tuple[npt.NDArray[np.void], PlantArrays, Sampling, Sending]:
         """Return what the compiled tick works on."""

@@ -90,6 +90,12 @@ class DenseScreening:
         return [i for i, effect in enumerate(self.effects) if effect.name == name]
 
 
+def _one_step(effect: Hypothesis, shapes: Sequence[float]) -> dict[str, float]:
+    """Return the numbers of an effect whose amplitude is one step of its difference quotient."""
+    amplitude = {effect.amplitude.name: effect.amplitude.difference}
+    return amplitude | {p.name: value for p, value in zip(effect.shapes, shapes, strict=True)}
+
+
 def dense_screening(
     simulator: Simulator, runs: Sequence[MeasuredRun], effects: Sequence[Hypothesis]
 ) -> DenseScreening:
@@ -131,11 +137,8 @@ def dense_screening(
     entries = [(effect, shapes) for effect in effects for shapes in effect.grid]
     columns = []
     for effect, shapes in entries:
-        step = effect.amplitude.difference
-        values = {effect.amplitude.name: step} | {
-            p.name: v for p, v in zip(effect.shapes, shapes, strict=True)
-        }
-        columns.append((predicted(numbers, {effect.name: values}) - predictions) / step)
+        moved = predicted(numbers, {effect.name: _one_step(effect, shapes)})
+        columns.append((moved - predictions) / effect.amplitude.difference)
     footprints = np.column_stack(columns)
     cross = X.T @ footprints
     regression = np.linalg.solve(X.T @ X + prior, cross)
