@@ -14,7 +14,7 @@ and of a command message (end-to-end protected)::
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numba
 import numpy as np
@@ -288,8 +288,7 @@ class Encoder:
         return block
 
 
-@dataclass
-class Samples:
+class Samples(NamedTuple):
     """Decoded samples in the order of arrival: three arrays of one length (ns, table row, SI value)."""
 
     times: npt.NDArray[np.int64]

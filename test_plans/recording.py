@@ -25,8 +25,8 @@ Rows = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 Samples = tuple[Instants, Rows, Floats]
 
-#: How long samples are held (ns): five beats, a tenth of what the record promises to lose at most.
-_HELD_FOR: Final = round(100 * ms * NS)
+#: How long samples are held (ns): ten beats, a fifth of what the record promises to lose at most.
+_HELD_FOR: Final = round(200 * ms * NS)
 #: Signals whose changes are events of their own, and the kind of event.
 _EVENTS: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "state"}
 

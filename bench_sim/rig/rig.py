@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bench_protocol import modbus
 from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder, Tally
-from bench_protocol.frames import FRAME, Block, join
+from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
@@ -157,7 +157,7 @@ class Rig:
         with self.lock:
             if self._commander not in (None, peer) and self._silence() < DISABLE_AFTER / TICK:
                 return
-            stamped = block[:_CHANGES_MAX].copy()
+            stamped = copied(block[:_CHANGES_MAX])
             stamped["time"] = int(self._controls["tick"]) * TICK_NS
             samples = self._decoder.decode(stamped)
             tally = self._decoder.tally
@@ -199,7 +199,7 @@ class Rig:
             start = 0
             while ticks > 0:
                 done, count, happened = self._run(ticks, out[start:])
-                blocks.append(out[start : start + count].copy())
+                blocks.append(copied(out[start : start + count]))
                 start += count
                 ticks -= done
                 if happened or self._modbus_deadline >= 0:
