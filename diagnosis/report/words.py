@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from bench_records.report import MINUS, SUPERSCRIPT, THIN_SPACE
+from bench_records.typography import MINUS, SUPERSCRIPT, THIN_SPACE
 
 DASH = "\u2013"
 

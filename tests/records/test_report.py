@@ -16,10 +16,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench_records.check_table import BAR_WIDTH, check_rows, range_bar
 from bench_records.layout import RecordError, SignalInfo
 from bench_records.plots import ALARM, envelope
 from bench_records.recorder import Recorder
-from bench_records.report import BAR_WIDTH, _bar, _check_rows, write_report
+from bench_records.report import write_report
 from bench_records.result import Timing, check, conclude, read_result
 
 ROOT = Path(__file__).parents[2]
@@ -85,7 +86,7 @@ def small_run(tmp_path: Path) -> Path:
 def test_every_check_with_its_limits_and_verdict(failed_run: Path, failed_page: str) -> None:
     text = Page(failed_page).text.replace("\u2007", "").replace("\u2008", "")
     text = " ".join(text.split())
-    for row in _check_rows(read_result(failed_run).checks):
+    for row in check_rows(read_result(failed_run).checks):
         cells = [
             row.check.name,
             row.check.phase,
@@ -282,12 +283,12 @@ def test_a_marginal_run_says_so(passed_page: str) -> None:
 
 
 def test_a_failed_value_is_never_rounded_onto_its_limit() -> None:
-    (row,) = _check_rows([check("x", 10.0000004e3, "kPa", 1e3, low=0.0, high=10e3)])
+    (row,) = check_rows([check("x", 10.0000004e3, "kPa", 1e3, low=0.0, high=10e3)])
     assert (row.value, row.high) == ("10.0000004", "10.0000000")
 
 
 def test_numbers_of_any_size_can_be_read() -> None:
-    leak, count, force = _check_rows(
+    leak, count, force = check_rows(
         [
             check("leak", -2.5e-10, "m³/(s·Pa)", low=-5e-10, high=5e-10),
             check("samples lost", 0, high=0),
@@ -309,7 +310,7 @@ def test_range_bars_show_what_the_verdict_says(low: float, width: float, value: 
     if not low < high:
         return
     one = check("x", value, low=low if sides != "high" else None, high=high if sides != "low" else None)
-    bar = _bar(one)
+    bar = range_bar(one)
     assert bar.place is not None
     assert (
         0

@@ -1,0 +1,167 @@
+"""The table of checks: each value beside its limits, and a drawing of where in the band it lies."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from bench_records.result import Check, CheckVerdict, band_width
+from bench_records.typography import aligned, fixed, is_scientific, scientific
+
+BAR_WIDTH, BAR_HEIGHT = 176.0, 16.0
+COLORS = {
+    CheckVerdict.PASS: "#00694e",
+    CheckVerdict.MARGINAL: "#b87a00",
+    CheckVerdict.FAIL: "#a8201a",
+    CheckVerdict.ERROR: "#5b3f8c",
+}
+SIGNS = {
+    CheckVerdict.PASS: "\u2713",
+    CheckVerdict.MARGINAL: "\u25b2",
+    CheckVerdict.FAIL: "\u2715",
+    CheckVerdict.ERROR: "?",
+}
+
+
+class CheckRow(NamedTuple):
+    """A check as the table shows it."""
+
+    check: Check
+    sign: str
+    value: str
+    low: str
+    high: str
+    bar: Bar
+
+
+class Bar(NamedTuple):
+    """A range bar in drawing units: the band, its marginal ends, and where the value lies."""
+
+    left: float
+    right: float
+    inner_left: float
+    inner_right: float
+    place: float | None
+    beyond: int
+    open_left: bool
+    open_right: bool
+
+
+def check_rows(checks: list[Check]) -> list[CheckRow]:
+    """The rows of the table, with the decimal points of each column under one another."""
+    figures = [_numbers_with_limits(one) for one in checks]
+    decimals = [len(text.partition(".")[2]) for row in figures for text in row if not is_scientific(text)]
+    most = max(decimals, default=0)
+    rows = []
+    for one, texts in zip(checks, figures, strict=True):
+        value, low, high = (text if is_scientific(text) else aligned(text, most) for text in texts)
+        rows.append(CheckRow(one, SIGNS[one.verdict], value, low, high, range_bar(one)))
+    return rows
+
+
+def _numbers_with_limits(one: Check) -> list[str]:
+    """Value, low and high in the check's unit, all with as many digits as tell them apart.
+
+    A hundredth of the band is resolved: more would be noise, fewer would hide a verdict.
+    """
+    numbers = [math.nan if n is None else n / one.scale for n in (one.number, one.low, one.high)]
+    known = [n for n in numbers if math.isfinite(n)]
+    largest = max((abs(n) for n in known), default=0.0)
+    show = fixed
+    if not one.unit and all(n == round(n) for n in known):
+        decimals = 0  # a count
+    elif largest and not 1e-4 <= largest < 1e7:
+        show, decimals = scientific, 3
+    else:
+        width = band_width(one.low, one.high) / one.scale or largest or 1.0
+        decimals = min(6, max(0, math.ceil(-math.log10(width / 100) - 1e-9)))
+    # A failed value must not be rounded onto its limit.
+    while one.verdict is CheckVerdict.FAIL and decimals < 15:
+        shown = [show(n, decimals) for n in numbers]
+        if shown[0] not in shown[1:]:
+            break
+        decimals += 1
+    return [show(n, decimals) for n in numbers]
+
+
+def range_bar(one: Check) -> Bar:
+    """The band fills the middle; a side without a limit runs out of the picture."""
+    margin = one.margin * band_width(one.low, one.high)
+    if one.low is not None and one.high is not None:
+        width = one.high - one.low or abs(one.high) or 1.0
+        start, end = one.low - 0.22 * width, one.high + 0.22 * width
+    else:
+        limit = one.low if one.low is not None else one.high
+        assert limit is not None  # a check has a limit, or it could not have been made
+        reach = max(abs(limit), abs(one.number - limit) if math.isfinite(one.number) else 0.0) or 1.0
+        start, end = (
+            (limit - 0.45 * reach, limit + 1.1 * reach)
+            if one.low is not None
+            else (limit - 1.1 * reach, limit + 0.45 * reach)
+        )
+
+    def place(value: float) -> float:
+        return BAR_WIDTH * (value - start) / (end - start)
+
+    left = 0.0 if one.low is None else place(one.low)
+    right = BAR_WIDTH if one.high is None else place(one.high)
+    at = place(one.number) if math.isfinite(one.number) else None
+    beyond = 0 if at is None else (at > BAR_WIDTH - 5) - (at < 5)
+    return Bar(
+        left=left,
+        right=right,
+        inner_left=left if one.low is None else place(one.low + margin),
+        inner_right=right if one.high is None else place(one.high - margin),
+        place=None if at is None else min(max(at, 5.0), BAR_WIDTH - 5),
+        beyond=beyond,
+        open_left=one.low is None,
+        open_right=one.high is None,
+    )
+
+
+def bar_drawing(row: CheckRow) -> Any:
+    """The range bar as an element; drawn by hand, since dozens of them must cost nothing."""
+    from markupsafe import Markup
+
+    bar, middle = row.bar, BAR_HEIGHT / 2
+    color = COLORS[row.check.verdict]
+    parts = [
+        f'<line x1="0" x2="{BAR_WIDTH:g}" y1="{middle:g}" y2="{middle:g}" stroke="#dfe3e7"/>',
+        _rectangle(bar.left, bar.right, "#d3dae0"),
+        *(
+            _hatched(start, end)
+            for start, end in ((bar.left, bar.inner_left), (bar.inner_right, bar.right))
+            if end - start > 0.5
+        ),
+        *(
+            f'<line x1="{at:.1f}" x2="{at:.1f}" y1="2" y2="{BAR_HEIGHT - 2:g}" stroke="#5b6670"/>'
+            for at, absent in ((bar.left, bar.open_left), (bar.right, bar.open_right))
+            if not absent
+        ),
+    ]
+    if bar.place is not None and bar.beyond:
+        tip = 5.0 * bar.beyond
+        parts.append(
+            f'<path d="M{bar.place - tip:.1f} {middle - 5:g}l{2 * tip:.1f} 5l{-2 * tip:.1f} 5z" fill="{color}"/>'
+        )
+    elif bar.place is not None:
+        parts.append(
+            f'<path d="M{bar.place:.1f} {middle - 6:g}l4.5 6l-4.5 6l-4.5 -6z" fill="{color}" stroke="#fff"/>'
+        )
+    size = f'width="{BAR_WIDTH:g}" height="{BAR_HEIGHT:g}" viewBox="0 0 {BAR_WIDTH:g} {BAR_HEIGHT:g}"'
+    return Markup(f'<svg class="bar" {size} role="img">{"".join(parts)}</svg>')
+
+
+def _rectangle(start: float, end: float, color: str) -> str:
+    y = BAR_HEIGHT / 2 - 3
+    return f'<rect x="{start:.1f}" y="{y:g}" width="{max(end - start, 1):.1f}" height="6" fill="{color}"/>'
+
+
+def _hatched(start: float, end: float) -> str:
+    """Amber with slanted strokes: a marginal zone that survives a black-and-white copy."""
+    low, pitch = BAR_HEIGHT / 2 + 3, 2.4
+    strokes = "".join(
+        f"M{start + pitch * i:.1f} {low:g}l{pitch:g} -6" for i in range(max(1, int((end - start) / pitch)))
+    )
+    zone = _rectangle(start, end, "#f3d28a")
+    return f'{zone}<path d="{strokes}" stroke="#8f5a00" stroke-width="0.8" fill="none"/>'

@@ -1,0 +1,73 @@
+"""The events of a run as its report tells them: the table of all, and which limit tripped first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bench_records.layout import RecordedEvent
+from bench_records.record import Record
+from bench_records.run_drawings import TRIP, lines_by_quantity
+from bench_records.typography import THIN_SPACE, fixed, plain
+
+# The page is for reading; whoever wants more has the record.
+EVENT_ROWS = 150
+AROUND_TRIP_S = 10.0
+
+
+def tabled_events(record: Record) -> list[RecordedEvent]:
+    """Events for the table: phases have one of their own, and settings are for whoever replays the run."""
+    return [event for event in record.events if event.kind not in {"phase", "setting"}]
+
+
+def event_rows(record: Record) -> list[tuple[str, str, str, str]]:
+    """The first events in order of time, as texts: when (s), kind, what, details."""
+    return [
+        (fixed(record.time_of(event), 3), event.kind, event.text, _details(event.data))
+        for event in sorted(tabled_events(record), key=lambda event: event.time_ns)[:EVENT_ROWS]
+    ]
+
+
+def _details(data: dict[str, Any]) -> str:
+    return ", ".join(f"{key} = {plain(value)}" for key, value in data.items())
+
+
+def first_trip(record: Record) -> dict[str, Any] | None:
+    """Which limit tripped first, what followed, and the signals around it: the first cause, not the last symptom."""
+    from bench_records.plots import time_panel
+
+    events = sorted(record.events, key=lambda event: event.time_ns)
+    trips = [event for event in events if event.kind == TRIP]
+    if not trips:
+        return None
+    first = trips[0]
+    at = record.time_of(first)
+    sentences = [f"First out: {first.text} at {fixed(at, 3)}{THIN_SPACE}s."]
+    followers = [event for event in events if first.time_ns <= event.time_ns and event is not first]
+    followers = [event for event in followers if event.kind in {TRIP, "state"}]
+    near = [event for event in followers if record.time_of(event) - at <= AROUND_TRIP_S]
+    if near:
+        told = "; ".join(
+            f"{fixed((event.time_ns - first.time_ns) / 1e6, 0)}{THIN_SPACE}ms later {event.text}"
+            for event in near[:6]
+        )
+        more = f"; and {len(near) - 6} more" if len(near) > 6 else ""
+        sentences.append(f"Then {told}{more}.")
+    else:
+        sentences.append(
+            f"Nothing else tripped or changed state in the {AROUND_TRIP_S:.0f}{THIN_SPACE}s after it."
+        )
+    name = first.data.get("signal")
+    drawing = ""
+    if name in record.signals and record.signals[name].quantity:
+        span = (max(0.0, at - AROUND_TRIP_S), min(record.duration, at + AROUND_TRIP_S))
+        for quantity, unit, lines in lines_by_quantity(record, [name]):
+            near_lines = [
+                line._replace(times=line.times[inside], values=line.values[inside])
+                for line in lines
+                for inside in [(line.times >= span[0]) & (line.times <= span[1])]
+            ]
+            marks = [record.time_of(event) for event in trips if span[0] <= record.time_of(event) <= span[1]]
+            drawing = time_panel(
+                "first-out", f"{quantity} around the trip", unit, near_lines, [], span, marks[:1]
+            )
+    return {"sentences": sentences, "drawing": drawing}
