@@ -134,10 +134,13 @@ def _blocks(readings: Mapping[int, str]) -> Iterator[Register]:
     """Yield the readings by number, and the sequence number in front and at every number without a reading."""
     yield Register(SEQUENCE, "input", FLOAT_BLOCK - 1, "uint16")
     yield Register(SEQUENCE, "input", SCALED_BLOCK - 1, "uint16")
-    for number in range(max(readings) + 2):
+    last = max(readings)
+    for number in range(last + 2):
         name = readings.get(number)
         if name is None:
             yield Register(SEQUENCE, "input", FLOAT_BLOCK + 2 * number, "uint16")
+            if number < last:  # a block is read in one request: it has no holes
+                yield Register(SEQUENCE, "input", FLOAT_BLOCK + 2 * number + 1, "uint16")
             yield Register(SEQUENCE, "input", SCALED_BLOCK + number, "uint16")
         else:
             yield Register(name, "input", FLOAT_BLOCK + 2 * number, "float32")

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
 from bench_sim.model.plant import Plant
@@ -21,7 +20,7 @@ WITHOUT: dict[str, dict[str, object]] = {
     },
     "friction": {"friction_vertical": 0, "friction_lateral": 0, "friction_lateral_slope": 0},
     "heat": {"bellows_heat_transfer": 0, "auxiliary_heat_transfer": 0},
-    "noise": {"sensor_noise": np.zeros(27), "sensor_resolution": np.zeros(27)},
+    "noise": {"sensor_noise": 0.0, "sensor_resolution": 0.0},
 }
 
 

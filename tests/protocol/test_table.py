@@ -7,7 +7,7 @@ import pytest
 from astb import generate
 from astb.generate import kept_places
 from bench_protocol.messages import Field, Message, Protection
-from bench_protocol.registers import Register, registers_of
+from bench_protocol.registers import FLOAT_BLOCK, Register, registers_of
 from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm
@@ -87,6 +87,9 @@ def with_message(**changes: object) -> Table:
 
 
 FIRST = TABLE.messages[0]
+#: Where the block of floats ends with the sequence number, and the first address that a new reading may have.
+END = max(signal.address for signal in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS)) + 2
+FREE = END + 2
 
 
 @pytest.mark.parametrize(
@@ -99,9 +102,9 @@ FIRST = TABLE.messages[0]
         with_message(rate=100.0),
         with_message(protection=Protection.NONE),
         changed("left.height", step=2e-5),
-        changed("left.height", address=198),
+        changed("left.height", address=FREE),
         changed("rig.program", choices=("RUN", "IDLE", "HOLD", "STOPPED")),
-        changed("air.dpv", address=138),
+        changed("air.dpv", address=160),
     ],
     ids=lambda table: f"{table.map_hash:08x}",
 )
@@ -127,24 +130,26 @@ def test_nothing_that_was_given_once_has_moved() -> None:
 
 
 def test_adding_is_no_move_and_removing_is() -> None:
-    new = dataclasses.replace(TABLE["left.height"], name="left.strain", address=198)
+    new = dataclasses.replace(TABLE["left.height"], name="left.strain", address=FREE)
     signals = (*TABLE.signals, new)
     grown = Table(signals, TABLE.messages, registers_of(signals))
     assert moved(TABLE.places, grown) == []
-    assert grown.places["input 00196"] == "modbus.sequence uint16", "where the block ended, its number stays"
-    assert grown.places["input 00200"] == "modbus.sequence uint16"
-    assert (grown.trip_number("left.strain"), grown.tripped(50.0)) == (50, new)
-    lost = moved(grown.places, TABLE)
-    assert "input 00198 was “left.strain float32” and is now empty" in lost
-    taken = dataclasses.replace(new, address=196)
-    shifted = Table((*TABLE.signals, taken), TABLE.messages, registers_of((*TABLE.signals, taken)))
-    assert moved(TABLE.places, shifted)[0].startswith(
-        "input 00196 was “modbus.sequence uint16” and is now “left"
+    assert grown.places[f"input {END:05}"] == "modbus.sequence uint16", (
+        "where the block ended, its number stays"
     )
+    assert grown.places[f"input {FREE + 2:05}"] == "modbus.sequence uint16"
+    number = (FREE - FLOAT_BLOCK) // 2 + 1
+    assert (grown.trip_number("left.strain"), grown.tripped(number)) == (number, new)
+    lost = moved(grown.places, TABLE)
+    assert f"input {FREE:05} was “left.strain float32” and is now empty" in lost
+    taken = dataclasses.replace(new, address=END)
+    shifted = Table((*TABLE.signals, taken), TABLE.messages, registers_of((*TABLE.signals, taken)))
+    wanted = f"input {END:05} was “modbus.sequence uint16” and is now “left.strain float32”"
+    assert wanted in moved(TABLE.places, shifted)
 
 
 def test_generating_refuses_to_move(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    monkeypatch.setattr(generate, "TABLE", changed("left.height", address=198))
+    monkeypatch.setattr(generate, "TABLE", changed("left.height", address=FREE))
     assert generate.main(["--check"]) == generate.main([]) == 1
     said = capsys.readouterr()
     assert "input 00100 was “left.height float32”" in said.err and not said.out
@@ -153,7 +158,7 @@ def test_generating_refuses_to_move(monkeypatch: pytest.MonkeyPatch, capsys: pyt
 def test_what_rig_tripped_says_is_a_reading_or_nothing() -> None:
     for row in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS):
         assert TABLE.tripped(float(TABLE.trip_number(row.name))) is row
-    assert [TABLE.tripped(value) for value in (0.0, float("nan"), 49.0, 255.0)] == [None] * 4
+    assert [TABLE.tripped(value) for value in (0.0, float("nan"), 255.0)] == [None] * 3
 
 
 @pytest.mark.parametrize(
