@@ -1,6 +1,6 @@
 """Where every number of the plant stands: its inputs, its sensors, its continuous states, its two sides.
 
-All four are ``IntEnum``: they index plain arrays in Python and are constants for numba.
+Each numbering is an ``IntEnum``: its members index plain arrays in Python and are constants for numba.
 Quantities that exist on both sides stand in pairs; ``State.BELLOWS_MASS + side`` picks one.
 """
 

@@ -9,7 +9,7 @@ from bench_sim.rig.controls import Target
 _RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to come back
 
 
-class Generator:
+class FunctionGenerator:
     """The program in the tick's ``controls``, started with the staged ``settings`` (SI, by name).
 
     ``lever``: m per rad, of a roll at the vertical actuators.

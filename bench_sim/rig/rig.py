@@ -21,7 +21,7 @@ from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
 from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, AirSupply, ControlBit, Happened, Target
 from bench_sim.rig.fittings import Fittings
-from bench_sim.rig.generator import Generator
+from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.limits import LIMITS, Limit, LimitAction, detectors
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.states import (
@@ -96,7 +96,7 @@ class Rig:
             {COMMAND_VALID: self._command_valid, ESTOP_RELEASED: lambda: not self.estop},
         )
         self.registers = RegisterBank(TABLE, self)
-        self.generator = Generator(
+        self.generator = FunctionGenerator(
             self._controls, self.registers.staged, self.plant.parameters.actuator_half_spacing
         )
         self.fittings = Fittings(self.plant, self.registers.staged)

@@ -335,7 +335,7 @@ def test_a_terminated_run_tears_down_too(launch, ports, eventually):
 
 
 @pytest.mark.slow
-def test_a_rig_outlives_nobody_who_started_it(launch, ports, eventually):
+def test_a_rig_stops_when_its_parent_ends(launch, ports, eventually):
     run = launch("aw0", rig=LIVE.format(**ports))
     eventually(lambda: state(ports) == "ACTIVE", within=100, what="ACTIVE")
     run.process.kill()
