@@ -13,7 +13,7 @@ from diagnosis.contracts import Channel, Experiment
 from diagnosis.engine.noise import ChannelNoise, Noise, white
 from diagnosis.engine.residual.panel import TESTS, benjamini_hochberg, judged
 from diagnosis.engine.residual.parity import draw, parity
-from diagnosis.engine.residual.residuals import NotApplicable, Outcome, residuals_of
+from diagnosis.engine.residual.residuals import Evidence, NotApplicable, residuals_of
 from diagnosis.engine.residual.stretches import holds, swings
 from diagnosis.finding import PanelRow
 
@@ -66,7 +66,7 @@ def seen(rng, extra=0.0, missing=0.0):
 def p_values(extra, seed=1):
     case = seen(np.random.default_rng(seed), extra)
     found = {name: test(case, 0) for name, test in TEST.items()}
-    return {name: outcome.p for name, outcome in found.items() if isinstance(outcome, Outcome)}
+    return {name: evidence.p for name, evidence in found.items() if isinstance(evidence, Evidence)}
 
 
 def test_stretches_are_found_as_they_were_driven():
@@ -91,9 +91,9 @@ def test_noise_on_the_input_moves_no_stretch():
 def test_p_values_are_uniform_or_careful_where_the_model_is_right(name):
     p = []
     for seed in range(40):
-        outcome = TEST[name](seen(np.random.default_rng(seed), missing=0.1 * (seed % 2)), 0)
-        assert isinstance(outcome, Outcome)
-        p.append(outcome.p)
+        evidence = TEST[name](seen(np.random.default_rng(seed), missing=0.1 * (seed % 2)), 0)
+        assert isinstance(evidence, Evidence)
+        p.append(evidence.p)
     # Bonferroni makes a p-value larger, never smaller: only too small ones are an error.
     assert kstest(p, "uniform", alternative="greater").pvalue > 1e-3
     assert np.mean(np.array(p) < 0.05) < 0.15
@@ -161,8 +161,8 @@ def test_loss_grows_as_its_mechanism_says():
 
 def test_size_names_the_band():
     t = EXPERIMENT.time
-    outcome = TEST["size"](seen(np.random.default_rng(6), 0.5 * np.sin(2 * np.pi * 7 * t)), 0)
-    assert "5 to 10 Hz" in outcome.sentence and outcome.p < 1e-6
+    evidence = TEST["size"](seen(np.random.default_rng(6), 0.5 * np.sin(2 * np.pi * 7 * t)), 0)
+    assert "5 to 10 Hz" in evidence.sentence and evidence.p < 1e-6
 
 
 def test_a_test_without_its_stretch_says_so():

@@ -4,7 +4,7 @@ Theory of operation
 -------------------
 Minimised is the penalised χ²: Σ|r|² of the whitened residuals plus the squares of the parameters' distances from their
 priors (`linear.py`). Simulations are all that costs time, nearly all of them for difference quotients. So columns are
-bought only when they are needed, in the order of their price (`Source`):
+bought only when they are needed, in the order of their price (`ColumnSource`):
 
 * the columns of the nuisances are borrowed from a fit under the same noise, for they hardly change from model to model;
 * those of the effects follow each step by Broyden's rule: corrected so that they explain the change just seen;
@@ -45,7 +45,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import Filter, Noise, filters
 
 
-class Source(IntEnum):
+class ColumnSource(IntEnum):
     """Where the columns of a linearisation come from, the dearer the better."""
 
     BORROWED = 0  #: an earlier point
@@ -122,7 +122,7 @@ def fit(
     _check(replay, predictions, start)
     prior = (prior or prior_of(start)).times(noise.dispersion)
     first = linearise(replay, whiten, start, predictions, prior, known)
-    source = Source.BORROWED if known else Source.FRESH
+    source = ColumnSource.BORROWED if known else ColumnSource.FRESH
     descent = _Descent(replay, noise, whiten, prior, first, predictions, source)
     samples = sum(int(run.counted.sum()) for run in replay.runs)
     converged = False
@@ -136,10 +136,10 @@ def fit(
                 # No step is short enough: the model is rougher than its differences. As good as it gets.
                 converged = at.predicted_decrease(at.step()) < max(ROUGH_OPTIMUM, tolerance)
                 break
-            if descent.source >= Source.FRESH or not refresh:
+            if descent.source >= ColumnSource.FRESH or not refresh:
                 converged = decrease < tolerance
                 break
-            descent.linearise(Source.FRESH)
+            descent.linearise(ColumnSource.FRESH)
         elif not descent.attempt(trial, decrease):
             converged = True
             break
@@ -156,7 +156,7 @@ class _Descent:
     prior: Prior
     at: Linearisation
     predictions: Sequence[Array]
-    source: Source
+    source: ColumnSource
     damping: float = 0.0
     trusted: bool = False  #: the last step was good, though damped
 
@@ -169,35 +169,35 @@ class _Descent:
         there = _follow(self.at, trial, self.whiten, self.replay, predictions)
         gain = (self.at.penalised_chi2 - there.penalised_chi2) / decrease
         if gain > LEAST_STEP:
-            self.at, self.predictions, self.source = there, predictions, Source.BORROWED
+            self.at, self.predictions, self.source = there, predictions, ColumnSource.BORROWED
             if gain < POOR_STEP:
                 self.linearise(self._cheapest)
             self.damping = self.damping / 3.0 if self.damping > 1e-6 else 0.0
             self.trusted = gain > GOOD_STEP and self.damping > 0.0
-        elif self.source >= Source.OWN and decrease < WORTH_NEW_COLUMNS * self.noise.dispersion:
+        elif self.source >= ColumnSource.OWN and decrease < WORTH_NEW_COLUMNS * self.noise.dispersion:
             return False
         elif self.trusted:
             self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
-        elif self.source < Source.CENTRAL:
-            self.linearise(max(Source(self.source + 1), self._cheapest))
+        elif self.source < ColumnSource.CENTRAL:
+            self.linearise(max(ColumnSource(self.source + 1), self._cheapest))
         else:
             self.damping = max(10.0 * self.damping, 1e-3)
         return True
 
-    def linearise(self, source: Source) -> None:
+    def linearise(self, source: ColumnSource) -> None:
         """Compute columns anew where the fit is; those of the nuisances stay unless all are asked for."""
         point = self.at.point
-        known = self.at if point.owners and source != Source.FRESH else None
-        central = source == Source.CENTRAL
+        known = self.at if point.owners and source != ColumnSource.FRESH else None
+        central = source == ColumnSource.CENTRAL
         self.at = linearise(
             self.replay, self.whiten, point, self.predictions, self.prior, known, central=central
         )
         self.source = source
 
     @property
-    def _cheapest(self) -> Source:
+    def _cheapest(self) -> ColumnSource:
         """The cheapest columns that are new: a model without effects has none of its own."""
-        return Source.OWN if self.at.point.owners else Source.FRESH
+        return ColumnSource.OWN if self.at.point.owners else ColumnSource.FRESH
 
 
 def _follow(

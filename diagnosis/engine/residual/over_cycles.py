@@ -9,12 +9,12 @@ import numpy as np
 from diagnosis.contracts import Array, Channel
 from diagnosis.engine.config import LEAST_CYCLES, LEAST_OF_A_HOLD, QUASI_STATIC_HZ, SETTLING_S
 from diagnosis.engine.p_values import bonferroni, p_of_chi2, p_of_t
-from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals, wald
+from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, wald
 from diagnosis.engine.residual.stretches import Hold, Swing
 from diagnosis.finding import Figure, Series, numbers
 
 
-def loss(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Loss per cycle W = ∮ y du, measured less predicted, with Student's t over the cycles of a stretch.
 
     How it grows tells the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A and flat in f
@@ -32,7 +32,7 @@ def loss(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     unit = f"{channel.display or channel.unit} × {swing.signal}"
     sure = [(s, w) for (chance, _), s, w in tests if chance < 0.01]
     law, points_to = _law(sure)
-    return Outcome(
+    return Evidence(
         statistic=abs(t),
         p=bonferroni(p, len(tests)),
         sentence=f"{channel.name} loses {mean / channel.scale:+.3g} {unit} a cycle beyond the model at "
@@ -106,7 +106,7 @@ def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
     return text, anything
 
 
-def quasi_static(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """The width of the error's loop at two low speeds: the same at both for friction, growing for a Maxwell branch."""
     if residuals.channels[c].kind != "force":
         return NotApplicable("the channel is no force")
@@ -132,7 +132,7 @@ def quasi_static(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     shown = [float(w.mean()) / channel.scale for w in widths]
     unit = channel.display or channel.unit
     same = apart < 3.0 * error or apart < 0.15 * max(abs(float(w.mean())) for w in widths)
-    return Outcome(
+    return Evidence(
         statistic=max(abs(t) for _, t in tests),
         p=bonferroni(min(p for p, _ in tests), 2),
         sentence=f"half the width of the loop of {channel.name} is off by {shown[0]:.3g} {unit} at "
@@ -158,7 +158,7 @@ def _loop(residuals: Residuals, c: int, swing: Swing, channel: Channel) -> Serie
     )
 
 
-def settles(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def settles(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """The error in a hold: a straight line, or an exponential that stops."""
     white = residuals.whitened[:, c]
     holds = [h for h in residuals.holds if np.isfinite(white[h.start : h.stop]).sum() > LEAST_OF_A_HOLD]
@@ -177,7 +177,7 @@ def settles(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     columns = np.column_stack((np.ones(e.size), shape))
     size = np.linalg.lstsq(columns[known], e[known], rcond=None)[0][1]
     unit = channel.display or channel.unit
-    return Outcome(
+    return Evidence(
         statistic=value,
         p=bonferroni(p, looks),
         sentence=f"in a hold of {e.size * residuals.step:.3g} s the error of {channel.name} "

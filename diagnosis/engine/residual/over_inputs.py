@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.contracts import Array
 from diagnosis.engine.config import LEAST_IN_BIN, LEAST_OF_A_SINE, LEAST_SAMPLES, SURFACE_BINS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
-from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals, wald
+from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, wald
 from diagnosis.engine.residual.stretches import Swing, harmonics
 from diagnosis.finding import Figure, Series, numbers
 
@@ -26,14 +26,14 @@ ALL_HARMONICS = (1, 2, 3, 4, 5, 6, 7)
 FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
 
 
-def follows(parity: Parity) -> Callable[[Residuals, int], Outcome | NotApplicable]:
+def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable]:
     """Regression of the error on an input: linear (u, u̇), and beyond that even (u², u u̇) and odd (sgn u̇, u³).
 
     A drift in time is taken out first.  Each kind comes with its slope, so that a whitening filter, which turns
     phases, does not hide it.
     """
 
-    def test(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+    def test(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         white = residuals.whitened[:, c]
         known = np.isfinite(white)
         if not residuals.inputs or known.sum() < LEAST_SAMPLES:
@@ -50,7 +50,7 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Outcome | NotApplicabl
         p, value, name = best
         share = float(np.sqrt(value / (y @ y)))
         how = {"linear": "follows", "even": "is even in", "odd": "has an odd, nonlinear part in"}[parity]
-        return Outcome(
+        return Evidence(
             statistic=value,
             p=bonferroni(p, len(residuals.inputs)),
             sentence=f"the error of {residuals.channels[c].name} {how} {name} (correlation {share:.2f})",
@@ -88,13 +88,13 @@ def _over_input(residuals: Residuals, c: int, name: str) -> Figure:
     )
 
 
-def rings(parity: Parity) -> Callable[[Residuals, int], Outcome | NotApplicable]:
+def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable]:
     """Harmonics of the error while an input is a sine: even ones (2, 4, 6) or odd ones (3, 5, 7).
 
     What the error has in common with the measured input, its harmonics included, is taken out first.
     """
 
-    def test(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+    def test(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         orders = FIRST_HARMONICS[parity]
         sines = [
             s
@@ -110,7 +110,7 @@ def rings(parity: Parity) -> Callable[[Residuals, int], Outcome | NotApplicable]
         value, freedom, sine = min(tests, key=lambda test: (p_of_chi2(test[0], test[1]), -test[0]))
         channel, sizes = residuals.channels[c], _amplitudes(residuals, c, sine)[np.array(orders) - 1]
         unit, largest = channel.display or channel.unit, int(np.argmax(sizes))
-        return Outcome(
+        return Evidence(
             statistic=value,
             p=bonferroni(p_of_chi2(value, freedom), len(sines)),
             sentence=f"while {sine.signal} is a sine of {sine.frequency:.3g} Hz, the error of {channel.name} has "
@@ -179,7 +179,7 @@ def _spectrum(residuals: Residuals, c: int, sine: Swing) -> Figure:
     )
 
 
-def velocity_surface(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Restoring-force surface of the error r(x, v), by Masri and Caughey (1979): means over an input and its slope."""
     name = residuals.partner(c)
     if not name:
@@ -194,7 +194,7 @@ def velocity_surface(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     )
 
 
-def pressure_surface(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def pressure_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Surface of the error r(x, p) over an input and the predicted pressure that the channel follows best."""
     pressures = [i for i, channel in enumerate(residuals.channels) if channel.kind == "pressure"]
     name = residuals.partner(c)
@@ -212,7 +212,7 @@ def pressure_surface(residuals: Residuals, c: int) -> Outcome | NotApplicable:
 
 def _surface(
     residuals: Residuals, c: int, across: tuple[str, Array], up: tuple[str, Array], points_to: str
-) -> Outcome | NotApplicable:
+) -> Evidence | NotApplicable:
     known = np.isfinite(residuals.whitened[:, c])
     if known.sum() < SURFACE_BINS * SURFACE_BINS * LEAST_IN_BIN:
         return NotApplicable("too few samples for a surface")
@@ -251,7 +251,7 @@ def _surface(
             kind="map", x_label=across[0], y_label=up[0], z_label=f"error in {unit}", series=[series]
         )
 
-    return Outcome(
+    return Evidence(
         statistic=value,
         p=p_of_chi2(value, int(filled.sum())),
         sentence=f"the error of {channel.name} depends on {across[0]} and {up[0]}{rest}",

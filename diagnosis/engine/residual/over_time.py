@@ -10,13 +10,13 @@ from diagnosis.contracts import Array
 from diagnosis.engine.config import DRIFT_BLOCKS, LEAST_SAMPLES, LJUNG_BOX_LAGS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
 from diagnosis.engine.residual.over_inputs import regressors
-from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals
+from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals
 from diagnosis.finding import Figure, Series, numbers
 
 BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
-def size(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Pure-error ratio χ²/N in bands of frequency: the power of the whitened error over that of the noise."""
     white = residuals.whitened[:, c]
     known = np.isfinite(white)
@@ -33,7 +33,7 @@ def size(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     low, high, _ = bands[worst]
     total = float(np.nanmean(white**2))
     name = residuals.channels[c].name
-    return Outcome(
+    return Evidence(
         statistic=float(ratios[worst]),
         p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
         sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise, and {np.sqrt(ratios[worst]):.3g} "
@@ -50,7 +50,7 @@ def size(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     )
 
 
-def memory(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Ljung and Box: Q = Σ n_h ρ_h² over the first lags, in a form that tolerates gaps."""
     white = residuals.whitened[:, c]
     known = np.isfinite(white)
@@ -63,7 +63,7 @@ def memory(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     q = float(pairs @ rho**2)
     lag = int(np.argmax(np.abs(rho))) + 1
     name = residuals.channels[c].name
-    return Outcome(
+    return Evidence(
         statistic=q,
         p=p_of_chi2(q, LJUNG_BOX_LAGS),
         sentence=f"the error of {name} remembers itself: correlation {rho[lag - 1]:.2f} "
@@ -88,7 +88,7 @@ def _self_products(values: Array, lags: int) -> Array:
     return np.array([values[:-h] @ values[h:] for h in range(1, lags + 1)])
 
 
-def drift(residuals: Residuals, c: int) -> Outcome | NotApplicable:
+def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ².
 
     What follows the input is taken out first, or the means of slow cycles would look like a drift.
@@ -110,7 +110,7 @@ def drift(residuals: Residuals, c: int) -> Outcome | NotApplicable:
     sums, counts = _blocks(_unmoved(residuals, c, residuals.residual[:, c]), blocks)
     means = np.divide(sums, counts, out=np.full(blocks, np.nan), where=counts > 0) / channel.scale
     unit = channel.display or channel.unit
-    return Outcome(
+    return Evidence(
         statistic=value,
         p=bonferroni(p, len(DRIFT_BLOCKS)),
         sentence=f"means of {channel.name} over {seconds:.3g} s are off by {np.nanmin(means):.3g} to "

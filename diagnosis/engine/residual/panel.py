@@ -27,10 +27,10 @@ from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.residual import over_cycles, over_inputs, over_time
 from diagnosis.engine.residual.parity import HasParity, parity
-from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals, residuals_of
+from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, residuals_of
 from diagnosis.finding import PanelRow, number
 
-Test = Callable[[Residuals, int], Outcome | NotApplicable]
+Test = Callable[[Residuals, int], Evidence | NotApplicable]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
     ("size", "size against the noise", over_time.size),
     ("memory", "memory (Ljung-Box)", over_time.memory),
@@ -85,10 +85,10 @@ def _parities(model: FittedModel, runs: Sequence[Residuals], seed: int) -> list[
 
 
 def _row(
-    test: str, title: str, channel: str, found: Sequence[tuple[str, Outcome | NotApplicable]]
+    test: str, title: str, channel: str, found: Sequence[tuple[str, Evidence | NotApplicable]]
 ) -> PanelRow:
-    outcomes = [(run, outcome) for run, outcome in found if isinstance(outcome, Outcome)]
-    if not outcomes:
+    all_evidence = [(run, evidence) for run, evidence in found if isinstance(evidence, Evidence)]
+    if not all_evidence:
         why = "; ".join(dict.fromkeys(one.why for _, one in found if isinstance(one, NotApplicable)))
         return PanelRow(
             test=test,
@@ -100,17 +100,17 @@ def _row(
             sentence=f"does not apply: {why}",
             points_to="",
         )
-    run, outcome = min(outcomes, key=lambda one: (one[1].p, -one[1].statistic))
+    run, evidence = min(all_evidence, key=lambda one: (one[1].p, -one[1].statistic))
     return PanelRow(
         test=test,
         title=title,
         run=run,
         channel=channel,
-        statistic=number(outcome.statistic),
-        p=number(bonferroni(outcome.p, len(outcomes))),
-        sentence=outcome.sentence,
-        points_to=outcome.points_to,
-        figure=outcome.draw() if outcome.draw else None,
+        statistic=number(evidence.statistic),
+        p=number(bonferroni(evidence.p, len(all_evidence))),
+        sentence=evidence.sentence,
+        points_to=evidence.points_to,
+        figure=evidence.draw() if evidence.draw else None,
     )
 
 

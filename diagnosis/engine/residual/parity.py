@@ -11,7 +11,7 @@ import numpy as np
 from diagnosis.contracts import Array, Experiment
 from diagnosis.engine.config import PARITY_BLOCKS, PARITY_BURN_IN, PARITY_DRAWS
 from diagnosis.engine.noise import ChannelNoise, Noise
-from diagnosis.engine.residual.residuals import NotApplicable, Outcome, Residuals
+from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals
 from diagnosis.finding import Figure, Series, numbers
 
 
@@ -26,7 +26,7 @@ class HasParity(Protocol):
 
 def parity(
     residuals: Residuals, noise: Noise, source: HasParity, name: str, seed: int
-) -> Outcome | NotApplicable:
+) -> Evidence | NotApplicable:
     """A parity signal of the measured outputs less that of the predicted ones, as means of blocks.
 
     Its noise is that of the channels, drawn and sent through the same combination; F compares the two.
@@ -49,7 +49,7 @@ def parity(
     if seen.size < 4 or not np.any(floor):
         return NotApplicable("too few samples in which every channel of the combination was measured")
     ratio = float(np.mean(seen**2) / np.mean(floor**2))
-    return Outcome(
+    return Evidence(
         statistic=ratio,
         p=float(fdtrc(seen.size, floor.size, ratio)),
         sentence=f"{name}: measured and predicted differ by {np.sqrt(ratio):.3g} times what noise makes of it",

@@ -75,7 +75,7 @@ def residuals_of(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class Evidence:
     """What one test says of one channel in one run; ``p`` counts everything that the test looked at there."""
 
     statistic: float
