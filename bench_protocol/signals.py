@@ -13,7 +13,7 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_]*\.[a-z0-9_]+")
 
 
 class Kind(StrEnum):
-    """Who writes a signal, and by which door it travels."""
+    """Who writes a signal, and how it travels."""
 
     MEASUREMENT = "measurement"  #: a sensor of the rig: CAN and Modbus input registers
     STATUS = "status"  #: what the rig says of itself: CAN and Modbus input registers

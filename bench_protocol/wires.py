@@ -1,4 +1,4 @@
-"""The table of everything that crosses the wires as one object: checked when it is made, hashed, and never moving."""
+"""What a table of signals is as a whole: its checks, its hash, and the comparison with what was given before."""
 
 import hashlib
 from collections import Counter

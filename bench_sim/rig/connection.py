@@ -9,7 +9,7 @@ OnPeerLost = Callable[[str], None]
 
 
 def ignore(_: str) -> None:
-    """Hear of a lost peer and do nothing."""
+    """Do nothing about a peer that is gone."""
 
 
 class Connection(asyncio.Protocol):

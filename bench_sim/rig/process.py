@@ -84,10 +84,10 @@ def run_rig(
     stop: threading.Event,
     ready: Callable[[str, str], None],
 ) -> None:
-    """Open both doors, call ``ready(can, modbus)`` with their addresses, and tick until ``stop`` is set.
+    """Open CAN and Modbus, call ``ready(can, modbus)`` with their addresses, and tick until ``stop`` is set.
 
     ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface.
-    Raises OSError in words if a door cannot be opened; everything is closed on return.
+    Raises OSError in words if one of them cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
     modbus_server = ModbusTcpServer(rig.answer, rig.peer_lost)
@@ -103,11 +103,11 @@ def run_rig(
             allow_remote=allow_remote,
             beacon=beacon,
         ) as servers:
-            door = interface or f"socketcand://{host}:{servers.can_port}"
+            can_address = interface or f"socketcand://{host}:{servers.can_port}"
             rig.run(1)  # loads the compiled tick before the first deadline
             publish = wire.publish if wire else hub.publish if hub else _nowhere
             with _real_time():
-                ready(door, f"{host}:{servers.modbus_port}")
+                ready(can_address, f"{host}:{servers.modbus_port}")
                 keep_time(rig, publish, stop, RealClock(), policy)
     finally:
         if wire:

@@ -45,7 +45,7 @@ from bench_sim.rig.tick import (
 _SCRATCH_TICKS: Final = 100  # as many frames need no new memory
 _BOOT_TICKS: Final = 200
 _STEERING: Final = Steering.of_table()
-#: More command frames than this in one block are a flood; what comes after is not heard.
+#: More command frames than this in one block are a flood; the rest is ignored.
 _CHANGES_MAX: Final = 4096
 _REJECTED: Final = TABLE.index["rig.rejected_commands"]
 #: CANopen emergency codes (CiA 301): 0x8130 is its heartbeat error, 0xFF00 and up are the device's own.
@@ -62,7 +62,7 @@ _EMERGENCY: Final = {
 
 
 class Rig:
-    """A virtual rig: plant, tick, states, interlocks and both doors.
+    """A virtual rig: plant, tick, states, interlocks, and what it says and hears on CAN and Modbus.
 
     One thread at a time: the methods take a lock, so that a server's thread may answer between two ticks.
     All times are the rig's own: tick ``k`` happens at ``k`` ms.
@@ -150,7 +150,7 @@ class Rig:
         """Return the rows of the messages that leave at ``rate`` (Hz)."""
         return self._encoder.rows([m.name for m in TABLE.messages if m.from_rig and m.rate == rate])
 
-    # -- the doors -----------------------------------------------------------------------------------------------
+    # -- CAN and Modbus ------------------------------------------------------------------------------------------
 
     def receive(self, block: Block, peer: str = "") -> None:
         """Take CAN frames from ``peer``; only the first commander's count while it is alive."""
@@ -178,7 +178,7 @@ class Rig:
             return modbus.answer(request, self.registers.seen_by(peer))
 
     def peer_lost(self, peer: str) -> None:
-        """Hear that a connection is gone; if it was the commander's the bench holds at once."""
+        """Note that a connection is closed: the bench holds at once if it was the commander's."""
         with self.lock:
             if self.registers.release(peer) or peer == self._commander:
                 self._handle(Event.DISCONNECTED)
@@ -208,7 +208,7 @@ class Rig:
                     self._pending = []
             return blocks[0] if len(blocks) == 1 else join(blocks)
 
-    # -- the hard wires ------------------------------------------------------------------------------------------
+    # -- the emergency stop --------------------------------------------------------------------------------------
 
     def press_estop(self) -> None:
         """Press the emergency stop: hard-wired, no software between the button and the valves."""

@@ -1,4 +1,4 @@
-"""A SocketCAN interface as the rig's CAN door: frames out in bulk, frames in by a thread of its own."""
+"""A SocketCAN interface of the rig: frames leave in bulk, and a thread of its own reads what comes."""
 
 import contextlib
 import select

@@ -200,7 +200,7 @@ def _detect(values: Any, detectors: Any) -> int:
 
 @compiled
 def _watch(c: Any) -> int:
-    """Return what the watchdog has to say in this tick."""
+    """Return whether the watchdog finds the commands late or lost in this tick."""
     happened = Happened.NOTHING.value
     if c.armed == 0:
         return happened

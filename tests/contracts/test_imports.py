@@ -28,7 +28,7 @@ ENGINE = "The engine of the diagnosis reads no files and knows no bench"
 PURE = "The model is pure: no time, no chance, no I/O"
 CLOCK = "One clock: only bench_protocol.clock imports time"
 PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
-RIG = "The rig is sans-IO: only its servers and its SocketCAN door know sockets"
+RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know sockets"
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_port"
 
