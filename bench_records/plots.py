@@ -239,6 +239,7 @@ def style() -> Any:
             "axes.grid": True,
             "axes.axisbelow": True,
             "axes.unicode_minus": True,
+            "text.parse_math": False,
             "axes.formatter.useoffset": False,
             "grid.color": HAIR,
             "grid.linewidth": 0.6,
@@ -297,7 +298,10 @@ def reused(height: float, **sizes: float) -> Iterator[tuple[Figure, Axes]]:
 
 @cache
 def _shared(height: float, **sizes: float) -> tuple[Figure, Axes]:
-    return panel(height, **sizes)
+    figure, axes = panel(height, **sizes)
+    # What it measures stands in the heading; for a label beside the scale all its numbers would be measured.
+    axes.yaxis.set_label_coords(0.0, 0.5)
+    return figure, axes
 
 
 def _fill(axes: Axes, boxes: Sequence[Box], color: str, **rest: Any) -> None:

@@ -51,7 +51,7 @@ class Readings:
         if self._limits[row] == 0:
             value = self._slow(name)
             return Sample(value, 0.0, Quality.UNAVAILABLE if math.isnan(value) else Quality.GOOD)
-        value, time = self._receiver.look(row)
+        value, time = self._receiver.latest(row)
         if time < 0:
             return Sample(math.nan, math.inf, Quality.MISSING)
         age = max(0, self._clock.now() - time)
@@ -67,7 +67,7 @@ class Readings:
         limit = self._limits[row]
         if limit == 0:
             return self._slow(name)
-        value, time = self._receiver.look(row)
+        value, time = self._receiver.latest(row)
         return value if time >= 0 and self._clock.now() - time <= limit else math.nan
 
     def choice(self, name: str) -> str:

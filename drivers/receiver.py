@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.clock import Clock
-from bench_protocol.frames import Block
+from bench_protocol.frames import Block, copied
 from bench_protocol.units import NS, ms
 from bench_protocol.wires import Table
 from drivers.errors import Misuse
@@ -69,7 +69,7 @@ class Receiver:
     def accept(self, block: Block) -> None:
         """Take a block of frames in order of arrival."""
         if self.epoch:
-            block = block.copy()
+            block = copied(block)
             block["time"] -= self.epoch
         with self._lock:
             samples = self._decoder.decode(block)
@@ -84,10 +84,10 @@ class Receiver:
             except Exception as failure:  # the thread that receives must outlive whatever it feeds
                 self.failure, self.sink = failure, None
 
-    def look(self, row: int) -> tuple[float, int]:
+    def latest(self, row: int) -> tuple[float, int]:
         """Return the last value of a table row and when it came (ns); NaN and -1 before the first."""
         with self._lock:
-            return float(self._latest[row]), int(self._fresh[row])
+            return self._latest.item(row), self._fresh.item(row)
 
     def tally(self) -> dict[str, int]:
         """Return how many frames were accepted, lost, repeated, malformed… since the start."""

@@ -160,7 +160,7 @@ class Rig:
             stamped = copied(block[:_CHANGES_MAX])
             stamped["time"] = int(self._controls["tick"]) * TICK_NS
             samples = self._decoder.decode(stamped)
-            tally = self._decoder.tally
+            tally = self._decoder.tally.tolist()
             self.values[_REJECTED] = (
                 tally[Tally.CORRUPT] + tally[Tally.REPEATED] + tally[Tally.OUT_OF_SEQUENCE]
             )

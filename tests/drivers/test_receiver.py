@@ -51,7 +51,7 @@ def test_echoed_commands_are_not_readings():
     receiver.sink = lambda *arrays: heard.append(arrays)
     receiver.accept(encoder.encode(values, encoder.rows(commands), 0))
     assert heard == []
-    assert receiver.look(TABLE.index["control.enable"])[1] == -1
+    assert receiver.latest(TABLE.index["control.enable"])[1] == -1
     assert receiver.tally()["unknown"] == len(commands)
 
 
@@ -66,7 +66,7 @@ def test_epoch_moves_stamps_to_the_clock_and_leaves_the_block_alone():
         capture.start = 0
     assert block["time"][0] == epoch + 40 * MS
     assert capture.times("left.height") == pytest.approx([0.040])
-    assert receiver.look(HEIGHT) == (pytest.approx(3 * mm), 50 * MS)  # the age counts from the arrival
+    assert receiver.latest(HEIGHT) == (pytest.approx(3 * mm), 50 * MS)  # the age counts from the arrival
 
 
 def test_a_foreign_clock_neither_ages_nor_refreshes_a_reading():
@@ -74,7 +74,7 @@ def test_a_foreign_clock_neither_ages_nor_refreshes_a_reading():
     for offset in (-(3600 * 1000) * MS, 3600 * 1000 * MS):  # the other machine's clock is an hour off
         receiver = Receiver(TABLE, clock, epoch=10**18)
         receiver.accept(spring(encoder, 10**18 + offset))
-        assert receiver.look(HEIGHT)[1] == clock.now()
+        assert receiver.latest(HEIGHT)[1] == clock.now()
 
 
 def test_a_sink_that_fails_does_not_stop_the_receiver():
@@ -86,7 +86,7 @@ def test_a_sink_that_fails_does_not_stop_the_receiver():
     receiver.sink = full
     receiver.accept(spring(encoder, 0, 1 * mm))
     receiver.accept(spring(encoder, 5 * MS, 2 * mm))
-    assert receiver.look(HEIGHT)[0] == pytest.approx(2 * mm)
+    assert receiver.latest(HEIGHT)[0] == pytest.approx(2 * mm)
     assert "no space left" in str(receiver.failure)
 
 
