@@ -58,13 +58,24 @@ def processes_below(pid: int) -> list[int]:
 # -- quick answers -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", ["--help", "plans", "signals", "effects", "run --help"])
-def test_light_commands_import_nothing_heavy(command):
-    traced = [sys.executable, "-X", "importtime", "-m", "astb", *command.split()]
+def imported_by(*arguments: str) -> set[str]:
+    """Run ``astb`` and return the modules that it has imported."""
+    traced = [sys.executable, "-X", "importtime", "-m", "astb", *arguments]
     done = subprocess.run(traced, capture_output=True, text=True, check=True)
     imported = set(re.findall(r"\|\s+([\w.]+)$", done.stderr, re.MULTILINE))
     assert "click" in imported, "the trace is read rightly"
-    assert imported.isdisjoint(HEAVY)
+    return imported
+
+
+@pytest.mark.parametrize("command", ["--help", "plans", "signals", "effects", "run --help"])
+def test_light_commands_import_nothing_heavy(command):
+    assert imported_by(*command.split()).isdisjoint(HEAVY)
+
+
+def test_a_virtual_run_and_its_report_import_only_what_they_use(tmp_path):
+    imported = imported_by("run", "aw0", "--virtual", "--out", str(tmp_path))
+    assert {"numba", "pyarrow", "matplotlib", "pymodbus"} <= imported
+    assert imported.isdisjoint({"pandas", "scipy.linalg", "can", "matplotlib.pyplot", "pyarrow.compute"})
 
 
 @pytest.mark.real_time
