@@ -17,6 +17,7 @@ from bench_sim.model.valves import (
     leveling_term,
     lever_term,
     orifice_term,
+    service_term,
     supply_term,
 )
 
@@ -30,8 +31,9 @@ def air_spring(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) 
     spring_algebra(t, x, mem, par, out)
     # Flows and relaxation first: the bellows' speed, and with it their work, follows from them.
     supply_term(t, x, u, par, dx)
-    orifice_term(t, mem, u, par, out, dx)
+    orifice_term(t, x, mem, u, par, out, dx)
     leveling_term(x, mem, u, par, out, dx)
+    service_term(x, u, par, out, dx)
     dpv_term(mem, u, par, out, dx)
     leak_term(par, out, dx)
     heat_term(x, mem, par, out, dx)

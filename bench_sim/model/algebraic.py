@@ -40,7 +40,7 @@ class Algebraic(IntEnum):
     ACTUATOR_SPEED = 62  #: three
     BUMP_STOP = 65
     LATERAL_ACCELERATION = 66
-    LEVELING_FLOW = 68  #: kg/s into the auxiliary chamber, per side
+    LEVELING_FLOW = 68  #: kg/s through the leveling valve into the auxiliary chamber, per side
     ORIFICE_FLOW = 70  #: kg/s from bellows to auxiliary chamber, per side
     DPV_FLOW = 72  #: kg/s from left to right
     CONTACT = 74  #: compression of the contact on the emergency spring, m, per side
@@ -48,7 +48,8 @@ class Algebraic(IntEnum):
     AUXILIARY_HEAT = 78
     STEADY_FLOW = 80  #: kg/s that the orifice would pass if its air had no inertia, per side
     PLATFORM_ACCELERATION = 82  #: lateral, vertical, m/s²
+    SERVICE_FLOW = 84  #: kg/s through the rig's service valve into the auxiliary chamber, per side
 
 
 #: Length of the array.
-ALGEBRAICS: Final = 84
+ALGEBRAICS: Final = 86

@@ -23,10 +23,10 @@ from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.bolster import bump_stop_force, extra_stop_force
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
-from bench_sim.model.gas import note_densities
-from bench_sim.model.kernel import note_solution, switch_valves
 from bench_sim.model.layout import BUMP_POINTS, STATES, State
 from bench_sim.model.quantities import Quantity
+from bench_sim.model.runge_kutta import integrated_states, runge_kutta
+from bench_sim.model.step_start import begin
 
 
 class Wave(IntEnum):
@@ -165,15 +165,25 @@ def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None
     out[Algebraic.LATERAL_ACCELERATION] = dx[State.BOLSTER_LATERAL_SPEED]
 
 
-@compiled_once
-def car_slope(t: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: float, dx: Any, out: Any) -> None:
-    """dx/dt into ``dx`` (STATES), everything algebraic into ``out`` (`Algebraic`); reads ``mem``, never writes it.
-
-    The bench's sum of terms with `car_term` in the place of actuators, bolster and platform.
-    """
+@compiled
+def car_slope(
+    ahead: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: float, dx: Any, out: Any
+) -> None:
+    """dx/dt under ``wind`` N: the bench's sum with `car_term` in the place of actuators, bolster and platform."""
     dx[:] = 0.0
-    air_spring(t, x, mem, u, par, dx, out)
+    air_spring(mem.time + ahead, x, mem, u, par, dx, out)
     car_term(x, par, car, wind, out, dx)
+
+
+@compiled_once
+def riding(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
+    """The car's right-hand side (`bench_sim.model.runge_kutta`) on its track and in its wind.
+
+    ``given``: the car, the time in s since the wind's first sample, the wind's samples in N, their interval in s.
+    """
+    car, since, force, interval = given
+    place_bogie(mem.time + ahead, car, x)
+    car_slope(ahead, x, mem, u, par, car, wind_at(since + ahead, force, interval), dx, out)
 
 
 @compiled
@@ -214,33 +224,19 @@ def ride_on(
     car = cars[0]
     work = np.empty((5, STATES))
     out = np.zeros(ALGEBRAICS)  # the actuators' places stay as they are: there are none
+    states = integrated_states(par)
+    slope = work[0]
     for n in range(steps):
-        t = mem.time
-        since = n * dt
-        place_bogie(t, car, x)
-        switch_valves(x, mem, par)
-        wind = wind_at(since, force, interval)
-        car_slope(t, x, mem, u, par, car, wind, work[0], out)
-        if note_solution(mem, par, out, t):
-            car_slope(t, x, mem, u, par, car, wind, work[0], out)
-        note_densities(x, mem, par, out)
+        given = car, n * dt, force, interval
+        begin(riding, x, mem, u, par, given, slope, out)
         if n % every == 0:
             k = n // every
             if k < rows.shape[0]:
-                record(x, car, wind, work[0], out, rows[k])
+                record(x, car, wind_at(n * dt, force, interval), slope, out, rows[k])
             if k < algebraics.shape[0]:
                 algebraics[k] = out
-        for stage in range(1, 4):
-            ahead = dt if stage == 3 else 0.5 * dt
-            for k in range(STATES):
-                work[4, k] = x[k] + ahead * work[stage - 1, k]
-            place_bogie(t + ahead, car, work[4])
-            wind = wind_at(since + ahead, force, interval)
-            car_slope(t + ahead, work[4], mem, u, par, car, wind, work[stage], out)
-        for k in range(STATES):
-            x[k] += dt / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+        runge_kutta(riding, dt, states, x, mem, u, par, given, work, out)
         mem.step += 1
-        mem.time = t + dt
         place_bogie(mem.time, car, x)
 
 
@@ -248,8 +244,9 @@ def ride_on(
 def car_derivative(
     t: float, x: Any, memory: Any, u: Any, parameters: Any, cars: Any, wind: float, dx: Any, out: Any
 ) -> None:
-    """`car_slope` with the records in arrays of one, for integrators that choose their own steps."""
-    car_slope(t, x, memory[0], u, parameters[0], cars[0], wind, dx, out)
+    """`car_slope` at ``t`` s with the records in arrays of one, for integrators that choose their own steps."""
+    mem = memory[0]
+    car_slope(t - mem.time, x, mem, u, parameters[0], cars[0], wind, dx, out)
 
 
 @dataclass(frozen=True, slots=True)

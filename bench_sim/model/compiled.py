@@ -42,6 +42,14 @@ def compiled(function: Callable[..., Any]) -> Any:
     return _compile(function, _nrt=False, forceinline=True)
 
 
+def compiled_within(function: Callable[..., Any]) -> Any:
+    """As `compiled`, for a helper around a right-hand side: compiled only as a part of each of its callers.
+
+    On its own it would be compiled with everything that the right-hand side contains, and that once more.
+    """
+    return _compile(function, _nrt=False, inline="always")
+
+
 def compiled_once(function: Callable[..., Any]) -> Any:
     """As `compiled`, for what is large and called from several places: compiled once, never copied."""
     return _compile(function, _nrt=False)

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
 from bench_sim.model.kernel import begin_step, evaluate
 from bench_sim.model.layout import SENSORS, STATES, Input, State
-from bench_sim.model.pipe import pipe_steps
 from bench_sim.model.plant import Plant
+from bench_sim.model.runge_kutta import integrate, step_scheme
 
 
 class Shape(IntEnum):
@@ -59,6 +59,13 @@ def place_bolster(t: float, motion: Any, x: Any) -> None:
         x[State.BOLSTER_LATERAL_SPEED + k] = speed
 
 
+@compiled_once
+def moved_bench(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
+    """The bench's right-hand side with its bolster moved by hand; ``given`` is the motion alone."""
+    place_bolster(mem.time + ahead, given[0], x)
+    evaluate(ahead, x, mem, u, par, (), dx, out)
+
+
 @compiled_entry
 def impose_motion(
     x: Any,
@@ -81,28 +88,17 @@ def impose_motion(
     work = np.empty((5, STATES))
     out = np.zeros(ALGEBRAICS)
     values = np.empty(SENSORS)
-    pieces = pipe_steps(par, dt)
-    h = dt / pieces
+    scheme = step_scheme(par, dt)
+    slope = work[0]
+    given = (motion,)
+    place_bolster(mem.time, motion, x)
     for n in range(steps):
-        place_bolster(mem.time, motion, x)
-        begin_step(x, mem, u, par, dt, work[0], out, values)
+        begin_step(moved_bench, x, mem, u, par, given, dt, slope, out, values)
         if n % every == 0 and n // every < rows.shape[0]:
             rows[n // every] = out
             states[n // every] = x
-        for piece in range(pieces):
-            t = mem.time
-            if piece > 0:
-                evaluate(t, x, mem, u, par, work[0], out)
-            for stage in range(1, 4):
-                ahead = h if stage == 3 else 0.5 * h
-                for k in range(STATES):
-                    work[4, k] = x[k] + ahead * work[stage - 1, k]
-                place_bolster(t + ahead, motion, work[4])
-                evaluate(t + ahead, work[4], mem, u, par, work[stage], out)
-            for k in range(STATES):
-                x[k] += h / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
-            mem.time = t + h
-            place_bolster(mem.time, motion, x)
+        integrate(moved_bench, dt, scheme, x, mem, u, par, given, work, out)
+        place_bolster(mem.time, motion, x)
         mem.step += 1
 
 

@@ -20,6 +20,19 @@ def temperature(mass: float, energy: float, R: float, kappa: float) -> float:
 
 
 @compiled
+def pressure(energy: float, volume: float, kappa: float) -> float:
+    """p = (κ−1) U / V in Pa."""
+    return (kappa - 1.0) * energy / volume
+
+
+@compiled
+def enthalpy_per_kelvin(par: Any) -> float:
+    """c_p = κ R/(κ−1) in J/(kg K): what a flow carries per kilogram and kelvin."""
+    kappa = par.heat_capacity_ratio
+    return kappa / (kappa - 1.0) * par.gas_constant
+
+
+@compiled
 def energy_of(pressure: float, volume: float, kappa: float) -> float:
     """U = p V / (κ−1) in J."""
     return pressure * volume / (kappa - 1.0)

@@ -16,8 +16,9 @@ RIGHT: Final = 1
 BRANCHES: Final = 3
 
 #: Branches and friction elements that the rubber may have beyond those of every spring.
-EXTRA_BRANCHES: Final = 8
-EXTRA_FRICTIONS: Final = 3
+#: All effects at once need 9 and 3; what is not used costs nothing.
+EXTRA_BRANCHES: Final = 12
+EXTRA_FRICTIONS: Final = 6
 
 #: Coefficients of a surface over two states, along the first and the second.
 SURFACE: Final = (8, 4)
@@ -101,7 +102,11 @@ class Sensor(IntEnum):
 
 
 class State(IntEnum):
-    """The continuous states, in the order of the state vector."""
+    """The continuous states, in the order of the state vector.
+
+    Those of what is rarely fitted stand at the end: a step integrates as far as the last one that can move
+    (`bench_sim.model.runge_kutta.integrated_states`).
+    """
 
     BELLOWS_MASS = 0  #: kg, per side
     BELLOWS_ENERGY = 2  #: J, internal energy m c_v T, per side
@@ -127,11 +132,14 @@ class State(IntEnum):
     ACTUATOR = 38  #: N (force) or m (piston, displacement control), per actuator
     ACTUATOR_RATE = 41  #: its rate, per actuator
     SUPPLY_LINE = 44  #: Pa absolute, behind the main valve
-    PIPE_FLOW = 45  #: kg/s from bellows to auxiliary chamber, per side; 0 where no pipe is fitted
-    EXTRA_VERTICAL_DASHPOT = 47  #: m, of the extra Maxwell branches: side * EXTRA_BRANCHES + branch
-    EXTRA_LATERAL_DASHPOT = 63
-    CREEP = 79  #: m by which the emergency spring has crept together, per side
+    CREEP = 45  #: m by which the emergency spring has crept together, per side
+    PIPE_FLOW = 47  #: kg/s from bellows to auxiliary chamber, per side; 0 where no pipe is fitted
+    EXTRA_VERTICAL_DASHPOT = 49  #: m, of the extra Maxwell branches: EXTRA_DASHPOTS * branch + side
+    EXTRA_LATERAL_DASHPOT = 51
 
+
+#: Dash-pots of one extra branch: vertical and lateral, left and right.
+EXTRA_DASHPOTS: Final = 4
 
 #: What is smaller is nothing. A decayed rate would end as a denormal number, and with a few of those in the state the
 #: processor takes up to three times as long for a step.
@@ -140,4 +148,4 @@ TINY: Final = 1e-100
 #: Number of ... each.
 INPUTS: Final = len(Input)
 SENSORS: Final = len(Sensor)
-STATES: Final = 81
+STATES: Final = State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * EXTRA_BRANCHES

@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from bench_protocol.binding import bind
 from bench_sim.model.actuator import hold_setpoint
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.gas import energy_of, mass_of
 from bench_sim.model.kernel import advance_plant, measure_plant, observe
 from bench_sim.model.layout import (
     ACTUATORS,
-    BRANCHES,
-    EXTRA_BRANCHES,
     INPUTS,
     SENSORS,
     SIDES,
@@ -27,7 +24,7 @@ from bench_sim.model.layout import (
     State,
 )
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.sensors import prepare_lags
+from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors
 from bench_sim.model.spring import stretch, volume
 
 #: Length of the fixed step in s.
@@ -134,33 +131,21 @@ class Plant:
     ) -> None:
         """Put the bolster at the given spring heights with relaxed rubber, gas at ambient temperature, lags settled."""
         par, x, mem = self.parameters, self.state, self.memory
-        T, R, kappa = par.ambient_temperature, par.gas_constant, par.heat_capacity_ratio
+        T = par.ambient_temperature
         x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])
         x[State.BOLSTER_ROLL] = 0.5 * (height[0] - height[1]) / par.spring_half_spacing
         x[State.SUPPLY_LINE] = supply
         for side in range(SIDES):
             held = volume(par, side, bellows[side], 0.0) + stretch(par, side, pressure[side])
-            for mass, V in (
-                (State.BELLOWS_MASS, held),
-                (State.AUXILIARY_MASS, par.auxiliary_volume[side]),
-            ):
-                x[mass + side] = mass_of(pressure[side], V, T, R)
-                x[mass + SIDES + side] = energy_of(pressure[side], V, kappa)
+            fill_chamber(x, par, State.BELLOWS_MASS + side, pressure[side], held, T)
+            fill_chamber(x, par, State.AUXILIARY_MASS + side, pressure[side], par.auxiliary_volume[side], T)
             x[[State.BELLOWS_WALL + side, State.AUXILIARY_WALL + side]] = T
             x[State.LEVER + side] = height[side] + par.lever_offset[side]
-            first = State.VERTICAL_DASHPOT + side * BRANCHES
-            x[first : first + BRANCHES] = bellows[side]
-            first = State.EXTRA_VERTICAL_DASHPOT + side * EXTRA_BRANCHES
-            x[first : first + EXTRA_BRANCHES] = bellows[side]
-            mem.bellows_vertical[side] = bellows[side]
-            mem.friction_origin[0, side] = mem.friction_last[0, side] = bellows[side]
+            relax_rubber(x, mem, side, bellows[side], 0.0)
         for j in range(ACTUATORS):
             hold_setpoint(mem, j, float(x[State.ACTUATOR + j]))
         observe(x, mem, self.inputs, par, self._slope, self._algebraic, self._values)
-        prepare_lags(mem, par, self.dt)
-        mem.sensor_output[:] = self._values
-        mem.sensor_input[:] = self._values
-        mem.sensor_history[:] = self._values[:, None]
+        settle_sensors(mem, par, self._values, self.dt)
 
     @property
     def time(self) -> float:

@@ -16,24 +16,13 @@ from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.bolster import stop_force
 from bench_sim.model.compiled import compiled, compiled_once, compiled_parallel
-from bench_sim.model.gas import energy_of, mass_of, note_densities
-from bench_sim.model.kernel import note_solution, switch_valves
-from bench_sim.model.layout import (
-    ACTUATORS,
-    BRANCHES,
-    EXTRA_BRANCHES,
-    HISTORY,
-    INPUTS,
-    LATERAL,
-    SENSORS,
-    SIDES,
-    STATES,
-    State,
-)
-from bench_sim.model.pipe import pipe_steps
+from bench_sim.model.layout import ACTUATORS, INPUTS, LATERAL, SENSORS, SIDES, STATES, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.sensors import follow, prepare_lags, read_sensors, true_values
+from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors
+from bench_sim.model.runge_kutta import runge_kutta, step_scheme
+from bench_sim.model.sensors import follow, read_sensors, true_values
 from bench_sim.model.spring import load_bellows, spring_algebra, stretch, volume
+from bench_sim.model.step_start import begin
 
 #: Displacements of a motion, in the order of the states: bolster lateral, vertical, roll; platform the same.
 DIRECTIONS: Final = 6
@@ -42,13 +31,6 @@ STEP: Final = 2.5e-3
 
 #: Rounds of settling, each of which leaves a seventh of the error or less.
 _ROUNDS: Final = 30
-
-
-@compiled_once
-def springs(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """dx/dt of the springs alone into ``dx``; forces on the bolster gather in the derivatives of its speeds."""
-    dx[:] = 0.0
-    air_spring(t, x, mem, u, par, dx, out)
 
 
 @compiled
@@ -67,6 +49,19 @@ def place(n: int, part: float, motion: Any, x: Any) -> None:
         x[to + 3] = (
             6.0 * a * b * rise + b * (1.0 - 3.0 * a) * start + a * (1.0 - 3.0 * b) * end
         ) / motion.interval
+
+
+@compiled_once
+def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
+    """The right-hand side of the springs alone (`bench_sim.model.runge_kutta`), between plates that a motion moves.
+
+    ``given`` says where in the motion it is: sample, part of the interval after it, motion. Forces on the bolster
+    gather in the derivatives of its speeds.
+    """
+    n, part, motion = given
+    place(n, part + ahead / motion.interval, motion, x)
+    dx[:] = 0.0
+    air_spring(mem.time + ahead, x, mem, u, par, dx, out)
 
 
 @compiled
@@ -103,13 +98,11 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
     The rubber is relaxed. ζ_b = ζ + (F_z−P)/k_z and y_b = y + F_y/k_y are found by repetition, for the pressure is
     given and not the energy: the emergency spring is so much stiffer that this converges.
     """
-    R, kappa = par.gas_constant, par.heat_capacity_ratio
     pressure, temperature = gas.pressure, gas.temperature
     for i in range(SIDES):
-        x[State.BELLOWS_MASS + i] = mass_of(pressure[i], par.bellows_volume[i], temperature[i], R)
-        x[State.BELLOWS_ENERGY + i] = energy_of(pressure[i], par.bellows_volume[i], kappa)
-        x[State.AUXILIARY_MASS + i] = mass_of(pressure[2 + i], par.auxiliary_volume[i], temperature[2 + i], R)
-        x[State.AUXILIARY_ENERGY + i] = energy_of(pressure[2 + i], par.auxiliary_volume[i], kappa)
+        fill_chamber(x, par, State.BELLOWS_MASS + i, pressure[i], par.bellows_volume[i], temperature[i])
+        volume_a = par.auxiliary_volume[i]
+        fill_chamber(x, par, State.AUXILIARY_MASS + i, pressure[2 + i], volume_a, temperature[2 + i])
         x[State.BELLOWS_WALL + i] = x[State.AUXILIARY_WALL + i] = par.ambient_temperature
     spring_algebra(mem.time, x, mem, par, out)  # where the springs are: their gas is not right yet
     for i in range(SIDES):
@@ -119,16 +112,8 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
         y_b = y
         for _ in range(_ROUNDS):
             V = volume(par, i, z_b, y_b) + stretch(par, i, pressure[i])
-            x[State.BELLOWS_ENERGY + i] = energy_of(pressure[i], V, kappa)
-            x[State.BELLOWS_MASS + i] = mass_of(pressure[i], V, temperature[i], R)
-            for j in range(BRANCHES):
-                x[State.VERTICAL_DASHPOT + i * BRANCHES + j] = z_b
-                x[State.LATERAL_DASHPOT + i * BRANCHES + j] = y_b
-            for j in range(EXTRA_BRANCHES):
-                x[State.EXTRA_VERTICAL_DASHPOT + i * EXTRA_BRANCHES + j] = z_b
-                x[State.EXTRA_LATERAL_DASHPOT + i * EXTRA_BRANCHES + j] = y_b
-            mem.friction_origin[0, i] = z_b
-            mem.friction_origin[1, i] = y_b
+            fill_chamber(x, par, State.BELLOWS_MASS + i, pressure[i], V, temperature[i])
+            relax_rubber(x, mem, i, z_b, y_b)
             load_bellows(x, mem, par, i, z_b, y_b, out)
             if par.emergency_spring == 0.0:
                 break
@@ -141,48 +126,6 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
         mem.friction_last[0, i] = mem.bellows_vertical[i] = z_b
         mem.friction_last[1, i] = mem.bellows_lateral[i] = y_b
         x[State.LEVER + i] = z + par.lever_offset[i]
-
-
-@compiled
-def settle_sensors(mem: Any, par: Any, values: Any, dt: float) -> None:
-    """Let every sensor have seen its present value for ever."""
-    prepare_lags(mem, par, dt)
-    for k in range(SENSORS):
-        mem.sensor_output[k] = values[k]
-        mem.sensor_input[k] = values[k]
-        for j in range(HISTORY):
-            mem.sensor_history[k, j] = values[k]
-
-
-@compiled_once
-def begin(
-    n: int, part: float, motion: Any, x: Any, mem: Any, u: Any, par: Any, slope: Any, out: Any, values: Any
-) -> None:
-    """What happens once per step, a ``part`` of an interval after sample n: latches, friction, slope, true values."""
-    place(n, part, motion, x)
-    switch_valves(x, mem, par)
-    springs(mem.time, x, mem, u, par, slope, out)
-    if note_solution(mem, par, out, mem.time):
-        springs(mem.time, x, mem, u, par, slope, out)
-    note_densities(x, mem, par, out)
-    balance(n, part, motion, x, par, slope, out)
-    true_values(x, mem, par, out, values)
-
-
-@compiled
-def runge_kutta(
-    n: int, part: float, h: float, motion: Any, x: Any, mem: Any, u: Any, par: Any, work: Any, out: Any
-) -> None:
-    """A step of ``h`` s by the classical method from the slope in ``work[0]``, with the bolster moved along."""
-    for s in range(1, 4):
-        ahead = h if s == 3 else 0.5 * h
-        for k in range(STATES):
-            work[4, k] = x[k] + ahead * work[s - 1, k]
-        place(n, part + ahead / motion.interval, motion, work[4])
-        springs(mem.time + ahead, work[4], mem, u, par, work[s], out)
-    for k in range(STATES):
-        x[k] += h / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
-    mem.time += h
 
 
 @compiled_parallel
@@ -209,7 +152,7 @@ def replay_samples(
     values = np.zeros(SENSORS)
     ideal = np.zeros(SENSORS)
     dt = motion.interval / steps
-    pieces = pipe_steps(par, dt)
+    pieces, states = step_scheme(par, dt)
     last = motion.displacement.shape[0] - 1
     place(0, 0.0, motion, x)
     settle(x, mem, par, gas, out)
@@ -220,7 +163,10 @@ def replay_samples(
         interval = min(n, last - 1)
         for k in range(steps if n < last else 1):
             part = k / steps if n < last else 1.0
-            begin(interval, part, motion, x, mem, u, par, work[0], out, values)
+            slope = work[0]
+            begin(moved_springs, x, mem, u, par, (interval, part, motion), slope, out)
+            balance(interval, part, motion, x, par, slope, out)
+            true_values(x, mem, par, out, values)
             if k == 0:
                 if n == 0:
                     settle_sensors(mem, par, values, dt)
@@ -233,11 +179,10 @@ def replay_samples(
                 break
             follow(mem, par, values, dt)
             for piece in range(pieces):
-                begun = part + piece / (pieces * steps)
+                given = n, part + piece / (pieces * steps), motion
                 if piece > 0:
-                    place(n, begun, motion, x)
-                    springs(mem.time, x, mem, u, par, work[0], out)
-                runge_kutta(n, begun, dt / pieces, motion, x, mem, u, par, work, out)
+                    moved_springs(0.0, x, mem, u, par, given, slope, out)
+                runge_kutta(moved_springs, dt / pieces, states, x, mem, u, par, given, work, out)
             mem.step += 1
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
-from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_FRICTIONS, State
+from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, EXTRA_FRICTIONS, State
 
 #: A loop over less than this share of x₂ is small.
 SMALL_LOOP: Final = 0.04
@@ -61,12 +61,12 @@ def extra_pull(
     """
     force = 0.0
     total = 0.0
-    first = State.EXTRA_VERTICAL_DASHPOT + (2 * direction + side) * EXTRA_BRANCHES
+    first = State.EXTRA_VERTICAL_DASHPOT + 2 * direction + side
     for j in range(EXTRA_BRANCHES):
         if par.extra_branch_ratio[j] == 0.0:
             break
         k = stiffness * par.extra_branch_ratio[j]
-        force += k * (displacement - x[first + j])
+        force += k * (displacement - x[first + EXTRA_DASHPOTS * j])
         total += k
     for e in range(EXTRA_FRICTIONS):
         if par.extra_friction[e] == 0.0:
@@ -102,8 +102,8 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
             for j in range(EXTRA_BRANCHES):
                 if par.extra_branch_ratio[j] == 0.0:
                     break
-                vertical = State.EXTRA_VERTICAL_DASHPOT + i * EXTRA_BRANCHES + j
-                lateral = State.EXTRA_LATERAL_DASHPOT + i * EXTRA_BRANCHES + j
+                vertical = State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + i
+                lateral = State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + i
                 speed = 1.0 / par.extra_branch_time[j]
                 z_speed = (out[Algebraic.BELLOWS_VERTICAL + i] - x[vertical]) * speed
                 y_speed = (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) * speed

@@ -16,6 +16,7 @@ from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
+from bench_sim.model.gas import pressure, temperature
 from bench_sim.model.layout import BRANCHES, State
 from bench_sim.model.rubber import extra_pull, friction_curve, friction_limit, maxwell_pull
 from bench_sim.model.surface import force_surface
@@ -48,10 +49,10 @@ def volume(par: Any, side: int, zeta: float, y: float) -> float:
 
 
 @compiled
-def stretch(par: Any, side: int, pressure: float) -> float:
+def stretch(par: Any, side: int, p: float) -> float:
     """C_V (p − p_ref) in m³, by which the bellows is larger at this absolute pressure than under its load case."""
     reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
-    return par.bellows_compliance[side] * (pressure - reference)
+    return par.bellows_compliance[side] * (p - reference)
 
 
 @compiled
@@ -72,7 +73,7 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
     V = max(V, SMALLEST_VOLUME)
     A = par.effective_area[side] + A1 * zeta - 0.5 * kappa_1 * Y
     B = -0.5 * length * Y1
-    p = (par.heat_capacity_ratio - 1.0) * x[State.BELLOWS_ENERGY + side] / V
+    p = pressure(x[State.BELLOWS_ENERGY + side], V, par.heat_capacity_ratio)
     if par.bellows_compliance[side] > 0.0:
         p = stretched_pressure(par, side, p * V, V)
         V += stretch(par, side, p)
@@ -208,7 +209,7 @@ def compliance_matrix(
 
 @compiled
 def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
-    """Displacements of both springs, their bellows' share, and the state of the gas in chambers and pipes.
+    """Displacements of both springs, their bellows' share, and the state of the gas in the chambers.
 
     ζ_i = z_B + s_i b φ_B − z_P − s_i b φ_P,  y_i = y_B + e φ_B − y_P + h φ_P,  θ = φ_B − φ_P
     """
@@ -226,7 +227,7 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
         + par.column_height * x[State.PLATFORM_ROLL_SPEED]
     )
     ahead = t - mem.solved_time
-    gamma = par.heat_capacity_ratio - 1.0
+    kappa = par.heat_capacity_ratio
     for i in range(2):
         arm = (1.0 - 2.0 * i) * par.spring_half_spacing
         zeta = x[State.BOLSTER_VERTICAL] - x[State.PLATFORM_VERTICAL] + arm * out[Algebraic.ROLL]
@@ -249,16 +250,14 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
             mem.bellows_lateral[i] + ahead * mem.bellows_lateral_speed[i],
             out,
         )
-        out[Algebraic.TEMPERATURE + i] = (
-            gamma * x[State.BELLOWS_ENERGY + i] / (x[State.BELLOWS_MASS + i] * par.gas_constant)
+        out[Algebraic.TEMPERATURE + i] = temperature(
+            x[State.BELLOWS_MASS + i], x[State.BELLOWS_ENERGY + i], par.gas_constant, kappa
         )
-        out[Algebraic.AUXILIARY_PRESSURE + i] = (
-            gamma * x[State.AUXILIARY_ENERGY + i] / par.auxiliary_volume[i]
+        energy = x[State.AUXILIARY_ENERGY + i]
+        out[Algebraic.AUXILIARY_PRESSURE + i] = pressure(energy, par.auxiliary_volume[i], kappa)
+        out[Algebraic.AUXILIARY_TEMPERATURE + i] = temperature(
+            x[State.AUXILIARY_MASS + i], energy, par.gas_constant, kappa
         )
-        out[Algebraic.AUXILIARY_TEMPERATURE + i] = (
-            gamma * x[State.AUXILIARY_ENERGY + i] / (x[State.AUXILIARY_MASS + i] * par.gas_constant)
-        )
-        out[Algebraic.ORIFICE_FLOW + i] = x[State.PIPE_FLOW + i]
 
 
 @compiled

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled, compiled_once
-from bench_sim.model.gas import transfer
+from bench_sim.model.gas import enthalpy_per_kelvin, transfer
 from bench_sim.model.layout import Input, State
 
 
@@ -56,7 +56,7 @@ def force_surface(par: Any, displacement: float, speed: float) -> float:
 @compiled
 def gas_surface_term(u: Any, par: Any, out: Any, dx: Any) -> None:
     """Extra flow from each bellows to its chamber over (p_b − p_a, p_b), extra heat into it over (p_b, T_b − T_amb)."""
-    c_p = par.heat_capacity_ratio / (par.heat_capacity_ratio - 1.0) * par.gas_constant
+    c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         p = out[Algebraic.PRESSURE + i]
         T = out[Algebraic.TEMPERATURE + i]

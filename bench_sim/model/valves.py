@@ -4,7 +4,7 @@ from typing import Any, Final
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
-from bench_sim.model.gas import transfer
+from bench_sim.model.gas import enthalpy_per_kelvin, pressure, transfer
 from bench_sim.model.inertance import flow_with_inertia
 from bench_sim.model.layout import Input, State
 from bench_sim.model.orifice import (
@@ -22,21 +22,21 @@ _SHUT: Final = 1e-3
 
 
 @compiled
-def orifice_term(t: float, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
+def orifice_term(t: float, x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Flow between each bellows and its auxiliary chamber, carrying the enthalpy of its upstream side.
 
-    Without a pipe it follows from the pressures. With one it is a state, which stands in ``out`` already; here it
-    accelerates, and a valve that shuts stops it within half a millisecond.
+    Without a pipe it follows from the pressures. With one it is a state, which accelerates, and a valve that shuts
+    stops it within half a millisecond.
     """
     kappa = par.heat_capacity_ratio
-    c_p = kappa / (kappa - 1.0) * par.gas_constant
+    c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         opening = min(max(u[Input.LEFT_RESERVOIR_VALVE + i], 0.0), 1.0)
         piped = par.pipe_length[i] > 0.0
         flow = 0.0
         steady = 0.0
         if piped and opening < _SHUT:
-            dx[State.PIPE_FLOW + i] -= 0.25 * PIPE_RATE * out[Algebraic.ORIFICE_FLOW + i]
+            dx[State.PIPE_FLOW + i] -= 0.25 * PIPE_RATE * x[State.PIPE_FLOW + i]
         elif opening > 0.0:
             p_b = out[Algebraic.PRESSURE + i]
             p_a = out[Algebraic.AUXILIARY_PRESSURE + i]
@@ -44,10 +44,10 @@ def orifice_term(t: float, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> Non
             T_a = out[Algebraic.AUXILIARY_TEMPERATURE + i]
             area = opening * effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
             if par.orifice_asymmetry[i] != 0.0:
-                outward = out[Algebraic.ORIFICE_FLOW + i] if piped else p_b - p_a
+                outward = x[State.PIPE_FLOW + i] if piped else p_b - p_a
                 area *= 1.0 + par.orifice_asymmetry[i] * (1.0 if outward > 0.0 else -1.0)
             if piped:
-                flow = out[Algebraic.ORIFICE_FLOW + i]
+                flow = x[State.PIPE_FLOW + i]
                 area *= reynolds_factor(flow, par.orifice_diameter[i], par.orifice_reynolds[i])
                 dx[State.PIPE_FLOW + i] += pipe_acceleration(flow, p_b, T_b, p_a, T_a, area, i, par)
             else:
@@ -102,45 +102,57 @@ def lever_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 
 @compiled
-def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Filling and exhausting of each auxiliary chamber by its leveling valve and the rig's service valve.
+def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: Any, dx: Any) -> float:
+    """Flow in kg/s into one auxiliary chamber from the supply or to the atmosphere, through these conductances.
 
-    They stand in parallel. Check valves keep air from flowing back into the supply;
-    an open exhaust lets air in where the chamber is below atmosphere.
+    A check valve keeps air from flowing back into the supply; an open exhaust lets air in where the chamber is below
+    atmosphere.
     """
-    kappa = par.heat_capacity_ratio
-    c_p = kappa / (kappa - 1.0) * par.gas_constant
+    c_p = enthalpy_per_kelvin(par)
     b = par.valve_critical_ratio
     supply = x[State.SUPPLY_LINE]
+    p = out[Algebraic.AUXILIARY_PRESSURE + side]
+    T = out[Algebraic.AUXILIARY_TEMPERATURE + side]
+    flow = 0.0
+    power = 0.0
+    if fill > 0.0 and supply > p:
+        flow = iso_flow(supply, par.supply_temperature, p, fill, b, par.laminar_limit)
+        power = flow * c_p * par.supply_temperature
+    if exhaust > 0.0:
+        G = valve_between(
+            p, T, par.atmospheric_pressure, par.ambient_temperature, exhaust, b, par.laminar_limit
+        )
+        flow -= G
+        power -= G * c_p * (T if G > 0.0 else par.ambient_temperature)
+    dx[State.AUXILIARY_MASS + side] += flow
+    dx[State.AUXILIARY_ENERGY + side] += power
+    return flow
+
+
+@compiled
+def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
+    """Filling and exhausting of each auxiliary chamber by its leveling valve."""
     for i in range(2):
-        leveling = min(max(u[Input.LEFT_LEVELING + i], 0.0), 1.0) * leveling_opening(
+        opening = min(max(u[Input.LEFT_LEVELING + i], 0.0), 1.0) * leveling_opening(
             x[State.LEVER + i],
             mem.leveling_latch[i],
             par.leveling_deadband[i],
             par.leveling_hysteresis[i],
             par.leveling_range[i],
         )
-        service = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
-        large = par.service_conductance[i]
-        fill = max(-leveling, 0.0) * par.fill_conductance[i] + max(service, 0.0) * large
-        exhaust = max(leveling, 0.0) * par.exhaust_conductance[i] + max(-service, 0.0) * large
-        p = out[Algebraic.AUXILIARY_PRESSURE + i]
-        T = out[Algebraic.AUXILIARY_TEMPERATURE + i]
-        flow = 0.0
-        power = 0.0
-        if fill > 0.0 and supply > p:
-            G = iso_flow(supply, par.supply_temperature, p, fill, b, par.laminar_limit)
-            flow += G
-            power += G * c_p * par.supply_temperature
-        if exhaust > 0.0:
-            G = valve_between(
-                p, T, par.atmospheric_pressure, par.ambient_temperature, exhaust, b, par.laminar_limit
-            )
-            flow -= G
-            power -= G * c_p * (T if G > 0.0 else par.ambient_temperature)
-        dx[State.AUXILIARY_MASS + i] += flow
-        dx[State.AUXILIARY_ENERGY + i] += power
-        out[Algebraic.LEVELING_FLOW + i] = flow
+        fill = max(-opening, 0.0) * par.fill_conductance[i]
+        exhaust = max(opening, 0.0) * par.exhaust_conductance[i]
+        out[Algebraic.LEVELING_FLOW + i] = chamber_term(x, par, i, fill, exhaust, out, dx)
+
+
+@compiled
+def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
+    """Filling and exhausting of each auxiliary chamber by the rig's service valve, beside its leveling valve."""
+    for i in range(2):
+        opening = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
+        fill = max(opening, 0.0) * par.service_conductance[i]
+        exhaust = max(-opening, 0.0) * par.service_conductance[i]
+        out[Algebraic.SERVICE_FLOW + i] = chamber_term(x, par, i, fill, exhaust, out, dx)
 
 
 @compiled
@@ -151,6 +163,19 @@ def dpv_latch(difference: float, latch: int, opening: float, reclosing: float) -
     if abs(difference) < reclosing:
         return 0
     return latch
+
+
+@compiled
+def switch_valves(x: Any, mem: Any, par: Any) -> None:
+    """Latches of the leveling valves and the differential pressure valve, from the state at the start of a step."""
+    kappa = par.heat_capacity_ratio
+    for i in range(2):
+        mem.leveling_latch[i] = leveling_latch(
+            x[State.LEVER + i], mem.leveling_latch[i], par.leveling_deadband[i], par.leveling_hysteresis[i]
+        )
+    left = pressure(x[State.AUXILIARY_ENERGY], par.auxiliary_volume[0], kappa)
+    right = pressure(x[State.AUXILIARY_ENERGY + 1], par.auxiliary_volume[1], kappa)
+    mem.dpv_latch = dpv_latch(left - right, mem.dpv_latch, par.dpv_opening, par.dpv_reclosing)
 
 
 @compiled
@@ -170,8 +195,7 @@ def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
             par.valve_critical_ratio,
             par.laminar_limit,
         )
-        c_p = par.heat_capacity_ratio / (par.heat_capacity_ratio - 1.0) * par.gas_constant
-        enthalpy = c_p * (T_left if flow > 0.0 else T_right)
+        enthalpy = enthalpy_per_kelvin(par) * (T_left if flow > 0.0 else T_right)
         transfer(dx, State.AUXILIARY_MASS, State.AUXILIARY_MASS + 1, flow, enthalpy)
     out[Algebraic.DPV_FLOW] = flow
 
@@ -179,7 +203,7 @@ def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
 @compiled
 def leak_term(par: Any, out: Any, dx: Any) -> None:
     """Leaks of the bellows to the atmosphere: as an orifice (ISO 6358) and as a laminar crack, in parallel."""
-    c_p = par.heat_capacity_ratio / (par.heat_capacity_ratio - 1.0) * par.gas_constant
+    c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         if par.leak_conductance[i] == 0.0 and par.leak_laminar[i] == 0.0:
             continue

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.car import CAR, CHANNELS, Ride, car_derivative, place_bogie, ride_on
-from bench_sim.model.gas import energy_of, mass_of
-from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, SIDES, STATES, Input, State
+from bench_sim.model.layout import SIDES, STATES, Input, State
 from bench_sim.model.plant import STEP, Plant
 from bench_sim.model.quantities import PARAMETERS
+from bench_sim.model.rest import fill_chamber, relax_rubber
 from bench_sim.model.spring import load_bellows, stretch, stretched_pressure, volume
 
 #: A steady wind is applied in portions of at most this many N, each found from the one before.
@@ -165,25 +165,16 @@ class Vehicle:
         The force of each spring follows from its bellows, and the emergency spring's share from that force.
         """
         par, x, mem, out = self.parameters, self.state, self.memory, self._algebraic
-        T, R, kappa = par.ambient_temperature, par.gas_constant, par.heat_capacity_ratio
+        T = par.ambient_temperature
         top = np.empty((2, SIDES))
         for side in range(SIDES):
             zeta, y = float(bellows[side]), float(bellows[SIDES + side])
             V, V_a = volume(par, side, zeta, y), par.auxiliary_volume[side]
-            p = stretched_pressure(par, side, air[side] * R * T, V + V_a)
+            p = stretched_pressure(par, side, air[side] * par.gas_constant * T, V + V_a)
             V += stretch(par, side, p)
-            for mass, share in ((State.BELLOWS_MASS, V), (State.AUXILIARY_MASS, V_a)):
-                x[mass + side] = mass_of(p, share, T, R)
-                x[mass + SIDES + side] = energy_of(p, share, kappa)
-            for direction, first, extra, value in (
-                (0, State.VERTICAL_DASHPOT, State.EXTRA_VERTICAL_DASHPOT, zeta),
-                (1, State.LATERAL_DASHPOT, State.EXTRA_LATERAL_DASHPOT, y),
-            ):
-                x[first + side * BRANCHES : first + (side + 1) * BRANCHES] = value
-                x[extra + side * EXTRA_BRANCHES : extra + (side + 1) * EXTRA_BRANCHES] = value
-                mem.extra_friction_level[:, direction, side] = 0.0
-                mem.friction_origin[direction, side] = mem.friction_last[direction, side] = value
-                mem.friction_level[direction, side] = mem.friction_direction[direction, side] = 0.0
+            fill_chamber(x, par, State.BELLOWS_MASS + side, p, V, T)
+            fill_chamber(x, par, State.AUXILIARY_MASS + side, p, V_a, T)
+            relax_rubber(x, mem, side, zeta, y)
             load_bellows(x, mem, par, side, zeta, y, out)
             top[0, side], top[1, side] = zeta - x[State.CREEP + side], y
             if par.emergency_spring:
@@ -191,8 +182,6 @@ class Vehicle:
                     out[Algebraic.STACK_VERTICAL + side] - par.nominal_preload[side]
                 ) / par.emergency_stiffness_vertical[side]
                 top[1, side] -= out[Algebraic.STACK_LATERAL + side] / par.emergency_stiffness_lateral[side]
-        mem.bellows_vertical[:], mem.bellows_lateral[:] = bellows[:SIDES], bellows[SIDES:]
-        mem.bellows_vertical_speed[:] = mem.bellows_lateral_speed[:] = 0.0
         mem.solved_time = mem.time
         roll = (top[0, 0] - top[0, 1]) / (2.0 * par.spring_half_spacing)
         x[State.BOLSTER_LATERAL : State.PLATFORM_LATERAL] = 0.0

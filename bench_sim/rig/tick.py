@@ -29,7 +29,7 @@ from bench_sim.model.algebraic import ALGEBRAICS
 from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
-from bench_sim.model.pipe import pipe_steps
+from bench_sim.model.runge_kutta import step_scheme
 from bench_sim.model.sensors import read_sensors
 from bench_sim.rig.controls import (
     FAST,
@@ -313,7 +313,7 @@ def run_ticks(
     c, mem, par = controls[0], plant.memory[0], plant.parameters[0]
     x, u, values = plant.state, plant.inputs, sampling.values
     work, algebraic, ideal = np.empty((5, STATES)), np.empty(ALGEBRAICS), np.empty(SENSORS)
-    pieces = pipe_steps(par, TICK)
+    scheme = step_scheme(par, TICK)
     position = 0
     happened = Happened.NOTHING.value
     done = 0
@@ -322,7 +322,7 @@ def run_ticks(
         c.tick += 1
         happened |= _generate(c)
         _drive(c, u, values[Sensor.LEFT_AUXILIARY_PRESSURE], values[Sensor.RIGHT_AUXILIARY_PRESSURE])
-        step(x, mem, u, par, TICK, pieces, work, algebraic, ideal)
+        step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
         if c.tick % FAST == 0:
             observe(x, mem, u, par, work[0], algebraic, ideal)
             read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench_sim.model.layout import SIDES, Input, State
+from bench_sim.model.layout import STATES, Input
 from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import MEMORY
 from bench_sim.model.rubber import SMALL_LOOP, friction_curve, turn_friction
@@ -77,7 +77,7 @@ def test_the_bench_hardly_feels_a_tremble_of_its_table():
             )
             plant.step()
             forces.append(plant.truth()["stack_vertical[0]"] if k % 50 == 49 else 0.0)
-        assert plant.state.shape == (State.CREEP + SIDES,)
+        assert plant.state.shape == (STATES,)
         return np.array(forces)[np.arange(3000) % 50 == 49][-20:].mean()
 
     assert abs(force(20e-6) - force(0.0)) < 0.02 * float(load("astb").record.friction_vertical[0])

@@ -1,0 +1,58 @@
+"""A spring at rest: gas at one temperature, relaxed rubber, friction without force, sensors without lag."""
+
+from typing import Any
+
+from bench_sim.model.compiled import compiled
+from bench_sim.model.gas import energy_of, mass_of
+from bench_sim.model.layout import (
+    BRANCHES,
+    EXTRA_BRANCHES,
+    EXTRA_DASHPOTS,
+    EXTRA_FRICTIONS,
+    HISTORY,
+    SENSORS,
+    State,
+)
+from bench_sim.model.sensors import prepare_lags
+
+
+@compiled
+def fill_chamber(x: Any, par: Any, place: int, pressure: float, volume: float, temperature: float) -> None:
+    """Put gas into the chamber whose mass stands at ``place`` (BELLOWS_MASS or AUXILIARY_MASS + side)."""
+    x[place] = mass_of(pressure, volume, temperature, par.gas_constant)
+    x[place + 2] = energy_of(pressure, volume, par.heat_capacity_ratio)
+
+
+@compiled
+def relax_rubber(x: Any, mem: Any, side: int, z: float, y: float) -> None:
+    """Let the rubber of one bellows have stood for ever where it is displaced by (z, y) m, vertical and lateral."""
+    for j in range(BRANCHES):
+        x[State.VERTICAL_DASHPOT + side * BRANCHES + j] = z
+        x[State.LATERAL_DASHPOT + side * BRANCHES + j] = y
+    for j in range(EXTRA_BRANCHES):
+        x[State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + side] = z
+        x[State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + side] = y
+    for direction in range(2):
+        place = z if direction == 0 else y
+        mem.friction_origin[direction, side] = place
+        mem.friction_last[direction, side] = place
+        mem.friction_level[direction, side] = 0.0
+        mem.friction_direction[direction, side] = 0.0
+        mem.friction_outer_way[direction, side] = 0.0
+        for e in range(EXTRA_FRICTIONS):
+            mem.extra_friction_level[e, direction, side] = 0.0
+    mem.bellows_vertical[side] = z
+    mem.bellows_lateral[side] = y
+    mem.bellows_vertical_speed[side] = 0.0
+    mem.bellows_lateral_speed[side] = 0.0
+
+
+@compiled
+def settle_sensors(mem: Any, par: Any, values: Any, dt: float) -> None:
+    """Let every sensor have seen its present value for ever."""
+    prepare_lags(mem, par, dt)
+    for k in range(SENSORS):
+        mem.sensor_output[k] = values[k]
+        mem.sensor_input[k] = values[k]
+        for j in range(HISTORY):
+            mem.sensor_history[k, j] = values[k]

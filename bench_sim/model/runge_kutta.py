@@ -1,0 +1,85 @@
+"""The classical Runge-Kutta method of fourth order, for every system that the air springs are part of.
+
+A system is a compiled right-hand side
+
+    slope(ahead, x, mem, u, par, given, dx, out)
+
+that writes dx/dt into ``dx`` and everything algebraic into ``out`` (`Algebraic`), ``ahead`` s after the instant
+``mem.time``. It never writes ``mem``. ``given`` is a tuple of what the system is given beside its inputs, such as a
+motion or the wind; states that are imposed and not integrated it first writes into ``x``. numba compiles each caller
+with its own right-hand side, so that the argument costs nothing.
+"""
+
+from typing import Any, Final
+
+from bench_sim.model.compiled import compiled, compiled_within
+from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, STATES, TINY, State
+from bench_sim.model.pipe import pipe_steps
+
+#: Number of states without creep, pipe and extra branches, and with the first of them.
+_WITHOUT: Final = int(State.CREEP)
+_WITH_CREEP: Final = int(State.PIPE_FLOW)
+_WITH_PIPE: Final = int(State.EXTRA_VERTICAL_DASHPOT)
+
+
+@compiled
+def integrated_states(par: Any) -> int:
+    """So many states, from the first one on, can move with these parameters; those behind them stay as they are."""
+    branches = 0
+    while branches < EXTRA_BRANCHES and par.extra_branch_ratio[branches] != 0.0:
+        branches += 1
+    if branches > 0:
+        return State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * branches
+    if par.pipe_length[0] > 0.0 or par.pipe_length[1] > 0.0:
+        return _WITH_PIPE
+    if par.creep_ratio[0] != 0.0 or par.creep_ratio[1] != 0.0:
+        return _WITH_CREEP
+    return _WITHOUT
+
+
+@compiled
+def step_scheme(par: Any, dt: float) -> tuple[int, int]:
+    """Into how many equal pieces a step of ``dt`` s is divided, and how many states it integrates."""
+    return pipe_steps(par, dt), integrated_states(par)
+
+
+@compiled_within
+def runge_kutta(
+    slope: Any, h: float, states: int, x: Any, mem: Any, u: Any, par: Any, given: Any, work: Any, out: Any
+) -> None:
+    """One step of ``h`` s in place from the slope in ``work[0]``; moves time on.
+
+    ``work`` (5, STATES) holds the four slopes and the state at which the next one is taken.
+    """
+    for k in range(states, STATES):
+        work[4, k] = x[k]
+    for stage in range(1, 4):
+        ahead = h if stage == 3 else 0.5 * h
+        for k in range(states):
+            work[4, k] = x[k] + ahead * work[stage - 1, k]
+        slope(ahead, work[4], mem, u, par, given, work[stage], out)
+    for k in range(states):
+        new = x[k] + h / 6.0 * (work[0, k] + 2.0 * (work[1, k] + work[2, k]) + work[3, k])
+        x[k] = new if abs(new) > TINY else 0.0
+    mem.time += h
+
+
+@compiled_within
+def integrate(
+    slope: Any,
+    dt: float,
+    scheme: tuple[int, int],
+    x: Any,
+    mem: Any,
+    u: Any,
+    par: Any,
+    given: Any,
+    work: Any,
+    out: Any,
+) -> None:
+    """A step of ``dt`` s from the slope in ``work[0]``, in the pieces that its ``scheme`` (`step_scheme`) asks for."""
+    pieces, states = scheme
+    for piece in range(pieces):
+        if piece > 0:
+            slope(0.0, x, mem, u, par, given, work[0], out)
+        runge_kutta(slope, dt / pieces, states, x, mem, u, par, given, work, out)
