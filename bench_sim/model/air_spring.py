@@ -4,10 +4,11 @@ The bench puts a bolster with actuators on them (`bench_sim.model.kernel`), the 
 (`bench_sim.model.car`).
 """
 
-from typing import Any
+from typing import Any, Final
 
 from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import heat_term
+from bench_sim.model.layout import State
 from bench_sim.model.rubber import creep_term, maxwell_term
 from bench_sim.model.spring import spring_algebra, spring_term, work_term
 from bench_sim.model.surface import gas_surface_term
@@ -21,13 +22,19 @@ from bench_sim.model.valves import (
     supply_term,
 )
 
+#: States whose derivatives are sums of terms; those of the extra branches behind them have one term each.
+_SUMMED: Final = int(State.EXTRA_VERTICAL_DASHPOT)
+
 
 @compiled
 def air_spring(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Add to ``dx`` (STATES) what gas, rubber, valves and springs contribute; fill their part of ``out``.
+    """Begin ``dx`` (STATES) with what gas, rubber, valves and springs contribute; fill their part of ``out``.
 
-    The forces on what stands on the springs gather in the derivatives of its speeds, to be divided by its mass.
+    The forces on what stands on the springs gather in the derivatives of its speeds, to be divided by its mass. Extra
+    branches that are not fitted have no place in ``dx``: nothing is written there.
     """
+    for k in range(_SUMMED):
+        dx[k] = 0.0
     spring_algebra(t, x, mem, par, out)
     # Flows and relaxation first: the bellows' speed, and with it their work, follows from them.
     supply_term(t, x, u, par, dx)

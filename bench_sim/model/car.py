@@ -170,7 +170,6 @@ def car_slope(
     ahead: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: float, dx: Any, out: Any
 ) -> None:
     """dx/dt under ``wind`` N: the bench's sum with `car_term` in the place of actuators, bolster and platform."""
-    dx[:] = 0.0
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
     car_term(x, par, car, wind, out, dx)
 
@@ -246,6 +245,7 @@ def car_derivative(
 ) -> None:
     """`car_slope` at ``t`` s with the records in arrays of one, for integrators that choose their own steps."""
     mem = memory[0]
+    dx[:] = 0.0
     car_slope(t - mem.time, x, mem, u, parameters[0], cars[0], wind, dx, out)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.compiled import compiled, compiled_entry, compiled_once
+from bench_sim.model.compiled import compiled, compiled_entry
 from bench_sim.model.kernel import begin_step, evaluate
 from bench_sim.model.layout import SENSORS, STATES, Input, State
 from bench_sim.model.plant import Plant
@@ -34,6 +34,8 @@ LATERAL, VERTICAL, ROLL = 0, 1, 2
 @compiled
 def course(shape: int, amplitude: float, frequency: float, t: float) -> tuple[float, float]:
     """Displacement and speed at ``t`` ≥ 0."""
+    if amplitude == 0.0:
+        return 0.0, 0.0
     if shape == Shape.SINE:
         omega = 2.0 * pi * frequency
         return amplitude * sin(omega * t), amplitude * omega * cos(omega * t)
@@ -59,7 +61,7 @@ def place_bolster(t: float, motion: Any, x: Any) -> None:
         x[State.BOLSTER_LATERAL_SPEED + k] = speed
 
 
-@compiled_once
+@compiled
 def moved_bench(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
     """The bench's right-hand side with its bolster moved by hand; ``given`` is the motion alone."""
     place_bolster(mem.time + ahead, given[0], x)
@@ -98,8 +100,8 @@ def impose_motion(
             rows[n // every] = out
             states[n // every] = x
         integrate(moved_bench, dt, scheme, x, mem, u, par, given, work, out)
-        place_bolster(mem.time, motion, x)
         mem.step += 1
+    place_bolster(mem.time, motion, x)
 
 
 @dataclass(frozen=True, slots=True)

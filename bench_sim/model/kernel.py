@@ -13,17 +13,16 @@ from bench_sim.model.actuator import actuator_term, command_actuators
 from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS
 from bench_sim.model.bolster import bolster_term, platform_term
-from bench_sim.model.compiled import compiled_entry, compiled_once, compiled_within
+from bench_sim.model.compiled import compiled, compiled_entry, compiled_once, compiled_within
 from bench_sim.model.layout import SENSORS, STATES
 from bench_sim.model.runge_kutta import integrate, step_scheme
 from bench_sim.model.sensors import follow, read_sensors, true_values
 from bench_sim.model.step_start import begin
 
 
-@compiled_once
+@compiled
 def evaluate(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
     """The bench's right-hand side (`bench_sim.model.runge_kutta`); ``given`` is empty."""
-    dx[:] = 0.0
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
     # Forces gather in the derivatives of the speeds; the bolster divides them by its mass.
     actuator_term(x, mem, par, out, dx)
@@ -34,6 +33,7 @@ def evaluate(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: A
 @compiled_entry
 def derivative(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any) -> None:
     """dx/dt alone at ``t`` s, for integrators that choose their own steps; ``mem`` stays as it is."""
+    dx[:] = 0.0
     evaluate(t - mem.time, x, mem, u, par, (), dx, np.empty(ALGEBRAICS))
 
 

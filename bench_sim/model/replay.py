@@ -60,7 +60,6 @@ def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, 
     """
     n, part, motion = given
     place(n, part + ahead / motion.interval, motion, x)
-    dx[:] = 0.0
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
 
 

@@ -109,8 +109,8 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
                 y_speed = (out[Algebraic.BELLOWS_LATERAL + i] - x[lateral]) * speed
                 vertical_rate += par.extra_branch_ratio[j] * z_speed
                 lateral_rate += par.extra_branch_ratio[j] * y_speed
-                dx[vertical] += z_speed
-                dx[lateral] += y_speed
+                dx[vertical] = z_speed
+                dx[lateral] = y_speed
         out[Algebraic.DASHPOT_VERTICAL + i] = par.shell_stiffness_vertical[i] * vertical_rate
         out[Algebraic.DASHPOT_LATERAL + i] = par.shell_stiffness_lateral[i] * lateral_rate
 

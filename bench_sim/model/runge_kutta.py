@@ -13,18 +13,20 @@ with its own right-hand side, so that the argument costs nothing.
 from typing import Any, Final
 
 from bench_sim.model.compiled import compiled, compiled_within
-from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, STATES, TINY, State
+from bench_sim.model.layout import EXTRA_BRANCHES, EXTRA_DASHPOTS, TINY, State
 from bench_sim.model.pipe import pipe_steps
 
-#: Number of states without creep, pipe and extra branches, and with the first of them.
-_WITHOUT: Final = int(State.CREEP)
-_WITH_CREEP: Final = int(State.PIPE_FLOW)
+#: Number of states that are always integrated, and of those with a pipe.
+_ALWAYS: Final = int(State.PIPE_FLOW)
 _WITH_PIPE: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 
 
 @compiled
 def integrated_states(par: Any) -> int:
-    """So many states, from the first one on, can move with these parameters; those behind them stay as they are."""
+    """So many states, from the first one on, are integrated with these parameters.
+
+    Those behind them belong to what is not fitted: no term may read or write them.
+    """
     branches = 0
     while branches < EXTRA_BRANCHES and par.extra_branch_ratio[branches] != 0.0:
         branches += 1
@@ -32,9 +34,7 @@ def integrated_states(par: Any) -> int:
         return State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * branches
     if par.pipe_length[0] > 0.0 or par.pipe_length[1] > 0.0:
         return _WITH_PIPE
-    if par.creep_ratio[0] != 0.0 or par.creep_ratio[1] != 0.0:
-        return _WITH_CREEP
-    return _WITHOUT
+    return _ALWAYS
 
 
 @compiled
@@ -51,8 +51,6 @@ def runge_kutta(
 
     ``work`` (5, STATES) holds the four slopes and the state at which the next one is taken.
     """
-    for k in range(states, STATES):
-        work[4, k] = x[k]
     for stage in range(1, 4):
         ahead = h if stage == 3 else 0.5 * h
         for k in range(states):
