@@ -2,6 +2,7 @@
 
 Two moments matter.  During the run, nothing may wait for the disk: ``append`` only copies into memory, a thread
 of the recorder writes a batch every half second, of the run's clock or of the wall's, whichever comes first.
+(In virtual time everything may wait: there each batch is written at once, which spares two changes of thread.)
 At the end the stream becomes a Parquet file whose bytes do not depend on how the batches happened to fall.
 """
 
@@ -14,11 +15,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
-import msgspec
-
+from bench_records.conversion import convert
 from bench_records.layout import (
     FORMAT,
-    META,
     PARQUET,
     PREFIX,
     RESERVED,
@@ -27,9 +26,7 @@ from bench_records.layout import (
     RecordedEvent,
     RecordError,
     SignalInfo,
-    as_array,
     encode,
-    flat,
 )
 
 if TYPE_CHECKING:
@@ -41,8 +38,6 @@ BATCH_INTERVAL_S = 0.5
 # Two hours at the bench's full rate, 0.9 GB of memory at the very worst: a limit, not a target.
 SAMPLE_LIMIT = 50_000_000
 EVENT_LIMIT = 100_000
-ROW_GROUP = 1 << 20
-END_OF_STREAM = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 
 
 class Recorder:
@@ -50,7 +45,8 @@ class Recorder:
 
     ``append`` may be called from one thread and ``event`` from another.  ``limit`` bounds the samples of the record;
     what comes after is counted, not kept, and the record says so.  ``start_ns`` is the instant that readers
-    will call 0 s; without it, the first sample or event.
+    will call 0 s; without it, the first sample or event.  Not ``in_background``, ``append`` itself writes each batch:
+    for virtual time, in which nothing is late.
 
     Raises ``RecordError`` if the directory already holds an unfinished stream, if a name is taken twice, or
     if the meta data use one of the format's own keys.
@@ -64,6 +60,7 @@ class Recorder:
         *,
         start_ns: int | None = None,
         limit: int = SAMPLE_LIMIT,
+        in_background: bool = True,
     ) -> None:
         import pyarrow as pa
 
@@ -99,7 +96,9 @@ class Recorder:
         self._writer = pa.ipc.new_stream(self._file, schema)
         self._file.flush()
         self._thread = threading.Thread(target=self._write_batches, name="recorder", daemon=True)
-        self._thread.start()
+        self._in_background = in_background
+        if in_background:
+            self._thread.start()
 
     def append(
         self,
@@ -144,8 +143,10 @@ class Recorder:
             due = newest - self._batch_start_ns >= BATCH_INTERVAL_S * SECOND
             if due:
                 self._batch_start_ns = newest
-        if due:
+        if due and self._in_background:
             self._wake.set()
+        elif due:
+            self._drain()
 
     def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
         """Keep what happened at ``time_ns``: a change of state, a trip, a check.  ``data`` must fit into JSON."""
@@ -188,12 +189,13 @@ class Recorder:
             if self._closed:
                 return target
             self._closed = True
-        self._wake.set()
-        self._thread.join()
+        if self._in_background:
+            self._wake.set()
+            self._thread.join()
         self._finish_stream()
         if self.dropped:
             meta["dropped"] = self.dropped
-        _convert(self.directory / STREAM, meta)
+        convert(self.directory / STREAM, meta)
         return target
 
     def __enter__(self) -> Self:
@@ -271,145 +273,6 @@ class Recorder:
             except (OSError, pa.ArrowException) as error:
                 self._failure = error
         self._refuse_if_failed()
-
-
-class Recovery(msgspec.Struct, frozen=True):
-    """What a cut-off stream still held."""
-
-    samples: int
-    events: int
-    seconds: float
-    unreadable_bytes: int
-    complete: bool
-
-    def __str__(self) -> str:
-        kept = f"{self.samples} samples and {self.events} events over {self.seconds:.3f} s were recovered"
-        if self.complete:
-            return f"{kept}; nothing was lost"
-        return f"{kept}; {self.unreadable_bytes} bytes were cut off; at most the last second before the end is lost"
-
-
-def recover(directory: Path | str) -> Recovery:
-    """Make the Parquet record of a stream that a killed process left behind, and say how much of it there was.
-
-    Raises ``RecordError`` where there is no stream, or none of ours.
-    """
-    stream = Path(directory) / STREAM
-    if not stream.is_file():
-        raise RecordError(f"{directory} holds no {STREAM}: there is nothing to recover")
-    return _convert(stream, {}, recovering=True)
-
-
-def _convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> Recovery:
-    import pyarrow as pa
-
-    with pa.memory_map(str(stream)) as source:
-        try:
-            reader = pa.ipc.open_stream(source)
-        except (pa.ArrowException, OSError) as error:
-            raise RecordError(
-                f"{stream} is cut off before its first sample, or no Arrow stream: {error}"
-            ) from error
-        facts = _facts(reader.schema, stream)
-        batches: list[pa.RecordBatch] = []
-        events: list[RecordedEvent] = []
-        good = source.tell()
-        while True:
-            try:
-                batch, custom = reader.read_next_batch_with_custom_metadata()
-                batch.validate()
-                if custom is not None:
-                    events += msgspec.json.decode(custom[b"events"], type=list[RecordedEvent])
-            except (StopIteration, pa.ArrowException, OSError, msgspec.MsgspecError):
-                break
-            batches.append(batch)
-            good = source.tell()
-        table = pa.Table.from_batches(batches, reader.schema)
-        size = source.size()
-        source.seek(max(0, size - len(END_OF_STREAM)))
-        complete = bytes(source.read()) == END_OF_STREAM and good + len(END_OF_STREAM) >= size
-        start_ns, end_ns = _span(facts.pop("start_ns"), table, events)
-        recovery = Recovery(
-            samples=table.num_rows,
-            events=len(events),
-            seconds=(end_ns - start_ns) / SECOND,
-            unreadable_bytes=0 if complete else size - good,
-            complete=complete,
-        )
-        signals = facts.pop("signals")
-        facts.update(meta)
-        if recovering:
-            facts["recovered"] = str(recovery)
-        _write_parquet(stream.with_name(PARQUET), table, signals, events, {**facts, "start_ns": start_ns})
-    summary = {**facts, "samples": recovery.samples, "duration_s": recovery.seconds, "events": events}
-    stream.with_name(META).write_bytes(msgspec.json.format(encode(summary), indent=2) + b"\n")
-    stream.unlink()
-    return recovery
-
-
-def _write_parquet(
-    target: Path,
-    table: pa.Table,
-    signals: list[SignalInfo],
-    events: list[RecordedEvent],
-    facts: dict[str, Any],
-) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    builder = pa.lib.StringBuilder()  # as in `_drain`: pa.array would import pandas
-    builder.append_values([signal.name for signal in signals])
-    names = builder.finish()
-    schema = pa.schema(
-        [
-            pa.field("time_ns", pa.int64(), nullable=False),
-            pa.field("signal", pa.dictionary(pa.int16(), pa.string()), nullable=False),
-            pa.field("value", pa.float64(), nullable=False),
-        ]
-    )
-    facts = {**facts, "format": FORMAT, "signals": signals, "events": events}
-    # Under another name until it is whole: who finds a record.parquet finds a good one.
-    unfinished = target.with_name(target.name + ".part")
-    with pq.ParquetWriter(
-        unfinished,
-        schema,
-        compression="zstd",
-        use_dictionary=["signal", "value"],
-        column_encoding={"time_ns": "DELTA_BINARY_PACKED"},
-        write_statistics=["time_ns"],
-        write_page_checksum=True,
-    ) as writer:
-        for first in range(0, table.num_rows, ROW_GROUP):
-            # One chunk per row group, so that the pages do not follow the accidents of batching.
-            part = table.slice(first, ROW_GROUP).combine_chunks()
-            column = pa.DictionaryArray.from_arrays(flat(part.column("signal")), names)
-            writer.write_table(
-                pa.Table.from_arrays(
-                    [flat(part.column("time_ns")), column, flat(part.column("value"))], schema=schema
-                )
-            )
-        writer.add_key_value_metadata({PREFIX + key: encode(facts[key]).decode() for key in sorted(facts)})
-    unfinished.replace(target)
-
-
-def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
-    raw = {key.decode(): value for key, value in (schema.metadata or {}).items()}
-    if raw.get(PREFIX + "format") != encode(FORMAT):
-        raise RecordError(f"{stream} is an Arrow stream, but not one of this recorder's ({FORMAT})")
-    facts = {key.removeprefix(PREFIX): msgspec.json.decode(value) for key, value in raw.items()}
-    del facts["format"]
-    facts["signals"] = msgspec.convert(facts["signals"], list[SignalInfo], strict=False)
-    return facts
-
-
-def _span(start_ns: int | None, table: pa.Table, events: list[RecordedEvent]) -> tuple[int, int]:
-    instants = [event.time_ns for event in events]
-    for chunk in table.column("time_ns").chunks:
-        if len(chunk):
-            times = as_array(chunk)
-            instants += [int(times.min()), int(times.max())]
-    start = start_ns if start_ns is not None else min(instants, default=0)
-    return start, max([start, *instants])
 
 
 def _stream_schema() -> pa.Schema:

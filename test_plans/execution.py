@@ -16,7 +16,7 @@ from test_plans.analysis import NotMeasured
 from test_plans.plan import Part, Plan
 from test_plans.punctuality import lateness, timing
 from test_plans.readings import CHAMBERS
-from test_plans.recording import Recording, keep_settings, recorded_signals
+from test_plans.recording import Recording, begin_recording, keep_settings
 from test_plans.run import Nobody, Run, Watcher
 from test_plans.steps.carrying import RESIDUAL_PRESSURE
 
@@ -48,15 +48,10 @@ def execute(
     """
     from bench_records.junit import write_junit
     from bench_records.layout import phases_of
-    from bench_records.recorder import Recorder
     from bench_records.result import conclude
 
-    signals = recorded_signals(bench.table)
     start = bench.clock.now()
-    recorder = Recorder(
-        directory, list(signals.values()), {"plan": plan.name, **(meta or {})}, start_ns=start
-    )
-    recording = Recording(bench.table, list(signals), recorder)
+    recording = begin_recording(bench.table, bench.clock, directory, {"plan": plan.name, **(meta or {})})
     run = Run(bench, recording, watcher or Nobody(), plan.lasts)
     before = lateness(bench)
     with _recorded(run, recording):

@@ -6,11 +6,13 @@ import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from math import isnan
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.clock import Clock, VirtualClock
 from bench_protocol.signals import PANELS, Kind
 from bench_protocol.units import FACTORS, NS, ms
 from bench_protocol.wires import Table
@@ -120,6 +122,21 @@ class Recording:
             self._recorder.event(time, kind, f"{signal.name}: {signal.show(value)}")
         elif tripped := self._table.tripped(value):
             self._recorder.event(time, kind, f"limit of {tripped.name} tripped", signal=tripped.name)
+
+
+def begin_recording(table: Table, clock: Clock, directory: Path | str, meta: dict[str, Any]) -> Recording:
+    """Return the recording of a run that begins now; RecordError if there is a record in the directory that is open."""
+    from bench_records.recorder import Recorder
+
+    signals = recorded_signals(table)
+    recorder = Recorder(
+        directory,
+        list(signals.values()),
+        meta,
+        start_ns=clock.now(),
+        in_background=not isinstance(clock, VirtualClock),
+    )
+    return Recording(table, list(signals), recorder)
 
 
 def keep_settings(run: Run, values: Mapping[str, float]) -> None:

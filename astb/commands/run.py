@@ -73,8 +73,8 @@ def run_command(
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
 def report_command(directory: Path) -> None:
     """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
+    from bench_records.conversion import recover
     from bench_records.layout import STREAM, RecordError
-    from bench_records.recorder import recover
     from bench_records.report import write_report
 
     try:

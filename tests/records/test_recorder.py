@@ -16,9 +16,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench_records.conversion import recover
 from bench_records.layout import META, PARQUET, STREAM, RecordError, SignalInfo
 from bench_records.record import read
-from bench_records.recorder import Recorder, recover
+from bench_records.recorder import Recorder
 
 SIGNALS = [
     SignalInfo("left.height", "mm", 1e-3, "left"),
@@ -170,6 +171,23 @@ def test_a_killed_process_loses_at_most_a_second(tmp_path: Path, silent: bool) -
     assert [event.text for event in record.events] == ["begun"]
     assert record.meta["recovered"] == str(recovery)
     assert not (tmp_path / STREAM).exists()
+
+
+def test_in_virtual_time_the_last_second_at_most_is_unwritten_at_any_moment(tmp_path: Path) -> None:
+    before = threading.active_count()
+    recorder = Recorder(tmp_path / "run", SIGNALS, start_ns=0, in_background=False)
+    assert threading.active_count() == before
+    for beat in range(500):  # 10 s in an instant
+        recorder.append([beat * 20 * MS], [0], [float(beat)])
+        if beat % 99 == 98:
+            copy = tmp_path / f"killed at {beat}"
+            copy.mkdir()
+            shutil.copy(tmp_path / "run" / STREAM, copy)
+            recover(copy)
+            times = read(copy).series("left.height")[0]
+            assert beat * 0.02 - times[-1] <= 1.0
+    recorder.close()
+    assert len(read(tmp_path / "run")) == 500
 
 
 @pytest.fixture(scope="module")
