@@ -153,7 +153,7 @@ def _bit(name: str, text: str) -> Signal:
 
 SETPOINTS: Final = (
     _bit("enable", "D: leave INIT; clearing it disables the bench"),
-    _bit("hold", "H: HOLD or higher; clearing it unloads the actuators"),
+    _bit("hold", "H: HOLD or higher; clearing it lets the actuators go, once the springs are empty"),
     _bit("active", "M: ACTIVE; clearing it holds the present value"),
     _bit("reset", "R: its rising edge resets a fault and leaves DISABLED"),
     _setpoint("vertical_left.force_setpoint", "kN", 200 * kN, 10 * N, "Used in force control"),
@@ -246,7 +246,7 @@ ACTIONS: Final = (
     _coil("power_off", 3, "Any state without a fault to OFF"),
     _coil("air_low", 4, "Supply open, flow restricted"),
     _coil("air_high", 5, "Supply open, full flow"),
-    _coil("disable", 6, "To DISABLED: actuators unloaded softly, valves shut"),
+    _coil("disable", 6, "To DISABLED: held, vented, set down, unloaded"),
     _coil("program_run", 7, "Start or continue the function generator"),
     _coil("program_hold", 8, "Freeze the function generator where it is"),
     _coil("program_stop", 9, "Stop the function generator; the axis returns softly"),
@@ -262,7 +262,7 @@ INTERLOCKS: Final = (
     _contact("pneumatic", 1, "The interlock that removes pressure is open"),
     _contact("program", 2, "The interlock that stops the program is open"),
     _contact("command", 3, "Valid commands arrive in time"),
-    _contact("limits", 4, "A limit detector has tripped"),
+    _contact("limits", 4, "A limit detector has tripped, or stands since it was reset"),
     _contact("fault", 5, "A fault is latched"),
     _contact("staged", 6, "Settings are staged and not yet applied"),
 )

@@ -84,6 +84,8 @@ WRITTEN_UNITS: Final[dict[str, Unit]] = {
     "bar": Unit("Pa", 1e5),
     "m/N": Unit("m/N", 1.0),
     "mm/kN": Unit("m/N", 1e-6),
+    "m/(N*s)": Unit("m/(N*s)", 1.0),
+    "mm/(kN*s)": Unit("m/(N*s)", 1e-6),
     "N/m": Unit("N/m", 1.0),
     "kN/m": Unit("N/m", 1e3),
     "MN/m": Unit("N/m", 1e6),

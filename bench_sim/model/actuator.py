@@ -86,6 +86,15 @@ def piston_displacement(x: Any, mem: Any, par: Any, j: int, force: float, d: flo
 
 
 @compiled
+def relief_speed(x: Any, mem: Any, par: Any, j: int) -> float:
+    """Speed at which a shut-in piston gives way to a force beyond that of its relief valves, in m/s; 0 below it."""
+    d, d_speed = bolster_point(x, par, j)
+    force = actuator_force(x, mem, par, j, d, d_speed)
+    beyond = force - min(max(force, -par.actuator_relief_force[j]), par.actuator_relief_force[j])
+    return -actuator_sense(j) * par.actuator_relief_flow[j] * beyond
+
+
+@compiled
 def hold_setpoint(mem: Any, j: int, value: float) -> None:
     """Fill the delay line with one value: the actuator has always been asked for it."""
     mem.setpoint[j] = value
@@ -118,9 +127,14 @@ def command_actuators(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
     head = mem.step % DELAY_CAPACITY
     for j in range(ACTUATORS):
         mode = int(u[Input.VERTICAL_LEFT_MODE + j])
+        target = u[Input.VERTICAL_LEFT_COMMAND + j]
+        shut_in = mode == Mode.SHUT_IN
+        if shut_in:
+            mode = Mode.DISPLACEMENT.value  # the oil column is as stiff with its valve closed
         if mode != mem.mode[j]:
             change_mode(x, mem, par, j, mode)
-        target = u[Input.VERTICAL_LEFT_COMMAND + j]
+        if shut_in:
+            target = mem.setpoint[j] + (target + relief_speed(x, mem, par, j)) * dt
         if mode == Mode.DISPLACEMENT:
             limit = par.actuator_stroke[j]
             slew = par.actuator_speed_limit[j]

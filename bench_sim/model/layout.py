@@ -45,6 +45,7 @@ class Mode(IntEnum):
     OFF = 0  #: unloads softly and then follows without force
     FORCE = 1  #: command in N
     DISPLACEMENT = 2  #: command in m
+    SHUT_IN = 3  #: valve closed, the oil holds the piston; command in m/s, at which a throttle lets it go
 
 
 class Input(IntEnum):
@@ -61,9 +62,9 @@ class Input(IntEnum):
     VERTICAL_LEFT_MODE = 8  #: a `Mode`
     VERTICAL_RIGHT_MODE = 9
     LATERAL_MODE = 10
-    VERTICAL_LEFT_COMMAND = 11  #: N pushing down (FORCE) or m up (DISPLACEMENT)
+    VERTICAL_LEFT_COMMAND = 11  #: N pushing down (FORCE), m up (DISPLACEMENT) or m/s up (SHUT_IN)
     VERTICAL_RIGHT_COMMAND = 12
-    LATERAL_COMMAND = 13  #: N pushing to the left (FORCE) or m to the left (DISPLACEMENT)
+    LATERAL_COMMAND = 13  #: N pushing to the left (FORCE), m (DISPLACEMENT) or m/s to the left (SHUT_IN)
     PLATFORM_VERTICAL = 14  #: m up
     PLATFORM_LATERAL = 15  #: m to the left
     PLATFORM_ROLL = 16  #: rad, left side up

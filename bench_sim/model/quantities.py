@@ -126,6 +126,8 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("m/s", "actuator_speed_limit", shape=_ACTUATOR),
     *_each("N", "actuator_force_limit", shape=_ACTUATOR),
     *_each("N/s", "actuator_force_rate", "actuator_unload_rate", shape=_ACTUATOR),
+    *_each("N", "actuator_relief_force", shape=_ACTUATOR),
+    *_each("m/(N*s)", "actuator_relief_flow", shape=_ACTUATOR),
     *_each("N/m", "frame_stiffness", shape=_ACTUATOR),
     *_each("N*s/m", "frame_damping", shape=_ACTUATOR),
     *_each("Hz", "platform_frequency"),

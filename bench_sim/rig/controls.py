@@ -37,7 +37,7 @@ class AirSupply(IntEnum):
     SHUT = 0
     RESTRICTED = 1
     FULL = 2
-    VENTED = 3  #: emergency stop: supply shut, springs vented
+    VENTED = 3  #: safe position: supply shut, springs open to the atmosphere
 
 
 class ControlBit(IntFlag):
@@ -73,6 +73,8 @@ CONTROLS: Final = np.dtype(
         ("lost", "<i8"),
         ("active", "<i8"),  # 1: follow the commander's set-points
         ("engaged", "<i8"),  # 1: the actuators hold or move
+        ("shut_in", "<i8"),  # 1: the actuators stay shut in, with or without pressure
+        ("grip", "<i8"),  # `safe_position.Grip`
         ("air", "<i8"),  # `AirSupply`
         ("control", "<i8", (3,)),  # control mode by actuator
         ("goal", "<f8", (TARGETS,)),

@@ -54,10 +54,16 @@ DETECTOR: Final = np.dtype(
         ("low", "<f8"),
         ("high", "<f8"),
         ("samples", "<i8"),
-        ("outside", "<i8"),
+        ("outside", "<i8"),  # samples outside in a row
         ("tripped", "<i8"),
+        ("standing", "<i8"),  # 1: was outside when it was reset, and has not come back yet
+        ("slack", "<f8"),  # how far a standing reading may go out again
+        ("lowest", "<f8"),  # where a standing detector trips instead
+        ("highest", "<f8"),
     ]
 )
+#: A standing reading may move outwards by this part of its range, or noise would trip it.
+_SLACK: Final = 0.01
 
 
 def detectors(table: Table, limits: tuple[Limit, ...], rate: float) -> npt.NDArray[np.void]:
@@ -65,5 +71,18 @@ def detectors(table: Table, limits: tuple[Limit, ...], rate: float) -> npt.NDArr
     rows = np.zeros(len(limits), DETECTOR)
     for row, limit in enumerate(limits):
         samples = max(1, round(limit.persistence * rate))
-        rows[row] = (table.index[limit.signal], limit.low, limit.high, samples, 0, 0)
+        slack = _SLACK * (limit.high - limit.low)
+        rows[row] = (table.index[limit.signal], limit.low, limit.high, samples, 0, 0, 0, slack, 0.0, 0.0)
     return rows
+
+
+def reset_detectors(detectors: npt.NDArray[np.void], values: npt.NDArray[np.float64]) -> None:
+    """Clear what has tripped, given all signals by table row (SI).
+
+    What is still outside is standing from now on: it trips only if it goes farther out, so that the way back is open.
+    """
+    readings = values[detectors["signal"]]
+    detectors["tripped"] = detectors["outside"] = 0
+    detectors["standing"] = (readings < detectors["low"]) | (readings > detectors["high"])
+    detectors["lowest"] = readings - detectors["slack"]
+    detectors["highest"] = readings + detectors["slack"]

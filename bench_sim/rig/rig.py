@@ -22,12 +22,15 @@ from bench_sim.parameters import Parameters
 from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, AirSupply, ControlBit, Happened, Target
 from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
-from bench_sim.rig.limits import LIMITS, Limit, LimitAction, detectors
+from bench_sim.rig.limits import LIMITS, Limit, LimitAction, detectors, reset_detectors
 from bench_sim.rig.registers import RegisterBank
+from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import (
     COMMAND_VALID,
     ENGAGED,
     ESTOP_RELEASED,
+    SAFE,
+    SHUT_IN,
     STATUS_CODES,
     Event,
     StateMachine,
@@ -129,7 +132,7 @@ class Rig:
                 "pneumatic": lambda: self.state not in (*LIVE, BenchState.FAULT_HOLD),
                 "program": lambda: self.state is not BenchState.ACTIVE,
                 "command": self._command_valid,
-                "limits": lambda: bool(self._detectors["tripped"].any()),
+                "limits": lambda: bool((self._detectors["tripped"] | self._detectors["standing"]).any()),
                 "fault": lambda: self.state in FAULTS,
                 "staged": lambda: self.registers.unapplied,
             },
@@ -221,6 +224,11 @@ class Rig:
         with self.lock:
             self.estop = False
 
+    def cut_power(self) -> None:
+        """Take the power from valves and actuators: they fall into their safe position; the doors keep theirs."""
+        with self.lock:
+            self._handle(Event.POWER_LOST)
+
     # -- what the loop around it reports -------------------------------------------------------------------------
 
     def report_lateness(self, lateness: float, *, lost: bool = False) -> None:
@@ -266,7 +274,7 @@ class Rig:
         modes = (vertical, vertical, lateral)
         if self.generator.busy and (c["control"] != modes).any():
             return False  # a mode must not change under a running program
-        if not self.fittings.change(settings, engaged=bool(c["engaged"])):
+        if not self.fittings.change(settings, engaged=bool(c["engaged"] or c["grip"] != Grip.OPEN)):
             return False
         for k, side in enumerate(SIDES):
             c["air_mode"][k] = settings[f"air.{side}_mode"]
@@ -351,6 +359,9 @@ class Rig:
             self._freeze(keep_program=state is BenchState.HOLD)
         if state is not BenchState.FAULT_REACTION:  # while it reacts, the bench keeps what it has
             c["engaged"] = state in ENGAGED
+            c["shut_in"] = state in SHUT_IN
+        if state in (*ENGAGED, *SHUT_IN) or (state in SAFE and before not in SAFE):
+            c["grip"] = Grip.SHUT  # also of a bolster that floated on its springs: nothing moves it now
         c["active"] = state is BenchState.ACTIVE
         c["armed"] = state in (*LIVE, BenchState.FAULT_HOLD)
         if state in (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE):
@@ -358,12 +369,12 @@ class Rig:
         elif state is BenchState.AIR_LOW:
             c["air"] = AirSupply.RESTRICTED
         else:
-            c["air"] = AirSupply.VENTED if state is BenchState.ESTOP else AirSupply.SHUT
+            c["air"] = AirSupply.VENTED if state in SAFE else AirSupply.SHUT
         if state in (BenchState.BOOT, BenchState.INIT):
             c["alarm"] = c["tick"] + _BOOT_TICKS
         elif state is BenchState.FAULT_REACTION:
             c["alarm"] = c["tick"] + 1
-        if (state in FAULTS) != (before in FAULTS):
+        if (state in FAULTS) != (before in FAULTS) or event is Event.ESTOP:
             self._emergency()
         return True
 
@@ -430,8 +441,7 @@ class Rig:
         """Clear what is latched, if the state machine lets the reset through."""
         if not self._handle(Event.RESET):
             return False
-        self._detectors["tripped"] = 0
-        self._detectors["outside"] = 0
+        reset_detectors(self._detectors, self.values)
         self._set("rig.tripped", 0.0)
         self._controls["late"] = self._controls["lost"] = 0
         self._step_down()

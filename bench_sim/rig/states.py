@@ -30,8 +30,9 @@ class Event(StrEnum):
     TRIP_OFF = "a limit with the action power off tripped"
     TICK_LOST = "a tick was lost under the policy fault"
     REACTED_HOLD = "reaction finished, holding"
-    REACTED_DISABLE = "reaction finished, unloading"
+    REACTED_DISABLE = "reaction finished, to the safe position"
     ESTOP = "emergency stop pressed"
+    POWER_LOST = "power lost"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +49,12 @@ _S, _E = BenchState, Event
 COMMAND_VALID: Final = "valid commands arrive"
 ESTOP_RELEASED: Final = "emergency stop released"
 
-#: States in which the actuators hold or move.
-ENGAGED: Final = (_S.HOLD, _S.ACTIVE, _S.FAULT_HOLD)
+#: States in which the actuators hold or move what they are told.
+ENGAGED: Final = (_S.HOLD, _S.ACTIVE)
+#: States in which they are shut in, whatever they were told: a held force would let a moving bolster fly on.
+SHUT_IN: Final = (_S.FAULT_HOLD,)
+#: States in which the bench takes its safe position: held while there is pressure, vented, set down, let go.
+SAFE: Final = (_S.OFF, _S.BOOT, _S.INIT, _S.DISABLED, _S.FAULT_DISABLED, _S.ESTOP)
 
 TRANSITIONS: Final[tuple[Transition, ...]] = (
     Transition(_S.OFF, _E.POWER_ON, _S.BOOT),
@@ -80,6 +85,7 @@ TRANSITIONS: Final[tuple[Transition, ...]] = (
     Transition(_S.FAULT_DISABLED, _E.RESET, _S.DISABLED),
     *(Transition(state, _E.ESTOP, _S.ESTOP) for state in BenchState if state not in (_S.OFF, _S.ESTOP)),
     Transition(_S.ESTOP, _E.RESET, _S.DISABLED, ESTOP_RELEASED),
+    *(Transition(state, _E.POWER_LOST, _S.OFF) for state in BenchState if state is not _S.OFF),
 )
 
 #: The first cause that leads into a fault, by the event.
@@ -125,15 +131,19 @@ class StateMachine:
         return row is not None and (not row.needs or self._conditions[row.needs]())
 
     def handle(self, event: Event) -> bool:
-        """Take the transition for ``event`` if there is one; the first reason for a fault stays until it is reset."""
+        """Take the transition for ``event`` if there is one.
+
+        The first reason for a fault stays until it is reset; only an emergency stop takes its place.
+        """
         if not self.allows(event):
             return False
         target = self._rows[self.state, event].target
-        if event in REASON_OF and self.reason in (Reason.NONE, Reason.BY_COMMANDER):
+        first = self.reason in (Reason.NONE, Reason.BY_COMMANDER)
+        if event in REASON_OF and (first or event is Event.ESTOP):
             self.reason = REASON_OF[event]
         elif event is Event.DISABLE and target is BenchState.DISABLED:
             self.reason = Reason.BY_COMMANDER
-        elif event is Event.RESET:
+        elif event in (Event.RESET, Event.POWER_LOST):
             self.reason = Reason.NONE
         self.state = target
         return True

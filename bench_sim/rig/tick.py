@@ -43,6 +43,7 @@ from bench_sim.rig.controls import (
     Happened,
     Target,
 )
+from bench_sim.rig.safe_position import LOWERING_SPEED, Grip, keep_grip
 
 FRAMES_PER_TICK_MAX: Final = 12
 
@@ -71,7 +72,8 @@ _TICK_MODULUS: Final = int(COUNT_MAX) + 1
 _LEVEL: Final = AIR_MODES.index("level")
 _FILL: Final = AIR_MODES.index("fill")
 _VENT: Final = AIR_MODES.index("vent")
-assert tuple(mode.name.lower() for mode in Mode) == CONTROL_MODES
+#: The plant knows one mode more: nobody commands an actuator to be shut in, it is what its valve does by itself.
+assert tuple(mode.name.lower() for mode in Mode if mode is not Mode.SHUT_IN) == CONTROL_MODES
 _AXIS_VERTICAL: Final = AXES.index("vertical")
 _AXIS_ROLL: Final = AXES.index("roll")
 #: Targets stand as the actuators and then the axes of the platform, the generator's axes from the lateral one on alike.
@@ -155,9 +157,14 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
     for actuator in range(len(ACTUATORS)):
         command = Input.VERTICAL_LEFT_COMMAND + actuator
         mode = Input.VERTICAL_LEFT_MODE + actuator
-        # The wire's numbers of the control modes are the plant's.
-        u[mode] = float(c.control[actuator]) if c.engaged != 0 else 0.0
-        u[command] = c.setpoint[actuator] + c.offset[actuator]
+        if c.engaged != 0 or c.grip == Grip.OPEN:
+            # The wire's numbers of the control modes are the plant's.
+            u[mode] = float(c.control[actuator]) if c.engaged != 0 else 0.0
+            u[command] = c.setpoint[actuator] + c.offset[actuator]
+        else:
+            lowering = c.grip == Grip.LOWERING and actuator != Target.LATERAL
+            u[mode] = float(Mode.SHUT_IN.value)
+            u[command] = -LOWERING_SPEED if lowering else 0.0
     for axis in range(len(PLATFORM_AXES)):
         target = Target.PLATFORM_VERTICAL + axis
         u[Input.PLATFORM_VERTICAL + axis] = c.setpoint[target] + c.offset[target]
@@ -177,18 +184,29 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
         leveling = c.air == AirSupply.FULL and c.air_mode[side] == _LEVEL
         u[Input.LEFT_SERVICE_VALVE + side] = opening
         u[Input.LEFT_LEVELING + side] = 1.0 if leveling else 0.0
-        # An emergency stop empties the bellows too: the way through their auxiliary chambers stands open.
+        # The bellows are vented too: the way through their auxiliary chambers stands open.
         u[Input.LEFT_RESERVOIR_VALVE + side] = 1.0 if c.air == AirSupply.VENTED else c.reservoir[side]
 
 
 @compiled
 def _detect(values: Any, detectors: Any) -> int:
-    """Advance the limit detectors by one sample; return whether one of them tripped just now."""
+    """Advance the limit detectors by one sample; return whether one of them tripped just now.
+
+    A standing detector lets its reading come back, bit by bit, but not go out again.
+    """
     happened = Happened.NOTHING.value
     for row in range(detectors.size):
         detector = detectors[row]
         value = values[detector.signal]
-        if value < detector.low or value > detector.high:
+        low, high = detector.low, detector.high
+        if detector.standing != 0:
+            if low <= value <= high:
+                detector.standing = 0
+            else:
+                detector.lowest = max(detector.lowest, value - detector.slack)
+                detector.highest = min(detector.highest, value + detector.slack)
+                low, high = min(low, detector.lowest), max(high, detector.highest)
+        if value < low or value > high:
             detector.outside += 1
             if detector.outside >= detector.samples and detector.tripped == 0:
                 detector.tripped = 1
@@ -328,6 +346,7 @@ def run_ticks(
             read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)
             for k in range(SENSORS):
                 values[k] = sampling.readings[k]
+            keep_grip(c, values)
             happened |= _detect(values, sampling.detectors)
             time = c.tick * TICK_NS
             position = _send(values, sending, sending.fast, time, out, position)

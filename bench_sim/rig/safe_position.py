@@ -1,0 +1,54 @@
+"""The safe position: shut-in actuators hold the bolster until its springs are empty, set it down, and only then let go.
+
+Actuators that unloaded while there is pressure would let the springs throw the bolster up: 120 mm at 1.6 bar. So what
+has once been engaged keeps its grip, whatever becomes of commander, wires and power: the valves of the actuators shut
+by their springs, the exhausts of the springs open by theirs, and the orifice of a lowering valve does the rest.
+"""
+
+from enum import IntEnum
+from typing import Any, Final
+
+from bench_protocol.signals import Group
+from bench_protocol.units import bar, kN, mm, s
+from bench_sim.model.compiled import compiled
+from bench_sim.model.layout import Sensor
+from bench_sim.model.wiring import sensors_of
+
+#: Just less than what carries the bolster (0.23 bar): nothing moves when actuators with hardly a load let go.
+EMPTY: Final = 0.22 * bar
+#: What an actuator still pulls up when the bolster counts as set down.
+SET_DOWN: Final = 0.5 * kN
+LOWERING_SPEED: Final = 40 * mm / s
+
+_CHAMBERS: Final = tuple(int(sensor) for sensor in sensors_of(Group.PRESSURE))
+
+
+class Grip(IntEnum):
+    """What actuators do that are not engaged."""
+
+    OPEN = 0  #: unloaded: they follow without force
+    SHUT = 1  #: shut in: they hold what the springs push against
+    LOWERING = 2  #: the springs are empty: they set down what hangs on them
+
+
+@compiled
+def keep_grip(c: Any, values: Any) -> None:
+    """Decide from the readings whether the actuators may let go; ``values``: signals by table row, sensors first.
+
+    A pressure that nobody can read counts as there.
+    """
+    if c.engaged != 0 or c.shut_in != 0:
+        c.grip = Grip.SHUT.value
+    elif c.grip != Grip.OPEN:
+        empty = True
+        for chamber in _CHAMBERS:
+            if not values[chamber] < EMPTY:
+                empty = False
+        if not empty:
+            c.grip = Grip.SHUT.value
+        elif (
+            values[Sensor.VERTICAL_LEFT_FORCE] < -SET_DOWN or values[Sensor.VERTICAL_RIGHT_FORCE] < -SET_DOWN
+        ):
+            c.grip = Grip.LOWERING.value
+        else:
+            c.grip = Grip.OPEN.value
