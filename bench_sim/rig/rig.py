@@ -15,7 +15,7 @@ from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
-from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, SIDES, BenchState, Reason
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, SIDES, BenchState
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
@@ -27,6 +27,7 @@ from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import (
     COMMAND_VALID,
+    EMERGENCY_CODES,
     ENGAGED,
     ESTOP_RELEASED,
     SAFE,
@@ -51,17 +52,6 @@ _STEERING: Final = Steering.of_table()
 #: More command frames than this in one block are a flood; the rest is ignored.
 _CHANGES_MAX: Final = 4096
 _REJECTED: Final = TABLE.index["rig.rejected_commands"]
-#: CANopen emergency codes (CiA 301): 0x8130 is its heartbeat error, 0xFF00 and up are the device's own.
-_EMERGENCY: Final = {
-    Reason.NONE: 0x0000,
-    Reason.COMMAND_LATE: 0x8130,
-    Reason.COMMAND_LOST: 0x8130,
-    Reason.DISCONNECTED: 0x8130,
-    Reason.LIMIT: 0xFF01,
-    Reason.ESTOP: 0xFF02,
-    Reason.TICK_LOST: 0xFF03,
-    Reason.BY_COMMANDER: 0x0000,
-}
 
 
 class Rig:
@@ -390,8 +380,8 @@ class Rig:
 
     def _emergency(self) -> None:
         reason = self.machine.reason
-        self._set("emergency.code", _EMERGENCY[reason])
-        self._set("emergency.register", 1.0 if _EMERGENCY[reason] else 0.0)
+        self._set("emergency.code", EMERGENCY_CODES[reason])
+        self._set("emergency.register", 1.0 if EMERGENCY_CODES[reason] else 0.0)
         self._set("emergency.reason", reason)
         time = int(self._controls["tick"]) * TICK_NS
         self._pending.append(self._encoder.encode(self.values, self._emergency_row, time))

@@ -116,6 +116,19 @@ STATUS_CODES: Final[dict[BenchState, int]] = {
 }
 
 
+#: CANopen emergency codes (CiA 301): 0x8130 is its heartbeat error, 0xFF00 and up are the device's own.
+EMERGENCY_CODES: Final[dict[Reason, int]] = {
+    Reason.NONE: 0x0000,
+    Reason.COMMAND_LATE: 0x8130,
+    Reason.COMMAND_LOST: 0x8130,
+    Reason.DISCONNECTED: 0x8130,
+    Reason.LIMIT: 0xFF01,
+    Reason.ESTOP: 0xFF02,
+    Reason.TICK_LOST: 0xFF03,
+    Reason.BY_COMMANDER: 0x0000,
+}
+
+
 class StateMachine:
     """The present state, and the only way to leave it."""
 
