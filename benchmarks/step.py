@@ -10,7 +10,7 @@ from bench_protocol.binding import bind
 from bench_protocol.units import Hz, mm, ms, s
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled_entry
-from bench_sim.model.experiments import VERTICAL, Motion, Shape, impose, isolate, place_bolster
+from bench_sim.model.experiments import VERTICAL, ImposedMotion, Shape, impose, isolate, place_bolster
 from bench_sim.model.kernel import evaluate
 from bench_sim.model.layout import STATES, State
 from bench_sim.model.plant import Plant
@@ -23,7 +23,7 @@ SAMPLE = 10 * ms
 STEPS = round(DURATION / STEP)
 #: So many starts of LSODA are enough to time one.
 TICKS = 50
-SINE = Motion(VERTICAL, 5 * mm, 1 * Hz)
+SINE = ImposedMotion(VERTICAL, 5 * mm, 1 * Hz)
 #: Friction turns inside the step, where no outer integrator can follow: both sides go without it.
 FRICTIONLESS = {"friction_vertical": 0.0, "friction_lateral": 0.0, "friction_lateral_slope": 0.0}
 #: The imposed states are no integrator's work.

@@ -10,9 +10,9 @@ from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
     LATERAL,
     ROLL,
-    Course,
-    Motion,
+    ImposedMotion,
     Shape,
+    TimeHistory,
     dynamic_stiffness,
     first_harmonic,
     impose,
@@ -38,7 +38,7 @@ WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
 PIPE: Final = {"orifice_diameter": 30 * mm, "pipe_length": 1.5, "pipe_diameter": 50 * mm}
 
 #: At rest nothing is imposed on the height.
-STILL: Final = Motion(1, 0.0, 1.0)
+STILL: Final = ImposedMotion(1, 0.0, 1.0)
 
 
 def closed_form(par: Any, volume: float, exponent: float) -> float:
@@ -120,12 +120,12 @@ def quasi_static_lateral(subject: Subject, preload: float) -> float:
     return K.real
 
 
-def moved_aside(subject: Subject, load: str, y: float, *without: str, **changes: Any) -> Course:
+def moved_aside(subject: Subject, load: str, y: float, *without: str, **changes: Any) -> TimeHistory:
     """Last instant of a lateral ramp to ``y`` m within 5 s that was held for a minute."""
     plant = subject.resting(load, *without, **changes)
-    ramp = Motion(LATERAL, y, 1.0 / (5 * s), Shape.RAMP)
+    ramp = ImposedMotion(LATERAL, y, 1.0 / (5 * s), Shape.RAMP)
     impose(plant, [ramp], 65 * s, dt=2.5e-3, rows=0)
-    return impose(plant, [Motion(LATERAL, 0.0, 1.0, offset=y)], 2.5e-3, dt=2.5e-3)
+    return impose(plant, [ImposedMotion(LATERAL, 0.0, 1.0, offset=y)], 2.5e-3, dt=2.5e-3)
 
 
 @remembered
@@ -145,9 +145,9 @@ def rolled(subject: Subject, load: str, roll: float, amplitude: float) -> tuple[
     dt, f, cycles = 2.5e-3, 0.2, 4
     middle = -plant.parameters.centre_height * roll
     over = 1.0 / (5 * s)
-    ramps = [Motion(ROLL, roll, over, Shape.RAMP), Motion(LATERAL, middle, over, Shape.RAMP)]
+    ramps = [ImposedMotion(ROLL, roll, over, Shape.RAMP), ImposedMotion(LATERAL, middle, over, Shape.RAMP)]
     impose(plant, ramps, 30 * s, dt=dt, rows=0)
-    sway = [Motion(ROLL, 0.0, 1.0, offset=roll), Motion(LATERAL, amplitude, f, offset=middle)]
+    sway = [ImposedMotion(ROLL, 0.0, 1.0, offset=roll), ImposedMotion(LATERAL, amplitude, f, offset=middle)]
     course = impose(plant, sway, cycles / f, dt=dt)
     last = slice(-round(1.0 / (f * dt)), None)
     F = -0.5 * (course.of(Algebraic.LATERAL_FORCE, 0) + course.of(Algebraic.LATERAL_FORCE, 1))[last]

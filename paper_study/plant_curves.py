@@ -11,7 +11,7 @@ from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
     LATERAL,
     ROLL,
-    Motion,
+    ImposedMotion,
     Shape,
     dynamic_stiffness,
     first_harmonic,
@@ -114,7 +114,7 @@ def tangent(
     found = []
     for y in offset:
         plant = subject.resting(load, **changes)
-        impose(plant, [Motion(LATERAL, float(y), 1.0, Shape.RAMP)], 2 * s, dt=_STEP, rows=0)
+        impose(plant, [ImposedMotion(LATERAL, float(y), 1.0, Shape.RAMP)], 2 * s, dt=_STEP, rows=0)
         K, _ = dynamic_stiffness(
             plant, amplitude, f, 30, direction=LATERAL, longest_step=_STEP, offsets=(float(y), 0.0, 0.0)
         )
@@ -152,8 +152,8 @@ def secant_of_stairs(
 
 def _stand(plant: Plant, before: float, y: float) -> float:
     """Return the spring's lateral force in N, five seconds after a motion from ``before`` to ``y`` (m) within one."""
-    impose(plant, [Motion(LATERAL, y - before, 1.0, Shape.RAMP, before)], 6 * s, dt=_STEP, rows=0)
-    last = impose(plant, [Motion(LATERAL, 0.0, 1.0, offset=y)], _STEP, dt=_STEP)
+    impose(plant, [ImposedMotion(LATERAL, y - before, 1.0, Shape.RAMP, before)], 6 * s, dt=_STEP, rows=0)
+    last = impose(plant, [ImposedMotion(LATERAL, 0.0, 1.0, offset=y)], _STEP, dt=_STEP)
     return float(-last.of(Algebraic.LATERAL_FORCE)[0])
 
 
@@ -169,9 +169,15 @@ def rolled(
     for angle in roll:
         plant = subject.resting(load)
         middle = shear - plant.parameters.centre_height * float(angle)
-        ramps = [Motion(ROLL, float(angle), 0.5, Shape.RAMP), Motion(LATERAL, middle, 0.5, Shape.RAMP)]
+        ramps = [
+            ImposedMotion(ROLL, float(angle), 0.5, Shape.RAMP),
+            ImposedMotion(LATERAL, middle, 0.5, Shape.RAMP),
+        ]
         impose(plant, ramps, 3 * s, dt=_STEP, rows=0)
-        sway = [Motion(ROLL, 0.0, 1.0, offset=float(angle)), Motion(LATERAL, amplitude, f, offset=middle)]
+        sway = [
+            ImposedMotion(ROLL, 0.0, 1.0, offset=float(angle)),
+            ImposedMotion(LATERAL, amplitude, f, offset=middle),
+        ]
         course = impose(plant, sway, cycles / f, dt=_STEP)
         last = slice(-round(1.0 / (f * _STEP)), None)
         F = -0.5 * (course.of(Algebraic.LATERAL_FORCE, 0) + course.of(Algebraic.LATERAL_FORCE, 1))[last]

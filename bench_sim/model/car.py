@@ -29,7 +29,7 @@ from bench_sim.model.runge_kutta import integrated_states, runge_kutta
 from bench_sim.model.step_start import begin
 
 
-class Wave(IntEnum):
+class TrackShape(IntEnum):
     """Shape of the track under the bogie."""
 
     NONE = 0
@@ -37,7 +37,7 @@ class Wave(IntEnum):
     HARMONIC = 2  #: a sin ωt
 
 
-class Channel(IntEnum):
+class RideChannel(IntEnum):
     """Columns of a recorded ride (SI; left and up positive, roll left side up)."""
 
     LATERAL = 0  #: centre of gravity of the car body against the undisturbed track
@@ -56,7 +56,7 @@ class Channel(IntEnum):
     BUMP_STOP = 13  #: force of the lateral bump stop on the car body, N
 
 
-CHANNELS: Final = len(Channel)
+CHANNELS: Final = len(RideChannel)
 
 #: What a vehicle has beside the parameters of its springs.
 CAR_QUANTITIES: Final = (
@@ -95,9 +95,9 @@ def track_wave(t: float, car: Any) -> tuple[float, float]:
     if phase < 0.0 or phase >= 2.0 * pi * car.track_waves:
         return 0.0, 0.0
     shape = int(car.track_shape)
-    if shape == Wave.COSINE:
+    if shape == TrackShape.COSINE:
         return 0.5 * (1.0 - cos(phase)), 0.5 * omega * sin(phase)
-    if shape == Wave.HARMONIC:
+    if shape == TrackShape.HARMONIC:
         return sin(phase), omega * cos(phase)
     return 0.0, 0.0
 
@@ -187,16 +187,16 @@ def riding(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any
 
 @compiled
 def record(x: Any, car: Any, wind: float, slope: Any, out: Any, row: Any) -> None:
-    """Fill one row of a ride (`Channel`)."""
+    """Fill one row of a ride (`RideChannel`)."""
     for k in range(6):
-        row[Channel.LATERAL + k] = x[State.BOLSTER_LATERAL + k]
+        row[RideChannel.LATERAL + k] = x[State.BOLSTER_LATERAL + k]
     for k in range(3):
-        row[Channel.LATERAL_ACCELERATION + k] = slope[State.BOLSTER_LATERAL_SPEED + k]
-    row[Channel.BOGIE_LATERAL] = x[State.PLATFORM_LATERAL]
-    row[Channel.BOGIE_VERTICAL] = x[State.PLATFORM_VERTICAL]
-    row[Channel.WIND] = wind
-    row[Channel.DAMPER] = damper_force(x, car)
-    row[Channel.BUMP_STOP] = out[Algebraic.BUMP_STOP]
+        row[RideChannel.LATERAL_ACCELERATION + k] = slope[State.BOLSTER_LATERAL_SPEED + k]
+    row[RideChannel.BOGIE_LATERAL] = x[State.PLATFORM_LATERAL]
+    row[RideChannel.BOGIE_VERTICAL] = x[State.PLATFORM_VERTICAL]
+    row[RideChannel.WIND] = wind
+    row[RideChannel.DAMPER] = damper_force(x, car)
+    row[RideChannel.BUMP_STOP] = out[Algebraic.BUMP_STOP]
 
 
 @compiled_entry
@@ -251,13 +251,13 @@ def car_derivative(
 
 @dataclass(frozen=True, slots=True)
 class Ride:
-    """A recorded ride: time in s, `Channel` by column, and algebraic quantities (`Algebraic`) if asked for."""
+    """A recorded ride: time in s, `RideChannel` by column, and algebraic quantities (`Algebraic`) if asked for."""
 
     time: NDArray[np.float64]
     rows: NDArray[np.float64]
     algebraic: NDArray[np.float64]
 
-    def of(self, channel: Channel) -> NDArray[np.float64]:
+    def of(self, channel: RideChannel) -> NDArray[np.float64]:
         """Return one column over time."""
         return self.rows[:, channel]
 
@@ -271,9 +271,9 @@ class Ride:
         With ``gravity`` it is what an accelerometer fixed to the leaning floor reads, without it the motion alone.
         """
         return (
-            self.of(Channel.LATERAL_ACCELERATION)
-            + depth * self.of(Channel.ROLL_ACCELERATION)
-            + gravity * self.of(Channel.ROLL)
+            self.of(RideChannel.LATERAL_ACCELERATION)
+            + depth * self.of(RideChannel.ROLL_ACCELERATION)
+            + gravity * self.of(RideChannel.ROLL)
         )
 
     def since(self, start: float) -> "Ride":

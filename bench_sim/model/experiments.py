@@ -20,7 +20,7 @@ from bench_sim.model.runge_kutta import integrate, step_scheme
 
 
 class Shape(IntEnum):
-    """Course of an imposed motion over time."""
+    """How an imposed motion goes on over time."""
 
     SINE = 0  #: offset + amplitude sin 2πft
     TRIANGLE = 1  #: offset + amplitude times a triangle of frequency f, rising first
@@ -105,7 +105,7 @@ def impose_motion(
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ImposedMotion:
     """One imposed direction: SI, frequency in Hz (of a ramp: one over its duration)."""
 
     direction: int
@@ -116,7 +116,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class TimeHistory:
     """What an experiment recorded: time in s, states and algebraic quantities row by row."""
 
     time: NDArray[np.floating]
@@ -142,13 +142,13 @@ def isolate(plant: Plant) -> None:
 
 def impose(
     plant: Plant,
-    motions: list[Motion],
+    motions: list[ImposedMotion],
     duration: float,
     *,
     every: int = 1,
     dt: float | None = None,
     rows: int | None = None,
-) -> Course:
+) -> TimeHistory:
     """Move the plant's bolster for ``duration`` s from now and record every so many steps (at most ``rows``)."""
     step = plant.dt if dt is None else dt
     steps = round(duration / step)
@@ -172,7 +172,7 @@ def impose(
         states,
         algebraic,
     )
-    return Course(time, states, algebraic)
+    return TimeHistory(time, states, algebraic)
 
 
 def first_harmonic(signal: NDArray[np.float64], cycles: int = 1) -> complex:
@@ -190,7 +190,7 @@ def dynamic_stiffness(
     direction: int = VERTICAL,
     longest_step: float = 1e-3,
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> tuple[complex, Course]:
+) -> tuple[complex, TimeHistory]:
     """Complex stiffness K' + iK'' in N/m of the left spring over the last of ``cycles`` sine cycles, and that cycle.
 
     First harmonic of the force on the bolster over that of the displacement, restoring positive. ``offsets`` holds
@@ -210,7 +210,7 @@ def dynamic_stiffness(
     impose_motion(*shared, per_cycle * (cycles - 1), table, 1, nothing[1], nothing[0])
     time = plant.time + dt * np.arange(per_cycle)
     impose_motion(*shared, per_cycle, table, 1, states, algebraic)
-    course_ = Course(time, states, algebraic)
-    force = course_.of(Algebraic.LATERAL_FORCE if direction == LATERAL else Algebraic.VERTICAL_FORCE)
-    moved = course_.of(Algebraic.LATERAL if direction == LATERAL else Algebraic.HEIGHT)
-    return -first_harmonic(force) / first_harmonic(moved), course_
+    history = TimeHistory(time, states, algebraic)
+    force = history.of(Algebraic.LATERAL_FORCE if direction == LATERAL else Algebraic.VERTICAL_FORCE)
+    moved = history.of(Algebraic.LATERAL if direction == LATERAL else Algebraic.HEIGHT)
+    return -first_harmonic(force) / first_harmonic(moved), history

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_sim.model.car import Channel, Ride
+from bench_sim.model.car import Ride, RideChannel
 from bench_sim.model.vehicle import Vehicle
 from bench_sim.model.wind import Crosswind, wind_force
 
@@ -75,9 +75,9 @@ Weighting = Callable[[NDArray[np.float64], float], float]
 
 def response(ride: Ride, car: Any, weigh: Weighting, gravity: float = 0.0) -> Response:
     """Evaluate a ride; with ``gravity`` (m/s²) the floor's lean counts as acceleration too, as for a sensor on it."""
-    y, roll = ride.of(Channel.LATERAL), ride.of(Channel.ROLL)
+    y, roll = ride.of(RideChannel.LATERAL), ride.of(RideChannel.ROLL)
     a = ride.lateral_acceleration(float(car.floor_depth), gravity)
-    travel = y + float(car.bump_stop_depth) * roll - ride.of(Channel.BOGIE_LATERAL)
+    travel = y + float(car.bump_stop_depth) * roll - ride.of(RideChannel.BOGIE_LATERAL)
     rate = (len(ride.time) - 1) / (ride.time[-1] - ride.time[0])
     return Response(
         mean_lateral=float(y.mean()),
@@ -85,7 +85,7 @@ def response(ride: Ride, car: Any, weigh: Weighting, gravity: float = 0.0) -> Re
         mean_roll=float(roll.mean()),
         peak_roll=float(np.abs(roll).max()),
         bump_stop_travel=float(np.abs(travel).max()),
-        bump_stop_time=float(np.mean(ride.of(Channel.BUMP_STOP) != 0.0)),
+        bump_stop_time=float(np.mean(ride.of(RideChannel.BUMP_STOP) != 0.0)),
         acceleration=float(a.std()),
         peak_acceleration=float(np.abs(a - a.mean()).max()),
         weighted=float(weigh(a, float(rate))),
@@ -93,14 +93,14 @@ def response(ride: Ride, car: Any, weigh: Weighting, gravity: float = 0.0) -> Re
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class SampleMean:
     """A mean over realisations and the half width of its 95 % confidence interval (Student's t)."""
 
     mean: float
     half_width: float
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> "Estimate":
+    def of(cls, values: Sequence[float]) -> "SampleMean":
         """From one value per realisation; a single one has no width (nan)."""
         from scipy.stats import t
 
@@ -119,11 +119,11 @@ class Cell:
     wind_speed: float
     responses: tuple[Response, ...]
 
-    def estimate(self, quantity: str, factor: float = 1.0) -> Estimate:
+    def estimate(self, quantity: str, factor: float = 1.0) -> SampleMean:
         """Return ``factor`` times one field of `Response`, as mean and confidence interval."""
-        return Estimate.of([factor * getattr(one, quantity) for one in self.responses])
+        return SampleMean.of([factor * getattr(one, quantity) for one in self.responses])
 
-    def estimates(self) -> dict[str, Estimate]:
+    def estimates(self) -> dict[str, SampleMean]:
         """Return every field of `Response` by name."""
         return {one.name: self.estimate(one.name) for one in fields(Response)}
 

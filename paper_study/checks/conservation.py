@@ -7,7 +7,7 @@ import numpy as np
 from bench_protocol.units import bar, mm, s
 from bench_sim.model import spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.experiments import LATERAL, VERTICAL, Motion, impose
+from bench_sim.model.experiments import LATERAL, VERTICAL, ImposedMotion, impose
 from bench_sim.model.layout import State
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import near
@@ -20,7 +20,7 @@ _FINE: Final = 0.5e-3
 @remembered
 def _sealed_course(subject: Subject, load: str) -> Any:
     plant = subject.resting(load)
-    motion = [Motion(VERTICAL, 10 * mm, 1.0), Motion(LATERAL, 20 * mm, 0.5)]
+    motion = [ImposedMotion(VERTICAL, 10 * mm, 1.0), ImposedMotion(LATERAL, 20 * mm, 0.5)]
     return impose(plant, motion, 20 * s, dt=_FINE)
 
 
@@ -57,7 +57,7 @@ def energy_balance(subject: Subject) -> CheckOutcome:
         missing = np.max(np.abs(energy - energy[0] - given))
         worst = max(worst, float(missing / (np.sum(np.abs(power)) * _FINE)))
     plant = subject.resting("AW3", *BARE, "heat")
-    course = impose(plant, [Motion(VERTICAL, 10 * mm, 1.0)], 10.0, every=1000, rows=11)
+    course = impose(plant, [ImposedMotion(VERTICAL, 10 * mm, 1.0)], 10.0, every=1000, rows=11)
     energy = course.states[:, State.BELLOWS_ENERGY] + course.states[:, State.AUXILIARY_ENERGY]
     warming = float(energy[9] - energy[0]) / 9.0
     return CheckOutcome(

@@ -6,7 +6,7 @@ import numpy as np
 
 from bench_protocol.units import kN, mm
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.experiments import LATERAL, ROLL, Motion, impose
+from bench_sim.model.experiments import LATERAL, ROLL, ImposedMotion, impose
 from bench_sim.model.paper import roll_factor
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import listed
@@ -104,7 +104,7 @@ def coupling_sign(subject: Subject) -> CheckOutcome:
     def force(load: str, roll: float) -> float:
         plant = subject.resting(load)
         middle = -plant.parameters.centre_height * roll
-        still = [Motion(LATERAL, 0.0, 1.0, offset=middle), Motion(ROLL, 0.0, 1.0, offset=roll)]
+        still = [ImposedMotion(LATERAL, 0.0, 1.0, offset=middle), ImposedMotion(ROLL, 0.0, 1.0, offset=roll)]
         last = impose(plant, still, 1e-3)
         return float(last.of(Algebraic.LATERAL_FORCE, 0)[0] + last.of(Algebraic.LATERAL_FORCE, 1)[0])
 

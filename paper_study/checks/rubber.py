@@ -4,7 +4,7 @@ import numpy as np
 
 from bench_protocol.units import mm
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.experiments import LATERAL, Motion, impose
+from bench_sim.model.experiments import LATERAL, ImposedMotion, impose
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.experiments import damping
 from paper_study.subject import BARE, LOADS, Subject
@@ -50,8 +50,8 @@ def friction_loop(subject: Subject) -> CheckOutcome:
         gauge = par.nominal_preload[0] / par.effective_area[0]
         F_max = par.friction_lateral[0] + par.friction_lateral_slope[0] * gauge
         x_2 = par.friction_lateral_travel[0]
-        impose(plant, [Motion(LATERAL, x_0, 1.0)], 30.0, rows=0)
-        loop = impose(plant, [Motion(LATERAL, x_0, 1.0)], 1.001)
+        impose(plant, [ImposedMotion(LATERAL, x_0, 1.0)], 30.0, rows=0)
+        loop = impose(plant, [ImposedMotion(LATERAL, x_0, 1.0)], 1.001)
         F, y = -loop.of(Algebraic.LATERAL_FORCE), loop.of(Algebraic.LATERAL)
         F_0 = F_max / (2 * x_2) * (np.sqrt(x_2**2 + x_0**2 + 6 * x_2 * x_0) - x_2 - x_0)
         mu = F_0 / F_max if F_max > 0.0 else 0.0

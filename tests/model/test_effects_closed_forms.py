@@ -8,7 +8,7 @@ from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.effects.fractional import TIMES, ladder
 from bench_sim.model.effects.leak import sonic_conductance
-from bench_sim.model.experiments import LATERAL, VERTICAL, Motion, dynamic_stiffness, impose, isolate
+from bench_sim.model.experiments import LATERAL, VERTICAL, ImposedMotion, dynamic_stiffness, impose, isolate
 from bench_sim.model.layout import Input, State
 from bench_sim.model.orifice import AIR_VISCOSITY
 from bench_sim.model.plant import Plant
@@ -126,8 +126,8 @@ def loop_of(F_max, x_2, x_0):
 def test_amplitude_and_loss_of_friction_loops(given, name, values, elements, x_0):
     without = ("emergency_spring", "friction")
     plant = given(name, values, without=without, **(SHELL | {"shell_stiffness_lateral": 0}))
-    impose(plant, [Motion(LATERAL, x_0, 1.0)], 40.0, rows=0)
-    loop = impose(plant, [Motion(LATERAL, x_0, 1.0)], 1.001)
+    impose(plant, [ImposedMotion(LATERAL, x_0, 1.0)], 40.0, rows=0)
+    loop = impose(plant, [ImposedMotion(LATERAL, x_0, 1.0)], 1.001)
     F, y = -loop.of(Algebraic.LATERAL_FORCE), loop.of(Algebraic.LATERAL)
     amplitude, loss = np.sum([loop_of(*element, x_0) for element in elements], axis=0)
     assert 0.5 * np.ptp(F) == pytest.approx(amplitude, rel=3e-3)
@@ -150,7 +150,7 @@ def test_creep_ends_at_its_share_of_the_deflection(given):
 @pytest.mark.parametrize("y", [-18 * mm, 5 * mm, 18 * mm])
 def test_the_extra_stop_is_linear_beyond_its_gap(given, y):
     plant = given("bump_stop", {"stiffness": 80e3, "gap": 10 * mm})
-    course = impose(plant, [Motion(LATERAL, 0.0, 1.0, offset=y)], 0.01)
+    course = impose(plant, [ImposedMotion(LATERAL, 0.0, 1.0, offset=y)], 0.01)
     expected = -np.sign(y) * 80e3 * max(abs(y) - 10 * mm, 0.0)
     assert course.of(Algebraic.BUMP_STOP)[-1] == pytest.approx(expected, abs=1e-9)
 
@@ -250,7 +250,9 @@ def test_what_the_orifice_passes(given, resting, excess):
 def test_a_directed_orifice_parts_the_chambers(given):
     means = []
     for e in (-0.08, 0.0, 0.08):
-        course = impose(given("asymmetric_orifice", {"asymmetry": e}), [Motion(VERTICAL, 10 * mm, 1.5)], 20.0)
+        course = impose(
+            given("asymmetric_orifice", {"asymmetry": e}), [ImposedMotion(VERTICAL, 10 * mm, 1.5)], 20.0
+        )
         split = course.of(Algebraic.PRESSURE) - course.of(Algebraic.AUXILIARY_PRESSURE)
         means.append(np.mean(split[-4000:]))
     assert means[0] > means[1] > means[2], (
@@ -279,7 +281,7 @@ def test_the_deadband_shifts_the_opening_and_the_delay_the_lever(given):
         flows[change] = plant.truth()["leveling_flow[0]"]
     assert flows[2 * mm] / flows[0.0] == pytest.approx((8 - 6 + 1) / (8 - 4 + 1), rel=1e-12)
     plant = given("leveling_delay", {"time": 1.5})
-    impose(plant, [Motion(VERTICAL, 0.0, 1.0, offset=3 * mm)], 2.0, rows=0)
+    impose(plant, [ImposedMotion(VERTICAL, 0.0, 1.0, offset=3 * mm)], 2.0, rows=0)
     assert plant.state[State.LEVER] == pytest.approx(3 * mm * (1 - np.exp(-2.0 / 2.5)), rel=1e-9)
 
 

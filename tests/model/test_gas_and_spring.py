@@ -10,7 +10,7 @@ from bench_sim.model.experiments import (
     LATERAL,
     ROLL,
     VERTICAL,
-    Motion,
+    ImposedMotion,
     Shape,
     dynamic_stiffness,
     first_harmonic,
@@ -133,7 +133,7 @@ def test_complex_vertical_stiffness_of_a_cold_start(resting, load_case, frequenc
 def test_pressure_after_a_step_that_is_held(resting):
     plant = resting("AW0", BARE)
     isolate(plant)
-    course = impose(plant, [Motion(VERTICAL, -10 * mm, 20.0, Shape.RAMP)], 80.1)
+    course = impose(plant, [ImposedMotion(VERTICAL, -10 * mm, 20.0, Shape.RAMP)], 80.1)
     rise = (course.of(Algebraic.PRESSURE) - course.of(Algebraic.PRESSURE)[0]) / mbar
     for at, expected in {0.05: 357, 0.5: 116, 2.0: 113, 10.0: 101, 80.0: 83}.items():
         assert rise[round(at * 1000)] == pytest.approx(expected, abs=0.6)
@@ -144,7 +144,9 @@ def test_pressure_after_a_step_that_is_held(resting):
 def test_sealed_springs_keep_their_air_and_account_for_every_joule(resting, load_case):
     plant = resting(load_case)
     isolate(plant)
-    course = impose(plant, [Motion(VERTICAL, 10 * mm, 1.0), Motion(LATERAL, 20 * mm, 0.5)], 20.0)
+    course = impose(
+        plant, [ImposedMotion(VERTICAL, 10 * mm, 1.0), ImposedMotion(LATERAL, 20 * mm, 0.5)], 20.0
+    )
     mass = course.states[:, State.BELLOWS_MASS] + course.states[:, State.AUXILIARY_MASS]
     assert np.ptp(mass) / mass[0] < 1e-13
     energy = course.states[:, State.BELLOWS_ENERGY] + course.states[:, State.AUXILIARY_ENERGY]
@@ -164,7 +166,7 @@ def test_sealed_springs_keep_their_air_and_account_for_every_joule(resting, load
 def test_orifice_loss_heats_the_gas(resting):
     plant = resting("AW3", (*BARE, "heat"))
     isolate(plant)
-    course = impose(plant, [Motion(VERTICAL, 10 * mm, 1.0)], 10.0, every=1000, rows=11)
+    course = impose(plant, [ImposedMotion(VERTICAL, 10 * mm, 1.0)], 10.0, every=1000, rows=11)
     energy = course.states[:, State.BELLOWS_ENERGY] + course.states[:, State.AUXILIARY_ENERGY]
     assert (energy[9] - energy[0]) / 9 == pytest.approx(199.0, rel=0.01)
 
@@ -245,7 +247,9 @@ def test_the_coupling_turns_with_the_roll_and_has_a_reciprocal_moment(resting, l
         for y in (-0.01, 0.0, 0.01):
             plant = resting(load_case, ("friction",), maxwell_ratio=0, centre_height=0)
             isolate(plant)
-            last = impose(plant, [Motion(LATERAL, 0, 1, offset=y), Motion(ROLL, 0, 1, offset=roll)], 0.002)
+            last = impose(
+                plant, [ImposedMotion(LATERAL, 0, 1, offset=y), ImposedMotion(ROLL, 0, 1, offset=roll)], 0.002
+            )
             both = [
                 sum(last.of(q, i)[0] for i in (0, 1))
                 for q in (Algebraic.LATERAL_FORCE, Algebraic.ROLL_MOMENT)

@@ -13,7 +13,14 @@ from scipy.integrate import solve_ivp
 
 from bench_protocol.units import bar, litre, mm, ms
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.experiments import VERTICAL, Motion, dynamic_stiffness, first_harmonic, impose, isolate
+from bench_sim.model.experiments import (
+    VERTICAL,
+    ImposedMotion,
+    dynamic_stiffness,
+    first_harmonic,
+    impose,
+    isolate,
+)
 from bench_sim.model.kernel import derivative
 from bench_sim.model.layout import STATES, Input, State
 from bench_sim.model.orifice import effective_flow_area, nozzle_flow
@@ -249,7 +256,7 @@ def test_behind_a_shut_valve_nothing_flows(resting):
 def test_a_valve_that_shuts_stops_the_flow_and_loses_no_air(resting):
     plant = resting("AW0", orifice_diameter=30 * mm, **PIPE)
     isolate(plant)
-    impose(plant, [Motion(VERTICAL, 10 * mm, 10.0)], 0.125)
+    impose(plant, [ImposedMotion(VERTICAL, 10 * mm, 10.0)], 0.125)
     places = [State.BELLOWS_MASS, State.AUXILIARY_MASS]
     assert abs(plant.state[State.PIPE_FLOW]) > 0.05
     before = plant.state[places]
@@ -263,7 +270,7 @@ def test_a_valve_that_shuts_stops_the_flow_and_loses_no_air(resting):
 def test_sealed_springs_with_pipes_keep_their_air_and_account_for_every_joule(resting, load_case):
     plant = resting(load_case, orifice_diameter=20 * mm, **PIPE)
     isolate(plant)
-    course = impose(plant, [Motion(VERTICAL, 5 * mm, 8.0)], 8.0, dt=0.25 * ms)
+    course = impose(plant, [ImposedMotion(VERTICAL, 5 * mm, 8.0)], 8.0, dt=0.25 * ms)
     mass = course.states[:, State.BELLOWS_MASS] + course.states[:, State.AUXILIARY_MASS]
     assert np.ptp(mass) / mass[0] < 1e-12
     assert np.ptp(course.of(Algebraic.ORIFICE_FLOW)) > 0.05
@@ -380,7 +387,7 @@ def judge(load_case, diameter, amplitude, frequency, times):
 def test_an_implicit_integrator_of_other_equations_agrees(resting, diameter, frequency):
     plant = resting("AW0", (*BARE, "heat"), orifice_diameter=diameter, **PIPE)
     isolate(plant)
-    course = impose(plant, [Motion(VERTICAL, 10 * mm, frequency)], 3 / frequency)
+    course = impose(plant, [ImposedMotion(VERTICAL, 10 * mm, frequency)], 3 / frequency)
     m_b, _, T_b, T_a, G = judge("AW0", diameter, 10 * mm, frequency, course.time)
     assert course.states[:, State.PIPE_FLOW] == pytest.approx(G, abs=2e-4 * np.ptp(G))
     assert course.states[:, State.BELLOWS_MASS] == pytest.approx(m_b, abs=2e-4 * np.ptp(m_b))
@@ -418,7 +425,7 @@ def test_partly_open_valves_are_as_stable_as_any_other(resting):
     isolate(plant)
     for opening in (1e-300, 0.5e-3, 1.5e-3, 0.01, 0.1, 0.5, 1.0, 0.02):
         plant.inputs[[Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE]] = opening
-        course = impose(plant, [Motion(VERTICAL, 10 * mm, 5.0)], 0.4)
+        course = impose(plant, [ImposedMotion(VERTICAL, 10 * mm, 5.0)], 0.4)
         area = opening * effective_flow_area(10 * mm, 0.62)
         p = course.of(Algebraic.PRESSURE).max()
         most = nozzle_flow(p, 280.0, 0.8 * p, area, R, KAPPA, 0.9995)

@@ -5,7 +5,7 @@ import pytest
 
 from bench_protocol.units import mm
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.experiments import LATERAL, Motion, Shape, dynamic_stiffness, impose, isolate
+from bench_sim.model.experiments import LATERAL, ImposedMotion, Shape, dynamic_stiffness, impose, isolate
 from bench_sim.model.rubber import friction_curve
 
 F_MAX, X_2 = 500.0, 4 * mm
@@ -29,8 +29,8 @@ def friction_only(resting, **changes):
 @pytest.mark.parametrize("x_0", [0.5 * mm, 5 * mm, 20 * mm])
 def test_amplitude_and_loss_of_a_friction_loop(resting, x_0, shape):
     plant = friction_only(resting)
-    impose(plant, [Motion(LATERAL, x_0, 1.0, shape)], 30.0, rows=0)
-    loop = impose(plant, [Motion(LATERAL, x_0, 1.0, shape)], 1.001)
+    impose(plant, [ImposedMotion(LATERAL, x_0, 1.0, shape)], 30.0, rows=0)
+    loop = impose(plant, [ImposedMotion(LATERAL, x_0, 1.0, shape)], 1.001)
     F, y = -loop.of(Algebraic.LATERAL_FORCE), loop.of(Algebraic.LATERAL)
     F_0 = F_MAX / (2 * X_2) * (np.sqrt(X_2**2 + x_0**2 + 6 * X_2 * x_0) - X_2 - x_0)
     mu = F_0 / F_MAX

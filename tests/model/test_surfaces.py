@@ -6,7 +6,7 @@ from scipy.interpolate import BSpline
 
 from bench_protocol.units import bar, mm
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.experiments import VERTICAL, Motion, impose, isolate
+from bench_sim.model.experiments import VERTICAL, ImposedMotion, impose, isolate
 from bench_sim.model.layout import SURFACE, State
 from bench_sim.model.surface import surface
 
@@ -39,7 +39,7 @@ def test_surfaces_are_those_of_scipy():
 
 def shaken(plant):
     isolate(plant)
-    return impose(plant, [Motion(VERTICAL, 8 * mm, 1.5)], 1.0)
+    return impose(plant, [ImposedMotion(VERTICAL, 8 * mm, 1.5)], 1.0)
 
 
 def test_a_force_surface_is_a_force(resting):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from bench_protocol.units import bar, kN, litre, mm
 from bench_sim.model import orifice, valves
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.experiments import VERTICAL, Motion, impose, isolate
+from bench_sim.model.experiments import VERTICAL, ImposedMotion, impose, isolate
 from bench_sim.model.layout import Input, Mode, State
 from bench_sim.model.plant import Plant
 
@@ -16,7 +16,7 @@ P_ATM = 101325.0
 KAPPA = 1.4
 BOTH_SERVICE = [Input.LEFT_SERVICE_VALVE, Input.RIGHT_SERVICE_VALVE]
 BOTH_LEVELING = [Input.LEFT_LEVELING, Input.RIGHT_LEVELING]
-STILL = Motion(VERTICAL, 0.0, 1.0)
+STILL = ImposedMotion(VERTICAL, 0.0, 1.0)
 
 
 @settings(deadline=None)

@@ -12,8 +12,8 @@ from scipy.integrate import cumulative_simpson, simpson, solve_ivp
 
 from bench_protocol.units import kN, mm
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.car import Channel, Wave, car_derivative, damper_force, track_wave
-from bench_sim.model.experiments import LATERAL, VERTICAL, Motion, impose, isolate
+from bench_sim.model.car import RideChannel, TrackShape, car_derivative, damper_force, track_wave
+from bench_sim.model.experiments import LATERAL, VERTICAL, ImposedMotion, impose, isolate
 from bench_sim.model.layout import STATES, Input, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.spring import coupling_stiffness
@@ -34,8 +34,10 @@ def stop_energy(car, travel):
 def stored_energy(v, ride):
     """Kinetic and potential energy in J of car body, gas, atmosphere, rubber and weight, row by row."""
     par, car = v.parameters, v.car
-    y, z, roll = (ride.of(c) for c in (Channel.LATERAL, Channel.VERTICAL, Channel.ROLL))
-    speeds = [ride.of(c) for c in (Channel.LATERAL_SPEED, Channel.VERTICAL_SPEED, Channel.ROLL_SPEED)]
+    y, z, roll = (ride.of(c) for c in (RideChannel.LATERAL, RideChannel.VERTICAL, RideChannel.ROLL))
+    speeds = [
+        ride.of(c) for c in (RideChannel.LATERAL_SPEED, RideChannel.VERTICAL_SPEED, RideChannel.ROLL_SPEED)
+    ]
     masses = [v.mass, v.mass, par.bolster_inertia]
     E = sum(0.5 * m * s**2 for m, s in zip(masses, speeds, strict=True))
     E = (
@@ -71,8 +73,8 @@ def test_a_free_car_keeps_its_energy(vehicle, load_case, bar):
     v.state[State.BOLSTER_VERTICAL_SPEED] = 0.05
     ride = v.ride(0.0, 10.0, springs=True)
     E = stored_energy(v, ride)
-    swing = 0.5 * v.mass * np.max(ride.of(Channel.LATERAL_SPEED) ** 2)
-    assert np.min(ride.of(Channel.BUMP_STOP)) < -10 < 10 < np.max(ride.of(Channel.BUMP_STOP))
+    swing = 0.5 * v.mass * np.max(ride.of(RideChannel.LATERAL_SPEED) ** 2)
+    assert np.min(ride.of(RideChannel.BUMP_STOP)) < -10 < 10 < np.max(ride.of(RideChannel.BUMP_STOP))
     assert swing > 100
     assert np.ptp(E) < 2e-4 * swing
 
@@ -84,13 +86,13 @@ def test_the_wind_s_work_is_stored_or_damped(vehicle):
     force = 8 * kN * np.sin(2 * np.pi * 0.7 * t) ** 2
     ride = v.ride(force, 8.0, interval=v.dt, springs=True)
     work = cumulative_simpson(
-        ride.of(Channel.WIND)
-        * (ride.of(Channel.LATERAL_SPEED) - v.car.wind_height * ride.of(Channel.ROLL_SPEED)),
+        ride.of(RideChannel.WIND)
+        * (ride.of(RideChannel.LATERAL_SPEED) - v.car.wind_height * ride.of(RideChannel.ROLL_SPEED)),
         dx=v.dt,
         initial=0.0,
     )
-    at_damper = ride.of(Channel.LATERAL_SPEED) + v.car.damper_depth * ride.of(Channel.ROLL_SPEED)
-    damped = cumulative_simpson(-ride.of(Channel.DAMPER) * at_damper, dx=v.dt, initial=0.0)
+    at_damper = ride.of(RideChannel.LATERAL_SPEED) + v.car.damper_depth * ride.of(RideChannel.ROLL_SPEED)
+    damped = cumulative_simpson(-ride.of(RideChannel.DAMPER) * at_damper, dx=v.dt, initial=0.0)
     assert np.all(np.diff(damped) > -1e-9)
     E = stored_energy(v, ride)
     assert damped[-1] > 100
@@ -102,11 +104,13 @@ def test_momentum_changes_by_the_impulse_of_all_forces(vehicle):
     ride = v.ride([0.0, 15 * kN, 2 * kN, 6 * kN], 6.0, interval=2.0, springs=True)
     F_y = sum(ride.spring(Algebraic.LATERAL_FORCE, i) for i in range(2))
     F_z = sum(ride.spring(Algebraic.VERTICAL_FORCE, i) for i in range(2))
-    horizontal = F_y + ride.of(Channel.WIND) + ride.of(Channel.DAMPER) + ride.of(Channel.BUMP_STOP)
+    horizontal = (
+        F_y + ride.of(RideChannel.WIND) + ride.of(RideChannel.DAMPER) + ride.of(RideChannel.BUMP_STOP)
+    )
     vertical = F_z - v.mass * v.parameters.gravity
-    scale = v.mass * np.max(np.abs(ride.of(Channel.LATERAL_SPEED)))
-    assert np.min(ride.of(Channel.BUMP_STOP)) < -100
-    for force, channel in ((horizontal, Channel.LATERAL_SPEED), (vertical, Channel.VERTICAL_SPEED)):
+    scale = v.mass * np.max(np.abs(ride.of(RideChannel.LATERAL_SPEED)))
+    assert np.min(ride.of(RideChannel.BUMP_STOP)) < -100
+    for force, channel in ((horizontal, RideChannel.LATERAL_SPEED), (vertical, RideChannel.VERTICAL_SPEED)):
         change = v.mass * (ride.of(channel)[-1] - ride.of(channel)[0])
         assert simpson(force, dx=v.dt) == pytest.approx(change, abs=1e-5 * scale)
 
@@ -116,7 +120,7 @@ def test_the_springs_are_the_bench_s(vehicle, load_case):
     """A car too heavy to move, a bogie that shakes: the springs see the bench's imposed motion, and answer alike."""
     v = vehicle(
         load_case,
-        car={"track_shape": Wave.HARMONIC, "track_vertical": -8 * mm, "track_lateral": -20 * mm},
+        car={"track_shape": TrackShape.HARMONIC, "track_vertical": -8 * mm, "track_lateral": -20 * mm},
         options={"dpv": False},
     )
     frequency = v.car.train_speed / v.car.track_wavelength
@@ -126,7 +130,9 @@ def test_the_springs_are_the_bench_s(vehicle, load_case):
 
     plant = Plant.at_rest(load("astb").under(load_case).record)
     isolate(plant)
-    course = impose(plant, [Motion(VERTICAL, 8 * mm, frequency), Motion(LATERAL, 20 * mm, frequency)], 3.0)
+    course = impose(
+        plant, [ImposedMotion(VERTICAL, 8 * mm, frequency), ImposedMotion(LATERAL, 20 * mm, frequency)], 3.0
+    )
     for side in range(2):
         for quantity in (
             Algebraic.VERTICAL_FORCE,
@@ -229,16 +235,16 @@ def test_no_storm_breaks_the_arithmetic(vehicle, forces, leveling, load_case):
     assert ride.algebraic[:, Algebraic.PRESSURE].min() > 0
 
 
-@pytest.mark.parametrize("shape", [Wave.COSINE, Wave.HARMONIC])
+@pytest.mark.parametrize("shape", [TrackShape.COSINE, TrackShape.HARMONIC])
 def test_the_bogie_follows_the_track(vehicle, shape):
     v = vehicle("AW0", car={"track_shape": shape, "track_waves": 2.0, "track_lateral": 3 * mm})
     ride = v.ride(0.0, 4.0)
     omega = 2 * np.pi * (100 / 3.6) / 23.15
     assert omega / (2 * np.pi) == pytest.approx(1.2, rel=1e-4)
-    wave = (1 - np.cos(omega * ride.time)) / 2 if shape == Wave.COSINE else np.sin(omega * ride.time)
+    wave = (1 - np.cos(omega * ride.time)) / 2 if shape == TrackShape.COSINE else np.sin(omega * ride.time)
     wave = np.where(omega * ride.time < 4 * np.pi, wave, 0.0)
-    assert ride.of(Channel.BOGIE_VERTICAL) == pytest.approx(5 * mm * wave, abs=1e-12)
-    assert ride.of(Channel.BOGIE_LATERAL) == pytest.approx(3 * mm * wave, abs=1e-12)
+    assert ride.of(RideChannel.BOGIE_VERTICAL) == pytest.approx(5 * mm * wave, abs=1e-12)
+    assert ride.of(RideChannel.BOGIE_LATERAL) == pytest.approx(3 * mm * wave, abs=1e-12)
     place, speed = track_wave(0.3, v.car)
     ahead, behind = (track_wave(0.3 + s, v.car)[0] for s in (1e-6, -1e-6))
     assert speed == pytest.approx((ahead - behind) / 2e-6, rel=1e-6)
@@ -248,7 +254,7 @@ def test_the_bogie_follows_the_track(vehicle, shape):
 def test_the_track_shakes_the_car_like_a_mass_on_two_springs(vehicle, stiffness):
     """Steady state of a small bounce under a harmonic track: z/z_t = 2K/(2K − mω²)."""
     track = {
-        "track_shape": Wave.HARMONIC,
+        "track_shape": TrackShape.HARMONIC,
         "track_lateral": 0.0,
         "track_vertical": 0.1 * mm,
         "track_wavelength": 10.0,
@@ -262,7 +268,7 @@ def test_the_track_shakes_the_car_like_a_mass_on_two_springs(vehicle, stiffness)
     # Started on the steady state, so that nothing has to die out.
     v.state[State.BOLSTER_VERTICAL_SPEED] = gain * 0.1 * mm * omega
     ride = v.ride(0.0, 2.0)
-    assert ride.of(Channel.VERTICAL) == pytest.approx(
+    assert ride.of(RideChannel.VERTICAL) == pytest.approx(
         gain * 0.1 * mm * np.sin(omega * ride.time), abs=1e-3 * mm
     )
 

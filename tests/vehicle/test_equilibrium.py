@@ -6,7 +6,7 @@ import pytest
 from bench_protocol.units import kN, mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.bolster import bump_stop_force
-from bench_sim.model.car import Channel
+from bench_sim.model.car import RideChannel
 from bench_sim.model.layout import BRANCHES, Input, State
 
 BODY = slice(State.BOLSTER_LATERAL, State.BOLSTER_LATERAL_SPEED)
@@ -128,5 +128,5 @@ def test_leveling_valves_set_the_car_upright(vehicle):
     assert np.abs(heights).max() < 4 * mm
     assert abs(active.state[State.BOLSTER_ROLL]) < 0.3 * abs(isolated.state[State.BOLSTER_ROLL])
     still = active.ride(wind, 5.0)
-    assert np.ptp(still.of(Channel.ROLL)) < 1e-4
+    assert np.ptp(still.of(RideChannel.ROLL)) < 1e-4
     assert active.inputs[Input.LEFT_LEVELING] == 1.0

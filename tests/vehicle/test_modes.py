@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.units import kN, mm
-from bench_sim.model.car import Channel
+from bench_sim.model.car import RideChannel
 from bench_sim.model.layout import Input, State
 
 LOSSLESS = ("track", "losses", "damper")
@@ -87,7 +87,7 @@ def test_the_car_rings_at_its_modes(vehicle, load_case):
     v.inputs[SHUT] = 0.0
     bounce, _, _ = by_direction(v.modes())
     v.state[State.BOLSTER_VERTICAL_SPEED] = 1 * mm * 2 * np.pi * bounce.frequency
-    z = v.ride(0.0, 20.0).of(Channel.VERTICAL)
+    z = v.ride(0.0, 20.0).of(RideChannel.VERTICAL)
     rising = np.flatnonzero((z[:-1] < 0) & (z[1:] >= 0))
     instants = rising + z[rising] / (z[rising] - z[rising + 1])
     period = np.mean(np.diff(instants)) * v.dt

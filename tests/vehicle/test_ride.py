@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bench_protocol.units import kN, mm
-from bench_sim.model.car import CHANNELS, Channel, Ride
-from bench_sim.model.ride import Cell, Estimate, Response, crosswind_ride, response, ride_cell, ride_table
+from bench_sim.model.car import CHANNELS, Ride, RideChannel
+from bench_sim.model.ride import Cell, Response, SampleMean, crosswind_ride, response, ride_cell, ride_table
 from bench_sim.model.wind import lateral_force
 from bench_sim.parameters import load
 from bench_sim.parameters.paper import load_paper
@@ -39,28 +39,28 @@ def test_the_same_seed_is_the_same_ride_and_another_is_not():
     options = {"duration": 5.0, "run_in": 1.0}
     a, b, c = (crosswind_ride(LOADS["AW0"], CAR.record, WIND, 20.0, seed, **options) for seed in (1, 1, 2))
     assert np.array_equal(a.rows, b.rows)
-    assert not np.array_equal(a.of(Channel.WIND), c.of(Channel.WIND))
+    assert not np.array_equal(a.of(RideChannel.WIND), c.of(RideChannel.WIND))
     assert len(a.time) == 2500
     assert a.time[0] == pytest.approx(1.0)
 
 
 def test_each_bogie_bears_half_of_the_wind():
     ride = crosswind_ride(LOADS["AW3"], CAR.record, WIND, 20.0, 1, duration=100.0, run_in=0.0)
-    assert np.mean(ride.of(Channel.WIND)) == pytest.approx(0.5 * lateral_force(20.0, WIND), rel=0.05)
-    assert np.std(ride.of(Channel.WIND)) > 0.05 * np.mean(ride.of(Channel.WIND))
+    assert np.mean(ride.of(RideChannel.WIND)) == pytest.approx(0.5 * lateral_force(20.0, WIND), rel=0.05)
+    assert np.std(ride.of(RideChannel.WIND)) > 0.05 * np.mean(ride.of(RideChannel.WIND))
 
 
 def test_a_calm_on_a_level_track_is_no_ride_at_all():
     still = CAR.with_values(track_shape=0).record
     ride = crosswind_ride(LOADS["AW0"], still, WIND, 0.0, 1, duration=5.0, run_in=0.0)
-    assert np.abs(ride.rows[:, : Channel.BOGIE_LATERAL]).max() < 1e-9
+    assert np.abs(ride.rows[:, : RideChannel.BOGIE_LATERAL]).max() < 1e-9
 
 
 def test_a_faster_train_meets_more_wind():
     forces = [
         crosswind_ride(
             LOADS["AW0"], CAR.with_values(train_speed=v / 3.6).record, WIND, 15.0, 1, duration=20.0
-        ).of(Channel.WIND)
+        ).of(RideChannel.WIND)
         for v in (60, 120)
     ]
     assert forces[1].mean() > 1.1 * forces[0].mean()
@@ -72,20 +72,20 @@ def test_leveling_valves_hold_the_car_upright_in_gusts():
         crosswind_ride(LOADS["AW0"], CAR.record, WIND, 15.0, 1, leveling=on, **options)
         for on in (False, True)
     )
-    mean = [abs(ride.of(Channel.ROLL).mean()) for ride in (isolated, active)]
+    mean = [abs(ride.of(RideChannel.ROLL).mean()) for ride in (isolated, active)]
     assert mean[1] < 0.3 * mean[0]
-    assert np.std(active.of(Channel.WIND)) == pytest.approx(np.std(isolated.of(Channel.WIND)))
+    assert np.std(active.of(RideChannel.WIND)) == pytest.approx(np.std(isolated.of(RideChannel.WIND)))
 
 
 def test_a_response_is_read_off_the_ride():
     t = np.arange(0, 10, 0.002)
     rows = np.zeros((len(t), CHANNELS))
     omega = 2 * np.pi
-    rows[:, Channel.LATERAL] = 30 * mm + 5 * mm * np.sin(omega * t)
-    rows[:, Channel.LATERAL_ACCELERATION] = -5 * mm * omega**2 * np.sin(omega * t)
-    rows[:, Channel.ROLL] = -0.02 + 0.01 * np.sin(omega * t)
-    rows[:, Channel.ROLL_ACCELERATION] = -0.01 * omega**2 * np.sin(omega * t)
-    rows[: len(t) // 4, Channel.BUMP_STOP] = -1 * kN
+    rows[:, RideChannel.LATERAL] = 30 * mm + 5 * mm * np.sin(omega * t)
+    rows[:, RideChannel.LATERAL_ACCELERATION] = -5 * mm * omega**2 * np.sin(omega * t)
+    rows[:, RideChannel.ROLL] = -0.02 + 0.01 * np.sin(omega * t)
+    rows[:, RideChannel.ROLL_ACCELERATION] = -0.01 * omega**2 * np.sin(omega * t)
+    rows[: len(t) // 4, RideChannel.BUMP_STOP] = -1 * kN
     car = CAR.record
     found = response(Ride(t, rows, np.zeros((0, 80))), car, lambda a, rate: rate)
     assert found.mean_lateral == pytest.approx(30 * mm)
@@ -104,11 +104,11 @@ def test_a_response_is_read_off_the_ride():
 
 def test_the_confidence_interval_covers_the_truth():
     draws = np.random.default_rng(1).normal(3.0, 2.0, (4000, 6))
-    estimates = [Estimate.of(row) for row in draws]
+    estimates = [SampleMean.of(row) for row in draws]
     covered = np.mean([abs(e.mean - 3.0) <= e.half_width for e in estimates])
     # 95 % within four standard errors of a count out of 4000
     assert covered == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 4000))
-    assert np.isnan(Estimate.of([1.0]).half_width)
+    assert np.isnan(SampleMean.of([1.0]).half_width)
 
 
 def test_a_cell_gathers_its_realisations():
