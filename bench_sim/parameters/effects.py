@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from typing import Any, ClassVar, Final, Protocol, Self, TypeVar
 
 from bench_sim.model.effects import CATALOGUE
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.parameters.loading import Entry, ParameterError, check_range
 from bench_sim.parameters.values import read_value
 
@@ -116,7 +116,10 @@ def apply_effects(record: Any, entries: Mapping[str, Entry], effects: Effects) -
     """Let ``effects`` change the parameter record in place; every value must stay within its parameter's range."""
     for name, values in effects.items():
         effect, place = find_effect(name)
-        effect.change(record, place, values)
+        try:
+            effect.change(record, place, values)
+        except ValueError as error:  # no room left among the rubber's extra elements
+            raise ParameterError(f"{name} does not fit any more: {error}") from None
         for parameter, entry in entries.items():
             try:
                 check_range(parameter, replace(entry, value=record[parameter]))
@@ -135,7 +138,7 @@ def _complete(name: str, values: Mapping[str, float]) -> dict[str, float]:
     return complete
 
 
-def _check(name: str, one: Quantity, value: float) -> None:
+def _check(name: str, one: EffectParameter, value: float) -> None:
     if not one.low <= value <= one.high:  # NaN is outside
         number, low, high = (f"{side / one.scale:g} {one.display}" for side in (value, one.low, one.high))
         raise ParameterError(f"{name}: {one.name} = {number} is outside {low} to {high}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench_protocol.words import SIDES
 from bench_sim.model.effects import CATALOGUE
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
@@ -145,7 +145,7 @@ def _effect(
     return {effect.amplitude.name: kept, **shapes}, lam * abs(kept / amplitude)
 
 
-def _shape(rng: np.random.Generator, shape: Quantity) -> float:
+def _shape(rng: np.random.Generator, shape: EffectParameter) -> float:
     """Between the middle of what is possible and half of the way to its ends."""
     if shape.logarithmic:
         low, high = np.sqrt(shape.nominal * shape.low), np.sqrt(shape.nominal * shape.high)

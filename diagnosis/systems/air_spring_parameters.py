@@ -243,7 +243,7 @@ def _hypothesis(
     )
 
 
-def _shape(shape: bench.Quantity) -> Parameter:
+def _shape(shape: bench.EffectParameter) -> Parameter:
     """A quarter of what is possible counts as one standard deviation, of the logarithm where that is fitted."""
     width = shape.nominal * log(shape.high / shape.low) if shape.logarithmic else shape.high - shape.low
     return Parameter(

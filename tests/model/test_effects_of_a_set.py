@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.model.effects import CATALOGUE
-from bench_sim.model.layout import Sensor
+from bench_sim.model.layout import Input, Sensor, State
+from bench_sim.model.plant import Plant
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.effects import parse_effect, with_effects
 from bench_sim.parameters.values import fitting_unit, read_value, write_value
@@ -18,6 +19,33 @@ NAMES = [
     for effect in CATALOGUE.values()
     for place in effect.places or ("",)
 ]
+
+
+def at_once():
+    """A set with every effect of the catalogue, at every place."""
+    sizes = {name: CATALOGUE[name.partition(".")[0]].amplitude for name in NAMES}
+    return with_effects(BASE, {name: {one.name: one.typical} for name, one in sizes.items()})
+
+
+def test_all_effects_fit_into_one_bench_which_runs_on():
+    plant = Plant.at_rest(at_once().record)
+    plant.inputs[[Input.LEFT_LEVELING, Input.RIGHT_LEVELING, Input.DPV_CONNECTED]] = 1.0
+    start = plant.inputs[Input.VERTICAL_LEFT_COMMAND]
+    for k in range(500):
+        plant.inputs[Input.VERTICAL_LEFT_COMMAND] = start + 500.0 * np.sin(0.04 * k)
+        plant.inputs[Input.PLATFORM_LATERAL] = 2e-3 * np.sin(0.02 * k)
+        plant.step()
+        readings = plant.measure()
+        assert np.all(np.isfinite(readings)) and np.all(np.isfinite(plant.state)), f"step {k}"
+    assert np.all(plant.state[[State.BELLOWS_MASS, State.BELLOWS_MASS + 1]] > 0.0)
+
+
+def test_rubber_that_finds_no_room_is_refused():
+    full = BASE.with_values(extra_friction=10.0)
+    with pytest.raises(
+        ParameterError, match=r"friction does not fit any more: extra friction elements: . of . are"
+    ):
+        with_effects(full, {"friction": {"force": 100.0}})
 
 
 def test_every_quantity_has_a_unit_that_can_be_written():

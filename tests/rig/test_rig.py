@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 from bench_protocol.table import TABLE
+from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import Hz, bar, kN, mm
 from bench_protocol.words import AIR_MODES, AXES, WAVES, BenchState
+from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import State as PlantState
+from bench_sim.parameters.effects import with_effects
+from bench_sim.rig.rig import Rig
 
 VENT, FILL, LEVEL = AIR_MODES.index("vent"), AIR_MODES.index("fill"), AIR_MODES.index("level")
 
@@ -377,3 +381,16 @@ def test_a_lost_tick_under_the_policy_fault_is_a_fault(armed) -> None:
     armed.rig.report_lateness(0.2, lost=True)
     armed.rig.run(2)
     assert armed.rig.state is BenchState.FAULT_HOLD
+
+
+def test_a_rig_with_all_effects_at_once_runs_and_reads_numbers(parameters, commander) -> None:
+    given = {
+        f"{effect.name}.{place}" if place else effect.name: {effect.amplitude.name: effect.amplitude.typical}
+        for effect in CATALOGUE.values()
+        for place in effect.places or ("",)
+    }
+    everything = type(commander)(Rig(with_effects(parameters, given), seed=1))
+    everything.arm()
+    everything.beat(50)
+    assert everything.state == "ACTIVE"
+    assert np.all(np.isfinite(everything.rig.values[[TABLE.index[row.name] for row in MEASUREMENTS]]))

@@ -9,7 +9,7 @@ model's own slope is assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -20,7 +20,7 @@ EFFECT: Final = Effect(
     name="area_slope",
     family="gas",
     title="slope of the effective area",
-    amplitude=Quantity("slope", "m", "m", 1.0, nominal=0.0, typical=0.1, low=-0.2, high=0.2),
+    amplitude=EffectParameter("slope", "m", "m", 1.0, nominal=0.0, typical=0.1, low=-0.2, high=0.2),
     change=_change,
     touches=frozenset({"force", "gas"}),
     confusers=("compliance", "force_gain", "bellows_volume"),

@@ -10,7 +10,7 @@ rounded or burred; sizes assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -21,7 +21,7 @@ EFFECT: Final = Effect(
     name="asymmetric_orifice",
     family="flow",
     title="orifice with a direction",
-    amplitude=Quantity("asymmetry", "1", "%", 0.01, nominal=0.0, typical=0.08, low=-0.8, high=0.8),
+    amplitude=EffectParameter("asymmetry", "1", "%", 0.01, nominal=0.0, typical=0.08, low=-0.8, high=0.8),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("pressure_offset", "discharge"),

@@ -8,7 +8,7 @@ in both springs. Source: the base model's own volume, which is assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -19,7 +19,7 @@ EFFECT: Final = Effect(
     name="auxiliary_volume",
     family="gas",
     title="volume of the auxiliary chamber",
-    amplitude=Quantity("change", "1", "%", 0.01, nominal=0.0, typical=0.1, low=-0.5, high=1.0),
+    amplitude=EffectParameter("change", "1", "%", 0.01, nominal=0.0, typical=0.1, low=-0.5, high=1.0),
     change=_change,
     touches=frozenset({"gas"}),
     confusers=("bellows_volume", "compliance", "discharge"),

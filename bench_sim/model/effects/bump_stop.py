@@ -9,7 +9,7 @@ stop leaves a small trace; none where the gap is not used up. Source: geometry; 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -22,9 +22,9 @@ EFFECT: Final = Effect(
     name="bump_stop",
     family="rubber",
     title="lateral bump stop",
-    amplitude=Quantity("stiffness", "N/m", "kN/m", 1e3, nominal=0.0, typical=1e5, low=0.0, high=1e7),
+    amplitude=EffectParameter("stiffness", "N/m", "kN/m", 1e3, nominal=0.0, typical=1e5, low=0.0, high=1e7),
     change=_change,
-    shapes=(Quantity("gap", "m", "mm", 1e-3, nominal=10e-3, typical=10e-3, low=0.0, high=60e-3),),
+    shapes=(EffectParameter("gap", "m", "mm", 1e-3, nominal=10e-3, typical=10e-3, low=0.0, high=60e-3),),
     grid=((4e-3,), (8e-3,), (12e-3,), (16e-3,), (22e-3,)),
     touches=frozenset({"force"}),
     confusers=("friction", "area_slope"),

@@ -7,7 +7,7 @@ other channels. The rig keeps 255 steps, 0.25 s at 1 ms; beyond that the pressur
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -18,7 +18,7 @@ EFFECT: Final = Effect(
     name="clock_skew",
     family="acquisition",
     title="clock of the pressures is slow",
-    amplitude=Quantity("skew", "1", "ppm", 1e-6, nominal=0.0, typical=1e-4, low=0.0, high=2e-3),
+    amplitude=EffectParameter("skew", "1", "ppm", 1e-6, nominal=0.0, typical=1e-4, low=0.0, high=2e-3),
     change=_change,
     touches=frozenset({"sensor", "timing"}),
     confusers=("pressure_latency", "pressure_lag"),

@@ -12,7 +12,7 @@ area that grows with pressure, a related effect that is not this one.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -23,7 +23,7 @@ EFFECT: Final = Effect(
     name="compliance",
     family="gas",
     title="radial compliance of the bellows",
-    amplitude=Quantity(
+    amplitude=EffectParameter(
         "compliance", "m3/Pa", "litre/bar", 1e-8, nominal=0.0, typical=0.25e-8, low=0.0, high=4e-8
     ),
     change=_change,

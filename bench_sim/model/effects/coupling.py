@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -14,7 +14,7 @@ EFFECT: Final = Effect(
     name="coupling",
     family="rig",
     title="lateral-roll coupling differs from the assumed one",
-    amplitude=Quantity("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-1.0, high=2.0),
+    amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-1.0, high=2.0),
     change=_change,
     touches=frozenset({"force"}),
     confusers=("crosstalk",),

@@ -11,7 +11,7 @@ deflection per decade of time (Freakley & Payne, Theory and Practice of Engineer
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -24,10 +24,12 @@ EFFECT: Final = Effect(
     name="creep",
     family="rubber",
     title="creep of the emergency spring",
-    amplitude=Quantity("ratio", "1", "%", 0.01, nominal=0.0, typical=0.05, low=0.0, high=1.0),
+    amplitude=EffectParameter("ratio", "1", "%", 0.01, nominal=0.0, typical=0.05, low=0.0, high=1.0),
     change=_change,
     shapes=(
-        Quantity("time", "s", "s", 1.0, nominal=100.0, typical=100.0, low=5.0, high=1e4, logarithmic=True),
+        EffectParameter(
+            "time", "s", "s", 1.0, nominal=100.0, typical=100.0, low=5.0, high=1e4, logarithmic=True
+        ),
     ),
     grid=((10.0,), (30.0,), (100.0,), (300.0,), (1000.0,)),
     touches=frozenset({"force", "gas"}),

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import LATERAL_CELLS, VERTICAL_CELLS
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.model.layout import Sensor
 
 
@@ -19,7 +19,7 @@ EFFECT: Final = Effect(
     name="crosstalk",
     family="sensor",
     title="lateral load cells feel the vertical force",
-    amplitude=Quantity("share", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.1, high=0.1),
+    amplitude=EffectParameter("share", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.1, high=0.1),
     change=_change,
     touches=frozenset({"sensor"}),
     confusers=("coupling",),

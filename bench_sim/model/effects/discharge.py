@@ -9,7 +9,7 @@ coefficient, which is assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -20,7 +20,7 @@ EFFECT: Final = Effect(
     name="discharge",
     family="flow",
     title="discharge coefficient of the orifice",
-    amplitude=Quantity("change", "1", "%", 0.01, nominal=0.0, typical=0.05, low=-0.5, high=0.6),
+    amplitude=EffectParameter("change", "1", "%", 0.01, nominal=0.0, typical=0.05, low=-0.5, high=0.6),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("discharge_reynolds", "auxiliary_volume", "bellows_volume"),

@@ -10,7 +10,7 @@ holes (ISO 5167, Re^−½ of the nozzle); at 5 mm and 1.2 Hz Re is about 1.4e5, 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -21,7 +21,7 @@ EFFECT: Final = Effect(
     name="discharge_reynolds",
     family="flow",
     title="discharge that falls with the Reynolds number",
-    amplitude=Quantity("k", "1", "1", 1.0, nominal=0.0, typical=20.0, low=0.0, high=300.0),
+    amplitude=EffectParameter("k", "1", "1", 1.0, nominal=0.0, typical=20.0, low=0.0, high=300.0),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("discharge", "pipe_inertia"),

@@ -2,7 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any, Final
+
+#: What an effect is in: the spring (rubber, gas, flow), what measures it (sensor, acquisition) or what moves it (rig).
+FAMILIES: Final = ("rubber", "gas", "flow", "sensor", "acquisition", "rig")
 
 #: Where an effect of one spring can sit. An effect without a place concerns the bench as a whole, or both springs.
 PLACES: Final = ("left", "right")
@@ -13,8 +17,16 @@ def springs(place: int | None) -> slice | int:
     return slice(None) if place is None else place
 
 
+class ShownBy(Enum):
+    """What has to be done with a bench for an effect to show in its readings."""
+
+    MOTION = "the springs are moved, leveling and differential pressure valves isolated"
+    CONNECTED_VALVES = "the springs are moved while these valves are connected and open"
+    COMMANDS = "the actuators are commanded: what they then do is not enough"
+
+
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class EffectParameter:
     """A parameter of an effect, in SI: what it is without further knowledge, how far it may lie, what is possible."""
 
     name: str
@@ -34,14 +46,18 @@ Change = Callable[[Any, int | None, Mapping[str, float]], None]
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One effect. With amplitude 0 `change` leaves the record bit for bit as it was; the output is C¹ in it at 0."""
+    """One effect. With amplitude 0 `change` leaves the record bit for bit as it was.
+
+    What it declares of itself is tested: that its readings are continuously differentiable in the amplitude at 0
+    (unless it is not ``smooth``), that air stays in the springs (unless it ``loses_air``) and keeps its energy.
+    """
 
     name: str
-    family: str  #: rubber, gas, flow, sensor, acquisition, rig
+    family: str  #: one of `FAMILIES`
     title: str
-    amplitude: Quantity
+    amplitude: EffectParameter
     change: Change
-    shapes: tuple[Quantity, ...] = ()
+    shapes: tuple[EffectParameter, ...] = ()
     grid: tuple[tuple[float, ...], ...] = ((),)
     places: tuple[str, ...] = ()  #: () or `PLACES`
     touches: frozenset[str] = frozenset()  #: of force, gas, flow, sensor, timing
@@ -50,8 +66,15 @@ class Effect:
     equation: str = ""
     source: str = ""
     separated_by: str = ""  #: the run that tells it from its confusers
-    diagnosable: bool = True  #: False: the rig can have it, but no replay of an imposed motion can tell
-    parameters: tuple[Quantity, ...] = field(init=False)
+    shown_by: ShownBy = ShownBy.MOTION
+    loses_air: bool = False  #: air leaves the springs through it
+    smooth: bool = True  #: False: readings jump as the amplitude grows, whichever size it has
+    parameters: tuple[EffectParameter, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", (self.amplitude, *self.shapes))
+
+    @property
+    def diagnosable(self) -> bool:
+        """Whether a replay of the measured motion can tell it; otherwise only the rig can have it."""
+        return self.smooth and self.shown_by is not ShownBy.COMMANDS

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -15,7 +15,7 @@ EFFECT: Final = Effect(
     name="emergency_compliance",
     family="rig",
     title="emergency springs are softer or harder than assumed",
-    amplitude=Quantity("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-0.8, high=4.0),
+    amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-0.8, high=4.0),
     change=_change,
     touches=frozenset({"force"}),
     confusers=("frame_compliance", "bellows_volume"),

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import FORCES
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -15,7 +15,7 @@ EFFECT: Final = Effect(
     name="force_gain",
     family="sensor",
     title="wrong gain of load cells and force transducers",
-    amplitude=Quantity("gain", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.2, high=0.2),
+    amplitude=EffectParameter("gain", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.2, high=0.2),
     change=_change,
     touches=frozenset({"sensor"}),
     confusers=("pressure_gain",),

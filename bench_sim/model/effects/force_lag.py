@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import FORCES
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -19,7 +19,7 @@ EFFECT: Final = Effect(
     name="force_lag",
     family="sensor",
     title="load cells and force transducers lag behind",
-    amplitude=Quantity("lag", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
+    amplitude=EffectParameter("lag", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
     change=_change,
     touches=frozenset({"sensor"}),
     confusers=("force_latency", "maxwell", "fractional"),

@@ -7,7 +7,7 @@ in τ at 0. It is stamped on arrival: what is late cannot be seen from its time.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -18,7 +18,7 @@ EFFECT: Final = Effect(
     name="force_latency",
     family="acquisition",
     title="forces arrive late",
-    amplitude=Quantity("delay", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
+    amplitude=EffectParameter("delay", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
     change=_change,
     touches=frozenset({"sensor", "timing"}),
     confusers=("force_lag", "maxwell"),

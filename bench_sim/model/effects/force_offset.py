@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import CELLS_BY_SIDE
-from bench_sim.model.effects.effect import PLACES, Effect, Quantity
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -16,7 +16,7 @@ EFFECT: Final = Effect(
     name="force_offset",
     family="sensor",
     title="load cells under one spring are off zero",
-    amplitude=Quantity("offset", "N", "N", 1.0, nominal=0.0, typical=1000.0, low=-2e4, high=2e4),
+    amplitude=EffectParameter("offset", "N", "N", 1.0, nominal=0.0, typical=1000.0, low=-2e4, high=2e4),
     change=_change,
     places=PLACES,
     touches=frozenset({"sensor"}),

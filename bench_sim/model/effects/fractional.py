@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.model.effects.maxwell import add_branch
 
 #: Time constants of the branches in s.
@@ -42,9 +42,9 @@ EFFECT: Final = Effect(
     name="fractional",
     family="rubber",
     title="fractional Kelvin-Voigt rubber",
-    amplitude=Quantity("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
+    amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
     change=_change,
-    shapes=(Quantity("order", "1", "1", 1.0, nominal=0.3, typical=0.3, low=0.1, high=0.7),),
+    shapes=(EffectParameter("order", "1", "1", 1.0, nominal=0.3, typical=0.3, low=0.1, high=0.7),),
     grid=((0.15,), (0.3,), (0.5,), (0.7,)),
     touches=frozenset({"force"}),
     confusers=("maxwell", "maxwell_two", "friction"),

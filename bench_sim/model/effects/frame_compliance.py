@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -14,7 +14,9 @@ EFFECT: Final = Effect(
     name="frame_compliance",
     family="rig",
     title="frame gives way more than assumed",
-    amplitude=Quantity("compliance", "m/N", "mm/kN", 1e-6, nominal=0.0, typical=1e-8, low=0.0, high=1e-6),
+    amplitude=EffectParameter(
+        "compliance", "m/N", "mm/kN", 1e-6, nominal=0.0, typical=1e-8, low=0.0, high=1e-6
+    ),
     change=_change,
     touches=frozenset({"sensor"}),
     confusers=("emergency_compliance",),

@@ -10,7 +10,7 @@ Source: Berg, Veh. Syst. Dyn. 30 (1998) 197; sizes assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.model.effects.slots import free_slots
 
 
@@ -30,10 +30,10 @@ EFFECT: Final = Effect(
     name="friction",
     family="rubber",
     title="Berg friction of the rubber",
-    amplitude=Quantity("force", "N", "N", 1.0, nominal=0.0, typical=200.0, low=0.0, high=1e4),
+    amplitude=EffectParameter("force", "N", "N", 1.0, nominal=0.0, typical=200.0, low=0.0, high=1e4),
     change=_change,
     shapes=(
-        Quantity(
+        EffectParameter(
             "travel", "m", "mm", 1e-3, nominal=3e-3, typical=3e-3, low=1e-4, high=0.03, logarithmic=True
         ),
     ),

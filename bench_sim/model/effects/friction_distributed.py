@@ -10,7 +10,7 @@ sizes assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.model.effects.friction import add_friction
 
 
@@ -23,16 +23,16 @@ EFFECT: Final = Effect(
     name="friction_distributed",
     family="rubber",
     title="distributed friction of the rubber",
-    amplitude=Quantity("force", "N", "N", 1.0, nominal=0.0, typical=300.0, low=0.0, high=1e4),
+    amplitude=EffectParameter("force", "N", "N", 1.0, nominal=0.0, typical=300.0, low=0.0, high=1e4),
     change=_change,
     shapes=(
-        Quantity(
+        EffectParameter(
             "travel_short", "m", "mm", 1e-3, nominal=1e-3, typical=1e-3, low=1e-4, high=0.03, logarithmic=True
         ),
-        Quantity(
+        EffectParameter(
             "travel_long", "m", "mm", 1e-3, nominal=8e-3, typical=8e-3, low=1e-4, high=0.03, logarithmic=True
         ),
-        Quantity("share", "1", "1", 1.0, nominal=0.5, typical=0.5, low=0.0, high=1.0),
+        EffectParameter("share", "1", "1", 1.0, nominal=0.5, typical=0.5, low=0.0, high=1.0),
     ),
     grid=((0.3e-3, 3e-3, 0.5), (1e-3, 8e-3, 0.5), (2e-3, 20e-3, 0.5)),
     touches=frozenset({"force"}),

@@ -10,7 +10,7 @@ is assumed (published transitions lie between 0.001 and 0.1 Hz: Pelz & Buttenben
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -22,7 +22,7 @@ EFFECT: Final = Effect(
     name="heat",
     family="gas",
     title="heat exchange with the walls",
-    amplitude=Quantity("change", "1", "%", 0.01, nominal=0.0, typical=0.5, low=-0.95, high=9.0),
+    amplitude=EffectParameter("change", "1", "%", 0.01, nominal=0.0, typical=0.5, low=-0.95, high=9.0),
     change=_change,
     touches=frozenset({"gas"}),
     confusers=("leak", "leak_laminar", "creep"),

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from math import sqrt
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import PLACES, Effect, Quantity, springs
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter, springs
 from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
 
 #: ψ of a choked nozzle for κ = 1.4.
@@ -32,7 +32,7 @@ EFFECT: Final = Effect(
     name="leak",
     family="gas",
     title="leak of a bellows (orifice)",
-    amplitude=Quantity("area", "m2", "mm2", 1e-6, nominal=0.0, typical=0.1e-6, low=0.0, high=20e-6),
+    amplitude=EffectParameter("area", "m2", "mm2", 1e-6, nominal=0.0, typical=0.1e-6, low=0.0, high=20e-6),
     change=_change,
     places=PLACES,
     touches=frozenset({"gas"}),
@@ -40,4 +40,5 @@ EFFECT: Final = Effect(
     equation="G = C ρ₀ p √(T₀/T) iso(p_atm/p), C = 0.6847 A/(ρ₀ √(R T₀))",
     source="ISO 6358-1; sizes assumed",
     separated_by="hold at two pressures, leveling valve isolated: the mass pV/(RT) goes on falling, ln p on a line",
+    loses_air=True,
 )

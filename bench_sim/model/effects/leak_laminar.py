@@ -10,7 +10,7 @@ a hole of 0.1 mm².
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import PLACES, Effect, Quantity, springs
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter, springs
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -23,7 +23,7 @@ EFFECT: Final = Effect(
     name="leak_laminar",
     family="gas",
     title="leak of a bellows (laminar)",
-    amplitude=Quantity(
+    amplitude=EffectParameter(
         "coefficient",
         "kg/(s*Pa2)",
         "g/(min*bar2)",
@@ -40,4 +40,5 @@ EFFECT: Final = Effect(
     equation="G = k (p² − p_atm²)",
     source="compressible Poiseuille flow; Zillen 2021 for a test chamber; sizes assumed",
     separated_by="holds at pressures a factor of five apart: G grows with p² instead of p",
+    loses_air=True,
 )

@@ -9,7 +9,7 @@ and when it opens is not. Source: adjustment and wear; size assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter, ShownBy
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -20,11 +20,12 @@ EFFECT: Final = Effect(
     name="leveling_deadband",
     family="flow",
     title="deadband of the leveling valves",
-    amplitude=Quantity("change", "m", "mm", 1e-3, nominal=0.0, typical=2e-3, low=-3e-3, high=20e-3),
+    amplitude=EffectParameter("change", "m", "mm", 1e-3, nominal=0.0, typical=2e-3, low=-3e-3, high=20e-3),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("leveling_delay", "leak"),
     equation="δ ← δ + e",
     source="adjustment and wear; size assumed",
     separated_by="slow height ramp through both ends of the dead zone, valves connected",
+    shown_by=ShownBy.CONNECTED_VALVES,
 )

@@ -10,7 +10,7 @@ Lion & Kardelky, Int. J. Plasticity 20 (2004); sizes assumed.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.model.effects.slots import free_slots
 
 
@@ -30,10 +30,12 @@ EFFECT: Final = Effect(
     name="maxwell",
     family="rubber",
     title="Maxwell branch of the rubber",
-    amplitude=Quantity("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
+    amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
     change=_change,
     shapes=(
-        Quantity("time", "s", "s", 1.0, nominal=0.3, typical=0.3, low=0.005, high=30.0, logarithmic=True),
+        EffectParameter(
+            "time", "s", "s", 1.0, nominal=0.3, typical=0.3, low=0.005, high=30.0, logarithmic=True
+        ),
     ),
     grid=tuple((tau,) for tau in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)),
     touches=frozenset({"force"}),

@@ -8,7 +8,7 @@ as `bench_sim.model.effects.maxwell`, which it contains with a share s of one. S
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.model.effects.maxwell import add_branch
 
 
@@ -23,16 +23,16 @@ EFFECT: Final = Effect(
     name="maxwell_two",
     family="rubber",
     title="two Maxwell branches of the rubber",
-    amplitude=Quantity("ratio", "1", "1", 1.0, nominal=0.0, typical=0.5, low=0.0, high=5.0),
+    amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.5, low=0.0, high=5.0),
     change=_change,
     shapes=(
-        Quantity(
+        EffectParameter(
             "time_fast", "s", "s", 1.0, nominal=0.1, typical=0.1, low=0.005, high=30.0, logarithmic=True
         ),
-        Quantity(
+        EffectParameter(
             "time_slow", "s", "s", 1.0, nominal=1.0, typical=1.0, low=0.005, high=30.0, logarithmic=True
         ),
-        Quantity("share", "1", "1", 1.0, nominal=0.5, typical=0.5, low=0.0, high=1.0),
+        EffectParameter("share", "1", "1", 1.0, nominal=0.5, typical=0.5, low=0.0, high=1.0),
     ),
     grid=tuple((fast, slow, 0.5) for fast, slow in _PAIRS),
     touches=frozenset({"force"}),

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from math import pi
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -23,7 +23,7 @@ EFFECT: Final = Effect(
     name="pipe_inertia",
     family="flow",
     title="inertia of the air in the connection",
-    amplitude=Quantity("length", "m", "m", 1.0, nominal=0.0, typical=1.0, low=0.0, high=10.0),
+    amplitude=EffectParameter("length", "m", "m", 1.0, nominal=0.0, typical=1.0, low=0.0, high=10.0),
     change=_change,
     touches=frozenset({"flow"}),
     confusers=("pressure_lag", "discharge_reynolds"),

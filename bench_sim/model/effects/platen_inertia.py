@@ -6,7 +6,7 @@ A rig that compensates it, or whose platform rests, does not show it.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -17,7 +17,7 @@ EFFECT: Final = Effect(
     name="platen_inertia",
     family="rig",
     title="load cells feel the platform's inertia",
-    amplitude=Quantity("mass", "kg", "kg", 1.0, nominal=0.0, typical=100.0, low=0.0, high=2000.0),
+    amplitude=EffectParameter("mass", "kg", "kg", 1.0, nominal=0.0, typical=100.0, low=0.0, high=2000.0),
     change=_change,
     touches=frozenset({"sensor"}),
     confusers=("force_lag", "force_latency"),

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import BELLOWS_BY_SIDE
-from bench_sim.model.effects.effect import PLACES, Effect, Quantity
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter
 
 _MBAR_PER_HOUR: Final = 100.0 / 3600.0
 
@@ -18,7 +18,7 @@ EFFECT: Final = Effect(
     name="pressure_drift",
     family="sensor",
     title="pressure transmitter of one bellows drifts",
-    amplitude=Quantity(
+    amplitude=EffectParameter(
         "rate",
         "Pa/s",
         "mbar/h",

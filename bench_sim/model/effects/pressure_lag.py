@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import PRESSURES
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -15,7 +15,7 @@ EFFECT: Final = Effect(
     name="pressure_lag",
     family="sensor",
     title="pressure transmitters lag behind",
-    amplitude=Quantity("lag", "s", "ms", 1e-3, nominal=0.0, typical=10e-3, low=0.0, high=0.5),
+    amplitude=EffectParameter("lag", "s", "ms", 1e-3, nominal=0.0, typical=10e-3, low=0.0, high=0.5),
     change=_change,
     touches=frozenset({"sensor"}),
     confusers=("pressure_latency", "sample_and_hold", "pipe_inertia"),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -14,7 +14,7 @@ EFFECT: Final = Effect(
     name="pressure_latency",
     family="acquisition",
     title="pressures arrive late",
-    amplitude=Quantity("delay", "s", "ms", 1e-3, nominal=0.0, typical=10e-3, low=0.0, high=0.1),
+    amplitude=EffectParameter("delay", "s", "ms", 1e-3, nominal=0.0, typical=10e-3, low=0.0, high=0.1),
     change=_change,
     touches=frozenset({"sensor", "timing"}),
     confusers=("pressure_lag", "sample_and_hold", "clock_skew"),

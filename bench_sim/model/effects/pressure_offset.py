@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import BELLOWS_BY_SIDE
-from bench_sim.model.effects.effect import PLACES, Effect, Quantity
+from bench_sim.model.effects.effect import PLACES, Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -16,7 +16,7 @@ EFFECT: Final = Effect(
     name="pressure_offset",
     family="sensor",
     title="pressure transmitter of one bellows is off zero",
-    amplitude=Quantity("offset", "Pa", "mbar", 100.0, nominal=0.0, typical=10e3, low=-1e5, high=1e5),
+    amplitude=EffectParameter("offset", "Pa", "mbar", 100.0, nominal=0.0, typical=10e3, low=-1e5, high=1e5),
     change=_change,
     places=PLACES,
     touches=frozenset({"sensor"}),

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_sim.model.effects.channels import FORCES, PRESSURES
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -23,11 +23,11 @@ EFFECT: Final = Effect(
     name="quantisation",
     family="acquisition",
     title="coarse converters of forces and pressures",
-    amplitude=Quantity("step", "1", "%", 0.01, nominal=0.0, typical=2.0**-12, low=0.0, high=0.01),
+    amplitude=EffectParameter("step", "1", "%", 0.01, nominal=0.0, typical=2.0**-12, low=0.0, high=0.01),
     change=_change,
     touches=frozenset({"sensor"}),
     equation="s_m = q ⌊s/q + ½⌋,  q = step · range",
     source="12 bits are a step of 0.024 % of the range",
     separated_by="a histogram of the readings at rest",
-    diagnosable=False,
+    smooth=False,
 )

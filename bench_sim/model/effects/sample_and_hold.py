@@ -6,7 +6,7 @@ Between 0 and 1 their age grows more slowly than time, which makes the readings 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from bench_sim.model.effects.effect import Effect, Quantity
+from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
 def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
@@ -19,10 +19,12 @@ EFFECT: Final = Effect(
     name="sample_and_hold",
     family="acquisition",
     title="pressures are held between rare samples",
-    amplitude=Quantity("hold", "1", "%", 0.01, nominal=0.0, typical=1.0, low=0.0, high=1.0),
+    amplitude=EffectParameter("hold", "1", "%", 0.01, nominal=0.0, typical=1.0, low=0.0, high=1.0),
     change=_change,
     shapes=(
-        Quantity("period", "s", "ms", 1e-3, nominal=0.05, typical=0.05, low=0.01, high=0.2, logarithmic=True),
+        EffectParameter(
+            "period", "s", "ms", 1e-3, nominal=0.05, typical=0.05, low=0.01, high=0.2, logarithmic=True
+        ),
     ),
     grid=((0.02,), (0.05,), (0.1,)),
     touches=frozenset({"sensor", "timing"}),
