@@ -76,7 +76,7 @@ def wall_heat(
 ) -> float:
     """Heat from the wall into the gas in W; the wall follows C_w dT_w/dt = −hS (T_w−T) + (hS)_o (T_amb−T_w).
 
-    A wall without heat capacity (0 J/K) stays as it is: a wall at ambient temperature.
+    A wall without heat capacity (0 J/K) stays at the temperature at which it began (`bench_sim.model.rest`).
     """
     heat = hS * (x[wall_state] - T)
     dx[mass_state + 2] += heat

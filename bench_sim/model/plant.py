@@ -24,7 +24,7 @@ from bench_sim.model.layout import (
     State,
 )
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors
+from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors, settled_temperature
 from bench_sim.model.spring import stretch, volume
 
 #: Length of the fixed step in s.
@@ -129,9 +129,9 @@ class Plant:
         pressure: NDArray[np.float64],
         supply: float,
     ) -> None:
-        """Put the bolster at the given spring heights with relaxed rubber, gas at ambient temperature, lags settled."""
+        """Put the bolster at the given spring heights with relaxed rubber, gas as warm as its walls, lags settled."""
         par, x, mem = self.parameters, self.state, self.memory
-        T = par.ambient_temperature
+        T = settled_temperature(par)
         x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])
         x[State.BOLSTER_ROLL] = 0.5 * (height[0] - height[1]) / par.spring_half_spacing
         x[State.SUPPLY_LINE] = supply

@@ -57,7 +57,7 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("J/(kg*K)", "gas_constant"),
     *_each("1", "heat_capacity_ratio"),
     *_each("Pa", "atmospheric_pressure"),
-    *_each("K", "ambient_temperature", "supply_temperature"),
+    *_each("K", "ambient_temperature", "wall_temperature_offset", "supply_temperature"),
     *_each("Pa", "supply_pressure", "sawtooth_low", "sawtooth_high"),
     *_each("1", "supply_sawtooth"),
     *_each("s", "sawtooth_decay_time", "sawtooth_recharge_time", "supply_lag"),
@@ -98,6 +98,7 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("N", "friction_vertical", "friction_lateral", shape=_SIDE),
     *_each("N/Pa", "friction_vertical_slope", "friction_lateral_slope", shape=_SIDE),
     *_each("m", "friction_vertical_travel", "friction_lateral_travel", shape=_SIDE),
+    *_each("1", "friction_small_loop"),
     # emergency spring and contact
     *_each("N", "nominal_preload", shape=_SIDE),
     *_each("1", "emergency_spring"),

@@ -18,7 +18,7 @@ from bench_sim.model.bolster import stop_force
 from bench_sim.model.compiled import compiled, compiled_once, compiled_parallel
 from bench_sim.model.layout import ACTUATORS, INPUTS, LATERAL, SENSORS, SIDES, STATES, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors
+from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors, settled_temperature
 from bench_sim.model.runge_kutta import runge_kutta, step_scheme
 from bench_sim.model.sensors import follow, read_sensors, true_values
 from bench_sim.model.spring import load_bellows, spring_algebra, stretch, volume
@@ -102,7 +102,7 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
         fill_chamber(x, par, State.BELLOWS_MASS + i, pressure[i], par.bellows_volume[i], temperature[i])
         volume_a = par.auxiliary_volume[i]
         fill_chamber(x, par, State.AUXILIARY_MASS + i, pressure[2 + i], volume_a, temperature[2 + i])
-        x[State.BELLOWS_WALL + i] = x[State.AUXILIARY_WALL + i] = par.ambient_temperature
+        x[State.BELLOWS_WALL + i] = x[State.AUXILIARY_WALL + i] = settled_temperature(par)
     spring_algebra(mem.time, x, mem, par, out)  # where the springs are: their gas is not right yet
     for i in range(SIDES):
         z = out[Algebraic.HEIGHT + i]

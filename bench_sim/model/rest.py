@@ -17,6 +17,12 @@ from bench_sim.model.sensors import prepare_lags
 
 
 @compiled
+def settled_temperature(par: Any) -> float:
+    """Temperature in K of walls and air where a run begins: by ``wall_temperature_offset`` above the surroundings."""
+    return par.ambient_temperature + par.wall_temperature_offset
+
+
+@compiled
 def fill_chamber(x: Any, par: Any, place: int, pressure: float, volume: float, temperature: float) -> None:
     """Put gas into the chamber whose mass stands at ``place`` (BELLOWS_MASS or AUXILIARY_MASS + side)."""
     x[place] = mass_of(pressure, volume, temperature, par.gas_constant)

@@ -4,14 +4,11 @@ A Maxwell branch with spring k_j and time constant τ_j carries k_j q_j, dq_j/dt
 position w_j = x − q_j as the state, dw_j/dt = (x − w_j)/τ_j needs no speed.
 """
 
-from typing import Any, Final
+from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, EXTRA_FRICTIONS, State
-
-#: A loop over less than this share of x₂ is small.
-SMALL_LOOP: Final = 0.04
 
 
 @compiled
@@ -158,8 +155,9 @@ def turn_friction(
     The level kept is F/F_max, not F: the limit moves with pressure, and a kept force could exceed it.
 
     Berg's law begins a new curve at every reversal and forgets the old one, so that a tremble of a nanometre would
-    change what follows by a tenth of the friction. Rubber remembers: a small loop, back over less than x₂/25, ends
-    where it began, and the curve before it goes on (Madelung's rule). Its own force has then changed by 1/600.
+    change what follows by a tenth of the friction. Rubber remembers: a small loop, back over less than the share
+    ``friction_small_loop`` of x₂, ends where it began, and the curve before it goes on (Madelung 1905). At a share of
+    1/25 the force jumps there by 1/580 of its limit from half of it. At 0 every reversal begins a new curve.
     """
     last = mem.friction_last[direction, side]
     if abs(position - last) < 1e-12:  # rounding is no motion
@@ -172,11 +170,11 @@ def turn_friction(
             mem.friction_direction[direction, side] = way
             mem.friction_last[direction, side] = position
             return True
-        if -beyond > SMALL_LOOP * travel:
+        if -beyond > par.friction_small_loop * travel:
             mem.friction_outer_way[direction, side] = 0.0
     turn, turned = reversal(position, last, speed, last_speed, dt, mem.friction_direction[direction, side])
     if turned:
-        if mem.friction_outer_way[direction, side] == 0.0:
+        if par.friction_small_loop > 0.0 and mem.friction_outer_way[direction, side] == 0.0:
             _remember(mem, direction, side, turn)
         level, _ = friction_curve(
             turn, mem.friction_origin[direction, side], mem.friction_level[direction, side], travel

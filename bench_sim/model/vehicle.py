@@ -11,7 +11,7 @@ from bench_sim.model.car import CAR, CHANNELS, Ride, car_derivative, place_bogie
 from bench_sim.model.layout import SIDES, STATES, Input, State
 from bench_sim.model.plant import STEP, Plant
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.rest import fill_chamber, relax_rubber
+from bench_sim.model.rest import fill_chamber, relax_rubber, settled_temperature
 from bench_sim.model.spring import load_bellows, stretch, stretched_pressure, volume
 
 #: A steady wind is applied in portions of at most this many N, each found from the one before.
@@ -106,7 +106,7 @@ class Vehicle:
     def lean(self, wind: float) -> "Vehicle":
         """Put the vehicle at its equilibrium under a steady ``wind`` N on this half of the car; returns itself.
 
-        Each spring keeps its air, which has taken on the ambient temperature; the rubber has relaxed, friction holds
+        Each spring keeps its air, which is as warm as its walls were at first; the rubber has relaxed, friction holds
         nothing, and the emergency spring has crept no further. Leveling valves do not act here: with them, let it
         settle by `ride`. Raises ValueError where there is no equilibrium or the differential pressure valve would
         open on the way.
@@ -165,7 +165,7 @@ class Vehicle:
         The force of each spring follows from its bellows, and the emergency spring's share from that force.
         """
         par, x, mem, out = self.parameters, self.state, self.memory, self._algebraic
-        T = par.ambient_temperature
+        T = settled_temperature(par)
         top = np.empty((2, SIDES))
         for side in range(SIDES):
             zeta, y = float(bellows[side]), float(bellows[SIDES + side])

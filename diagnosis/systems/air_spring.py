@@ -6,8 +6,8 @@ valves as 0 … 1, ``left.leveling``, ``left.reservoir`` (and right), ``dpv``; `
 ``lateral.acceleration``. Only the heights are required.
 
 Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
-the same chambers, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and ``start``, the s since the bench was
-switched on, from when sensors drift. Only the bellows' pressures are required.
+the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
+``start``, the s since the bench was switched on, from when sensors drift. Only the bellows' pressures are required.
 """
 
 from collections import OrderedDict
@@ -26,6 +26,7 @@ from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import INPUTS, SIDES, Input, Sensor
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Motion, replay
+from bench_sim.model.rest import settled_temperature
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from bench_sim.parameters.effects import find_effect
@@ -182,6 +183,10 @@ class AirSpring:
         for name in ("nominal_preload", "orifice_diameter", "pipe_length"):
             if name in experiment.settings:
                 record[name][:] = experiment.settings[name]
+        if "wall_temperature" in experiment.settings:
+            record.wall_temperature_offset = (
+                experiment.settings["wall_temperature"] - record.ambient_temperature
+            )
         deviate(record, parameters)
         for name, values in self.parameters.effects.items():
             effect, place = find_effect(name)
@@ -320,7 +325,7 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
         pressure[SIDES + i] = shift + (gauge if joined else unbiased(auxiliary))
     for k, chamber in enumerate(CHAMBERS):
         name = f"{chamber}_temperature"
-        start = unbiased(name) if name in settings else float(par.ambient_temperature)
+        start = unbiased(name) if name in settings else float(settled_temperature(par))
         temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
     return Gas(pressure, temperature)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
 from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.rest import settled_temperature
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel
 from diagnosis.systems.air_spring import GAS, AirSpring, channels
@@ -93,11 +94,20 @@ def _settings(parameters: Parameters) -> tuple[SystemSetting, ...]:
         float(par[name][0]) for name in ("nominal_preload", "orifice_diameter", "pipe_length")
     )
     ambient = float(par.atmospheric_pressure)
+    wall = float(settled_temperature(par))
     return (
         SystemSetting("nominal_preload", "N", "load on a spring", 1e3, 1e6, preload),
         SystemSetting("orifice_diameter", "m", "bore of the orifice", 1e-4, 0.2, bore),
         SystemSetting("pipe_length", "m", "length of the pipe, 0 without", 0.0, 20.0, pipe),
         SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, ambient),
+        SystemSetting(
+            "wall_temperature",
+            "K",
+            "temperature of the springs' walls where a run begins",
+            230.0,
+            390.0,
+            wall,
+        ),
     )
 
 

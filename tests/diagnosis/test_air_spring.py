@@ -255,6 +255,23 @@ def test_a_bias_that_the_set_knows_does_not_move_the_gas():
     assert np.abs(difference[:, 1:]).max() < 1e-6
 
 
+def test_the_walls_temperature_is_a_setting_of_a_run(made):
+    """Air that began at the hall's 293.15 K takes up heat from walls of 303.15 K; without sensors it begins as warm."""
+
+    def outputs(**settings):
+        columns = made.simulator.run(short(**settings), {}, {}).T
+        return dict(zip((channel.name for channel in made.simulator.channels), columns, strict=True))
+
+    as_the_hall = made.simulator.run(short(wall_temperature=293.15), {}, {})
+    assert np.array_equal(as_the_hall, made.base)
+    chambers = [f"{side}.{chamber}" for side in ("left", "right") for chamber in ("bellows", "auxiliary")]
+    cool = outputs(**{f"{chamber}_temperature": 293.15 for chamber in chambers})
+    warmed = outputs(wall_temperature=303.15, **{f"{chamber}_temperature": 293.15 for chamber in chambers})
+    for quantity in ("bellows_pressure", "bellows_temperature"):
+        assert (warmed[f"left.{quantity}"][-100:] > cool[f"left.{quantity}"][-100:]).all()
+    assert outputs(wall_temperature=303.15)["left.bellows_temperature"][0] == pytest.approx(303.15)
+
+
 def test_parity_signals_move_with_their_subsystem_alone(made):
     def moved(effects):
         now = made.simulator.run(made.experiment, {}, effects)

@@ -140,6 +140,25 @@ def test_at_rest_everything_stays_where_it_settled(free):
     assert gauge + free.record.atmospheric_pressure == pytest.approx(warm.pressure, rel=1e-12)
 
 
+def test_warmer_walls_warm_the_air_at_constant_volume():
+    """p/T stays: after many times m c_v/(hS), some 10 s, the air is as warm as walls 20 K above the hall."""
+    record = load("astb").with_values(emergency_spring=0.0, wall_temperature_offset=20.0, sensor_noise=0.0)
+    n = 60_001
+    readings = replay(
+        record.record,
+        Motion.through(np.zeros((n, DIRECTIONS)), INTERVAL),
+        np.tile(np.isin(np.arange(INPUTS), (Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE)), (n, 1))
+        * 1.0,
+        np.full(n, 9e5),
+        Gas(np.full(4, 3e5), np.full(4, 293.15)),
+    )
+    gauge = readings[:, Sensor.LEFT_BELLOWS_PRESSURE : Sensor.SUPPLY_PRESSURE]
+    absolute = gauge + record.record.atmospheric_pressure
+    assert absolute[0] == pytest.approx(3e5, rel=1e-9)
+    assert absolute[-1] == pytest.approx(3e5 * 313.15 / 293.15, rel=1e-6)
+    assert readings[-1, Sensor.LEFT_BELLOWS_TEMPERATURE] == pytest.approx(313.15, abs=1e-3)
+
+
 def test_bolster_and_platform_follow_a_cubic_exactly():
     """Hermite's cubic through samples of a cubic is that cubic: heights and their lagged readings follow it."""
     record = load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0, sensor_lag=0.0).record

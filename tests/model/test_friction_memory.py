@@ -6,18 +6,19 @@ import pytest
 from bench_sim.model.layout import STATES, Input
 from bench_sim.model.plant import Plant
 from bench_sim.model.quantities import MEMORY
-from bench_sim.model.rubber import SMALL_LOOP, friction_curve, turn_friction
+from bench_sim.model.rubber import friction_curve, turn_friction
 from bench_sim.parameters import load
 
 TRAVEL = 3e-3
+SMALL_LOOP = float(load("astb").record.friction_small_loop)
 
 
 class Element:
     """One friction element, moved from place to place."""
 
-    def __init__(self):
+    def __init__(self, small_loop=SMALL_LOOP):
         self.mem = np.zeros(1, MEMORY).view(np.recarray)[0]
-        self.par = load("astb").record
+        self.par = load("astb").with_values(friction_small_loop=small_loop).record
 
     def go(self, *places):
         """Move straight to each place and return the normalised force at the last."""
@@ -55,6 +56,25 @@ def test_a_large_loop_begins_a_new_curve():
     expected, _ = friction_curve(2e-3, 0.0, low, TRAVEL)
     assert element.go(2e-3) == pytest.approx(expected, rel=1e-9)
     assert abs(expected - Element().go(-2e-3, 2e-3)) > 0.02
+
+
+@pytest.mark.parametrize("back", [1e-6, 50e-6, 0.99 * SMALL_LOOP * TRAVEL])
+def test_without_small_loops_every_reversal_starts_anew(back):
+    """Berg (1998), by his closed form from each reversal to the next."""
+    berg, turn = 0.0, 0.0
+    for place in (-2e-3, 1e-3, 1e-3 - back, 4e-3):
+        berg, turn = friction_curve(place, turn, berg, TRAVEL)[0], place
+    element = Element(small_loop=0.0)
+    assert element.go(-2e-3, 1e-3, 1e-3 - back, 4e-3) == pytest.approx(berg, abs=1e-12)
+    assert element.mem.friction_outer_way[0, 0] == 0.0
+    assert abs(berg - Element().go(-2e-3, 1e-3, 1e-3 - back, 4e-3)) > 0.01
+
+
+def test_the_share_says_how_small_a_loop_is():
+    """Back over 3 % of x₂: closed at a share of 4 %, a new curve at 2 %."""
+    way = (-2e-3, 1e-3, 1e-3 - 0.03 * TRAVEL, 4e-3)
+    assert Element(0.04).go(*way) == pytest.approx(Element().go(-2e-3, 4e-3), abs=1e-12)
+    assert Element(0.02).go(*way) == pytest.approx(Element(0.0).go(*way), abs=1e-12)
 
 
 def test_trembles_inside_a_small_loop_do_not_add_up():

@@ -45,6 +45,18 @@ def test_the_static_pressure_is_load_over_area(resting, load_case):
     )
 
 
+def test_warm_walls_keep_warm_air_at_the_pressure_of_the_load(resting):
+    """m = p V/(R T): at 313.15 K a spring carries its load with less air, and stays as it is."""
+    cold, warm = resting("AW0"), resting("AW0", wall_temperature_offset=20.0)
+    began = warm.truth()
+    assert began["left_bellows_pressure"] == cold.truth()["left_bellows_pressure"]
+    assert began["left_bellows_temperature"] == pytest.approx(313.15, rel=1e-12)
+    for mass in (State.BELLOWS_MASS, State.AUXILIARY_MASS):
+        assert warm.state[mass] == pytest.approx(cold.state[mass] * 293.15 / 313.15, rel=1e-12)
+    warm.step(2000)
+    assert warm.truth()["temperature[0]"] == pytest.approx(313.15, abs=1e-6)
+
+
 @BOTH
 def test_slow_sealed_stiffness_is_isothermal(resting, load_case):
     K, _ = dynamic_stiffness(resting(load_case, BARE), 1 * mm, 3e-4, 1, longest_step=20e-3)
