@@ -106,10 +106,13 @@ def draw(seed: int, kind: Kind, condition: Condition = "white") -> GroundTruth:
 
 
 def visible(effect: Effect, per_unit: LambdaPerUnit) -> bool:
-    """Return whether a screening would show an effect: valves that stay shut leave no trace in it at any size."""
-    if not effect.diagnosable:
-        return False
+    """Return whether a screening would show an effect: valves that stay shut leave no trace in it at any size.
+
+    A new effect is not hidden before `benchmarks.diagnosis.lambda_per_unit` has measured how well it shows.
+    """
     name = f"{effect.name}.{effect.places[0]}" if effect.places else effect.name
+    if not effect.diagnosable or name not in per_unit.effects:
+        return False
     largest = 0.5 * max(abs(effect.amplitude.low), effect.amplitude.high)
     return largest * per_unit.of(name, [shape.nominal for shape in effect.shapes]) > LAMBDA_CLEAR[0]
 

@@ -7,6 +7,7 @@ import pytest
 
 from bench_protocol.units import Hz, mm, mrad
 from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.layout import EXTRA_BRANCHES
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import with_effects
 from diagnosis.contracts import DiagnosisError, Experiment
@@ -200,11 +201,14 @@ def test_effects_of_the_set_are_part_of_the_base_and_no_candidates(made):
     assert np.abs(base.run(made.experiment, {}, {}) - made.base).max() > 100.0
 
 
-def test_an_effect_for_which_the_set_leaves_no_room_is_no_candidate(made):
-    """There are eight further branches: six make fractional rubber, one is another effect, two would be needed."""
-    full = with_effects(load("astb"), {"fractional": {"ratio": 0.3}, "maxwell": {"ratio": 0.1}})
-    left = AirSpring(full, effects=CATALOGUE).catalogue
-    assert set(made.simulator.catalogue) - set(left) == {"fractional", "maxwell", "maxwell_two"}
+def test_an_effect_for_which_the_set_leaves_no_room_is_no_candidate():
+    """Of the further branches two are left; one is another effect, and fractional rubber would need six."""
+    rubber = {name: CATALOGUE[name] for name in ("maxwell", "maxwell_two", "fractional", "friction")}
+    taken = np.where(np.arange(EXTRA_BRANCHES) < EXTRA_BRANCHES - 2, 0.01, 0.0)
+    full = load("astb").with_values(extra_branch_ratio=taken)
+    assert set(AirSpring(full, effects=rubber).catalogue) == {"maxwell", "maxwell_two", "friction"}
+    fuller = with_effects(full, {"maxwell": {"ratio": 0.1}})
+    assert set(AirSpring(fuller, effects=rubber).catalogue) == {"friction"}
 
 
 def test_every_cause_refers_to_causes_that_there_are(made):
