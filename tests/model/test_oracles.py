@@ -1,8 +1,5 @@
 """Independent judges of the compiled step: its plain-Python twin, scipy's integrators, the order of convergence."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +11,7 @@ from bench_sim.model.compiled import _source_digest
 from bench_sim.model.kernel import advance_plant, derivative
 from bench_sim.model.layout import STATES, Input, Mode, State
 from bench_sim.model.plant import Plant
+from tests.plain_python import compiled_and_plain
 
 #: Everything at once: valves, mode changes, platform, noise. Runs compiled here and as plain Python in the twin.
 SCENARIO = """
@@ -43,23 +41,51 @@ def run():
 
 
 def test_the_plain_python_twin_agrees(tmp_path: Path):
-    script = SCENARIO + "\nimport numba\nassert numba.config.DISABLE_JIT\nnp.save(sys.argv[1], run())\n"
-    environment = os.environ | {
-        "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-    }
-    file = tmp_path / "twin.npy"
-    subprocess.run(
-        [sys.executable, "-W", "error", "-c", script, str(file)], env=environment, check=True, timeout=100
-    )
-    scope: dict[str, object] = {}
-    exec(SCENARIO, scope)
-    compiled = scope["run"]()  # type: ignore[operator]
-    twin = np.load(file)
+    compiled, twin = compiled_and_plain(SCENARIO, tmp_path)
     scale = np.max(np.abs(twin), axis=0) + 1e-9
     # The last bit may differ (a sum in another order inside a power), a quantised reading by one step of it.
     assert np.max(np.abs(compiled[:, :STATES] - twin[:, :STATES]) / scale[:STATES]) < 1e-11
     assert np.mean(compiled[:, STATES:] == twin[:, STATES:]) > 0.999
+
+
+#: A replay and an imposed motion of a bench that has every state: creep, pipes, extra branches, late readings.
+MOVED = """
+import sys
+import numpy as np
+from bench_sim.model.experiments import ROLL, VERTICAL, ImposedMotion, impose
+from bench_sim.model.layout import INPUTS, Input
+from bench_sim.model.plant import Plant
+from bench_sim.model.replay import DIRECTIONS, Gas, Motion, replay
+from bench_sim.parameters import load
+from bench_sim.parameters.effects import with_effects
+
+EFFECTS = {
+    "creep": {"ratio": 0.1, "time": 5.0},
+    "maxwell_two": {"ratio": 0.5},
+    "friction_distributed": {"force": 300.0},
+    "compliance": {"compliance": 2.5e-9},
+    "force_latency": {"delay": 5e-3},
+}
+
+def run():
+    par = with_effects(load("astb", "AW3").with_values(pipe_length=1.5), EFFECTS).record
+    t = np.arange(8) * 5e-3
+    displacement = np.zeros((8, DIRECTIONS))
+    displacement[:, 0] = 4e-3 * np.sin(30 * t)
+    displacement[:, 1] = 3e-3 * np.sin(20 * t)
+    inputs = np.zeros((8, INPUTS))
+    inputs[:, [Input.SUPPLY, Input.LEFT_RESERVOIR_VALVE, Input.LEFT_LEVELING]] = 1.0
+    pressure = par.nominal_preload / par.effective_area + par.atmospheric_pressure
+    gas = Gas(np.r_[pressure, 0.99 * pressure], np.full(4, 294.0))
+    readings = replay(par, Motion.through(displacement, 5e-3), inputs, np.full(8, 9e5), gas)
+    motions = [ImposedMotion(VERTICAL, 6e-3, 5.0), ImposedMotion(ROLL, 3e-3, 7.0)]
+    return np.r_[readings.ravel(), impose(Plant.at_rest(par), motions, 0.04).states.ravel()]
+"""
+
+
+def test_the_plain_python_twin_of_imposed_motions_agrees(tmp_path: Path):
+    compiled, twin = compiled_and_plain(MOVED, tmp_path)
+    assert np.max(np.abs(compiled - twin) / (np.abs(twin) + 1e-3)) < 1e-9
 
 
 def test_machine_code_is_stamped_with_all_sources_of_the_model():

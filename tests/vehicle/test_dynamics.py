@@ -1,9 +1,5 @@
 """The ride itself: conservation, convergence, other integrators, and the bench's springs under the car."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -18,6 +14,7 @@ from bench_sim.model.layout import STATES, Input, State
 from bench_sim.model.plant import Plant
 from bench_sim.model.spring import coupling_stiffness
 from bench_sim.parameters import load
+from tests.plain_python import compiled_and_plain
 
 SHUT = [Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE]
 NOTHING_LOST = ("track", "losses", "damper")
@@ -185,28 +182,24 @@ def test_halving_the_step_hardly_changes_a_ride_with_everything(vehicle):
     assert np.sqrt(np.mean((ends[0] - ends[1]) ** 2)) < 2e-3 * np.std(ends[1])
 
 
-def test_the_plain_python_twin_agrees(vehicle, tmp_path):
-    script = """
-import sys, numba, numpy as np
-assert numba.config.DISABLE_JIT
+#: Runs compiled here and as plain Python in the twin.
+SCENARIO = """
+import sys
+import numpy as np
 from bench_sim.model.vehicle import Vehicle
 from bench_sim.parameters import load
+from tests.plain_python import compiled_and_plain
 from bench_sim.parameters.vehicle import load_vehicle
-v = Vehicle(load("astb", "AW0").record, load_vehicle().record, leveling=True)
-v.lean(6e3)
-ride = v.ride([6e3, 2e4, -1e4], 0.1, interval=0.05)
-np.save(sys.argv[1], ride.rows)
-"""
-    environment = os.environ | {
-        "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-    }
-    file = tmp_path / "twin.npy"
-    subprocess.run([sys.executable, "-c", script, str(file)], env=environment, check=True, timeout=100)
-    v = vehicle("AW0", options={"leveling": True})
+
+def run():
+    v = Vehicle(load("astb", "AW0").record, load_vehicle().record, leveling=True)
     v.lean(6e3)
-    rows = v.ride([6e3, 2e4, -1e4], 0.1, interval=0.05).rows
-    twin = np.load(file)
+    return v.ride([6e3, 2e4, -1e4], 0.1, interval=0.05).rows
+"""
+
+
+def test_the_plain_python_twin_agrees(tmp_path):
+    rows, twin = compiled_and_plain(SCENARIO, tmp_path)
     assert np.max(np.abs(rows - twin) / (np.max(np.abs(twin), axis=0) + 1e-6)) < 1e-7
 
 

@@ -1,0 +1,25 @@
+"""A scenario of the model run twice: compiled in this process, and in one of its own as plain Python."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def compiled_and_plain(scenario: str, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the ``run()`` of a ``scenario`` (Python text) gives in both; ``folder`` is for the way between."""
+    script = scenario + "\nimport numba\nassert numba.config.DISABLE_JIT\nnp.save(sys.argv[1], run())\n"
+    environment = os.environ | {
+        "NUMBA_DISABLE_JIT": "1",
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+    }
+    file = folder / "plain.npy"
+    subprocess.run(
+        [sys.executable, "-W", "error", "-c", script, str(file)], env=environment, check=True, timeout=100
+    )
+    scope: dict[str, Any] = {}
+    exec(scenario, scope)
+    return scope["run"](), np.load(file)
