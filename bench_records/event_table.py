@@ -33,7 +33,7 @@ def _details(data: dict[str, Any]) -> str:
 
 def first_trip(record: Record) -> dict[str, Any] | None:
     """Which limit tripped first, what followed, and the signals around it: the first cause, not the last symptom."""
-    from bench_records.plots import time_panel
+    from bench_records.report_plots import time_panel
 
     events = sorted(record.events, key=lambda event: event.time_ns)
     trips = [event for event in events if event.kind == TRIP]

@@ -106,7 +106,7 @@ def _paragraphs(docstring: str) -> list[Paragraph]:
 
 
 def _timing(result: Result) -> dict[str, Any] | None:
-    from bench_records.plots import lateness
+    from bench_records.report_plots import lateness
 
     timing = result.timing
     if timing is None:

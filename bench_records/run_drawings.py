@@ -12,7 +12,7 @@ from bench_records.result import Curve
 from bench_records.typography import fixed, scientific
 
 if TYPE_CHECKING:
-    from bench_records.plots import Line
+    from bench_records.report_plots import Line
 
 STRIP_STRETCHES = 400
 #: The kind of event that tells of a limit that tripped.
@@ -27,7 +27,7 @@ def numbered(phases: list[Phase]) -> list[tuple[str, Phase]]:
 
 def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) -> list[str]:
     """A drawing over ``span`` (s) for each quantity: phases of the finest level shaded, the first trip marked."""
-    from bench_records.plots import time_panel
+    from bench_records.report_plots import time_panel
 
     finest = max((phase.level for phase in phases), default=0)
     shaded = [phase for phase in phases if phase.level == finest]
@@ -40,7 +40,7 @@ def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) 
 
 def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, list[Line]]]:
     """Drawn signals by quantity, in the order of the table of signals; one unit to a panel."""
-    from bench_records.plots import Line
+    from bench_records.report_plots import Line
 
     panels: dict[tuple[str, str], list[Line]] = {}
     for name in names:
@@ -58,7 +58,7 @@ def phase_strips(record: Record, phases: list[Phase], span: tuple[float, float])
     """The phases, level by level, and the signals whose values have names, over ``span`` (s)."""
     import numpy as np
 
-    from bench_records.plots import strips
+    from bench_records.report_plots import strips
 
     rows: list[tuple[str, list[tuple[float, float, str]]]] = []
     for level in sorted({phase.level for phase in phases}):
@@ -100,7 +100,7 @@ class CurveGroup(NamedTuple):
 
 def curve_groups(curves: list[Curve]) -> list[CurveGroup]:
     """A plot for each group of curves that share their axes, in the order in which they were kept."""
-    from bench_records.plots import curve_panel
+    from bench_records.report_plots import curve_panel
 
     groups: dict[tuple[str, Any, Any, str], list[Curve]] = {}
     for one in curves:

@@ -18,9 +18,10 @@ from hypothesis import strategies as st
 
 from bench_records.check_table import BAR_WIDTH, check_rows, range_bar
 from bench_records.layout import RecordError, SignalInfo
-from bench_records.plots import ALARM, envelope
+from bench_records.plots import ALARM
 from bench_records.recorder import Recorder
 from bench_records.report import write_report
+from bench_records.report_plots import envelope
 from bench_records.result import Timing, check, conclude, read_result
 
 ROOT = Path(__file__).parents[2]

@@ -1,0 +1,166 @@
+"""Axes that drawings of one size share: matplotlib draws what is in them, and the words around them are set here.
+
+The words are text of the page, in the page's own type. matplotlib would measure each of them in a type of its own to
+find its place, which took two thirds of a drawing; all that it takes is where it begins, ends or has its middle.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from bench_records.plots import HAIR, INK, LEFT_IN, RIGHT_IN, SOFT, WIDTH_IN, panel, style, svg
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+#: A rectangle: left, low, right, high.
+Box = tuple[float, float, float, float]
+
+#: Down to where letters stand, in sizes of the type: from the middle of a figure, of a word, from a line's upper edge.
+OF_FIGURES, OF_WORDS, FROM_ABOVE = 0.38, 0.26, 0.76
+#: Between the scale and its numbers, in points.
+GAP = 3.5
+NUMBERS = 8.0
+
+
+class Margins(NamedTuple):
+    """The size of a drawing and the room around its axes (inches)."""
+
+    height: float
+    width: float = WIDTH_IN
+    left: float = LEFT_IN
+    right: float = RIGHT_IN
+    bottom: float = 0.3
+    top: float = 0.3
+
+
+class Sheet:
+    """One drawing: ``axes`` for matplotlib, and words, which are placed in points from the upper left corner."""
+
+    def __init__(self, figure: Figure, axes: Axes, margins: Margins) -> None:
+        self._figure, self.axes = figure, axes
+        self.left, self.right = 72 * margins.left, 72 * (margins.width - margins.right)
+        self.top, self.bottom = 72 * margins.top, 72 * (margins.height - margins.bottom)
+        self._words: list[str] = []
+
+    def x(self, value: float) -> float:
+        """Where a value lies on the horizontal scale, in points."""
+        low, high = self.axes.get_xlim()
+        return self.left + (value - low) / (high - low) * (self.right - self.left)
+
+    def y(self, value: float) -> float:
+        """Where a value lies on the vertical scale, in points."""
+        low, high = self.axes.get_ylim()
+        return self.bottom - (value - low) / (high - low) * (self.bottom - self.top)
+
+    def write(
+        self,
+        x: float,
+        y: float,
+        text: str,
+        *,
+        size: float = NUMBERS,
+        anchor: Literal["start", "middle", "end"] = "start",
+        color: str = SOFT,
+        bold: bool = False,
+    ) -> None:
+        """Set text that stands on ``y`` and begins, ends or has its middle at ``x``."""
+        weight = "font-weight: 700; " if bold else ""
+        look = f"{weight}font-size: {size:g}px; text-anchor: {anchor}; fill: {color}"
+        self._words.append(f'<text style="{look}" x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>')
+
+    def heading(self, title: str, measured: str) -> None:
+        """Set the title on the left above the axes, and on the right what is drawn and its unit."""
+        self.write(self.left, self.top - 5, title, size=9.5, color=INK, bold=True)
+        self.write(self.right, self.top - 5, measured, size=8.5, anchor="end")
+
+    def horizontal_numbers(self, *, lines: bool = True) -> str:
+        """Set the numbers of the horizontal scale, with lines above them; return their common factor, if any."""
+        places, factor = _ticks(self.axes.xaxis)
+        for value, text in places:
+            self.write(self.x(value), self.bottom + GAP + FROM_ABOVE * NUMBERS, text, anchor="middle")
+        if lines:
+            self._rule([((value, 0.0), (value, 1.0)) for value, _ in places], self.axes.get_xaxis_transform())
+        return factor
+
+    def vertical_numbers(self) -> str:
+        """Set the numbers of the vertical scale, with lines beside them; return their common factor, if any."""
+        places, factor = _ticks(self.axes.yaxis)
+        for value, text in places:
+            self.write(self.left - GAP, self.y(value) + OF_FIGURES * NUMBERS, text, anchor="end")
+        self._rule([((0.0, value), (1.0, value)) for value, _ in places], self.axes.get_yaxis_transform())
+        return factor
+
+    def seconds(self) -> None:
+        """Set the unit beside the last number of the scale, where nothing else is."""
+        self.write(self.right + 9, self.bottom + 3.2 + FROM_ABOVE * NUMBERS, "s")
+
+    def fill(self, boxes: Sequence[Box], color: str, **rest: Any) -> None:
+        """Fill rectangles, all as one shape; they do not count for the limits of the axes."""
+        corners = [[(x0, y0), (x0, y1), (x1, y1), (x1, y0), (x0, y0)] for x0, y0, x1, y1 in boxes]
+        self._shape(corners, closed=True, facecolor=color, linewidth=0, **rest)
+
+    def drawn(self, name: str) -> str:
+        """The drawing as an element for the page."""
+        lines, end, rest = svg(self._figure, name).rpartition("</svg>")
+        return lines + "\n".join([*self._words, end]) + rest
+
+    def _rule(self, lines: Sequence[Sequence[tuple[float, float]]], transform: Any) -> None:
+        look = {"edgecolor": HAIR, "linewidth": 0.6, "capstyle": "projecting", "zorder": 0.5}
+        self._shape(lines, closed=False, fill=False, transform=transform, **look)
+
+    def _shape(self, parts: Sequence[Sequence[tuple[float, float]]], *, closed: bool, **look: Any) -> None:
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path
+
+        if parts:
+            last = Path.CLOSEPOLY if closed else Path.LINETO
+            codes = [code for part in parts for code in (Path.MOVETO, *[Path.LINETO] * (len(part) - 2), last)]
+            self.axes.add_artist(PathPatch(Path([point for part in parts for point in part], codes), **look))
+
+
+@contextmanager
+def sheet(margins: Margins) -> Iterator[Sheet]:
+    """A sheet to draw on; at the end its axes are cleared of all that was added meanwhile, for the next of its size.
+
+    Making axes and their scales takes as long as drawing ten lines in them.
+    """
+    with style():
+        figure, axes = _shared(margins)
+        before = set(axes.get_children())
+        axes.relim()
+        axes.autoscale()
+        try:
+            yield Sheet(figure, axes, margins)
+        finally:
+            for artist in axes.get_children():
+                if artist not in before:
+                    artist.remove()
+
+
+@cache
+def _shared(margins: Margins) -> tuple[Figure, Axes]:
+    figure, axes = panel(*margins)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_visible(False)  # its numbers are words
+    return figure, axes
+
+
+def _ticks(axis: Axis) -> tuple[list[tuple[float, str]], str]:
+    """The places of a scale that lie within it, with their numbers, and the factor that all numbers have in common."""
+    low, high = sorted(axis.get_view_interval())
+    slack = 1e-9 * (high - low)
+    places, formatter = axis.get_majorticklocs().tolist(), axis.get_major_formatter()
+    texts = formatter.format_ticks(places)
+    inside = [
+        (place, text)
+        for place, text in zip(places, texts, strict=True)
+        if low - slack <= place <= high + slack
+    ]
+    return inside, formatter.get_offset()
