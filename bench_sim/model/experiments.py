@@ -1,4 +1,4 @@
-"""Experiments with an imposed motion: the bolster is moved by hand, so that the springs alone show what they do.
+"""Experiments with an imposed motion: the bolster's motion is prescribed and the springs' response recorded.
 
 The terms, the step and the memory are the kernel's; only the bolster's six states are given instead of integrated.
 """
@@ -63,7 +63,7 @@ def place_bolster(t: float, motion: Any, x: Any) -> None:
 
 @compiled
 def moved_bench(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The bench's right-hand side with its bolster moved by hand; ``given`` is the motion alone."""
+    """The bench's right-hand side with a prescribed motion of its bolster; ``given`` is the motion alone."""
     place_bolster(mem.time + ahead, given[0], x)
     evaluate(ahead, x, mem, u, par, (), dx, out)
 

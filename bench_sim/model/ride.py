@@ -52,7 +52,7 @@ def crosswind_ride(
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What a ride amounts to (SI); displacements of the centre of gravity, accelerations on the floor.
+    """Summary of a ride (SI); displacements of the centre of gravity, accelerations on the floor.
 
     Peaks are the largest magnitudes. ``bump_stop_travel`` is that of the bump stop, ``bump_stop_time`` its share of
     the time in contact. ``weighted`` is the weighted acceleration that the standard's function gives back.
@@ -140,7 +140,7 @@ def ride_cell(
     felt: bool = False,
     **options: Any,
 ) -> Cell:
-    """One cell of the table: a ride (`crosswind_ride` with ``options``) per seed; ``felt`` adds the lean's gravity."""
+    """One cell of the table: a ride (`crosswind_ride`, ``options``) per seed; ``felt`` counts the lean's gravity."""
     gravity = float(parameters.gravity) if felt else 0.0
     return Cell(
         load_case,
@@ -164,7 +164,7 @@ def ride_table(
 ) -> list[Cell]:
     """The table of wind speed × load case; ``loads`` maps names to parameter records.
 
-    Every cell meets the same realisations (same seeds), so that differences between cells are surer than the cells.
+    Every cell meets the same realisations (same seeds), so that most of the random error cancels in a difference.
     """
     return [
         ride_cell(name, record, car, wind, speed, seeds, weigh, **options)

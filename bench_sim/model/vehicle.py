@@ -14,13 +14,13 @@ from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.rest import fill_chamber, relax_rubber, settled_temperature
 from bench_sim.model.spring import load_bellows, stretch, stretched_pressure, volume
 
-#: A steady wind is applied in portions of at most this many N, each found from the one before.
+#: The equilibrium in a steady wind is found in steps of at most this many N, each starting from the last.
 _PORTION: Final = 2000.0
 _ITERATIONS: Final = 60
-#: Misfit in m at which the car body is balanced: a force of 4e-11 of its weight.
+#: Residual in m at which an equilibrium is accepted: a force of 4e-11 of the car body's weight.
 _BALANCED: Final = 1e-11
 
-#: Slower oscillations (rad/s) are rounding in the eigenvalues of what does not move.
+#: Eigenvalues with a smaller imaginary part (rad/s) do not oscillate: it is a rounding error.
 _SLOWEST: Final = 0.05
 
 #: States that take part in small motions.
@@ -160,7 +160,7 @@ class Vehicle:
         )
 
     def _misfit(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
-        """Put the vehicle where the bellows are displaced like this, still; what is missing to equilibrium, in m.
+        """Put the vehicle at rest with these displacements of the bellows; return the residual of equilibrium in m.
 
         The force of each spring follows from its bellows, and the emergency spring's share from that force.
         """

@@ -18,7 +18,7 @@ from bench_sim.model.noise import normal
 Real = float | NDArray[np.float64]
 Samples = NDArray[np.float64]
 
-#: The sensors' noise has the channels below.
+#: First channel of the counter hash that the gusts use; the sensors' noise has those below.
 _CHANNELS: Final = 1 << 16
 _ALONG_THE_CAR: Final = _CHANNELS - 2
 

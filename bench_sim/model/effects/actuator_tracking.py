@@ -1,6 +1,6 @@
 """Actuator tracking: the actuators follow their commands with another natural frequency, ω = (1+e) ω₀.
 
-A replay of the measured motion is given what the actuators did, not what they were asked for: it cannot tell.
+A replay of the measured motion starts from what the actuators did and not from their commands: it cannot show this.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Force latency: load cells and force transducers are sampled when they should be but arrive late, F_m(t) = F(t − τ).
 
 The delay is interpolated between the outputs of the steps (`bench_sim.model.sensors`), so that the readings are smooth
-in τ at 0. It is stamped on arrival: what is late cannot be seen from its time.
+in τ at 0. Readings are stamped on arrival: their time stamps do not show the delay.
 """
 
 from collections.abc import Mapping

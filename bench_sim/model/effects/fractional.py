@@ -1,4 +1,4 @@
-"""Rubber whose loss knows no time constant: a fractional Kelvin-Voigt element in the shell.
+"""Rubber that follows a power law of the frequency: a fractional Kelvin-Voigt element in the shell.
 
     K(iω) = r k_sh (iω/ω₀)^α,   ω₀ = 2π · 1 Hz
 

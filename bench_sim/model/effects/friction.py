@@ -3,7 +3,7 @@
     F = F_s + (x − x_s)/(x_2 (1 − α) + (x − x_s)) · (F_max − F_s),   x > x_s, and the same with the signs turned
 
 in both directions of both springs; x is the bellows' displacement, α = F_s/F_max at the last reversal. It turns where
-the spring's own friction turns. Its loop does not know the rate; loss per cycle, large against x_2: 4 F_max x_0.
+the spring's own friction turns. Its loop does not depend on the rate; loss per cycle, large against x_2: 4 F_max x_0.
 Source: Berg, Veh. Syst. Dyn. 30 (1998) 197; sizes assumed.
 """
 

@@ -1,10 +1,10 @@
-"""Where an effect of the rubber finds room: the lists of extra elements end at the first element of nothing."""
+"""Free places in the rubber's lists of extra elements; a list ends at its first element of size zero."""
 
 from typing import Any
 
 
 def free_slots(amounts: Any, wanted: int, what: str) -> int:
-    """Return the place of the first free element of a list; raise ValueError where fewer than ``wanted`` are free."""
+    """Return the index of the first free element; raise ValueError where fewer than ``wanted`` are free."""
     used = int((amounts != 0.0).sum())
     if used + wanted > len(amounts):
         raise ValueError(
