@@ -146,7 +146,8 @@ def _print_modbus_map(out: TextIO) -> None:
     print("\n## Modbus map\n", file=out)
     print(
         "Unit 1, TCP. 32-bit values are IEEE 754 singles in SI units, high word first; probe registers carry 3.14159\n"
-        "and 0x12345678. The scaled twins are signed 16-bit multiples of the resolution, 0x8000 where not available.\n"
+        "and 0x12345678. The scaled twins are signed 16-bit multiples of the resolution, 0x8000 where not\n"
+        "available or too large. "
         "A block begins and ends with the same sequence number, which changes with every sampling instant. Discrete\n"
         "inputs from 100 on say in the order of the readings whether each is available. Numbers count from 1 with the\n"
         "classic prefixes (30001 is input register 0).\n",

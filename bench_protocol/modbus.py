@@ -23,7 +23,7 @@ MEANING: Final[Mapping[int, str]] = {
     ILLEGAL_FUNCTION: "the function is unknown to the device",
     ILLEGAL_ADDRESS: "the address is outside the device's map",
     ILLEGAL_VALUE: "the device refuses the value or the count",
-    DEVICE_FAILURE: "the device failed while it carried out the request",
+    DEVICE_FAILURE: "the device cannot do that now: its state does not allow it, or it failed on the way",
     5: "the device has accepted the request and still works on it",
     NO_AUTHORITY: "somebody else commands the device",
     8: "the device's memory fails its parity check",

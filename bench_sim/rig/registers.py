@@ -140,7 +140,8 @@ class RegisterBank:
         if math.isnan(value):
             return [UNAVAILABLE]
         scaled = round(value / self.table.signals[row].step)
-        return [max(-INT16_MAX, min(INT16_MAX, scaled)) & 0xFFFF]
+        # Cut off at the end of its range it would be a value like any other: the float next to it has the true one.
+        return [scaled & 0xFFFF if abs(scaled) <= INT16_MAX else UNAVAILABLE]
 
     def read_holding(self, address: int, count: int) -> list[int]:
         words: list[int] = []

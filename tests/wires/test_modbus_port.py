@@ -77,7 +77,7 @@ def test_a_refusal_in_words(
 
 def test_a_device_failure_in_words(port: ModbusPort, bank) -> None:
     bank.broken = True
-    with pytest.raises(Refused, match="the device failed while it carried out the request") as caught:
+    with pytest.raises(Refused, match="the device cannot do that now") as caught:
         port.read_holding(0, 1)
     assert caught.value.code == 4
 
