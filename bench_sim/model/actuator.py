@@ -9,7 +9,7 @@ from math import pi
 from typing import Any
 
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.compiled import compiled, compiled_once
+from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import ACTUATORS, DELAY_CAPACITY, LATERAL, Input, Mode, State
 
 
@@ -121,7 +121,7 @@ def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
         hold_setpoint(mem, j, force)
 
 
-@compiled_once
+@compiled
 def command_actuators(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
     """Once per step: modes, limits and slew rates of the set-points, delay line."""
     head = mem.step % DELAY_CAPACITY

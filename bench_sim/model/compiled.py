@@ -51,7 +51,10 @@ def compiled_within(function: Callable[..., Any]) -> Any:
 
 
 def compiled_once(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for what is large and called from several places: compiled once, never copied."""
+    """As `compiled`, for what is large and called from several places: compiled once and called.
+
+    numba compiles it with what its first caller has: called by a `compiled` function, it is copied all the same.
+    """
     return _compile(function, _nrt=False)
 
 

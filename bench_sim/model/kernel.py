@@ -48,7 +48,7 @@ def begin_step(
     follow(mem, par, values, dt)
 
 
-@compiled_once
+@compiled
 def step(
     x: Any,
     mem: Any,

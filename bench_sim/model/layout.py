@@ -142,8 +142,8 @@ class State(IntEnum):
 #: Dash-pots of one extra branch: vertical and lateral, left and right.
 EXTRA_DASHPOTS: Final = 4
 
-#: What is smaller is nothing. A decayed rate would end as a denormal number, and with a few of those in the state the
-#: processor takes up to three times as long for a step.
+#: A state of a smaller magnitude becomes zero: a decayed rate would end as a denormal number, and with a few of those
+#: the processor takes up to three times as long for a step.
 TINY: Final = 1e-100
 
 #: Number of ... each.

@@ -1,4 +1,4 @@
-"""A replay: the springs driven through a measured motion, sample by sample, while the sensors look on.
+"""A replay: the springs are moved as was measured, and the model predicts what their sensors read.
 
 Bolster and platform go where they were seen to go, so their inertia, the actuators and the table take no part: each
 side's gas, rubber and sensors are predicted from the motion alone, and a mistake in one does not move the others.

@@ -44,7 +44,7 @@ def load_cell_term(par: Any, out: Any, values: Any) -> None:
     values[Sensor.LOAD_CELL_6] = 0.5 * F_y
 
 
-@compiled_once
+@compiled
 def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
     """What ideal sensors would read (SI, pressures gauge), in the order of `Sensor`."""
     atmosphere = par.atmospheric_pressure
