@@ -52,9 +52,9 @@ class Listener:
         """Return where in ``frames()`` the frames of ``message`` stand."""
         return np.flatnonzero(self.frames()["id"] == IDENTIFIER[message])
 
-    def series(self, signal: str) -> np.ndarray:
-        """Return all values of ``signal``, as our own codec decodes them."""
-        samples = Decoder(TABLE).decode(self.frames())
+    def series(self, signal: str, end: int | None = None) -> np.ndarray:
+        """Return all values of ``signal`` before position ``end``, as our own codec decodes them."""
+        samples = Decoder(TABLE).decode(self.frames()[:end])
         return samples.values[samples.signals == TABLE.index[signal]]
 
     def states(self) -> list[str]:
