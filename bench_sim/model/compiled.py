@@ -10,9 +10,9 @@ from numba import njit
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    # The rig's tick contains the codec, the model and the numbering of its controls.
+    # The rig's tick contains the codec, the model, the numbering of its controls and the safe position.
     sources = [*files("bench_protocol").iterdir(), *files("bench_sim.model").iterdir()]
-    sources.append(files("bench_sim.rig") / "controls.py")
+    sources += [files("bench_sim.rig") / name for name in ("controls.py", "safe_position.py")]
     for source in sorted(sources, key=lambda entry: entry.name):
         if source.name.endswith(".py"):
             digest.update(source.name.encode())
