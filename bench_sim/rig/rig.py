@@ -15,27 +15,21 @@ from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
-from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, SIDES, BenchState
+from bench_protocol.words import FAULTS, LIVE, SIDES, BenchState
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
-from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, AirSupply, ControlBit, Happened, Target
+from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened, Target
 from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
-from bench_sim.rig.limits import LIMITS, Limit, LimitAction, detectors, reset_detectors
+from bench_sim.rig.limits import LIMITS, Limit, detectors
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import (
-    COMMAND_VALID,
     EMERGENCY_CODES,
-    ENGAGED,
-    ESTOP_RELEASED,
-    SAFE,
-    SHUT_IN,
-    STATUS_CODES,
     Event,
-    StateMachine,
 )
+from bench_sim.rig.supervisor import Supervisor
 from bench_sim.rig.tick import (
     FRAMES_PER_TICK_MAX,
     PlantArrays,
@@ -47,7 +41,6 @@ from bench_sim.rig.tick import (
 )
 
 _SCRATCH_TICKS: Final = 100  # as many frames need no new memory
-_BOOT_TICKS: Final = 200
 _STEERING: Final = Steering.of_table()
 #: More command frames than this in one block are a flood; the rest is ignored.
 _CHANGES_MAX: Final = 4096
@@ -67,15 +60,11 @@ class Rig:
         self.plant = Plant.depressurised(self.parameters.record, seed=seed, dt=TICK)
         self.values = np.full(len(TABLE.signals), np.nan)
         self.lock = threading.RLock()
-        self.estop = False
-        self._limits = limits
         self._detectors = detectors(TABLE, limits, FAST_RATE)
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
-        self._commander: str | None = None
-        self._bits = ControlBit.NONE  # of the last valid command
         self._changes = np.zeros(_CHANGES_MAX, np.int64)
         self._modbus_deadline = -1
         self._pending: list[Block] = []
@@ -85,24 +74,24 @@ class Rig:
         self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
         none = np.zeros(0, np.int64), np.zeros(0)
         self._take_commands: Any = bind(take_commands, self._control_array, *none, _STEERING, self._changes)
-        self.machine = StateMachine(
-            {COMMAND_VALID: self._command_valid, ESTOP_RELEASED: lambda: not self.estop},
-        )
         self.registers = RegisterBank(TABLE, self)
         self.generator = FunctionGenerator(
             self._controls, self.registers.staged, self.plant.parameters.actuator_half_spacing
+        )
+        self.supervisor = Supervisor(
+            self._controls, self.values, limits, self._detectors, self.generator, self._emergency
         )
         self.fittings = Fittings(self.plant, self.registers.staged)
         self._actions = _of_every(
             Kind.ACTION,
             {
                 "apply": lambda: self.apply(self.registers.staged),
-                "reset": self._reset,
-                "power_on": partial(self._handle, Event.POWER_ON),
-                "power_off": partial(self._handle, Event.POWER_OFF),
-                "air_low": partial(self._handle, Event.AIR_LOW),
-                "air_high": partial(self._handle, Event.AIR_HIGH),
-                "disable": partial(self._handle, Event.DISABLE),
+                "reset": self.supervisor.reset,
+                "power_on": partial(self.supervisor.handle, Event.POWER_ON),
+                "power_off": partial(self.supervisor.handle, Event.POWER_OFF),
+                "air_low": partial(self.supervisor.handle, Event.AIR_LOW),
+                "air_high": partial(self.supervisor.handle, Event.AIR_HIGH),
+                "disable": partial(self.supervisor.handle, Event.DISABLE),
                 "program_run": lambda: self.state is BenchState.ACTIVE and self.generator.run(),
                 "program_hold": self.generator.hold,
                 "program_stop": self.generator.stop,
@@ -111,18 +100,18 @@ class Rig:
         self._contacts = self._interlock_contacts()
         self._start_values()
         self.apply(self.registers.staged)
-        self._handle(Event.POWER_ON)
+        self.supervisor.handle(Event.POWER_ON)
 
     def _interlock_contacts(self) -> Mapping[str, Callable[[], bool]]:
         """Return what tells of each interlock, and of what is staged, whether it is set."""
         return _of_every(
             Kind.INTERLOCK,
             {
-                "estop": lambda: self.estop,
+                "estop": lambda: self.supervisor.estop,
                 "pneumatic": lambda: self.state not in (*LIVE, BenchState.FAULT_HOLD),
                 "program": lambda: self.state is not BenchState.ACTIVE,
-                "command": self._command_valid,
-                "limits": lambda: bool((self._detectors["tripped"] | self._detectors["standing"]).any()),
+                "command": self.supervisor.command_valid,
+                "limits": lambda: self.supervisor.limits_broken,
                 "fault": lambda: self.state in FAULTS,
                 "staged": lambda: self.registers.unapplied,
             },
@@ -148,7 +137,8 @@ class Rig:
     def receive(self, block: Block, peer: str = "") -> None:
         """Take CAN frames from ``peer``; only the first commander's count while it is alive."""
         with self.lock:
-            if self._commander not in (None, peer) and self._silence() < DISABLE_AFTER / TICK:
+            supervisor = self.supervisor
+            if supervisor.commander not in (None, peer) and supervisor.silence < DISABLE_AFTER / TICK:
                 return
             stamped = copied(block[:_CHANGES_MAX])
             stamped["time"] = int(self._controls["tick"]) * TICK_NS
@@ -158,12 +148,12 @@ class Rig:
                 tally[Tally.CORRUPT] + tally[Tally.REPEATED] + tally[Tally.OUT_OF_SEQUENCE]
             )
             if samples.signals.size:
-                self._commander = peer
+                supervisor.commander = peer
                 count = self._take_commands(
                     self._control_array, samples.signals, samples.values, _STEERING, self._changes
                 )
                 for bits in self._changes[:count].tolist():
-                    self._command(ControlBit(bits))
+                    supervisor.command(ControlBit(bits))
 
     def answer(self, request: bytes, peer: str = "") -> bytes:
         """Return the response to one Modbus/TCP request (ADU) from ``peer``."""
@@ -173,10 +163,11 @@ class Rig:
     def peer_lost(self, peer: str) -> None:
         """Note that a connection is closed: the bench holds at once if it was the commander's."""
         with self.lock:
-            if self.registers.release(peer) or peer == self._commander:
-                self._handle(Event.DISCONNECTED)
-            if peer == self._commander:
-                self._commander = None
+            commander = self.supervisor.commander
+            if self.registers.release(peer) or peer == commander:
+                self.supervisor.handle(Event.DISCONNECTED)
+            if peer == commander:
+                self.supervisor.commander = None
                 self._decoder.forget()
 
     def tick(self) -> Block:
@@ -206,18 +197,18 @@ class Rig:
     def press_estop(self) -> None:
         """Press the emergency stop: hard-wired, no software between the button and the valves."""
         with self.lock:
-            self.estop = True
-            self._handle(Event.ESTOP)
+            self.supervisor.estop = True
+            self.supervisor.handle(Event.ESTOP)
 
     def release_estop(self) -> None:
         """Release the button; the bench stays stopped until somebody resets it."""
         with self.lock:
-            self.estop = False
+            self.supervisor.estop = False
 
     def cut_power(self) -> None:
         """Take the power from valves and actuators: they fall into their safe position; the doors keep theirs."""
         with self.lock:
-            self._handle(Event.POWER_LOST)
+            self.supervisor.handle(Event.POWER_LOST)
 
     # -- what the loop around it reports -------------------------------------------------------------------------
 
@@ -231,7 +222,7 @@ class Rig:
             self.values[TABLE.index["rig.late_ticks"]] += 1
         if lost:
             with self.lock:
-                self._handle(Event.TICK_LOST)
+                self.supervisor.handle(Event.TICK_LOST)
 
     # -- what the registers ask for ------------------------------------------------------------------------------
 
@@ -243,7 +234,7 @@ class Rig:
     @property
     def state(self) -> BenchState:
         """The present state of the bench."""
-        return self.machine.state
+        return self.supervisor.state
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
@@ -274,7 +265,7 @@ class Rig:
         for actuator, mode in enumerate(modes):
             if c["control"][actuator] != mode:
                 c["control"][actuator] = mode
-                self._take_present(Target(actuator))
+                self.supervisor.take_present(Target(actuator))
         return True
 
     # -- inside --------------------------------------------------------------------------------------------------
@@ -294,148 +285,19 @@ class Rig:
     def _set(self, name: str, value: float) -> None:
         self.values[TABLE.index[name]] = value
 
-    def _silence(self) -> int:
-        """Ticks since the last valid command."""
-        return int(self._controls["tick"] - self._controls["command_tick"])
-
-    def _command_valid(self) -> bool:
-        return (
-            self._commander is not None
-            and self._silence() * TICK < DISABLE_AFTER
-            and bool(self._bits & ControlBit.ENABLE)
-        )
-
-    def _command(self, bits: ControlBit) -> None:
-        """Act on the D, H, M and R bits of a valid Control message in which one of them has changed."""
-        rising, self._bits = bits & ~self._bits, bits
-        if not bits & ControlBit.ENABLE:
-            self._handle(Event.DISABLE)
-        if rising & ControlBit.RESET:
-            self._reset()
-        if rising & ControlBit.HOLD:
-            self._handle(Event.HOLD)
-        if rising & ControlBit.ACTIVE:
-            self._handle(Event.ACTIVATE)
-        self._step_down()
-
-    def _step_down(self) -> None:
-        """Leave the states that the present bits do not ask for: going up takes an edge, going down a level."""
-        if not self._bits & ControlBit.HOLD:
-            self._handle(Event.RELEASE)
-        if not self._bits & ControlBit.ACTIVE:
-            self._handle(Event.PAUSE)
-
-    def _take_present(self, target: Target) -> None:
-        """Let an actuator's set-point be what it measures now, so that taking over changes nothing."""
-        c = self._controls
-        mode = CONTROL_MODES[int(c["control"][target])]
-        present = 0.0 if mode == "off" else self.values[TABLE.index[f"{ACTUATORS[target]}.{mode}"]]
-        c["setpoint"][target] = c["goal"][target] = 0.0 if np.isnan(present) else present
-        c["slew"][target] = 0
-
-    def _handle(self, event: Event) -> bool:
-        """Let the state machine decide and bring everything in line with the new state."""
-        before = self.machine.state
-        if not self.machine.handle(event):
-            return False
-        state, c = self.machine.state, self._controls
-        self._set("rig.state", state)
-        self._set("rig.reason", self.machine.reason)
-        self._set("rig.status_code", STATUS_CODES[state])
-        if state in ENGAGED and not c["engaged"]:
-            for actuator in (Target.VERTICAL_LEFT, Target.VERTICAL_RIGHT, Target.LATERAL):
-                self._take_present(actuator)
-        if before is BenchState.ACTIVE:
-            self._freeze(keep_program=state is BenchState.HOLD)
-        if state is not BenchState.FAULT_REACTION:  # while it reacts, the bench keeps what it has
-            c["engaged"] = state in ENGAGED
-            c["shut_in"] = state in SHUT_IN
-        if state in (*ENGAGED, *SHUT_IN) or (state in SAFE and before not in SAFE):
-            c["grip"] = Grip.SHUT  # also of a bolster that floated on its springs: nothing moves it now
-        c["active"] = state is BenchState.ACTIVE
-        c["armed"] = state in (*LIVE, BenchState.FAULT_HOLD)
-        if state in (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE):
-            c["air"] = AirSupply.FULL
-        elif state is BenchState.AIR_LOW:
-            c["air"] = AirSupply.RESTRICTED
-        else:
-            c["air"] = AirSupply.VENTED if state in SAFE else AirSupply.SHUT
-        if state in (BenchState.BOOT, BenchState.INIT):
-            c["alarm"] = c["tick"] + _BOOT_TICKS
-        elif state is BenchState.FAULT_REACTION:
-            c["alarm"] = c["tick"] + 1
-        if (state in FAULTS) != (before in FAULTS) or event is Event.ESTOP:
-            self._emergency()
-        return True
-
-    def _freeze(self, *, keep_program: bool) -> None:
-        """Stop where everything is: set-points stay, the generator pauses, or ends with its offset kept."""
-        c = self._controls
-        if keep_program:
-            self.generator.hold()
-        else:
-            self.generator.freeze()
-        c["goal"] = c["setpoint"]
-        c["slew"] = 0
+    def _decide(self, happened: Happened) -> None:
+        self.supervisor.decide(happened)
+        if 0 <= self._modbus_deadline <= int(self._controls["tick"]):
+            self._modbus_deadline = -1
+            self.supervisor.handle(Event.DISCONNECTED)
 
     def _emergency(self) -> None:
-        reason = self.machine.reason
+        reason = self.supervisor.machine.reason
         self._set("emergency.code", EMERGENCY_CODES[reason])
         self._set("emergency.register", 1.0 if EMERGENCY_CODES[reason] else 0.0)
         self._set("emergency.reason", reason)
         time = int(self._controls["tick"]) * TICK_NS
         self._pending.append(self._encoder.encode(self.values, self._emergency_row, time))
-
-    def _decide(self, happened: Happened) -> None:
-        """Act on what the tick could not decide by itself."""
-        if Happened.ALARM in happened:
-            self._alarm()
-        if Happened.LIMIT in happened:
-            self._trip()
-        if Happened.COMMAND_LATE in happened:
-            self._handle(Event.COMMAND_LATE)
-        if Happened.COMMAND_LOST in happened:
-            self._commander = None
-            self._handle(Event.COMMAND_LOST)
-        if 0 <= self._modbus_deadline <= int(self._controls["tick"]):
-            self._modbus_deadline = -1
-            self._handle(Event.DISCONNECTED)
-
-    def _alarm(self) -> None:
-        match self.machine.state:
-            case BenchState.BOOT:
-                self._handle(Event.BOOTED)
-            case BenchState.INIT:
-                self._handle(Event.CHECKED)
-            case BenchState.FAULT_REACTION:
-                c = self._controls
-                mild = c["engaged"] and not c["lost"] and not self._tripped(LimitAction.POWER_OFF)
-                self._handle(Event.REACTED_HOLD if mild else Event.REACTED_DISABLE)
-
-    def _tripped(self, action: LimitAction) -> bool:
-        return any(
-            tripped and limit.action is action
-            for limit, tripped in zip(self._limits, self._detectors["tripped"], strict=True)
-        )
-
-    def _trip(self) -> None:
-        if self.values[TABLE.index["rig.tripped"]] == 0:
-            first = int(np.argmax(self._detectors["tripped"]))
-            self._set("rig.tripped", float(TABLE.trip_number(self._limits[first].signal)))
-        if self._tripped(LimitAction.POWER_OFF):
-            self._handle(Event.TRIP_OFF)
-        elif self._tripped(LimitAction.HOLD):
-            self._handle(Event.TRIP_HOLD)
-
-    def _reset(self) -> bool:
-        """Clear what is latched, if the state machine lets the reset through."""
-        if not self._handle(Event.RESET):
-            return False
-        reset_detectors(self._detectors, self.values)
-        self._set("rig.tripped", 0.0)
-        self._controls["late"] = self._controls["lost"] = 0
-        self._step_down()
-        return True
 
 
 def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:

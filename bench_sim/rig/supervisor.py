@@ -1,0 +1,204 @@
+"""The supervisor: the state of the bench, and what follows from it for actuators, air, program and watchdog."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.rates import DISABLE_AFTER, TICK
+from bench_protocol.table import TABLE
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, BenchState
+from bench_sim.rig.controls import AirSupply, ControlBit, Happened, Target
+from bench_sim.rig.generator import FunctionGenerator
+from bench_sim.rig.limits import Limit, LimitAction, reset_detectors
+from bench_sim.rig.safe_position import Grip
+from bench_sim.rig.states import (
+    COMMAND_VALID,
+    ENGAGED,
+    ESTOP_RELEASED,
+    SAFE,
+    SHUT_IN,
+    STATUS_CODES,
+    Event,
+    StateMachine,
+)
+
+_BOOT_TICKS: Final = 200
+
+
+class Supervisor:
+    """Decides between two ticks on what the tick reports and the wires ask for.
+
+    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row); ``on_emergency`` is called
+    on entering and leaving a fault.
+    """
+
+    def __init__(
+        self,
+        controls: Any,
+        values: npt.NDArray[np.float64],
+        limits: tuple[Limit, ...],
+        detectors: npt.NDArray[np.void],
+        generator: FunctionGenerator,
+        on_emergency: Callable[[], None],
+    ) -> None:
+        self.estop = False
+        #: Whose commands count, None while nobody commands.
+        self.commander: str | None = None
+        self._controls = controls
+        self._values = values
+        self._limits, self._detectors = limits, detectors
+        self._generator = generator
+        self._on_emergency = on_emergency
+        self._bits = ControlBit.NONE  # of the last valid command
+        self.machine = StateMachine(
+            {COMMAND_VALID: self.command_valid, ESTOP_RELEASED: lambda: not self.estop},
+        )
+
+    @property
+    def state(self) -> BenchState:
+        """The present state of the bench."""
+        return self.machine.state
+
+    @property
+    def silence(self) -> int:
+        """Ticks since the last valid command."""
+        return int(self._controls["tick"] - self._controls["command_tick"])
+
+    @property
+    def limits_broken(self) -> bool:
+        """Whether a limit has tripped or still stands."""
+        return bool((self._detectors["tripped"] | self._detectors["standing"]).any())
+
+    def command_valid(self) -> bool:
+        """Return whether somebody commands, and wants the bench enabled."""
+        return (
+            self.commander is not None
+            and self.silence * TICK < DISABLE_AFTER
+            and bool(self._bits & ControlBit.ENABLE)
+        )
+
+    def command(self, bits: ControlBit) -> None:
+        """Act on the D, H, M and R bits of a valid Control message in which one of them has changed."""
+        rising, self._bits = bits & ~self._bits, bits
+        if not bits & ControlBit.ENABLE:
+            self.handle(Event.DISABLE)
+        if rising & ControlBit.RESET:
+            self.reset()
+        if rising & ControlBit.HOLD:
+            self.handle(Event.HOLD)
+        if rising & ControlBit.ACTIVE:
+            self.handle(Event.ACTIVATE)
+        self._step_down()
+
+    def _step_down(self) -> None:
+        """Leave the states that the present bits do not ask for: going up takes an edge, going down a level."""
+        if not self._bits & ControlBit.HOLD:
+            self.handle(Event.RELEASE)
+        if not self._bits & ControlBit.ACTIVE:
+            self.handle(Event.PAUSE)
+
+    def take_present(self, target: Target) -> None:
+        """Let an actuator's set-point be what it measures now, so that taking over changes nothing."""
+        c = self._controls
+        mode = CONTROL_MODES[int(c["control"][target])]
+        present = 0.0 if mode == "off" else self._values[TABLE.index[f"{ACTUATORS[target]}.{mode}"]]
+        c["setpoint"][target] = c["goal"][target] = 0.0 if np.isnan(present) else present
+        c["slew"][target] = 0
+
+    def handle(self, event: Event) -> bool:
+        """Let the state machine decide and bring everything in line with the new state."""
+        before = self.state
+        if not self.machine.handle(event):
+            return False
+        state, c = self.state, self._controls
+        self._set("rig.state", state)
+        self._set("rig.reason", self.machine.reason)
+        self._set("rig.status_code", STATUS_CODES[state])
+        if state in ENGAGED and not c["engaged"]:
+            for actuator in (Target.VERTICAL_LEFT, Target.VERTICAL_RIGHT, Target.LATERAL):
+                self.take_present(actuator)
+        if before is BenchState.ACTIVE:
+            self._freeze(keep_program=state is BenchState.HOLD)
+        if state is not BenchState.FAULT_REACTION:  # while it reacts, the bench keeps what it has
+            c["engaged"] = state in ENGAGED
+            c["shut_in"] = state in SHUT_IN
+        if state in (*ENGAGED, *SHUT_IN) or (state in SAFE and before not in SAFE):
+            c["grip"] = Grip.SHUT  # also of a bolster that floated on its springs: nothing moves it now
+        c["active"] = state is BenchState.ACTIVE
+        c["armed"] = state in (*LIVE, BenchState.FAULT_HOLD)
+        if state in (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE):
+            c["air"] = AirSupply.FULL
+        elif state is BenchState.AIR_LOW:
+            c["air"] = AirSupply.RESTRICTED
+        else:
+            c["air"] = AirSupply.VENTED if state in SAFE else AirSupply.SHUT
+        if state in (BenchState.BOOT, BenchState.INIT):
+            c["alarm"] = c["tick"] + _BOOT_TICKS
+        elif state is BenchState.FAULT_REACTION:
+            c["alarm"] = c["tick"] + 1
+        if (state in FAULTS) != (before in FAULTS) or event is Event.ESTOP:
+            self._on_emergency()
+        return True
+
+    def _freeze(self, *, keep_program: bool) -> None:
+        """Stop where everything is: set-points stay, the generator pauses, or ends with its offset kept."""
+        c = self._controls
+        if keep_program:
+            self._generator.hold()
+        else:
+            self._generator.freeze()
+        c["goal"] = c["setpoint"]
+        c["slew"] = 0
+
+    def decide(self, happened: Happened) -> None:
+        """Act on what the tick could not decide by itself."""
+        if Happened.ALARM in happened:
+            self._alarm()
+        if Happened.LIMIT in happened:
+            self._trip()
+        if Happened.COMMAND_LATE in happened:
+            self.handle(Event.COMMAND_LATE)
+        if Happened.COMMAND_LOST in happened:
+            self.commander = None
+            self.handle(Event.COMMAND_LOST)
+
+    def _alarm(self) -> None:
+        match self.state:
+            case BenchState.BOOT:
+                self.handle(Event.BOOTED)
+            case BenchState.INIT:
+                self.handle(Event.CHECKED)
+            case BenchState.FAULT_REACTION:
+                c = self._controls
+                mild = c["engaged"] and not c["lost"] and not self._tripped(LimitAction.POWER_OFF)
+                self.handle(Event.REACTED_HOLD if mild else Event.REACTED_DISABLE)
+
+    def _set(self, name: str, value: float) -> None:
+        self._values[TABLE.index[name]] = value
+
+    def _tripped(self, action: LimitAction) -> bool:
+        return any(
+            tripped and limit.action is action
+            for limit, tripped in zip(self._limits, self._detectors["tripped"], strict=True)
+        )
+
+    def _trip(self) -> None:
+        if self._values[TABLE.index["rig.tripped"]] == 0:
+            first = int(np.argmax(self._detectors["tripped"]))
+            self._set("rig.tripped", float(TABLE.trip_number(self._limits[first].signal)))
+        if self._tripped(LimitAction.POWER_OFF):
+            self.handle(Event.TRIP_OFF)
+        elif self._tripped(LimitAction.HOLD):
+            self.handle(Event.TRIP_HOLD)
+
+    def reset(self) -> bool:
+        """Clear what is latched, if the state machine lets the reset through."""
+        if not self.handle(Event.RESET):
+            return False
+        reset_detectors(self._detectors, self._values)
+        self._set("rig.tripped", 0.0)
+        self._controls["late"] = self._controls["lost"] = 0
+        self._step_down()
+        return True
