@@ -59,6 +59,7 @@ class Happened(IntFlag):
     LIMIT = 4
     PROGRAM_DONE = 8
     ALARM = 16
+    WRITES_LOST = 32  #: the holder of the lease writes no more
 
 
 #: A snapshot of the rig's tick is a copy of this record.
@@ -68,6 +69,7 @@ CONTROLS: Final = np.dtype(
         ("alarm", "<i8"),  # tick at which the state machine wants to be asked, -1 for never
         ("command_tick", "<i8"),  # when the last valid command came
         ("bits", "<i8"),  # `ControlBit` of the last valid command
+        ("write_deadline", "<i8"),  # tick by which the holder of the lease must have written, -1 for never
         ("armed", "<i8"),  # 1: the watchdog is watching
         ("late", "<i8"),  # 1: already reported
         ("lost", "<i8"),

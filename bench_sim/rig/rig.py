@@ -15,6 +15,7 @@ from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
+from bench_protocol.units import ms
 from bench_protocol.words import FAULTS, LIVE, SIDES, BenchState
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
@@ -63,10 +64,10 @@ class Rig:
         self._detectors = detectors(TABLE, limits, FAST_RATE)
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
+        self._controls["write_deadline"] = -1
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
         self._changes = np.zeros(_CHANGES_MAX, np.int64)
-        self._modbus_deadline = -1
         self._pending: list[Block] = []
         self._scratch = np.empty(_SCRATCH_TICKS * FRAMES_PER_TICK_MAX, FRAME)
         self._emergency_row = self._encoder.rows(["Emergency"])
@@ -182,12 +183,12 @@ class Rig:
             out = self._scratch if room <= self._scratch.size else np.empty(room, FRAME)
             start = 0
             while ticks > 0:
-                done, count, happened = self._run(ticks, out[start:])
+                done, count, happened = self._run_ticks(ticks, *self._tick_state, out[start:])
                 blocks.append(copied(out[start : start + count]))
                 start += count
                 ticks -= done
-                if happened or self._modbus_deadline >= 0:
-                    self._decide(Happened(happened))
+                if happened:
+                    self.supervisor.decide(Happened(happened))
                     blocks += self._pending
                     self._pending = []
             return blocks[0] if len(blocks) == 1 else join(blocks)
@@ -242,7 +243,8 @@ class Rig:
 
     def watch(self, milliseconds: int) -> None:
         """Expect the next write of the lease holder within ``milliseconds``; 0 stops watching."""
-        self._modbus_deadline = int(self._controls["tick"]) + milliseconds if milliseconds else -1
+        ticks = round(milliseconds * ms / TICK)
+        self._controls["write_deadline"] = self._controls["tick"] + ticks if ticks else -1
 
     def act(self, name: str) -> bool:
         """Carry out a coil's action; return whether the present state allows it."""
@@ -270,12 +272,6 @@ class Rig:
 
     # -- inside --------------------------------------------------------------------------------------------------
 
-    def _run(self, ticks: int, out: Block) -> tuple[int, int, int]:
-        if self._modbus_deadline >= 0:
-            ticks = max(1, min(ticks, self._modbus_deadline - int(self._controls["tick"])))
-        ran: tuple[int, int, int] = self._run_ticks(ticks, *self._tick_state, out)
-        return ran
-
     def _start_values(self) -> None:
         for signal in TABLE.signals:
             if signal.name.startswith(("rig.", "emergency.")):
@@ -284,12 +280,6 @@ class Rig:
 
     def _set(self, name: str, value: float) -> None:
         self.values[TABLE.index[name]] = value
-
-    def _decide(self, happened: Happened) -> None:
-        self.supervisor.decide(happened)
-        if 0 <= self._modbus_deadline <= int(self._controls["tick"]):
-            self._modbus_deadline = -1
-            self.supervisor.handle(Event.DISCONNECTED)
 
     def _emergency(self) -> None:
         reason = self.supervisor.machine.reason

@@ -163,6 +163,8 @@ class Supervisor:
         if Happened.COMMAND_LOST in happened:
             self.commander = None
             self.handle(Event.COMMAND_LOST)
+        if Happened.WRITES_LOST in happened:
+            self.handle(Event.DISCONNECTED)
 
     def _alarm(self) -> None:
         match self.state:

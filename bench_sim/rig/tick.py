@@ -218,8 +218,10 @@ def _detect(values: Any, detectors: Any) -> int:
 
 @compiled
 def _watch(c: Any) -> int:
-    """Return whether the watchdog finds the commands late or lost in this tick."""
+    """Return which watchdogs run out in this tick: of the commands (late, lost) and of the holder's writes."""
     happened = Happened.NOTHING.value
+    if c.tick == c.write_deadline:
+        happened |= Happened.WRITES_LOST.value
     if c.armed == 0:
         return happened
     silence = c.tick - c.command_tick
