@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
+from bench_sim.rig.can_bus import CanBus
 from bench_sim.rig.controls import TICK_NS
 from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
@@ -24,6 +25,8 @@ class RigInMemory:
 
     def __init__(self, rig: "Rig", run: Callable[[int], Block] | None = None) -> None:
         self.rig, self.clock = rig, VirtualClock()
+        self.bus = CanBus(rig.receive, self.clock, self.clock.now)
+        self.bus.connect(self)
         self._run = run or rig.run
         self._ports: list[_CanPort] = []
         self._clients = 0
@@ -63,31 +66,38 @@ class RigInMemory:
         for port in self._ports:
             port.lose(reason)
 
-    def spread(self, block: Block, sender: InMemoryCan | None = None) -> None:
+    def publish(self, block: Block) -> None:
+        """Deliver frames of the rig to every port."""
+        for port in self._ports:
+            port.deliver(block)
+
+    def relay(self, block: Block, peer: str) -> None:
         """Deliver frames to every port but that of their sender."""
         for port in self._ports:
-            if port is not sender:
+            if port.name != peer:
                 port.deliver(block)
 
     def send(self, block: Block, port: "_CanPort") -> None:
-        """Take frames from a port to the rig and, stamped with the time, to all other ports."""
-        if len(self._ports) > 1:
-            stamped = block.copy()
-            stamped["time"] = self.clock.now()
-            self.spread(stamped, port)
-        self.rig.receive(block, port.name)
+        """Take frames from a port, stamped with the time, to all other ports and to the rig."""
+        stamped = block.copy()
+        stamped["time"] = self.clock.now()
+        stamped = self.bus.carry(stamped, port.name)
+        if stamped.size:
+            self.relay(stamped, port.name)
+            self.rig.receive(stamped, port.name)
 
     def leave(self, port: "_CanPort") -> None:
         """Take a port off the bus; the rig hears that it is gone."""
         if port in self._ports:
             self._ports.remove(port)
+            self.bus.forget(port.name)
             self.rig.peer_lost(port.name)
 
     def _advance(self, until: int) -> None:
         ticks = until // TICK_NS - self._ticks
         if ticks > 0:
             self._ticks += ticks
-            self.spread(self._run(ticks))
+            self.bus.publish(self._run(ticks))
 
     def _name(self, kind: str) -> str:
         self._clients += 1

@@ -13,9 +13,16 @@ from bench_protocol.frames import FRAME, Block
 from bench_sim.rig.connection import Connection, OnPeerLost, ignore
 
 OnFrames = Callable[[Block, str], None]
+Carry = Callable[[Block, str], Block]
 
 # Written at once to one client. Larger blocks are cut, so that "drop the oldest" never drops a whole burst.
 _FRAMES_PER_WRITE: Final = 1024
+
+
+def _whole(block: Block, peer: str) -> Block:
+    """Carry frames as on a bus on which nothing befalls them."""
+    del peer
+    return block
 
 
 class _CanClient(Connection):
@@ -133,7 +140,8 @@ class CanHub:
     """A CAN bus on TCP, compatible with socketcand: every client hears every frame but its own, all in one order.
 
     ``on_frames(block, peer)`` receives what clients send, stamped at ingress with ``now()`` (ns);
-    ``on_peer_lost(peer)`` hears of every client that leaves. ``publish(block)`` may be called from any thread.
+    ``on_peer_lost(peer)`` hears of every client that leaves; ``carry(block, peer)`` returns what the bus makes of what
+    a client sends, before anybody hears it. ``publish`` and ``relay`` may be called from any thread.
 
     Each client has a queue of ``queue_max`` frames behind the socket's own buffers; when it is full the oldest frames
     are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected.
@@ -144,6 +152,7 @@ class CanHub:
         on_frames: OnFrames,
         on_peer_lost: OnPeerLost = ignore,
         *,
+        carry: Carry = _whole,
         bus: str = "vcan0",
         now: Callable[[], int] = wall_time_ns,
         queue_max: int = 65_536,
@@ -160,11 +169,12 @@ class CanHub:
         #: Frames that slow clients have lost since the start.
         self.dropped = 0
         self._clients_max = clients_max
+        self._carry = carry
         self._on_frames = on_frames
         self._on_peer_lost = on_peer_lost
         self._now = now
         self._clients: dict[_CanClient, None] = {}
-        self._published: deque[Block] = deque()
+        self._published: deque[tuple[Block, str]] = deque()
         self._woken = False
         self._closed = False
         self._thread = 0
@@ -182,6 +192,10 @@ class CanHub:
         The hub keeps a reference until it is sent: do not write into the array afterwards.
         Before the hub is open and after it has been closed, frames go nowhere, as on a bus without nodes.
         """
+        self.relay(block, "")
+
+    def relay(self, block: Block, peer: str) -> None:
+        """Send ``block`` as `publish` does, but not to the client named ``peer``, who has sent it."""
         if block.dtype != FRAME:
             raise TypeError(
                 f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)"
@@ -189,7 +203,7 @@ class CanHub:
         loop = self._loop
         if loop is None or not len(block):
             return
-        self._published.append(block)
+        self._published.append((block, peer))
         # One wake-up serves all blocks that have been appended by the time it is served.
         if not self._woken:
             self._woken = True
@@ -227,18 +241,20 @@ class CanHub:
         """Stamp what ``sender`` has sent and pass it on."""
         self._flush()  # what was published before comes before
         block["time"] = self._now()
-        self._spread(block, sender)
-        self._on_frames(block, sender.name)
+        block = self._carry(block, sender.name)
+        if block.size:
+            self._spread(block, sender.name)
+            self._on_frames(block, sender.name)
 
     def _flush(self) -> None:
         self._woken = (
             False  # first: what is appended from now on either is seen below or wakes the loop again
         )
         while self._published:
-            self._spread(self._published.popleft(), None)
+            self._spread(*self._published.popleft())
 
-    def _spread(self, block: Block, sender: _CanClient | None) -> None:
-        receivers = [client for client in self._clients if client is not sender]
+    def _spread(self, block: Block, sender: str) -> None:
+        receivers = [client for client in self._clients if client.name != sender]
         if not receivers:
             return
         for start in range(0, len(block), _FRAMES_PER_WRITE):

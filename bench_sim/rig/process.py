@@ -2,7 +2,7 @@
 
 import gc
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Final
@@ -10,6 +10,7 @@ from typing import Final
 from bench_protocol.clock import Clock, RealClock, hurry, hurry_process, relax, wall_time_ns
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
+from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.modbus_server import ModbusTcpServer
@@ -81,18 +82,29 @@ def run_rig(
     allow_remote: bool = False,
     beacon: bool = False,
     policy: Late = Late.CATCH_UP,
+    stages: Sequence[Stage] = (),
     stop: threading.Event,
     ready: Callable[[str, str], None],
 ) -> None:
     """Open CAN and Modbus, call ``ready(can, modbus)`` with their addresses, and tick until ``stop`` is set.
 
-    ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface.
+    ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface; ``stages``
+    stand on the bus behind it.
     Raises OSError in words if one of them cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
     modbus_server = ModbusTcpServer(rig.answer, rig.peer_lost)
-    wire = SocketCan(interface, rig.receive) if interface else None
-    hub = None if wire else CanHub(rig.receive, rig.peer_lost)
+    clock = RealClock()
+    bus = CanBus(rig.receive, clock, wall_time_ns)
+
+    def peer_lost(peer: str) -> None:
+        bus.forget(peer)
+        rig.peer_lost(peer)
+
+    wire = SocketCan(interface, bus.take) if interface else None
+    hub = None if wire else CanHub(rig.receive, peer_lost, carry=bus.carry)
+    if door := wire or hub:
+        bus.connect(door)
     try:
         with serve_in_thread(
             hub,
@@ -104,12 +116,14 @@ def run_rig(
             beacon=beacon,
         ) as servers:
             can_address = interface or f"socketcand://{host}:{servers.can_port}"
+            for stage in stages:
+                bus.add(stage)
             rig.run(1)  # loads the compiled tick before the first deadline
-            publish = wire.publish if wire else hub.publish if hub else _nowhere
             with _real_time():
                 ready(can_address, f"{host}:{servers.modbus_port}")
-                keep_time(rig, publish, stop, RealClock(), policy)
+                keep_time(rig, bus.publish, stop, clock, policy)
     finally:
+        bus.close()
         if wire:
             wire.close()
 
@@ -121,10 +135,6 @@ def find_interface() -> str | None:
     except OSError:
         return None
     return "vcan0" if flags & 1 else None
-
-
-def _nowhere(block: Block) -> None:
-    del block
 
 
 class _real_time:  # noqa: N801 - reads as a statement

@@ -66,6 +66,11 @@ class SocketCan:
             except OSError:
                 self.dropped += 1
 
+    def relay(self, block: Block, peer: str) -> None:
+        """Send what somebody else than the interface's own nodes has sent: they have heard each other."""
+        if peer != self.interface:
+            self.publish(block)
+
     def close(self) -> None:
         """Close the interface and end the reading thread."""
         self._closing.set()

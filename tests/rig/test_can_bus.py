@@ -1,0 +1,117 @@
+"""The chain of stages on the bus: in order, both ways, what is kept, and nothing where there is none."""
+
+from collections.abc import Iterable
+
+import pytest
+
+from bench_protocol.clock import VirtualClock
+from bench_protocol.frames import Block, empty_block, frame, join
+from bench_sim.rig.can_bus import RIG, CanBus, Stage
+from bench_sim.rig.controls import TICK_NS
+
+
+class Hearers:
+    """A door and a rig that remember what they hear."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock()
+        self.bus = CanBus(
+            lambda block, peer: self.rig.append((*ids(block), peer)), self.clock, self.clock.now
+        )
+        self.bus.connect(self)
+        self.rig: list[tuple[int | str, ...]] = []
+        self.clients: list[tuple[int | str, ...]] = []
+
+    def publish(self, block: Block) -> None:
+        self.clients.append((*ids(block), RIG))
+
+    def relay(self, block: Block, peer: str) -> None:
+        self.clients.append((*ids(block), peer))
+
+
+def ids(block: Block) -> list[int]:
+    return block["id"].tolist()
+
+
+class Marking(Stage):
+    """Appends a frame with its own identifier to every block."""
+
+    def __init__(self, mark: int, rank: int = Stage.FAULT) -> None:
+        self.mark, self.rank = mark, rank
+        self.left: list[str] = []
+
+    def outgoing(self, block: Block, now: int) -> Block:
+        return join([block, frame(self.mark, b"")])
+
+    def incoming(self, block: Block, peer: str, now: int) -> Block:
+        return join([block, frame(self.mark, b"")])
+
+    def forget(self, peer: str) -> None:
+        self.left.append(peer)
+
+
+class Keeping(Stage):
+    """Keeps everything until it is 3 ms old."""
+
+    rank = Stage.PACE
+
+    def __init__(self) -> None:
+        self.kept: list[tuple[int, Block, str]] = []
+
+    def outgoing(self, block: Block, now: int) -> Block:
+        return self.incoming(block, RIG, now)
+
+    def incoming(self, block: Block, peer: str, now: int) -> Block:
+        self.kept.append((now + 3 * TICK_NS, block, peer))
+        return empty_block()
+
+    def due(self, now: int) -> Iterable[tuple[Block, str]]:
+        ready = [(block, peer) for time, block, peer in self.kept if time <= now]
+        self.kept = [one for one in self.kept if one[0] > now]
+        return ready
+
+
+def test_an_empty_chain_hands_on_the_very_block() -> None:
+    heard = Hearers()
+    block = frame(1, b"x")
+    assert heard.bus.carry(block, "a") is block
+    heard.bus.publish(block)
+    assert heard.clients == [(1, RIG)]
+    assert heard.rig == [], "a node does not hear itself"
+
+
+def test_both_ways_lead_through_the_stages_in_the_order_of_their_rank() -> None:
+    heard = Hearers()
+    for stage in (Marking(9, Stage.RECORD), Marking(5), Marking(6)):
+        heard.bus.add(stage)
+    heard.bus.publish(frame(1, b""))
+    assert heard.clients == [(1, 5, 6, 9, RIG)]
+    assert ids(heard.bus.carry(frame(2, b""), "a")) == [2, 5, 6, 9]
+
+
+def test_what_is_kept_goes_on_when_it_is_due_through_the_stages_behind() -> None:
+    heard = Hearers()
+    before, keeping, behind = Marking(5), Keeping(), Marking(9, Stage.RECORD)
+    for stage in (before, keeping, behind):
+        heard.bus.add(stage)
+    heard.bus.publish(frame(1, b""))
+    assert heard.bus.carry(frame(2, b""), "a").size == 0
+    heard.clock.sleep_until(3 * TICK_NS - 1)
+    assert heard.clients == heard.rig == []
+    heard.clock.sleep_until(3 * TICK_NS)
+    assert heard.clients == [(1, 5, 9, RIG), (2, 5, 9, "a")]
+    assert heard.rig == [(2, 5, 9, "a")], "its own frames do not come back to the rig"
+
+
+def test_a_stage_that_is_taken_out_acts_no_more_and_the_clock_rests() -> None:
+    heard = Hearers()
+    stage = Marking(5)
+    heard.bus.add(stage)
+    heard.bus.forget("a")
+    heard.bus.remove(stage)
+    heard.bus.forget("b")
+    assert stage.left == ["a"]
+    heard.bus.publish(frame(1, b""))
+    assert heard.clients == [(1, RIG)]
+    with pytest.raises(ValueError, match="not on the bus"):
+        heard.bus.remove(stage)
