@@ -121,6 +121,24 @@ MESSAGES: Final = (
     ),
     _message("Supply", 0x384, SLOW_RATE, _fields("supply.pressure"), "The air supply"),
     _message(
+        "FirstOut",
+        0x385,
+        SLOW_RATE,
+        (
+            Field("rig.tripped_kind", 8, signed=False),
+            Field("rig.tripped_value", 16),
+            Field("rig.tripped_tick", 24, signed=False),
+        ),
+        "The limit that tripped first",
+    ),
+    _message(
+        "Refusals",
+        0x386,
+        SLOW_RATE,
+        (Field("rig.refused_setpoints", 16, signed=False),),
+        "What the rig did not follow",
+    ),
+    _message(
         "Control",
         0x201,
         COMMAND_RATE,

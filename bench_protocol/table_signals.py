@@ -15,6 +15,7 @@ from bench_protocol.words import (
     AIR_MODES,
     AXES,
     CONTROL_MODES,
+    LIMIT_KINDS,
     PIPE_LENGTH,
     PLATFORM_AXES,
     PROGRAM_STATES,
@@ -140,6 +141,21 @@ STATUS: Final = (
         _count(one.signal, address, f"Ticks that began {one.text} after their deadline")
         for address, one in zip((184, 186, 188, 190, 192, 194), LATENESS_BINS, strict=True)
     ),
+    _count(
+        "rig.refused_setpoints", 198, "Frames of set-points refused: one of them was out of its range", 65534
+    ),
+    _state("rig.tripped_kind", 200, LIMIT_KINDS, "What kind of limit tripped first; stays until a reset"),
+    Signal(
+        "rig.tripped_value",
+        Kind.STATUS,
+        "1",
+        -32767,
+        32767,
+        1,
+        "What that limit judged: in steps of its reading (of a rate: per second), ms of a timeout, or a count",
+        address=202,
+    ),
+    _count("rig.tripped_tick", 204, "rig.tick when it tripped"),
 )
 
 

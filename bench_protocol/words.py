@@ -53,6 +53,18 @@ class Reason(IntEnum):
     BY_COMMANDER = 7
 
 
+class LimitKind(IntEnum):
+    """What a limit judges of a reading."""
+
+    NONE = 0
+    LOWER = 1
+    UPPER = 2
+    ERROR = 3
+    RATE = 4
+    TIMEOUT = 5
+    COUNT = 6
+
+
 #: States in which the air is under the bench's control and a commander must be alive.
 LIVE: Final = (BenchState.AIR_LOW, BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
 FAULTS: Final = (
@@ -66,6 +78,7 @@ STATES: Final = tuple(state.name for state in BenchState)
 LIVE_STATES: Final = tuple(state.name for state in LIVE)
 FAULT_STATES: Final = tuple(state.name for state in FAULTS)
 PROGRAM_STATES: Final = tuple(state.name for state in Program)
+LIMIT_KINDS: Final = tuple(kind.name.lower() for kind in LimitKind)
 REASONS: Final = (
     "none",
     "command late",

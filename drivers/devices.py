@@ -61,6 +61,9 @@ class RigStatus(Device):
     program = ChoiceReading()
     reason = ChoiceReading()
     tripped = Reading()
+    tripped_kind = ChoiceReading()
+    tripped_value = Reading()  #: in steps of the reading that tripped
+    tripped_tick = Reading()
     status_code = Reading()
     lease = Reading()
     generator_cycle = Reading()
@@ -68,6 +71,7 @@ class RigStatus(Device):
     late_ticks = Reading()
     lateness_max = Reading()  #: s
     rejected_commands = Reading()
+    refused_setpoints = Reading()
     map_hash = Reading()
     lateness_50us = Reading()
     lateness_100us = Reading()

@@ -7,12 +7,14 @@ from typing import Any
 
 from numba import njit
 
+_WITHIN_THE_TICK = ("controls", "safe_position", "setpoints", "limits")
+
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    # The rig's tick contains the codec, the model, the numbering of its controls and the safe position.
+    # The rig's tick contains the codec, the model and these of its own.
     sources = [*files("bench_protocol").iterdir(), *files("bench_sim.model").iterdir()]
-    sources += [files("bench_sim.rig") / name for name in ("controls.py", "safe_position.py")]
+    sources += [files("bench_sim.rig") / f"{name}.py" for name in _WITHIN_THE_TICK]
     for source in sorted(sources, key=lambda entry: entry.name):
         if source.name.endswith(".py"):
             digest.update(source.name.encode())

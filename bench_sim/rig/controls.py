@@ -6,9 +6,12 @@ from typing import Final
 import numpy as np
 
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
+from bench_protocol.table_signals import COUNT_MAX
 from bench_protocol.units import NS
 
 TICK_NS: Final = round(TICK * NS)
+#: The number of the tick on the wires: 24 bits with one code left for "unknown".
+TICK_MODULUS: Final = int(COUNT_MAX) + 1
 #: Ticks between samples at the three rates of the messages.
 FAST: Final = round(1.0 / (FAST_RATE * TICK))
 MEDIUM: Final = round(1.0 / (COMMAND_RATE * TICK))
@@ -81,7 +84,8 @@ CONTROLS: Final = np.dtype(
         ("control", "<i8", (3,)),  # control mode by actuator
         ("goal", "<f8", (TARGETS,)),
         ("setpoint", "<f8", (TARGETS,)),
-        ("slew", "<i8", (TARGETS,)),
+        ("slew", "<i8", (TARGETS,)),  # ticks until the goal, if it is not too far away
+        ("refused", "<i8"),  # frames of set-points out of range
         ("air_mode", "<i8", (2,)),
         ("air_target", "<f8", (2,)),
         ("reservoir", "<i8", (2,)),

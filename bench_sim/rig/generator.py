@@ -5,6 +5,7 @@ from typing import Any, Final
 
 from bench_protocol.words import AXES, CONTROL_MODES, Program
 from bench_sim.rig.controls import Target
+from bench_sim.rig.setpoints import too_fast
 
 _RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to come back
 
@@ -34,7 +35,7 @@ class FunctionGenerator:
             c["program"] = Program.RUN
             return True
         amplitude = self._amplitude(int(settings["generator.axis"]))
-        if amplitude is None:
+        if amplitude is None or self._too_fast(amplitude):
             return False
         c["axis"], c["wave"] = settings["generator.axis"], settings["generator.wave"]
         c["amplitude"], c["lever"] = amplitude, self._lever
@@ -79,6 +80,19 @@ class FunctionGenerator:
         if mode == "force" and name != "roll":
             return settings["generator.force_amplitude"]
         return None
+
+    def _too_fast(self, amplitude: float) -> bool:
+        """Tell whether what the staged axis moves could not follow its wave."""
+        settings = self._settings
+        name = AXES[int(settings["generator.axis"])]
+        target = Target.VERTICAL_LEFT if name in ("vertical", "roll") else Target[name.upper()]
+        mode = CONTROL_MODES.index("displacement")
+        if target <= Target.LATERAL:
+            mode = int(self._controls["control"][target])
+        height = amplitude * self._lever if name == "roll" else amplitude
+        return too_fast(
+            target, mode, int(settings["generator.wave"]), height, settings["generator.frequency"]
+        )
 
     def _absorb_offset(self) -> None:
         c = self._controls

@@ -1,88 +1,218 @@
-"""Limit detectors of the bench: which reading may go how far, for how long, and what happens then."""
+"""Limit detectors of the bench: what of a reading is judged, how far it may go, for how long, and what happens then."""
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.rates import FAST_RATE
 from bench_protocol.units import bar, kN, mm, ms
 from bench_protocol.wires import Table
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES, SIDES, LimitKind, Program
+from bench_sim.model.compiled import compiled
+from bench_sim.rig.controls import Happened
 
 
 class LimitAction(IntEnum):
-    """What a tripped detector does."""
+    """What a tripped detector does, from the mildest to the hardest."""
 
-    INDICATE = 0
-    HOLD = 1
-    POWER_OFF = 2
+    NONE = 0  #: the detector is switched off
+    INDICATE = 1  #: it is told, and nothing else
+    PROGRAM_HOLD = 2  #: the bench holds and the program waits; going on needs no reset
+    PROGRAM_STOP = 3  #: the program ends; actuators and air are shut in, a fault
+    INTERLOCK = 4  #: the safe position, a fault: the springs are vented
+    POWER_OFF = 5  #: power is taken from valves and actuators, which fall into the safe position
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A detector on one signal: trips when the reading stays outside for ``persistence`` seconds; latched."""
+    """A detector on one reading; SI units, those of the reading where nothing else is said.
+
+    ``at``: UPPER and LOWER compare the reading with it, ERROR how far the reading is from its set-point, RATE how fast
+    it changes (1/s), TIMEOUT for how long (s) there is no reading, or, with ``within``, for how long the reading is
+    farther than that from a set-point that stands still; COUNT how often the reading has risen over ``level``.
+    """
 
     signal: str
-    low: float
-    high: float
-    persistence: float
+    kind: LimitKind
+    at: float
     action: LimitAction
+    persistence: float = 20 * ms
+    hysteresis: float = 0.0  #: how far it must come back, and may go out while it stands
+    latch: bool = True  #: tripped until it is reset, or until the reading has come back
+    over: float = 20 * ms  #: RATE: between the two samples that are compared
+    within: float = 0.0  #: TIMEOUT
+    level: float = 0.0  #: COUNT
 
 
+def _span(
+    signal: str, low: float, high: float, hysteresis: float, action: LimitAction
+) -> tuple[Limit, Limit, Limit]:
+    """Both ends of what a reading may be, and that there is one: a reading that is gone keeps no limit."""
+    return (
+        Limit(signal, LimitKind.LOWER, low, action, hysteresis=hysteresis),
+        Limit(signal, LimitKind.UPPER, high, action, hysteresis=hysteresis),
+        Limit(signal, LimitKind.TIMEOUT, 100 * ms, LimitAction.PROGRAM_STOP, persistence=0.0),
+    )
+
+
+_INTERLOCK, _STOP = LimitAction.INTERLOCK, LimitAction.PROGRAM_STOP
 #: Assumed limits: wide enough for every plan, narrow enough to save the springs. Only the first trip is reported.
 LIMITS: Final = (
+    *(one for side in SIDES for one in _span(f"{side}.height", -130 * mm, 90 * mm, 2 * mm, _INTERLOCK)),
     *(
-        Limit(f"{side}.height", -130 * mm, 90 * mm, 20 * ms, LimitAction.POWER_OFF)
-        for side in ("left", "right")
+        one
+        for side in SIDES
+        for one in _span(f"{side}.bellows_pressure", -0.5 * bar, 9.0 * bar, 0.1 * bar, _INTERLOCK)
     ),
-    *(
-        Limit(f"{side}.bellows_pressure", -0.5 * bar, 9.0 * bar, 20 * ms, LimitAction.POWER_OFF)
-        for side in ("left", "right")
-    ),
-    *(
-        Limit(f"vertical_{side}.force", -60 * kN, 190 * kN, 20 * ms, LimitAction.HOLD)
-        for side in ("left", "right")
-    ),
-    Limit("lateral.force", -47 * kN, 47 * kN, 20 * ms, LimitAction.HOLD),
-    Limit("lateral.displacement", -120 * mm, 120 * mm, 20 * ms, LimitAction.HOLD),
+    *(one for side in SIDES for one in _span(f"vertical_{side}.force", -60 * kN, 190 * kN, 2.5 * kN, _STOP)),
+    *_span("lateral.force", -47 * kN, 47 * kN, 1 * kN, _STOP),
+    *_span("lateral.displacement", -120 * mm, 120 * mm, 2.4 * mm, _STOP),
 )
 
 DETECTOR: Final = np.dtype(
     [
         ("signal", "<i8"),
-        ("low", "<f8"),
-        ("high", "<f8"),
-        ("samples", "<i8"),
+        ("kind", "<i8"),
+        ("sense", "<f8"),  # -1: judge the negative of the reading
+        ("at", "<f8"),
+        ("samples", "<i8"),  # that it must be outside in a row; 0: switched off
+        ("hysteresis", "<f8"),
+        ("latch", "<i8"),
+        ("target", "<i8"),  # of the set-point that belongs to the reading, -1: none
+        ("mode", "<i8"),  # control mode in which it does, -1: any
+        ("over", "<i8"),  # samples
+        ("within", "<f8"),
+        ("level", "<f8"),
+        # what it remembers
+        ("judged", "<f8"),
+        ("age", "<i8"),  # samples since something began
+        ("anchor", "<f8"),  # the reading then
+        ("above", "<i8"),
+        ("count", "<i8"),
         ("outside", "<i8"),  # samples outside in a row
         ("tripped", "<i8"),
+        ("told", "<i8"),  # 1: the state machine knows that it has tripped
         ("standing", "<i8"),  # 1: was outside when it was reset, and has not come back yet
-        ("slack", "<f8"),  # how far a standing reading may go out again
-        ("lowest", "<f8"),  # where a standing detector trips instead
-        ("highest", "<f8"),
+        ("bar", "<f8"),  # where a standing detector trips instead
     ]
 )
-#: A standing reading may move outwards by this part of its range, or noise would trip it.
-_SLACK: Final = 0.01
+_TARGETS: Final = (*ACTUATORS, *(f"platform.{axis}" for axis in PLATFORM_AXES))
+_ACTUATORS: Final = len(ACTUATORS)
 
 
-def detectors(table: Table, limits: tuple[Limit, ...], rate: float) -> npt.NDArray[np.void]:
-    """Compile ``limits`` into the array that the tick reads; ``rate`` is that of the readings in Hz."""
+def _aim(signal: str) -> tuple[int, int]:
+    """Return the target and the control mode whose set-point ``signal`` follows; (-1, -1) if it follows none."""
+    if signal in _TARGETS:
+        return _TARGETS.index(signal), -1
+    device, _, reading = signal.partition(".")
+    if device in ACTUATORS and reading in CONTROL_MODES:
+        return ACTUATORS.index(device), CONTROL_MODES.index(reading)
+    return -1, -1
+
+
+def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
+    """Compile ``limits`` into the array that the tick reads.
+
+    ValueError for an error of, or an arrival at, a set-point that the reading has not.
+    """
     rows = np.zeros(len(limits), DETECTOR)
-    for row, limit in enumerate(limits):
-        samples = max(1, round(limit.persistence * rate))
-        slack = _SLACK * (limit.high - limit.low)
-        rows[row] = (table.index[limit.signal], limit.low, limit.high, samples, 0, 0, 0, slack, 0.0, 0.0)
+    for row, limit in zip(rows, limits, strict=True):
+        target, mode = _aim(limit.signal)
+        if target < 0 and (limit.kind is LimitKind.ERROR or limit.within):
+            raise ValueError(f"a limit of {limit.signal}: this reading follows no set-point")
+        row["signal"], row["kind"] = table.index[limit.signal], limit.kind
+        row["sense"] = -1.0 if limit.kind is LimitKind.LOWER else 1.0
+        row["at"], row["hysteresis"], row["latch"] = limit.at * row["sense"], limit.hysteresis, limit.latch
+        if limit.action is not LimitAction.NONE:
+            row["samples"] = max(1, round(limit.persistence * FAST_RATE))
+        row["target"], row["mode"] = target, mode
+        row["over"] = max(1, round(limit.over * FAST_RATE))
+        row["within"], row["level"] = limit.within, limit.level
+        row["anchor"] = row["judged"] = np.nan
     return rows
 
 
-def reset_detectors(detectors: npt.NDArray[np.void], values: npt.NDArray[np.float64]) -> None:
-    """Clear what has tripped, given all signals by table row (SI).
+@compiled
+def _error(c: Any, detector: Any, reading: float) -> float:
+    """How far ``reading`` is from its set-point; 0 while nothing asks it to be anywhere."""
+    target = detector.target
+    if detector.mode >= 0 and (c.engaged == 0 or c.control[target] != detector.mode):
+        return 0.0
+    return abs(c.setpoint[target] + c.offset[target] - reading)
+
+
+@compiled
+def _judge(c: Any, detector: Any, reading: float) -> float:
+    """Advance what ``detector`` remembers by one sample; return what it compares with its limit."""
+    kind = detector.kind
+    if kind == LimitKind.ERROR:
+        return _error(c, detector, reading)
+    if kind == LimitKind.RATE:
+        detector.age += 1
+        if detector.age >= detector.over:
+            detector.judged = abs(reading - detector.anchor) * FAST_RATE / detector.age
+            detector.anchor = reading
+            detector.age = 0
+        return detector.judged
+    if kind == LimitKind.TIMEOUT:
+        late = np.isnan(reading)
+        if detector.within > 0.0 and c.slew[detector.target] == 0 and c.program != Program.RUN:
+            late = late or _error(c, detector, reading) > detector.within
+        detector.age = detector.age + 1 if late else 0
+        return detector.age / FAST_RATE
+    if kind == LimitKind.COUNT:
+        if detector.above == 0 and reading > detector.level:
+            detector.above = 1
+            detector.count += 1
+        elif reading < detector.level - detector.hysteresis:
+            detector.above = 0
+        return float(detector.count)
+    return detector.sense * reading
+
+
+@compiled
+def detect(c: Any, values: Any, detectors: Any) -> int:
+    """Advance the limit detectors by one sample; return whether one of them tripped just now.
+
+    A standing detector lets its reading come back, bit by bit, but not go out again.
+    """
+    happened = Happened.NOTHING.value
+    for row in range(detectors.size):
+        detector = detectors[row]
+        if detector.samples == 0:
+            continue
+        judged = _judge(c, detector, values[detector.signal])
+        detector.judged = judged
+        back = detector.hysteresis if detector.kind != LimitKind.COUNT else 0.0
+        bar = detector.at
+        if detector.standing != 0:
+            if judged <= bar - back:
+                detector.standing = 0
+            else:
+                detector.bar = min(detector.bar, judged + back)
+                bar = max(bar, detector.bar)
+        if judged > bar:
+            detector.outside += 1
+            if detector.outside >= detector.samples and detector.tripped == 0:
+                detector.tripped = 1
+                happened = Happened.LIMIT.value
+        else:
+            detector.outside = 0
+            if detector.latch == 0 and judged <= bar - back:
+                detector.tripped = detector.told = 0
+    return happened
+
+
+def reset_detectors(detectors: npt.NDArray[np.void]) -> None:
+    """Clear what has tripped.
 
     What is still outside is standing from now on: it trips only if it goes farther out, so that the way back is open.
     """
-    readings = values[detectors["signal"]]
-    detectors["tripped"] = detectors["outside"] = 0
-    detectors["standing"] = (readings < detectors["low"]) | (readings > detectors["high"])
-    detectors["lowest"] = readings - detectors["slack"]
-    detectors["highest"] = readings + detectors["slack"]
+    for name in ("tripped", "told", "outside", "age", "count"):
+        detectors[name] = 0
+    lasting = ~np.isin(detectors["kind"], (LimitKind.TIMEOUT, LimitKind.COUNT))  # these begin anew
+    detectors["standing"] = lasting & (detectors["samples"] > 0) & (detectors["judged"] > detectors["at"])
+    detectors["bar"] = detectors["judged"] + detectors["hysteresis"]

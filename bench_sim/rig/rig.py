@@ -61,7 +61,7 @@ class Rig:
         self.plant = Plant.depressurised(self.parameters.record, seed=seed, dt=TICK)
         self.values = np.full(len(TABLE.signals), np.nan)
         self.lock = threading.RLock()
-        self._detectors = detectors(TABLE, limits, FAST_RATE)
+        self._detectors = detectors(TABLE, limits)
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
         self._controls["write_deadline"] = -1

@@ -26,8 +26,10 @@ class Event(StrEnum):
     COMMAND_LATE = "no valid command for 100 ms"
     COMMAND_LOST = "no valid command for 500 ms"
     DISCONNECTED = "the commander's connection closed"
-    TRIP_HOLD = "a limit with the action hold tripped"
-    TRIP_OFF = "a limit with the action power off tripped"
+    TRIP_PROGRAM_HOLD = "a limit with the action program hold tripped"
+    TRIP_PROGRAM_STOP = "a limit with the action program stop tripped"
+    TRIP_INTERLOCK = "a limit with the action interlock tripped"
+    TRIP_POWER_OFF = "a limit with the action power off tripped"
     TICK_LOST = "a tick was lost under the policy fault"
     REACTED_HOLD = "reaction finished, holding"
     REACTED_DISABLE = "reaction finished, to the safe position"
@@ -73,13 +75,18 @@ TRANSITIONS: Final[tuple[Transition, ...]] = (
     *(Transition(state, _E.COMMAND_LATE, _S.FAULT_REACTION) for state in (_S.HOLD, _S.ACTIVE)),
     *(Transition(state, _E.DISCONNECTED, _S.FAULT_REACTION) for state in LIVE),
     *(Transition(state, _E.COMMAND_LOST, _S.FAULT_REACTION) for state in LIVE),
-    *(Transition(state, _E.TRIP_HOLD, _S.FAULT_REACTION) for state in LIVE),
-    *(Transition(state, _E.TRIP_OFF, _S.FAULT_REACTION) for state in LIVE),
+    Transition(_S.ACTIVE, _E.TRIP_PROGRAM_HOLD, _S.HOLD),
+    *(Transition(state, _E.TRIP_PROGRAM_STOP, _S.FAULT_REACTION) for state in LIVE),
+    *(Transition(state, _E.TRIP_INTERLOCK, _S.FAULT_REACTION) for state in LIVE),
+    *(
+        Transition(state, _E.TRIP_POWER_OFF, _S.OFF)
+        for state in (*LIVE, _S.FAULT_REACTION, _S.FAULT_HOLD, _S.FAULT_DISABLED)
+    ),
     *(Transition(state, _E.TICK_LOST, _S.FAULT_REACTION) for state in LIVE),
     Transition(_S.FAULT_REACTION, _E.REACTED_HOLD, _S.FAULT_HOLD),
     Transition(_S.FAULT_REACTION, _E.REACTED_DISABLE, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.COMMAND_LOST, _S.FAULT_DISABLED),
-    Transition(_S.FAULT_HOLD, _E.TRIP_OFF, _S.FAULT_DISABLED),
+    Transition(_S.FAULT_HOLD, _E.TRIP_INTERLOCK, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.DISABLE, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.RESET, _S.HOLD, COMMAND_VALID),
     Transition(_S.FAULT_DISABLED, _E.RESET, _S.DISABLED),
@@ -93,8 +100,10 @@ REASON_OF: Final[dict[Event, Reason]] = {
     _E.COMMAND_LATE: Reason.COMMAND_LATE,
     _E.COMMAND_LOST: Reason.COMMAND_LOST,
     _E.DISCONNECTED: Reason.DISCONNECTED,
-    _E.TRIP_HOLD: Reason.LIMIT,
-    _E.TRIP_OFF: Reason.LIMIT,
+    _E.TRIP_PROGRAM_HOLD: Reason.LIMIT,
+    _E.TRIP_PROGRAM_STOP: Reason.LIMIT,
+    _E.TRIP_INTERLOCK: Reason.LIMIT,
+    _E.TRIP_POWER_OFF: Reason.LIMIT,
     _E.TICK_LOST: Reason.TICK_LOST,
     _E.ESTOP: Reason.ESTOP,
 }

@@ -8,8 +8,9 @@ import numpy.typing as npt
 
 from bench_protocol.rates import DISABLE_AFTER, TICK
 from bench_protocol.table import TABLE
-from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, BenchState
-from bench_sim.rig.controls import AirSupply, ControlBit, Happened, Target
+from bench_protocol.units import ms
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, BenchState, LimitKind
+from bench_sim.rig.controls import TICK_MODULUS, AirSupply, ControlBit, Happened, Target
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.limits import Limit, LimitAction, reset_detectors
 from bench_sim.rig.safe_position import Grip
@@ -25,6 +26,13 @@ from bench_sim.rig.states import (
 )
 
 _BOOT_TICKS: Final = 200
+#: What a limit that trips asks of the state machine; the milder actions ask nothing.
+_ON_TRIP: Final = {
+    LimitAction.PROGRAM_HOLD: Event.TRIP_PROGRAM_HOLD,
+    LimitAction.PROGRAM_STOP: Event.TRIP_PROGRAM_STOP,
+    LimitAction.INTERLOCK: Event.TRIP_INTERLOCK,
+    LimitAction.POWER_OFF: Event.TRIP_POWER_OFF,
+}
 
 
 class Supervisor:
@@ -174,33 +182,47 @@ class Supervisor:
                 self.handle(Event.CHECKED)
             case BenchState.FAULT_REACTION:
                 c = self._controls
-                mild = c["engaged"] and not c["lost"] and not self._tripped(LimitAction.POWER_OFF)
+                mild = c["engaged"] and not c["lost"] and not self._tripped(LimitAction.INTERLOCK)
                 self.handle(Event.REACTED_HOLD if mild else Event.REACTED_DISABLE)
 
     def _set(self, name: str, value: float) -> None:
         self._values[TABLE.index[name]] = value
 
     def _tripped(self, action: LimitAction) -> bool:
+        """Return whether a limit has tripped whose action is at least ``action``."""
         return any(
-            tripped and limit.action is action
+            tripped and limit.action >= action
             for limit, tripped in zip(self._limits, self._detectors["tripped"], strict=True)
         )
 
     def _trip(self) -> None:
+        """Carry out the hardest action of what has tripped just now, and tell of the first of all."""
+        just_now = np.flatnonzero(self._detectors["tripped"] > self._detectors["told"])
+        self._detectors["told"] = self._detectors["tripped"]
         if self._values[TABLE.index["rig.tripped"]] == 0:
-            first = int(np.argmax(self._detectors["tripped"]))
-            self._set("rig.tripped", float(TABLE.trip_number(self._limits[first].signal)))
-        if self._tripped(LimitAction.POWER_OFF):
-            self.handle(Event.TRIP_OFF)
-        elif self._tripped(LimitAction.HOLD):
-            self.handle(Event.TRIP_HOLD)
+            self._tell_first(int(just_now[0]))
+        event = _ON_TRIP.get(max(self._limits[row].action for row in just_now))
+        if event is not None:
+            self.handle(event)
+
+    def _tell_first(self, row: int) -> None:
+        limit, detector = self._limits[row], self._detectors[row]
+        step = {LimitKind.TIMEOUT: ms, LimitKind.COUNT: 1.0}.get(limit.kind, TABLE[limit.signal].step)
+        self._set("rig.tripped", float(TABLE.trip_number(limit.signal)))
+        self._set("rig.tripped_kind", limit.kind)
+        self._set("rig.tripped_value", float(np.rint(detector["sense"] * detector["judged"] / step)))
+        self._set("rig.tripped_tick", float(self._controls["tick"] % TICK_MODULUS))
 
     def reset(self) -> bool:
-        """Clear what is latched, if the state machine lets the reset through."""
-        if not self.handle(Event.RESET):
+        """Clear what is latched, if the state machine lets the reset through.
+
+        Limits that only indicate, or hold the program, leave the bench as it is, and so does their reset.
+        """
+        if not self.handle(Event.RESET) and not (self.state in LIVE and self._detectors["tripped"].any()):
             return False
-        reset_detectors(self._detectors, self._values)
-        self._set("rig.tripped", 0.0)
+        reset_detectors(self._detectors)
+        for name in ("tripped", "tripped_kind", "tripped_value", "tripped_tick"):
+            self._set(f"rig.{name}", 0.0)
         self._controls["late"] = self._controls["lost"] = 0
         self._step_down()
         return True

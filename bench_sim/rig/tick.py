@@ -13,7 +13,6 @@ import numpy.typing as npt
 from bench_protocol.can_codec import encode_into
 from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER, TICK
 from bench_protocol.table import TABLE
-from bench_protocol.table_signals import COUNT_MAX
 from bench_protocol.units import bar, mbar
 from bench_protocol.words import (
     ACTUATORS,
@@ -37,13 +36,16 @@ from bench_sim.rig.controls import (
     SLEW_TICKS,
     SLOW,
     TARGETS,
+    TICK_MODULUS,
     TICK_NS,
     AirSupply,
     ControlBit,
     Happened,
     Target,
 )
+from bench_sim.rig.limits import detect
 from bench_sim.rig.safe_position import LOWERING_SPEED, Grip, keep_grip
+from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges, travel
 
 FRAMES_PER_TICK_MAX: Final = 12
 
@@ -57,17 +59,17 @@ _DEAD_ZONE: Final = 5 * mbar
 _RESTRICTED: Final = 0.2
 
 
-#: Rows of the table that the tick itself fills; the tick's number fits in 24 bits with one code left for "unknown".
+#: Rows of the table that the tick itself fills.
 _TICK_ROW: Final = TABLE.index["rig.tick"]
 _PROGRAM_ROW: Final = TABLE.index["rig.program"]
 _CYCLE_ROW: Final = TABLE.index["rig.generator_cycle"]
+_REFUSED_ROW: Final = TABLE.index["rig.refused_setpoints"]
 _CONTROL_ROW: Final = TABLE.index["control.enable"]
 #: The bits of the Control message stand in its fields and in the table in one order.
 _CONTROL_BITS: Final = len(ControlBit)
 assert TABLE.signals[_CONTROL_ROW : _CONTROL_ROW + _CONTROL_BITS] == tuple(
     TABLE[f"control.{bit.name.lower()}"] for bit in ControlBit if bit.name
 )
-_TICK_MODULUS: Final = int(COUNT_MAX) + 1
 
 _LEVEL: Final = AIR_MODES.index("level")
 _FILL: Final = AIR_MODES.index("fill")
@@ -150,10 +152,7 @@ def _opening(mode: int, target: float, pressure: float) -> float:
 @compiled
 def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
     """Turn the controls into the inputs of the plant."""
-    for row in range(TARGETS):
-        if c.slew[row] > 0:
-            c.setpoint[row] += (c.goal[row] - c.setpoint[row]) / c.slew[row]
-            c.slew[row] -= 1
+    travel(c)
     for actuator in range(len(ACTUATORS)):
         command = Input.VERTICAL_LEFT_COMMAND + actuator
         mode = Input.VERTICAL_LEFT_MODE + actuator
@@ -189,34 +188,6 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
 
 
 @compiled
-def _detect(values: Any, detectors: Any) -> int:
-    """Advance the limit detectors by one sample; return whether one of them tripped just now.
-
-    A standing detector lets its reading come back, bit by bit, but not go out again.
-    """
-    happened = Happened.NOTHING.value
-    for row in range(detectors.size):
-        detector = detectors[row]
-        value = values[detector.signal]
-        low, high = detector.low, detector.high
-        if detector.standing != 0:
-            if low <= value <= high:
-                detector.standing = 0
-            else:
-                detector.lowest = max(detector.lowest, value - detector.slack)
-                detector.highest = min(detector.highest, value + detector.slack)
-                low, high = min(low, detector.lowest), max(high, detector.highest)
-        if value < low or value > high:
-            detector.outside += 1
-            if detector.outside >= detector.samples and detector.tripped == 0:
-                detector.tripped = 1
-                happened = Happened.LIMIT.value
-        else:
-            detector.outside = 0
-    return happened
-
-
-@compiled
 def _watch(c: Any) -> int:
     """Return which watchdogs run out in this tick: of the commands (late, lost) and of the holder's writes."""
     happened = Happened.NOTHING.value
@@ -235,15 +206,18 @@ def _watch(c: Any) -> int:
 
 
 class Steering(NamedTuple):
-    """By table row: which target a set-point aims for (-1: none) and in which control mode (-1: any)."""
+    """By table row: which target a set-point aims for (-1: none), in which control mode (-1: any), and its range."""
 
     targets: npt.NDArray[np.int64]
     modes: npt.NDArray[np.int64]
+    fields: npt.NDArray[np.int64]  #: of the frame of set-points that begins here, 0 where none does
+    ranges: npt.NDArray[np.float64]  #: (n, 2)
 
     @classmethod
     def of_table(cls) -> "Steering":
         """Return what the set-points of the table steer."""
-        steering = cls(*(np.full(len(TABLE.signals), -1, np.int64) for _ in cls._fields))
+        targets, modes = np.full((2, len(TABLE.signals)), -1, np.int64)
+        steering = cls(targets, modes, frames_of_setpoints(), ranges())
         for target, name in enumerate(ACTUATORS):
             for mode in (Mode.FORCE, Mode.DISPLACEMENT):
                 row = TABLE.index[f"{name}.{mode.name.lower()}_setpoint"]
@@ -257,12 +231,18 @@ class Steering(NamedTuple):
 def take_commands(controls: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> int:
     """Let the decoded samples of commands act; return how many changes of the control bits were written to ``changes``.
 
-    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before".
+    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". One out of its range
+    makes its frame refused: sides that belong together must not move alone.
     """
     c = controls[0]
-    count = 0
+    count = accepted_from = 0
     for k in range(signals.size):
         row = signals[k]
+        if steering.fields[row] > 0 and outside(signals, values, k, steering.fields[row], steering.ranges):
+            c.refused += 1
+            accepted_from = k + steering.fields[row]
+        if k < accepted_from:
+            continue
         target = steering.targets[row]
         if row == _CONTROL_ROW:
             bits = 0
@@ -349,12 +329,13 @@ def run_ticks(
             for k in range(SENSORS):
                 values[k] = sampling.readings[k]
             keep_grip(c, values)
-            happened |= _detect(values, sampling.detectors)
+            happened |= detect(c, values, sampling.detectors)
             time = c.tick * TICK_NS
             position = _send(values, sending, sending.fast, time, out, position)
-            values[_TICK_ROW] = c.tick % _TICK_MODULUS
+            values[_TICK_ROW] = c.tick % TICK_MODULUS
             values[_PROGRAM_ROW] = c.program
             values[_CYCLE_ROW] = math.floor(c.phase)
+            values[_REFUSED_ROW] = c.refused
             if c.tick % MEDIUM == 0:
                 position = _send(values, sending, sending.medium, time, out, position)
             if c.tick % SLOW == 0:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_protocol.units import Hz, bar, mm, mrad, s
-from bench_protocol.words import AXES, WAVES
+from bench_protocol.words import AXES, WAVES, LimitKind
 from bench_records.record import read
 from bench_records.result import Outcome
 from bench_sim.rig.limits import LIMITS
@@ -204,16 +204,17 @@ def test_a_separating_run_does_what_was_predicted(bench_run, name):
 
 @pytest.mark.parametrize("programme", [SCREENING, *MENU.values()], ids=lambda one: one.name)
 def test_no_programme_asks_for_more_than_the_bench_can(programme):
-    limits = {limit.signal: limit for limit in LIMITS}
-    height, lateral = limits["left.height"], limits["lateral.displacement"]
+    limits = {(limit.signal, limit.kind): limit.at for limit in LIMITS}
+    lowest, highest = (limits["left.height", kind] for kind in (LimitKind.LOWER, LimitKind.UPPER))
+    sideways = limits["lateral.displacement", LimitKind.UPPER]
     stiffness = {AW0.name: 340e3, AW3.name: 600e3}  # N/m of the pair, sideways
     for part in programme.parts:
         for stretch in part.stretches:
             asked = trajectory(stretch)
             for series in asked.heights.values():
-                assert height.low + 20 * mm < series.min()
-                assert series.max() < height.high - 20 * mm
-            assert np.abs(asked.lateral).max() < 0.7 * lateral.high
+                assert lowest + 20 * mm < series.min()
+                assert series.max() < highest - 20 * mm
+            assert np.abs(asked.lateral).max() < 0.7 * sideways
             assert np.abs(asked.shear).max() * stiffness[part.load.name] < LATERAL_FORCE_MAX
             speeds = np.abs(np.diff([asked.vertical_left, asked.lateral])) * RATE
             assert speeds.max() < 0.4

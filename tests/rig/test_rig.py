@@ -188,6 +188,10 @@ def test_a_limit_holds_and_the_first_one_is_named(armed) -> None:
     assert armed.state == "FAULT_HOLD"
     assert TABLE.tripped(armed.read("rig.tripped")) is TABLE["lateral.force"]
     assert armed.read("rig.tripped") == 11, "as ever"
+    armed.wait(100)
+    assert TABLE["rig.tripped_kind"].choices[int(armed.read("rig.tripped_kind"))] == "upper"
+    assert 47 * kN < armed.read("rig.tripped_value") * TABLE["lateral.force"].step < 51 * kN
+    assert 0 < armed.read("rig.tick") - armed.read("rig.tripped_tick") < 1100
     assert TABLE["rig.reason"].choices[int(armed.read("rig.reason"))] == "limit tripped"
 
 

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kN, mm
-from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, SIDES
+from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, SIDES, LimitKind
 from bench_sim.rig.limits import LIMITS
 
 #: What a reading may go past its limit by, or past where it stood when the loss came: what moves needs a way to stop.
 ALLOWANCE = {"height": 8 * mm, "displacement": 8 * mm, "pressure": 0.1 * bar, "force": 8 * kN}
 WAY_DOWN = 60_000  # ticks
+SPANS = [limit for limit in LIMITS if limit.kind in (LimitKind.LOWER, LimitKind.UPPER)]
 #: A commander who lets loaded actuators go throws the bolster by himself, past limits that need 20 ms to see it.
 CALM = 100 * mm  # per second
 
@@ -63,20 +64,26 @@ def way_down(commander, ticks: int = WAY_DOWN) -> None:
 
     It is broken by what lies outside for as long as the limit itself asks for.
     """
-    start = {limit.signal: commander.read(limit.signal) for limit in LIMITS}
-    course: dict[str, list[float]] = {limit.signal: [] for limit in LIMITS}
+    start = {limit.signal: commander.read(limit.signal) for limit in SPANS}
+    course: dict[str, list[float]] = {signal: [] for signal in start}
     for _ in range(ticks // 100):
         samples = commander.decoder.decode(commander.rig.run(100))
-        for limit in LIMITS:
+        for signal, readings in course.items():
+            readings.extend(samples.values[samples.signals == TABLE.index[signal]].tolist())
+        for limit in SPANS:
             readings = course[limit.signal]
-            readings += samples.values[samples.signals == TABLE.index[limit.signal]].tolist()
             slack = ALLOWANCE[limit.signal.split(".")[1].split("_")[-1]]
-            low, high = min(limit.low, start[limit.signal]), max(limit.high, start[limit.signal])
-            outside = [not low - slack <= value <= high + slack for value in readings]
+            if limit.kind is LimitKind.LOWER:
+                low = min(limit.at, start[limit.signal]) - slack
+                outside = [not value >= low for value in readings]
+            else:
+                high = max(limit.at, start[limit.signal]) + slack
+                outside = [not value <= high for value in readings]
             persistence = round(limit.persistence * FAST_RATE)
             broken = any(all(outside[k : k + persistence]) for k in range(len(outside) - persistence + 1))
             assert not broken, (limit.signal, readings)
-            del readings[:-persistence]
+        for readings in course.values():
+            del readings[:-4]
         if is_safe(commander):
             return
     pytest.fail(f"after {ticks / 1000:g} s the bench is {told(commander)}")

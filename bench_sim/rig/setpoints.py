@@ -1,0 +1,111 @@
+"""How far the set-points of the rig may go and how fast they move there, whatever sent them."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.rates import TICK
+from bench_protocol.table import TABLE
+from bench_protocol.units import kN, m, mm, rad, s
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES, WAVES
+from bench_sim.model.compiled import compiled
+from bench_sim.rig.controls import TARGETS
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How fast one set-point may move; SI units per second."""
+
+    target: str  #: an actuator, or an axis of the platform as ``platform.roll``
+    mode: str  #: what is controlled: ``force`` or ``displacement``
+    unit: str  #: in which people read it, per second
+    travel: float  #: at most, on the way to a new goal
+    wave: float  #: largest peak of a wave of the function generator
+    source: str
+
+
+_LET_GO: Final = (
+    "assumed: loaded springs that are let go rise with 0.2 m/s, and the limits of height catch them"
+)
+_STOP: Final = "assumed: an actuator that a limit stops has overrun it by 8 mm at most"
+_VALVE: Final = "waves: flow of the servo-valve"
+PACES: Final = (
+    *(Pace(one, "force", "kN", 100 * kN / s, 100 * kN / s, _LET_GO) for one in ACTUATORS[:2]),
+    Pace(ACTUATORS[2], "force", "kN", 50 * kN / s, 50 * kN / s, _LET_GO),
+    *(Pace(one, "displacement", "mm", 200 * mm / s, 0.6 * m / s, f"{_STOP}; {_VALVE}") for one in ACTUATORS),
+    *(
+        Pace(f"platform.{axis}", "displacement", unit, 0.2 * rad / s, 0.6 * rad / s, f"{_STOP}; {_VALVE}")
+        for axis, unit in zip(PLATFORM_AXES, ("mm", "mm", "mrad"), strict=True)
+    ),
+)
+
+#: Peak speed of a wave of amplitude 1 and frequency 1 Hz, in the order of the waves.
+_STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0}
+assert tuple(_STEEPEST) == WAVES
+
+
+def _row(name: str) -> tuple[Pace | None, ...]:
+    return tuple(
+        next((pace for pace in PACES if (pace.target, pace.mode) == (name, mode)), None)
+        for mode in CONTROL_MODES
+    )
+
+
+#: By target and control mode; None where it cannot move so.
+_TABLE: Final = (*(_row(name) for name in ACTUATORS), *(_row(f"platform.{axis}") for axis in PLATFORM_AXES))
+assert len(_TABLE) == TARGETS
+#: The same for the tick: the longest step of a set-point in one of them.
+_STEPS: Final = np.array([[pace.travel * TICK if pace else math.inf for pace in row] for row in _TABLE])
+_DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
+_ACTUATORS: Final = len(ACTUATORS)
+
+
+def too_fast(target: int, mode: int, wave: int, amplitude: float, frequency: float) -> bool:
+    """Tell whether a wave is steeper than what ``target`` can follow in control ``mode``; SI units and Hz."""
+    pace = _TABLE[target][mode]
+    return pace is not None and _STEEPEST[WAVES[wave]] * amplitude * frequency > pace.wave
+
+
+@compiled
+def travel(c: Any) -> None:
+    """Move every set-point one tick towards its goal: on a straight line to where it is to be in ``slew`` ticks.
+
+    A goal too far away for that is reached later, at the greatest speed.
+    """
+    for row in range(TARGETS):
+        if c.slew[row] > 0:
+            mode = c.control[row] if row < _ACTUATORS else _DISPLACEMENT
+            longest = _STEPS[row, mode]
+            way = (c.goal[row] - c.setpoint[row]) / c.slew[row]
+            if -longest <= way <= longest:
+                c.setpoint[row] += way
+                c.slew[row] -= 1
+            else:
+                c.setpoint[row] += math.copysign(longest, way)
+
+
+def frames_of_setpoints() -> npt.NDArray[np.int64]:
+    """Return by table row how many set-points follow in the frame that begins with it; 0 where none begins."""
+    fields = np.zeros(len(TABLE.signals), np.int64)
+    for message in TABLE.messages:
+        if all(field.signal.endswith("_setpoint") for field in message.fields):
+            fields[TABLE.index[message.fields[0].signal]] = len(message.fields)
+    return fields
+
+
+def ranges() -> npt.NDArray[np.float64]:
+    """Return the lowest and the highest value by table row (SI), each with half a step of grace: (n, 2)."""
+    return np.array([(one.low - 0.5 * one.step, one.high + 0.5 * one.step) for one in TABLE.signals])
+
+
+@compiled
+def outside(signals: Any, values: Any, first: int, count: int, ranges: Any) -> bool:
+    """Tell whether one of ``count`` samples from ``first`` on is out of its range; NaN is not: it means "as before"."""
+    for k in range(first, first + count):
+        row = signals[k]
+        if values[k] < ranges[row, 0] or values[k] > ranges[row, 1]:
+            return True
+    return False
