@@ -1,7 +1,8 @@
 """`astb rig`: the simulated rig in real time."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from astb.exit_codes import blocked, misuse
 if TYPE_CHECKING:
     import threading
 
+    from bench_sim.rig.capture import Capture
     from bench_sim.rig.rig import Rig
 
 
@@ -23,6 +25,14 @@ if TYPE_CHECKING:
 @click.option("--modbus-port", type=click.IntRange(0, 65535), help="TCP port of Modbus, 0 for a free one.")
 @click.option("--seed", type=SEED, help="Draws this rig's sensors and their noise.")
 @simulation_options
+@click.option(
+    "--capture", type=click.Path(path_type=Path), help="Keep the bus in a pcapng file or named pipe."
+)
+@click.option(
+    "--capture-port",
+    type=click.IntRange(1, 65535),
+    help="Show the bus live on TCP, to `tshark -i TCP@127.0.0.1:19901` and the like.",
+)
 @click.option("--beacon", is_flag=True, help="Announce the CAN hub on the loopback, for SavvyCAN.")
 @click.option(
     "--allow-remote", is_flag=True, help="Open the ports to other machines; neither has a password."
@@ -37,6 +47,8 @@ def rig_command(
     model: str | None,
     effects: tuple[str, ...],
     sealed: str | None,
+    capture: Path | None,
+    capture_port: int | None,
     beacon: bool,
     allow_remote: bool,
     until_eof: bool,
@@ -62,22 +74,38 @@ def rig_command(
     stop = threading.Event()
     _listen(bench, stop, until_eof)
     try:
-        run_rig(
-            bench,
-            can=can or rig.can.bus,
-            host=rig.can.host,
-            can_port=rig.can.port if can_port is None else can_port,
-            modbus_port=rig.modbus.port if modbus_port is None else modbus_port,
-            allow_remote=allow_remote,
-            beacon=beacon,
-            policy=Late(rig.simulation.late_ticks),
-            stop=stop,
-            ready=lambda door, modbus: click.echo(f"ready can={door} modbus={modbus}"),
-        )
+        with _captured(capture, live=capture_port is not None) as listener:
+            run_rig(
+                bench,
+                can=can or rig.can.bus,
+                host=rig.can.host,
+                can_port=rig.can.port if can_port is None else can_port,
+                modbus_port=rig.modbus.port if modbus_port is None else modbus_port,
+                allow_remote=allow_remote,
+                beacon=beacon,
+                policy=Late(rig.simulation.late_ticks),
+                capture=listener,
+                capture_port=capture_port,
+                stop=stop,
+                ready=lambda door, modbus: click.echo(f"ready can={door} modbus={modbus}"),
+            )
     except ValueError as error:
         misuse(error)
     except OSError as error:
         blocked(error)
+
+
+@contextmanager
+def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
+    """Yield what listens to the bus, into the file at ``path`` if there is one; None if nobody wants to know."""
+    from bench_sim.rig.capture import Capture, CaptureFile
+
+    capture = Capture()
+    if path is None:
+        yield capture if live else None
+        return
+    with closing(CaptureFile(capture, path, lambda reason: click.echo(f"astb: {reason}", err=True))):
+        yield capture
 
 
 def _listen(bench: "Rig", stop: "threading.Event", until_eof: bool) -> None:

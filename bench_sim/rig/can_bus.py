@@ -57,7 +57,7 @@ class Door(Protocol):
 class CanBus:
     """Passes frames between the rig, which ``receive(block, peer)`` s, and a door; an empty chain costs nothing.
 
-    ``now()`` is the time of the frames' stamps (ns); ``clock`` wakes the stages every millisecond while there are any.
+    ``now()`` is the time of the frames' stamps (ns); ``clock`` wakes stages that keep frames every millisecond.
     Thread-safe.
     """
 
@@ -76,8 +76,8 @@ class CanBus:
         """Put ``stage`` in its place in the chain."""
         with self._lock:
             self._stages = tuple(sorted((*self._stages, stage), key=lambda one: one.rank))
-        if self._ticking is None:
-            self._ticking = self._clock.every(TICK_NS, self.poll)
+            if self._ticking is None and self._keeping:
+                self._ticking = self._clock.every(TICK_NS, self.poll)
 
     def remove(self, stage: Stage) -> None:
         """Take ``stage`` out; what it kept is lost. ValueError if it is not in the chain."""
@@ -85,7 +85,7 @@ class CanBus:
             if stage not in self._stages:
                 raise ValueError(f"{type(stage).__name__} is not on the bus: it cannot be taken off")
             self._stages = tuple(one for one in self._stages if one is not stage)
-            idle = None if self._stages else self._ticking
+            idle = None if self._keeping else self._ticking
             self._ticking = None if idle else self._ticking
         if idle:
             idle.cancel()
@@ -135,6 +135,11 @@ class CanBus:
         for block, peer in heard:
             if peer != RIG:
                 self._receive(block, peer)
+
+    @property
+    def _keeping(self) -> bool:
+        """Whether one of the stages keeps frames for later."""
+        return any(type(stage).due is not Stage.due for stage in self._stages)
 
     def _through(self, stages: tuple[Stage, ...], block: Block, peer: str) -> Block:
         now = self._now()

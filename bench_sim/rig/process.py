@@ -12,6 +12,8 @@ from bench_protocol.frames import Block
 from bench_protocol.units import NS
 from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.capture import Capture
+from bench_sim.rig.capture_server import CaptureServer
 from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.modbus_server import ModbusTcpServer
 from bench_sim.rig.rig import Rig
@@ -83,13 +85,15 @@ def run_rig(
     beacon: bool = False,
     policy: Late = Late.CATCH_UP,
     stages: Sequence[Stage] = (),
+    capture: Capture | None = None,
+    capture_port: int | None = None,
     stop: threading.Event,
     ready: Callable[[str, str], None],
 ) -> None:
     """Open CAN and Modbus, call ``ready(can, modbus)`` with their addresses, and tick until ``stop`` is set.
 
     ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface; ``stages``
-    stand on the bus behind it.
+    stand on the bus behind it, and so does ``capture``, which lets others read along on ``capture_port``.
     Raises OSError in words if one of them cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
@@ -109,14 +113,16 @@ def run_rig(
         with serve_in_thread(
             hub,
             modbus_server,
+            CaptureServer(capture) if capture and capture_port else None,
             host=host,
             can_port=can_port,
             modbus_port=modbus_port,
+            capture_port=capture_port or 0,
             allow_remote=allow_remote,
             beacon=beacon,
         ) as servers:
             can_address = interface or f"socketcand://{host}:{servers.can_port}"
-            for stage in stages:
+            for stage in (*stages, capture) if capture else stages:
                 bus.add(stage)
             rig.run(1)  # loads the compiled tick before the first deadline
             with _real_time():

@@ -1,4 +1,4 @@
-"""The rig's network servers in a thread of their own: opens the ports of the CAN hub and the Modbus server.
+"""The rig's network servers in a thread of their own: opens the ports of CAN hub, Modbus, and capture.
 
 The servers know neither the rig nor the plant, only callables: frames and requests go in, frames and answers come
 out. Everything runs on one asyncio loop in one background thread, and the callables are called there, one at a time;
@@ -16,6 +16,7 @@ from typing import Any, Final, Self
 from bench_protocol import socketcand
 from bench_protocol.clock import hurry
 from bench_sim.rig.can_hub import CanHub
+from bench_sim.rig.capture_server import CaptureServer
 from bench_sim.rig.modbus_server import ModbusTcpServer
 
 #: Below the tick. A server that waits for a processor while it holds the interpreter would hold up the tick as well.
@@ -27,7 +28,7 @@ _BEACON_PERIOD: Final = 3.0  # s, the longest the protocol allows
 
 
 class Servers:
-    """Both servers, open, in a thread of their own; ``stop()`` or leaving the ``with`` block closes everything."""
+    """The servers, open, in a thread of their own; ``stop()`` or leaving the ``with`` block closes everything."""
 
     def __init__(
         self, thread: threading.Thread, loop: asyncio.AbstractEventLoop, stop: asyncio.Event
@@ -36,6 +37,7 @@ class Servers:
         #: The real ports; None for a server that was not asked for.
         self.can_port: int | None = None
         self.modbus_port: int | None = None
+        self.capture_port: int | None = None
 
     def stop(self) -> None:
         """Close the ports and all connections and end the thread, within 1 s; harmless when repeated."""
@@ -53,10 +55,12 @@ class Servers:
 def serve_in_thread(
     hub: CanHub | None = None,
     modbus_server: ModbusTcpServer | None = None,
+    capture_server: CaptureServer | None = None,
     *,
     host: str = "127.0.0.1",
     can_port: int = 0,
     modbus_port: int = 0,
+    capture_port: int = 0,
     allow_remote: bool = False,
     beacon: bool = False,
 ) -> Servers:
@@ -87,6 +91,11 @@ def serve_in_thread(
                 modbus_server.open()
                 stack.callback(modbus_server.close)
                 servers.modbus_port = await _listen(stack, modbus_server.client, host, modbus_port, "Modbus")
+            if capture_server is not None:
+                stack.callback(capture_server.close)
+                servers.capture_port = await _listen(
+                    stack, capture_server.client, host, capture_port, "Capture"
+                )
             opened.append(servers)
             ready.set()
             await servers._stop.wait()

@@ -1,0 +1,78 @@
+"""The live capture on TCP: Wireshark and tshark read along as `TCP@127.0.0.1:19901`."""
+
+import asyncio
+from typing import Final
+
+from bench_sim.rig.capture import Capture, Tap
+from bench_sim.rig.connection import Connection
+
+_SEND_EVERY: Final = 0.02  # s
+_CLIENTS_MAX: Final = 8
+
+
+class _Reader(Connection):
+    """Somebody who reads along; what it says is not heard."""
+
+    kind = "capture"
+
+    def __init__(self, server: "CaptureServer") -> None:
+        super().__init__()
+        self._server = server
+        self._tap: Tap | None = None
+        self._blocked = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if not self._server.admit(self):
+            self.drop()
+            return
+        self._tap = self._server.capture.tap()
+        self._send()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        del exc
+        if self._tap is not None:
+            self._server.capture.release(self._tap)
+            self._tap = None
+        self._server.forget(self)
+
+    def pause_writing(self) -> None:
+        self._blocked = True  # the tap keeps what comes, and drops the oldest when it is full
+
+    def resume_writing(self) -> None:
+        self._blocked = False
+
+    def _send(self) -> None:
+        if self._tap is None or self.transport is None or self.transport.is_closing():
+            return
+        if not self._blocked and (data := self._tap.read()):
+            self.transport.write(data)
+        self.loop.call_later(_SEND_EVERY, self._send)
+
+
+class CaptureServer:
+    """Gives every client what ``capture`` hears from its connection on, as pcapng."""
+
+    def __init__(self, capture: Capture) -> None:
+        self.capture = capture
+        self._readers: dict[_Reader, None] = {}
+
+    def client(self) -> asyncio.Protocol:
+        """Return the protocol of a new connection."""
+        return _Reader(self)
+
+    def admit(self, reader: _Reader) -> bool:
+        """Return whether there is a place left for ``reader``."""
+        if len(self._readers) >= _CLIENTS_MAX:
+            return False
+        self._readers[reader] = None
+        return True
+
+    def forget(self, reader: _Reader) -> None:
+        """Give the place of ``reader`` away."""
+        self._readers.pop(reader, None)
+
+    def close(self) -> None:
+        """Send all readers away."""
+        for reader in list(self._readers):
+            reader.drop()
