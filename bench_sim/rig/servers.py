@@ -10,7 +10,7 @@ import contextlib
 import ipaddress
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any, Final, Self
 
 from bench_protocol import socketcand
@@ -74,12 +74,11 @@ def serve_in_thread(
     if not allow_remote:
         _require_loopback(host)
     opened: list[Servers] = []
-    failed: list[BaseException] = []
     ready = threading.Event()
 
     async def serve() -> None:
         loop = asyncio.get_running_loop()
-        servers = Servers(thread, loop, asyncio.Event())
+        servers = Servers(threading.current_thread(), loop, asyncio.Event())
         async with contextlib.AsyncExitStack() as stack:
             if hub is not None:
                 hub.open(loop)
@@ -101,6 +100,14 @@ def serve_in_thread(
             await servers._stop.wait()
         await _turns()  # the connections just dropped say that they are lost
 
+    _start(serve, ready)
+    return opened[0]
+
+
+def _start(serve: Callable[[], Coroutine[Any, Any, None]], ready: threading.Event) -> None:
+    """Run ``serve`` on a loop in a thread of its own; return when it is ``ready``, or raise what it failed with."""
+    failed: list[BaseException] = []
+
     def run() -> None:
         hurry(_PRIORITY)
         try:
@@ -118,7 +125,6 @@ def serve_in_thread(
     if failed:
         thread.join()
         raise failed[0]
-    return opened[0]
 
 
 def _require_loopback(host: str) -> None:

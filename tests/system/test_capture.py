@@ -1,6 +1,7 @@
 """The capture of the bus, as tshark reads it: a file, a named pipe, and live on TCP, each with everybody's frames."""
 
 import os
+import select
 import shutil
 import socket
 import subprocess
@@ -134,8 +135,9 @@ def test_file_and_live_port_show_the_rigs_frames_and_those_of_others(start_rig, 
     path = tmp_path / "bus.pcapng"
     ports = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
     rig = start_rig(*ports, "--capture", str(path), "--capture-port", str(free_port))
-    with tshark("-i", f"TCP@127.0.0.1:{free_port}", "-c", "1500") as live, HubBus(port=rig.can_port) as bus:
-        time.sleep(0.4)
+    with HubBus(port=rig.can_port) as bus, tshark("-i", f"TCP@127.0.0.1:{free_port}", "-c", "1500") as live:
+        assert select.select([live.stdout], [], [], 20)[0], "tshark shows nothing"
+        bus.recv_block(0)
         for k in range(5):
             bus.send_block(frame(0x7A0 + k, bytes(range(k))))
         heard = heard_for(bus, 0.5)
