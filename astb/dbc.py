@@ -17,6 +17,7 @@ from bench_protocol.units import in_unit
 _CYCLE: Final = DbcAttributeDefinition[int]("GenMsgCycleTime", 0, "BO_", "INT", 0, 65535)
 _PROFILE: Final = DbcAttributeDefinition[str]("E2EProfile", "none", "BO_", "STRING")
 _DATA_ID: Final = DbcAttributeDefinition[int]("E2EDataID", 0, "BO_", "INT", 0, 65535)
+_TOKEN: Final = DbcAttributeDefinition[str]("E2EToken", "none", "BO_", "STRING")
 _HASH: Final = DbcAttributeDefinition[str]("MapHash", "", None, "STRING")
 
 
@@ -24,7 +25,7 @@ def dbc() -> str:
     """Return the text of the DBC file."""
     specifics = DbcSpecifics(
         attributes=OrderedDict(MapHash=DbcAttribute(f"{TABLE.map_hash:08x}", _HASH)),
-        attribute_definitions=OrderedDict((d.name, d) for d in (_CYCLE, _PROFILE, _DATA_ID, _HASH)),
+        attribute_definitions=OrderedDict((d.name, d) for d in (_CYCLE, _PROFILE, _DATA_ID, _TOKEN, _HASH)),
     )
     database = Database(
         messages=[_message(row) for row in TABLE.messages],
@@ -43,6 +44,8 @@ def _message(row: Message) -> DbcMessage:
     if row.protection is Protection.E2E:
         attributes["E2EProfile"] = DbcAttribute("01", _PROFILE)
         attributes["E2EDataID"] = DbcAttribute(row.data_id, _DATA_ID)
+        if row.bound or row.token_bit >= 0:
+            attributes["E2EToken"] = DbcAttribute("data id" if row.bound else "field", _TOKEN)
     return DbcMessage(
         frame_id=row.identifier,
         name=row.name,

@@ -133,7 +133,8 @@ def _print_can_messages(out: TextIO) -> None:
         protection = {
             Protection.NONE: "none",
             Protection.COUNTER: "8-bit sample counter in byte 7",
-            Protection.E2E: f"E2E profile 1, data id {message.data_id:#06x}",
+            Protection.E2E: f"E2E profile 1, data id {message.data_id:#06x}"
+            + (" exclusive-or the token" if message.bound else ""),
         }[message.protection]
         sender = "rig" if message.from_rig else "commander"
         print(

@@ -46,7 +46,6 @@ class RigInMemory:
     def bench(
         self,
         *,
-        token: int = 1,
         faults: Faults | None = None,
         outward: Faults | None = None,
         seed: int = 0,
@@ -59,7 +58,7 @@ class RigInMemory:
         """
         port = self.can()
         can = port if faults is None else FaultyCan(port, faults, seed, outward=outward)
-        return Bench(can, self.modbus(latency), self.clock, token=token)
+        return Bench(can, self.modbus(latency), self.clock)
 
     def cut(self, reason: str) -> None:
         """Cut the CAN bus, as a hub that dies would; Modbus goes on."""

@@ -9,6 +9,8 @@ and of a command message (end-to-end protected)::
 
          bit   0     8       12            28            44            60      63
                | CRC | alive | field 1     | field 2     | field 3     | spare |
+
+A command belongs to the commander that holds the bench: it carries its token in a field, or in the data id of its CRC.
 """
 
 from collections.abc import Sequence
@@ -38,6 +40,8 @@ _MESSAGE: Final = np.dtype(
         ("count", "<i8"),
         ("protection", "<i8"),
         ("data_id", "<i8"),
+        ("bound", "<i8"),  # 1: the CRC takes the data id exclusive-or the token
+        ("token_bit", "<i8"),  # where the token stands, -1 where it does not
         ("counter_bit", "<i8"),
         ("period", "<i8"),
     ]
@@ -67,6 +71,14 @@ class Tally(IntEnum):
     CORRUPT = 4  #: wrong CRC
     REPEATED = 5  #: the same counter again (doubled or echoed frames)
     OUT_OF_SEQUENCE = 6  #: a counter that jumped too far, or back
+    STRANGE = 7  #: sound frames of somebody who does not hold the bench
+    STRANGE_IDENTIFIER = 8  #: no count: the identifier of the last of them
+
+
+#: The token of a decoder that lets every commander's frames through.
+ANYBODY: Final = -1
+#: The token of a decoder to which all commanders are strangers.
+NOBODY: Final = 0
 
 
 @dataclass(frozen=True)
@@ -93,6 +105,8 @@ class FrameLayout:
                 len(message.fields),
                 message.protection.value,
                 message.data_id,
+                message.bound,
+                message.token_bit,
                 message.counter_bit,
                 period,
             )
@@ -155,7 +169,38 @@ def encode_into(
 
 
 @numba.njit(cache=True)
-def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tally: Any) -> bool:
+def _word(record: Any) -> Any:
+    """Return the data of a frame as one number, little-endian."""
+    word = np.uint64(0)
+    for byte in range(8):
+        word |= np.uint64(record["data"][byte]) << np.uint64(8 * byte)
+    return word
+
+
+@numba.njit(cache=True)
+def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
+    """Check CRC and token of one command; one with a sound CRC that is not the holder's is a stranger's."""
+    crc = record["data"][0]
+    if message.bound != 0 and token > NOBODY:
+        if crc8(record["data"], message.data_id ^ token) == crc:
+            return True
+        own = False
+    else:
+        own = message.bound == 0 or token == ANYBODY
+    if crc8(record["data"], message.data_id) != crc:
+        tally[Tally.CORRUPT] += 1
+        return False
+    if message.token_bit >= 0 and token != ANYBODY:
+        given = np.int64(_word(record) >> np.uint64(message.token_bit) & np.uint64(0xFFFF))
+        own = token != NOBODY and given == token
+    if not own:
+        tally[Tally.STRANGE] += 1
+        tally[Tally.STRANGE_IDENTIFIER] = record.id
+    return own
+
+
+@numba.njit(cache=True)
+def _accept(record: Any, message: Any, row: int, token: int, counters: Any, times: Any, tally: Any) -> bool:
     """Check the protection of one frame and move its counter; a rejected frame moves nothing."""
     if message.protection == _NONE:
         return True
@@ -173,20 +218,20 @@ def _accept(record: Any, message: Any, row: int, counters: Any, times: Any, tall
             tally[Tally.LOST] += advance - 1
         counters[row] = byte
         return True
-    if crc8(record["data"], message.data_id) != record["data"][0]:
-        tally[Tally.CORRUPT] += 1
-        return False
     counter: Any = np.int64(byte) & 0x0F
     if counter >= COUNTER_PERIOD:
         tally[Tally.CORRUPT] += 1
         return False
-    if counters[row] >= 0:
+    if not _own(record, message, token, tally):
+        return False
+    # What is sent on events only comes from several senders, and each begins where it likes.
+    if counters[row] >= 0 and message.period > 0:
         advance = counter_step(counter, counters[row])
         if advance == 0:
             tally[Tally.REPEATED] += 1
             return False
         # As in the profile's MaxDeltaCounter: silence widens the window, so that a gap heals by itself.
-        if advance > 2 + (record.time - times[row]) // max(message.period, 1):
+        if advance > 2 + (record.time - times[row]) // message.period:
             tally[Tally.OUT_OF_SEQUENCE] += 1
             return False
         tally[Tally.LOST] += advance - 1
@@ -200,6 +245,7 @@ def decode_into(
     message_rows: Any,
     messages: Any,
     fields: Any,
+    token: int,
     counters: Any,
     times: Any,
     tally: Any,
@@ -210,6 +256,8 @@ def decode_into(
     out_values: Any,
 ) -> int:
     """Decode ``block``; return how many samples were written to the three ``out_`` arrays.
+
+    ``token`` is that of the commander whose frames count, or `ANYBODY`, or `NOBODY`.
 
     ``latest`` and ``latest_times`` (by table row) are brought up to date, ``times`` (by message row) keeps when each
     message last came, ``tally`` counts what was refused.
@@ -227,13 +275,11 @@ def decode_into(
             tally[Tally.MALFORMED] += 1
             continue
         message = messages[row]
-        if not _accept(record, message, row, counters, times, tally):
+        if not _accept(record, message, row, token, counters, times, tally):
             continue
         times[row] = record.time
         tally[Tally.ACCEPTED] += 1
-        word = np.uint64(0)
-        for byte in range(8):
-            word |= np.uint64(record["data"][byte]) << np.uint64(8 * byte)
+        word = _word(record)
         for k in range(message.first, message.first + message.count):
             place = fields[k]
             mask = (np.uint64(1) << np.uint64(place.bits)) - np.uint64(1)
@@ -258,6 +304,7 @@ _decode: Final = bind(
     _FRAMES,
     _INDICES,
     *_LAYOUT,
+    0,
     _INDICES,
     _INDICES,
     _INDICES,
@@ -275,11 +322,17 @@ class Encoder:
     def __init__(self, table: Table) -> None:
         self.layout = FrameLayout.of(table)
         self._table = table
+        self._data_ids = self.layout.messages["data_id"].copy()
         self.counters = np.zeros(len(table.messages), np.int64)
 
     def rows(self, names: Sequence[str]) -> npt.NDArray[np.int64]:
         """Return the message rows of ``names``, to be used with :meth:`encode`."""
         return np.array([self._table.message_index[name] for name in names], np.int64)
+
+    def bind(self, token: int) -> None:
+        """Let the frames that carry a token in their CRC be those of the commander with ``token``."""
+        bound = self.layout.messages["bound"] != 0
+        self.layout.messages["data_id"] = np.where(bound, self._data_ids ^ token, self._data_ids)
 
     def encode(self, values: npt.NDArray[np.float64], rows: npt.NDArray[np.int64], time: int) -> Block:
         """Return a block with one frame per message row, stamped ``time`` (ns)."""
@@ -302,9 +355,13 @@ class Decoder:
 
     table: Table
     from_rig: bool | None = None  #: take only messages of the rig (True) or of the commander (False)
+    token: int = (
+        ANYBODY  #: take the commands of who has this token; frames that carry it in their CRC need it
+    )
     latest: npt.NDArray[np.float64] = field(init=False)  #: last value by table row, NaN before the first
     latest_times: npt.NDArray[np.int64] = field(init=False)  #: when it came (ns), -1 before the first
     message_times: npt.NDArray[np.int64] = field(init=False)
+    counters: npt.NDArray[np.int64] = field(init=False)  #: last counter by message row, -1 before the first
     tally: npt.NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -317,12 +374,12 @@ class Decoder:
         self.latest_times = np.full(size, -1, np.int64)
         self.message_times = np.full(len(self.table.messages), -1, np.int64)
         self.tally = np.zeros(len(Tally), np.int64)
-        self._counters = np.full(len(self.table.messages), -1, np.int64)
+        self.counters = np.full(len(self.table.messages), -1, np.int64)
         self._fields_max = int(self.layout.messages["count"].max())
 
     def forget(self) -> None:
         """Start anew after a reconnection: the next frame of every message is its first."""
-        self._counters[:] = -1
+        self.counters[:] = -1
 
     def decode(self, block: Block) -> Samples:
         """Return the samples of all frames of ``block`` that their protection lets through."""
@@ -333,7 +390,8 @@ class Decoder:
             self.layout.rows,
             self.layout.messages,
             self.layout.fields,
-            self._counters,
+            self.token,
+            self.counters,
             self.message_times,
             self.tally,
             self.latest,

@@ -11,6 +11,8 @@ from bench_protocol.frames import STANDARD_ID_MAX
 FRAME_BITS: Final = 64
 #: A float64 holds integers of so many bits exactly.
 FIELD_BITS_MAX: Final = 53
+#: The signal with which a commander says whose frame this is: what the rig drew for it with the lease.
+TOKEN: Final = "control.token"
 #: What a DBC file allows as the name of a message.
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}")
 
@@ -69,6 +71,7 @@ class Message:
     protection: Protection
     description: str
     data_id: int = 0  #: for E2E
+    bound: bool = False  #: its CRC takes the data id exclusive-or the token: it has no room for `TOKEN`
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
@@ -86,6 +89,8 @@ class Message:
             )
         if not 0 <= self.data_id <= 0xFFFF:
             raise ValueError(f"{self.name}: data id {self.data_id:#x} does not fit in 16 bits")
+        if self.bound and self.protection is not Protection.E2E:
+            raise ValueError(f"{self.name}: only the CRC of an end-to-end protected message can bind a token")
         used = self.first_bit + sum(field.bits for field in self.fields)
         room = FRAME_BITS - (8 if self.protection is Protection.COUNTER else 0)
         if used > room:
@@ -102,6 +107,11 @@ class Message:
         for field in self.fields:
             yield field, bit
             bit += field.bits
+
+    @property
+    def token_bit(self) -> int:
+        """First bit of the field with the token, -1 where there is none."""
+        return next((bit for field, bit in self.placed() if field.signal == TOKEN), -1)
 
     @property
     def counter_bit(self) -> int:

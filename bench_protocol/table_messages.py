@@ -5,7 +5,7 @@ An identifier is given once, and so is the place of a field: a field that is add
 
 from typing import Final
 
-from bench_protocol.messages import Field, Message, Protection
+from bench_protocol.messages import TOKEN, Field, Message, Protection
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE
 from bench_protocol.units import N
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES, SIDES
@@ -15,13 +15,23 @@ def _fields(*names: str, bits: int = 16, step: float = 0.0) -> tuple[Field, ...]
     return tuple(Field(name, bits, step) for name in names)
 
 
-def _message(
-    name: str, identifier: int, rate: float, fields: tuple[Field, ...], text: str, *, from_rig: bool = True
+def _message(name: str, identifier: int, rate: float, fields: tuple[Field, ...], text: str) -> Message:
+    return Message(name, identifier, rate, True, fields, Protection.COUNTER, text)
+
+
+def _command(
+    name: str, identifier: int, fields: tuple[Field, ...], text: str, *, rate: float = COMMAND_RATE
 ) -> Message:
-    protection = Protection.COUNTER if from_rig else Protection.E2E
+    """Return a message of the commander; one without a token in it carries the token in its CRC."""
+    bound = not any(field.signal.endswith(".token") for field in fields)
     return Message(
-        name, identifier, rate, from_rig, fields, protection, text, 0 if from_rig else 0x0A00 | identifier
+        name, identifier, rate, False, fields, Protection.E2E, text, 0x0A00 | identifier, bound=bound
     )
+
+
+def _word(signal: str) -> Field:
+    """Return a field of 16 bits of which every code is a value."""
+    return Field(signal, 16, signed=False, nullable=False)
 
 
 def _spring(side: str) -> tuple[Field, ...]:
@@ -139,38 +149,58 @@ MESSAGES: Final = (
         "What the rig did not follow",
     ),
     _message(
+        "Lease",
+        0x387,
+        SLOW_RATE,
+        (_word("rig.lease"), _word("rig.holder"), _word("lease.nonce")),
+        "Who holds the bench, and whose request was answered last; also at once when that changes",
+    ),
+    _message(
+        "Strangers",
+        0x388,
+        SLOW_RATE,
+        (
+            Field("rig.strangers", 24, signed=False),
+            _word("rig.stranger"),
+            _word("rig.stranger_identifier"),
+        ),
+        "Who else tried to command the bench",
+    ),
+    _command(
         "Control",
         0x201,
-        COMMAND_RATE,
-        tuple(
-            Field(f"control.{name}", 1, signed=False, nullable=False)
-            for name in ("enable", "hold", "active", "reset")
+        (
+            *(
+                Field(f"control.{name}", 1, signed=False, nullable=False)
+                for name in ("enable", "hold", "active", "reset")
+            ),
+            _word(TOKEN),
         ),
         "Feeds the watchdog and asks for a state",
-        from_rig=False,
     ),
-    _message(
+    _command(
         "ForceSetpoints",
         0x202,
-        COMMAND_RATE,
         _fields(*(f"{a}.force_setpoint" for a in ACTUATORS)),
         "Set-points for actuators in force control",
-        from_rig=False,
     ),
-    _message(
+    _command(
         "DisplacementSetpoints",
         0x203,
-        COMMAND_RATE,
         _fields(*(f"{a}.displacement_setpoint" for a in ACTUATORS)),
         "Set-points for actuators in displacement control",
-        from_rig=False,
     ),
-    _message(
+    _command(
         "PlatformSetpoints",
         0x204,
-        COMMAND_RATE,
         _fields(*(f"platform.{axis}_setpoint" for axis in PLATFORM_AXES)),
         "Set-points for the vibration platform",
-        from_rig=False,
+    ),
+    _command(
+        "LeaseRequest",
+        0x205,
+        (_word("lease.nonce"), _word("lease.token")),
+        "Asks for the bench where there is no Modbus, or returns it; the rig answers with Lease",
+        rate=0.0,
     ),
 )

@@ -156,6 +156,14 @@ STATUS: Final = (
         address=202,
     ),
     _count("rig.tripped_tick", 204, "rig.tick when it tripped"),
+    _count(
+        "rig.holder", 208, "TCP port of the connection that holds the bench, 0 for nobody or unknown", 65535
+    ),
+    _count("rig.strangers", 210, "Frames and requests refused because they did not come from the holder"),
+    _count(
+        "rig.stranger", 212, "TCP port that the last of them came from, 0 where the wire does not tell", 65535
+    ),
+    _count("rig.stranger_identifier", 214, "CAN identifier of the last of them, 0 for Modbus", 65535),
 )
 
 
@@ -167,11 +175,18 @@ def _bit(name: str, text: str) -> Signal:
     return Signal(f"control.{name}", Kind.SETPOINT, "1", 0, 1, 1, text, SWITCH)
 
 
+def _word(name: str, text: str) -> Signal:
+    return Signal(name, Kind.SETPOINT, "1", 0, 65535, 1, text)
+
+
 SETPOINTS: Final = (
     _bit("enable", "D: leave INIT; clearing it disables the bench"),
     _bit("hold", "H: HOLD or higher; clearing it lets the actuators go, once the springs are empty"),
     _bit("active", "M: ACTIVE; clearing it holds the present value"),
     _bit("reset", "R: its rising edge resets a fault and leaves DISABLED"),
+    _word(
+        "control.token", "What the rig drew for the holder of the lease; without it a frame is a stranger's"
+    ),
     _setpoint("vertical_left.force_setpoint", "kN", 200 * kN, 10 * N, "Used in force control"),
     _setpoint("vertical_right.force_setpoint", "kN", 200 * kN, 10 * N, "Used in force control"),
     _setpoint("lateral.force_setpoint", "kN", 60 * kN, 2 * N, "Used in force control"),
@@ -184,6 +199,8 @@ SETPOINTS: Final = (
         for axis in PLATFORM_AXES[:2]
     ),
     _setpoint("platform.roll_setpoint", "mrad", 0.3, 0.01 * mrad, "Vibration platform, left up"),
+    _word("lease.nonce", "Any number: by it the asker knows the answer that is meant for it"),
+    _word("lease.token", "0 asks for the lease; the holder's token returns it"),
 )
 
 

@@ -115,6 +115,8 @@ class Table:
             data_id = f" {message.data_id:#06x}" if message.protection is Protection.E2E else ""
             protection = f"{message.protection.name}{data_id}"
             found[can] = f"{message.name} {message.rate:g} Hz from {sender}, {protection}"
+            if message.bound:
+                found[f"{can} data id"] = "exclusive-or the token"
             for field, bit in message.placed():
                 flags = f"{'signed' if field.signed else 'unsigned'}{' nullable' if field.nullable else ''}"
                 step = field.step or self[field.signal].step

@@ -16,7 +16,17 @@ from bench_protocol.words import ACTUATORS, FAULT_STATES, LIVE_STATES
 from drivers.air import Air
 from drivers.axes import Lateral, Platform, Vertical, VerticalActuator
 from drivers.declarations import Device
-from drivers.devices import Actions, Control, Emergency, Interlocks, LoadCells, RigStatus, Spring, Supply
+from drivers.devices import (
+    Actions,
+    Control,
+    Emergency,
+    Interlocks,
+    LeaseRequest,
+    LoadCells,
+    RigStatus,
+    Spring,
+    Supply,
+)
 from drivers.errors import BenchError, LinkLost, Misuse, RigFault
 from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
@@ -42,6 +52,7 @@ class Bench(Link):
         "generator",
         "interlock",
         "lateral",
+        "lease",
         "left",
         "load_cell",
         "platform",
@@ -60,10 +71,9 @@ class Bench(Link):
         clock: Clock,
         epoch: int = 0,
         *,
-        token: int = 1,
         table: Table = TABLE,
     ) -> None:
-        super().__init__(can_port, modbus_port, clock, epoch, token=token, table=table)
+        super().__init__(can_port, modbus_port, clock, epoch, table=table)
         self.left = Spring(self, "left")
         self.right = Spring(self, "right")
         self.vertical_left = VerticalActuator(self, "vertical_left")
@@ -76,6 +86,7 @@ class Bench(Link):
         self.rig = RigStatus(self, "rig")
         self.emergency = Emergency(self, "emergency")
         self.control = Control(self, "control")
+        self.lease = LeaseRequest(self, "lease")
         self.action = Actions(self, "action")
         self.interlock = Interlocks(self, "interlock")
         self.air = Air(self, "air")
@@ -95,7 +106,8 @@ class Bench(Link):
         self._connected = True
         try:
             self.settings.probe()
-            self.settings.take_lease(self._token)
+            self._token = self.settings.take_lease()
+            self.commander.bear(self._token)
             self._lease_seen = self.clock.now()
             self._port.on_lost(self._on_lost)
             self._port.subscribe(self.receiver.accept)
@@ -120,6 +132,7 @@ class Bench(Link):
             with suppress(BenchError):
                 if self.state in LIVE_STATES:
                     self.disarm()
+            self.commander.stop()
             with suppress(BenchError):
                 self.settings.return_lease()
         finally:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench_protocol.clock import Clock, Task
+from bench_protocol.messages import TOKEN
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
 from bench_protocol.units import NS
@@ -64,6 +65,12 @@ class Commander:
         self.origin = clock.now()  #: beats are at ``origin + k * BEAT``
         self.beats = 0  #: blocks sent
         self.failure: LinkLost | None = None
+
+    def bear(self, token: int) -> None:
+        """Let all that is sent from now on be that of the holder with ``token``."""
+        with self._lock:
+            self._values[self._table.index[TOKEN]] = token
+            self._encoder.bind(token)
 
     def start(self) -> None:
         """Begin to stream; the first block goes one beat from now."""

@@ -10,6 +10,7 @@ from drivers.declarations import (
     Contact,
     Device,
     Reading,
+    Setpoint,
     Setting,
 )
 from drivers.errors import Misuse
@@ -65,7 +66,11 @@ class RigStatus(Device):
     tripped_value = Reading()  #: in steps of the reading that tripped
     tripped_tick = Reading()
     status_code = Reading()
-    lease = Reading()
+    lease = Reading()  #: the token of the commander that holds the bench, 0 for nobody
+    holder = Reading()  #: TCP port of its connection, 0 for nobody or unknown
+    strangers = Reading()  #: frames and requests of others, which changed nothing
+    stranger = Reading()  #: TCP port of the last of them, 0 where the wire does not tell
+    stranger_identifier = Reading()  #: CAN identifier of the last of them, 0 for Modbus
     generator_cycle = Reading()
     tick = Reading()
     late_ticks = Reading()
@@ -98,6 +103,15 @@ class Control(Device):
     hold = Bit()  #: H
     active = Bit()  #: M
     reset = Bit()  #: R
+    token = Setpoint()  #: what the rig drew for this commander; the bench sets it
+
+
+class LeaseRequest(Device):
+    """A request for the lease on CAN: ``bench.lease``; the bench itself takes the lease on Modbus."""
+
+    __slots__ = ()
+    nonce = Setpoint()
+    token = Setpoint()
 
 
 class Actions(Device):

@@ -40,8 +40,8 @@ STREAM_BEATS: Final = 3
 class Link:
     """A CAN port and a Modbus port of one rig, with everything that is read, set and streamed through them.
 
-    ``epoch`` is what to subtract from the frames' time stamps (ns) to get times of ``clock``; ``token`` names this
-    commander in the rig's lease register. Devices are given the link; `Bench` is a link with its devices.
+    ``epoch`` is what to subtract from the frames' time stamps (ns) to get times of ``clock``. Devices are given the
+    link; `Bench` is a link with its devices.
     """
 
     __slots__ = (
@@ -69,11 +69,11 @@ class Link:
         clock: Clock,
         epoch: int = 0,
         *,
-        token: int = 1,
         table: Table = TABLE,
     ) -> None:
         self.table, self.clock = table, clock
-        self._port, self._modbus, self._token = can_port, modbus_port, token
+        self._port, self._modbus = can_port, modbus_port
+        self._token = 0  # what the rig drew for this commander
         self._lost = ""
         self._silent = 0
         self._lease_seen = 0

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _SINGLE: Final = struct.Struct(">f")
 _PROBE_REGISTERS: Final = 7
+#: Any word but 0 asks for the lease.
+_ASK: Final = 1
 #: A block that changes under three reads in a row is no block of this rig.
 _READ_TRIES: Final = 3
 
@@ -203,11 +205,10 @@ class Settings:
                 "bring both to the same version of the table of signals"
             )
 
-    def take_lease(self, token: int) -> None:
-        """Become the commander (``token`` 1 to 65535); ``NotCommander`` if somebody else is."""
-        if not 1 <= token <= 0xFFFF:
-            raise ValueError(f"token = {token} does not fit in the lease register (1 to 65535)")
-        self._lease([token])
+    def take_lease(self) -> int:
+        """Become the commander; return the token that the rig drew. ``NotCommander`` if somebody else is."""
+        self._lease([_ASK])
+        return self.holder()
 
     def return_lease(self) -> None:
         """Let somebody else become the commander."""

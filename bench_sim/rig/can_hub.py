@@ -11,6 +11,7 @@ from bench_protocol import socketcand
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import FRAME, Block
 from bench_sim.rig.connection import Connection, OnPeerLost, ignore
+from bench_sim.rig.peers import CAN
 
 OnFrames = Callable[[Block, str], None]
 Carry = Callable[[Block, str], Block]
@@ -28,7 +29,7 @@ def _whole(block: Block, peer: str) -> Block:
 class _CanClient(Connection):
     """One socketcand client of the hub."""
 
-    kind = "can"
+    kind = CAN
 
     def __init__(self, hub: "CanHub") -> None:
         super().__init__()

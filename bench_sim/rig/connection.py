@@ -5,6 +5,8 @@ import contextlib
 import socket
 from collections.abc import Callable
 
+from bench_sim.rig.peers import peer_name
+
 OnPeerLost = Callable[[str], None]
 
 
@@ -29,7 +31,7 @@ class Connection(asyncio.Protocol):
         self.transport = transport
         # A client that is gone again already has no address any more.
         host, port = (transport.get_extra_info("peername") or ("unknown", 0))[:2]
-        self.name = f"{self.kind}:{host}:{port}"
+        self.name = peer_name(self.kind, host, port)
         sock = transport.get_extra_info("socket")
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

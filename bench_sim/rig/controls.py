@@ -63,6 +63,7 @@ class Happened(IntFlag):
     PROGRAM_DONE = 8
     ALARM = 16
     WRITES_LOST = 32  #: the holder of the lease writes no more
+    LEASE_LOST = 64  #: a lease without a connection, and its commander is silent
 
 
 #: A snapshot of the rig's tick is a copy of this record.
@@ -72,6 +73,20 @@ CONTROLS: Final = np.dtype(
         ("alarm", "<i8"),  # tick at which the state machine wants to be asked, -1 for never
         ("command_tick", "<i8"),  # when the last valid command came
         ("bits", "<i8"),  # `ControlBit` of the last valid command
+        ("token", "<i8"),  # of the lease, 0 while nobody holds the bench
+        (
+            "commander",
+            "<i8",
+        ),  # TCP port from which the holder commands, 0 where the wire knows none, -1 for nobody
+        ("granted", "<i8"),  # when the lease was granted
+        ("expiring", "<i8"),  # 1: no connection ends the lease, only silence does
+        (
+            "asked",
+            "<i8",
+        ),  # 1: somebody has asked for the lease on CAN: from where, by which nonce, with which token
+        ("asked_sender", "<i8"),
+        ("asked_nonce", "<i8"),
+        ("asked_token", "<i8"),
         ("write_deadline", "<i8"),  # tick by which the holder of the lease must have written, -1 for never
         ("armed", "<i8"),  # 1: the watchdog is watching
         ("late", "<i8"),  # 1: already reported

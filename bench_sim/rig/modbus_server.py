@@ -7,6 +7,7 @@ from typing import Final
 
 from bench_protocol import modbus
 from bench_sim.rig.connection import Connection, OnPeerLost, ignore
+from bench_sim.rig.peers import MODBUS
 
 Answer = Callable[[bytes, str], bytes | None]
 
@@ -17,7 +18,7 @@ _REQUESTS_AT_ONCE: Final = 64
 class _ModbusClient(Connection):
     """One Modbus connection."""
 
-    kind = "modbus"
+    kind = MODBUS
 
     def __init__(self, server: "ModbusTcpServer") -> None:
         super().__init__()

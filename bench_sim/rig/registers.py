@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.modbus import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, NO_AUTHORITY, ModbusError
-from bench_protocol.registers import INT16_MAX, PROBE_FLOAT, PROBE_WORD, Register
+from bench_protocol.registers import INT16_MAX, LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, Register
 from bench_protocol.signals import Kind
 from bench_protocol.wires import Table
+from bench_sim.rig.lease import Lease
 
 #: What a scaled register says instead of a value that is not available.
 UNAVAILABLE: Final = 0x8000
@@ -38,9 +39,6 @@ class Host(Protocol):
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
-
-    def watch(self, milliseconds: int) -> None:
-        """Expect the next write of the commander within this time; 0 stops watching."""
 
 
 class Space:
@@ -87,35 +85,20 @@ def _single(value: float) -> float:
 class RegisterBank:
     """The registers of one rig, shared by all its clients; :meth:`seen_by` is what one client may do with them."""
 
-    def __init__(self, table: Table, host: Host) -> None:
+    def __init__(self, table: Table, host: Host, lease: Lease) -> None:
         self.table = table
         self.host = host
+        self.lease = lease
         self._spaces = {
             space: Space([r for r in table.registers if r.space == space])
             for space in ("input", "holding", "coil", "discrete")
         }
         self.staged: dict[str, float] = {s.name: s.default for s in table.of_kind(Kind.SETTING)}
         self.unapplied = False
-        self.lease = 0
-        self.owner: str | None = None
-        self.watchdog_ms = 0
 
     def seen_by(self, peer: str) -> "PeerBank":
         """Return the bank as ``peer`` sees it."""
         return PeerBank(self, peer)
-
-    def release(self, peer: str) -> bool:
-        """Take the lease from ``peer``, whose connection is gone; return whether it was the commander."""
-        if self.owner != peer:
-            return False
-        self._lend(0, None)
-        self.watchdog_ms = 0
-        self.host.watch(0)
-        return True
-
-    def _lend(self, lease: int, owner: str | None) -> None:
-        self.lease, self.owner = lease, owner
-        self.host.values[self.table.index["rig.lease"]] = lease
 
     def read_input(self, address: int, count: int) -> list[int]:
         words: list[int] = []
@@ -147,15 +130,18 @@ class RegisterBank:
         words: list[int] = []
         for register in self._spaces["holding"].slots(address, count):
             if register.signal == "modbus.lease":
-                words.append(self.lease)
+                words.append(self.lease.token)
             elif register.signal == "modbus.watchdog":
-                words.append(self.watchdog_ms)
+                words.append(self.lease.watchdog_ms)
             else:
                 words += float_words(self.staged[register.signal])
         return words
 
     def write_holding(self, address: int, values: Sequence[int], peer: str) -> None:
-        """Stage settings, all or nothing; the lease and the watchdog act at once."""
+        """Stage settings, all or nothing; the lease and the watchdog act at once.
+
+        ModbusError, with nothing changed, for a value out of range or what only the holder of the lease may write.
+        """
         staged: dict[str, float] = {}
         lease, watchdog = None, None
         for register in self._spaces["holding"].slots(address, len(values)):
@@ -175,13 +161,21 @@ class RegisterBank:
                 if signal.choices and value != int(value):
                     raise ModbusError(ILLEGAL_VALUE)
                 staged[signal.name] = min(max(value, signal.low), signal.high)
-        if lease is not None:
-            self._lend(lease, peer if lease else None)
-        if watchdog is not None:
-            self.watchdog_ms = watchdog
+        self._take_own(peer, lease, watchdog)
         if staged:
             self.staged.update(staged)
             self.unapplied = True
+
+    def _take_own(self, peer: str, lease: int | None, watchdog: int | None) -> None:
+        """Take what was written to the registers of the lease and the watchdog, which is the holder's."""
+        holds = self.lease.holds(peer) if lease is None else lease != 0
+        if watchdog is not None and not holds:
+            self.lease.refuse(peer)
+            raise ModbusError(NO_AUTHORITY)
+        if lease is not None:
+            self.lease.write(peer, lease)
+        if watchdog is not None:
+            self.lease.watch(watchdog)
 
     def read_coils(self, address: int, count: int) -> list[bool]:
         """Coils act on their edge and fall back at once: they always read 0."""
@@ -240,13 +234,20 @@ class PeerBank:
         if sum(values) > 1:
             raise ModbusError(ILLEGAL_VALUE)
         self._bank.write_coils(address, values)
+        self._feed()
 
     def write_holding(self, address: int, values: Sequence[int]) -> None:
         """Stage settings, or take or return the lease."""
-        self._authorise()
+        self._authorise(values[0] if address == LEASE_ADDRESS else None)
         self._bank.write_holding(address, values, self._peer)
+        self._feed()
 
-    def _authorise(self) -> None:
-        if self._bank.owner not in (None, self._peer):
+    def _authorise(self, lease: int | None = None) -> None:
+        if not self._bank.lease.open_to(self._peer, lease):
+            self._bank.lease.refuse(self._peer)
             raise ModbusError(NO_AUTHORITY)
-        self._bank.host.watch(self._bank.watchdog_ms if self._bank.owner == self._peer else 0)
+
+    def _feed(self) -> None:
+        """Feed the watchdog: only by what was accepted, so that a client in error does not look alive."""
+        if self._bank.lease.holds(self._peer):
+            self._bank.lease.feed()

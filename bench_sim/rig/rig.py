@@ -10,20 +10,22 @@ import numpy.typing as npt
 
 from bench_protocol import modbus
 from bench_protocol.binding import bind
-from bench_protocol.can_codec import Decoder, Encoder, Tally
+from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, copied, join
-from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
+from bench_protocol.rates import COMMAND_RATE, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
-from bench_protocol.units import ms
 from bench_protocol.words import FAULTS, LIVE, SIDES, BenchState
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
+from bench_sim.rig.commands import Receiving, Steering, take_block
 from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened, Target
 from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
+from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors
+from bench_sim.rig.peers import port_of
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import (
@@ -36,16 +38,13 @@ from bench_sim.rig.tick import (
     PlantArrays,
     Sampling,
     Sending,
-    Steering,
     run_ticks,
-    take_commands,
 )
 
 _SCRATCH_TICKS: Final = 100  # as many frames need no new memory
 _STEERING: Final = Steering.of_table()
 #: More command frames than this in one block are a flood; the rest is ignored.
 _CHANGES_MAX: Final = 4096
-_REJECTED: Final = TABLE.index["rig.rejected_commands"]
 
 
 class Rig:
@@ -64,18 +63,25 @@ class Rig:
         self._detectors = detectors(TABLE, limits)
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
-        self._controls["write_deadline"] = -1
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
         self._changes = np.zeros(_CHANGES_MAX, np.int64)
         self._pending: list[Block] = []
         self._scratch = np.empty(_SCRATCH_TICKS * FRAMES_PER_TICK_MAX, FRAME)
         self._emergency_row = self._encoder.rows(["Emergency"])
+        self._lease_row = self._encoder.rows(["Lease"])
         self._tick_state = self._arrays()
         self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
-        none = np.zeros(0, np.int64), np.zeros(0)
-        self._take_commands: Any = bind(take_commands, self._control_array, *none, _STEERING, self._changes)
-        self.registers = RegisterBank(TABLE, self)
+        self._receiving = (Receiving.of(self._decoder, _CHANGES_MAX), _STEERING, self.values, self._changes)
+        self._take_block: Any = bind(take_block, self._control_array, np.zeros(0, FRAME), 0, *self._receiving)
+        self.lease = Lease(
+            self._controls,
+            self.values,
+            seed,
+            on_change=self._holder_changed,
+            on_end=lambda: self.supervisor.handle(Event.DISCONNECTED),
+        )
+        self.registers = RegisterBank(TABLE, self, self.lease)
         self.generator = FunctionGenerator(
             self._controls, self.registers.staged, self.plant.parameters.actuator_half_spacing
         )
@@ -136,25 +142,14 @@ class Rig:
     # -- CAN and Modbus ------------------------------------------------------------------------------------------
 
     def receive(self, block: Block, peer: str = "") -> None:
-        """Take CAN frames from ``peer``; only the first commander's count while it is alive."""
+        """Take CAN frames from ``peer``; only those of the holder of the lease count."""
         with self.lock:
-            supervisor = self.supervisor
-            if supervisor.commander not in (None, peer) and supervisor.silence < DISABLE_AFTER / TICK:
-                return
             stamped = copied(block[:_CHANGES_MAX])
-            stamped["time"] = int(self._controls["tick"]) * TICK_NS
-            samples = self._decoder.decode(stamped)
-            tally = self._decoder.tally.tolist()
-            self.values[_REJECTED] = (
-                tally[Tally.CORRUPT] + tally[Tally.REPEATED] + tally[Tally.OUT_OF_SEQUENCE]
-            )
-            if samples.signals.size:
-                supervisor.commander = peer
-                count = self._take_commands(
-                    self._control_array, samples.signals, samples.values, _STEERING, self._changes
-                )
-                for bits in self._changes[:count].tolist():
-                    supervisor.command(ControlBit(bits))
+            count = self._take_block(self._control_array, stamped, port_of(peer), *self._receiving)
+            for bits in self._changes[:count].tolist():
+                self.supervisor.command(ControlBit(bits))
+            if self._controls["asked"]:
+                self.lease.ask()
 
     def answer(self, request: bytes, peer: str = "") -> bytes:
         """Return the response to one Modbus/TCP request (ADU) from ``peer``."""
@@ -164,12 +159,7 @@ class Rig:
     def peer_lost(self, peer: str) -> None:
         """Note that a connection is closed: the bench holds at once if it was the commander's."""
         with self.lock:
-            commander = self.supervisor.commander
-            if self.registers.release(peer) or peer == commander:
-                self.supervisor.handle(Event.DISCONNECTED)
-            if peer == commander:
-                self.supervisor.commander = None
-                self._decoder.forget()
+            self.lease.peer_lost(peer)
 
     def tick(self) -> Block:
         """Run one tick and return the frames that it sends."""
@@ -189,6 +179,7 @@ class Rig:
                 ticks -= done
                 if happened:
                     self.supervisor.decide(Happened(happened))
+                    self.lease.decide(Happened(happened))
                     blocks += self._pending
                     self._pending = []
             return blocks[0] if len(blocks) == 1 else join(blocks)
@@ -241,11 +232,6 @@ class Rig:
         """Return the state of an interlock."""
         return self._contacts[name]()
 
-    def watch(self, milliseconds: int) -> None:
-        """Expect the next write of the lease holder within ``milliseconds``; 0 stops watching."""
-        ticks = round(milliseconds * ms / TICK)
-        self._controls["write_deadline"] = self._controls["tick"] + ticks if ticks else -1
-
     def act(self, name: str) -> bool:
         """Carry out a coil's action; return whether the present state allows it."""
         return self._actions[name]()
@@ -286,8 +272,17 @@ class Rig:
         self._set("emergency.code", EMERGENCY_CODES[reason])
         self._set("emergency.register", 1.0 if EMERGENCY_CODES[reason] else 0.0)
         self._set("emergency.reason", reason)
+        self._tell(self._emergency_row)
+
+    def _holder_changed(self) -> None:
+        """Begin anew with whoever commands next, and tell everybody on the bus who that is."""
+        self._decoder.forget()
+        self._tell(self._lease_row)
+
+    def _tell(self, rows: npt.NDArray[np.int64]) -> None:
+        """Send messages that go out on events."""
         time = int(self._controls["tick"]) * TICK_NS
-        self._pending.append(self._encoder.encode(self.values, self._emergency_row, time))
+        self._pending.append(self._encoder.encode(self.values, rows, time))
 
 
 def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:

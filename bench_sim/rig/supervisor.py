@@ -52,8 +52,6 @@ class Supervisor:
         on_emergency: Callable[[], None],
     ) -> None:
         self.estop = False
-        #: Whose commands count, None while nobody commands.
-        self.commander: str | None = None
         self._controls = controls
         self._values = values
         self._limits, self._detectors = limits, detectors
@@ -82,7 +80,7 @@ class Supervisor:
     def command_valid(self) -> bool:
         """Return whether somebody commands, and wants the bench enabled."""
         return (
-            self.commander is not None
+            self._controls["commander"] >= 0
             and self.silence * TICK < DISABLE_AFTER
             and bool(self._bits & ControlBit.ENABLE)
         )
@@ -169,10 +167,8 @@ class Supervisor:
         if Happened.COMMAND_LATE in happened:
             self.handle(Event.COMMAND_LATE)
         if Happened.COMMAND_LOST in happened:
-            self.commander = None
+            self._controls["commander"] = -1
             self.handle(Event.COMMAND_LOST)
-        if Happened.WRITES_LOST in happened:
-            self.handle(Event.DISCONNECTED)
 
     def _alarm(self) -> None:
         match self.state:

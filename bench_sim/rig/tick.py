@@ -33,21 +33,19 @@ from bench_sim.model.sensors import read_sensors
 from bench_sim.rig.controls import (
     FAST,
     MEDIUM,
-    SLEW_TICKS,
     SLOW,
     TARGETS,
     TICK_MODULUS,
     TICK_NS,
     AirSupply,
-    ControlBit,
     Happened,
     Target,
 )
 from bench_sim.rig.limits import detect
 from bench_sim.rig.safe_position import LOWERING_SPEED, Grip, keep_grip
-from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges, travel
+from bench_sim.rig.setpoints import travel
 
-FRAMES_PER_TICK_MAX: Final = 12
+FRAMES_PER_TICK_MAX: Final = sum(message.from_rig and message.rate > 0 for message in TABLE.messages)
 
 _LATE_TICKS: Final = round(HOLD_AFTER / TICK)
 _LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
@@ -64,12 +62,6 @@ _TICK_ROW: Final = TABLE.index["rig.tick"]
 _PROGRAM_ROW: Final = TABLE.index["rig.program"]
 _CYCLE_ROW: Final = TABLE.index["rig.generator_cycle"]
 _REFUSED_ROW: Final = TABLE.index["rig.refused_setpoints"]
-_CONTROL_ROW: Final = TABLE.index["control.enable"]
-#: The bits of the Control message stand in its fields and in the table in one order.
-_CONTROL_BITS: Final = len(ControlBit)
-assert TABLE.signals[_CONTROL_ROW : _CONTROL_ROW + _CONTROL_BITS] == tuple(
-    TABLE[f"control.{bit.name.lower()}"] for bit in ControlBit if bit.name
-)
 
 _LEVEL: Final = AIR_MODES.index("level")
 _FILL: Final = AIR_MODES.index("fill")
@@ -189,13 +181,16 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
 
 @compiled
 def _watch(c: Any) -> int:
-    """Return which watchdogs run out in this tick: of the commands (late, lost) and of the holder's writes."""
+    """Return which watchdogs run out in this tick: of the commands (late, lost), of the holder's writes, of a lease."""
     happened = Happened.NOTHING.value
+    silence = c.tick - c.command_tick
     if c.tick == c.write_deadline:
         happened |= Happened.WRITES_LOST.value
+    if c.expiring != 0 and silence >= _LOST_TICKS and c.tick - c.granted >= _LOST_TICKS:
+        c.expiring = 0
+        happened |= Happened.LEASE_LOST.value
     if c.armed == 0:
         return happened
-    silence = c.tick - c.command_tick
     if silence >= _LATE_TICKS and c.late == 0:
         c.late = 1
         happened |= Happened.COMMAND_LATE.value
@@ -203,68 +198,6 @@ def _watch(c: Any) -> int:
         c.lost = 1
         happened |= Happened.COMMAND_LOST.value
     return happened
-
-
-class Steering(NamedTuple):
-    """By table row: which target a set-point aims for (-1: none), in which control mode (-1: any), and its range."""
-
-    targets: npt.NDArray[np.int64]
-    modes: npt.NDArray[np.int64]
-    fields: npt.NDArray[np.int64]  #: of the frame of set-points that begins here, 0 where none does
-    ranges: npt.NDArray[np.float64]  #: (n, 2)
-
-    @classmethod
-    def of_table(cls) -> "Steering":
-        """Return what the set-points of the table steer."""
-        targets, modes = np.full((2, len(TABLE.signals)), -1, np.int64)
-        steering = cls(targets, modes, frames_of_setpoints(), ranges())
-        for target, name in enumerate(ACTUATORS):
-            for mode in (Mode.FORCE, Mode.DISPLACEMENT):
-                row = TABLE.index[f"{name}.{mode.name.lower()}_setpoint"]
-                steering.targets[row], steering.modes[row] = target, mode
-        for axis, name in enumerate(PLATFORM_AXES):
-            steering.targets[TABLE.index[f"platform.{name}_setpoint"]] = Target.PLATFORM_VERTICAL + axis
-        return steering
-
-
-@compiled_entry
-def take_commands(controls: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> int:
-    """Let the decoded samples of commands act; return how many changes of the control bits were written to ``changes``.
-
-    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". One out of its range
-    makes its frame refused: sides that belong together must not move alone.
-    """
-    c = controls[0]
-    count = accepted_from = 0
-    for k in range(signals.size):
-        row = signals[k]
-        if steering.fields[row] > 0 and outside(signals, values, k, steering.fields[row], steering.ranges):
-            c.refused += 1
-            accepted_from = k + steering.fields[row]
-        if k < accepted_from:
-            continue
-        target = steering.targets[row]
-        if row == _CONTROL_ROW:
-            bits = 0
-            for bit in range(_CONTROL_BITS):
-                bits |= (values[k + bit] != 0.0) << bit
-            c.command_tick = c.tick
-            c.late = 0
-            c.lost = 0
-            if bits != c.bits:
-                changes[count] = bits
-                count += 1
-                c.bits = bits
-        elif (
-            target >= 0
-            and c.active != 0
-            and (steering.modes[row] < 0 or steering.modes[row] == c.control[target])
-            and not np.isnan(values[k])
-            and c.goal[target] != values[k]
-        ):
-            c.goal[target] = values[k]
-            c.slew[target] = SLEW_TICKS
-    return count
 
 
 class PlantArrays(NamedTuple):

@@ -19,6 +19,8 @@ from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 
 STEP = 5_000_000
+#: What this peer gives to everybody who takes the lease.
+TOKEN = 0x1234
 FAULTED = ("FAULT_HOLD", "FAULT_DISABLED", "ESTOP")
 
 
@@ -201,7 +203,7 @@ class Peer:
     def write_holding(self, address: int, values: list[int]) -> None:
         self._authorise()
         if address == 0:
-            self.lease = values[0]
+            self.lease = self._decoder.token = TOKEN if values[0] else 0
             return
         staged = dict(self.staged)
         for name, register in _holding().items():

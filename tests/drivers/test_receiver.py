@@ -113,7 +113,7 @@ def test_a_capture_holds_exactly_what_came_meanwhile():
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("rig.lease", "does not travel on CAN"), ("left.hieght", "no signal")]
+    ("name", "words"), [("rig.lateness_50us", "does not travel on CAN"), ("left.hieght", "no signal")]
 )
 def test_a_capture_refuses_what_it_could_never_fill(name, words):
     with pytest.raises((Misuse, KeyError), match=words):

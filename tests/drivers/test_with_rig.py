@@ -85,4 +85,4 @@ def test_a_bench_that_is_closed_can_be_taken_by_the_next(pair):
     bench.arm()
     bench.close()
     assert rig.state.name == "DISABLED"
-    assert rig.registers.owner is None
+    assert rig.lease.owner is None

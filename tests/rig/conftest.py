@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.can_codec import Decoder, Encoder
+from bench_protocol.frames import Block
 from bench_protocol.table import TABLE
 from bench_protocol.words import CONTROL_MODES, SIDES, STATES
 from bench_sim.parameters import load
@@ -15,10 +16,14 @@ BEAT = 20  # ticks between commands
 
 
 class Commander:
-    """Speaks to a rig by bytes alone; one method call is one 20 ms beat or many."""
+    """Speaks to a rig by bytes alone; one method call is one 20 ms beat or many.
 
-    def __init__(self, rig: Rig, peer: str = "commander") -> None:
-        self.rig, self.peer = rig, peer
+    It takes the lease before its first command, unless a token was given to it.
+    """
+
+    def __init__(self, rig: Rig, number: int = 1) -> None:
+        self.rig, self.peer, self.modbus = rig, f"can:{number}", f"modbus:{number}"
+        self.token: int | None = None
         self.decoder = Decoder(TABLE, from_rig=True)
         self.values = np.zeros(len(TABLE.signals))
         self._encoder = Encoder(TABLE)
@@ -40,19 +45,37 @@ class Commander:
         """Let time pass without commanding."""
         self.decoder.decode(self.rig.run(ticks))
 
+    def take_lease(self) -> None:
+        """Become the commander."""
+        assert self.ask(b"\x06\0\0\0\x01")[0] == 6
+        self.bear(int.from_bytes(self.ask(b"\x03\0\0\0\x01")[2:], "big"))
+
+    def bear(self, token: int) -> None:
+        """Command with ``token``, whoever it belongs to."""
+        self.token = token
+        self.values[TABLE.index["control.token"]] = token
+        self._encoder.bind(token)
+
+    def frames(self, *names: str) -> Block:
+        """Return the present values in the messages ``names``, without names in all that are streamed."""
+        rows = self._encoder.rows(names) if names else self._rows
+        return self._encoder.encode(self.values, rows, 0)
+
     def beat(self, count: int = 1, **settings: float) -> None:
         """Send commands for ``count`` beats; ``control_hold=1`` sets ``control.hold`` and so on."""
         for name, value in settings.items():
             self.values[TABLE.index[_signal(name)]] = value
+        if self.token is None:
+            self.take_lease()
         for _ in range(count):
-            self.rig.receive(self._encoder.encode(self.values, self._rows, 0), self.peer)
+            self.rig.receive(self.frames(), self.peer)
             self.wait(BEAT)
 
     def ask(self, pdu: bytes, peer: str | None = None) -> bytes:
         """Return the PDU that answers a Modbus request PDU."""
         self._transaction += 1
         head = self._transaction.to_bytes(2, "big") + b"\0\0" + (len(pdu) + 1).to_bytes(2, "big") + b"\1"
-        answer = self.rig.answer(head + pdu, self.peer if peer is None else peer)
+        answer = self.rig.answer(head + pdu, self.modbus if peer is None else peer)
         assert answer[:4] == head[:4]
         return answer[7:]
 

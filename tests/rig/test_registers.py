@@ -122,29 +122,29 @@ def test_coils_fall_back_at_once_and_only_one_acts(commander) -> None:
 
 
 def test_the_lease_makes_one_commander(commander) -> None:
-    take = struct.pack(">BHH", 6, 0, 4711)
+    take = struct.pack(">BHH", 6, 0, 1)
     assert commander.ask(take, "first") == take
+    (token,) = read(commander, 3, 0, 1)
+    assert token not in (0, 1), "the rig draws it"
     assert commander.ask(struct.pack(">BHH", 6, 0, 1), "second") == b"\x86\x06"
     assert commander.stage("second", generator_amplitude=0.001) == [b"\x90\x06"]
     assert commander.coil("disable", "second") == b"\x85\x06"
-    assert commander.ask(b"\x03\0\0\0\x01", "second") == b"\x03\x02" + (4711).to_bytes(2, "big")
-    assert commander.rig.values[TABLE.index["rig.lease"]] == 4711
+    assert commander.ask(b"\x03\0\0\0\x01", "second") == b"\x03\x02" + token.to_bytes(2, "big")
+    assert commander.rig.values[TABLE.index["rig.lease"]] == token
     commander.rig.peer_lost("first")
     assert commander.stage("second", generator_amplitude=0.001)[0][0] == 0x10
 
 
 def test_the_commanders_modbus_connection_counts_too(armed) -> None:
-    armed.ask(struct.pack(">BHH", 6, 0, 1), "modbus")
-    armed.rig.peer_lost("modbus")
+    armed.rig.peer_lost(armed.modbus)
     armed.rig.run(2)
     assert armed.rig.state.name == "FAULT_HOLD"
 
 
 def test_a_modbus_watchdog_that_is_not_fed_holds(armed) -> None:
-    armed.ask(struct.pack(">BHH", 6, 0, 1), "modbus")
-    armed.ask(struct.pack(">BHH", 6, 1, 200), "modbus")
+    armed.ask(struct.pack(">BHH", 6, 1, 200))
     armed.beat(8)
-    armed.ask(struct.pack(">BHH", 6, 1, 200), "modbus")
+    armed.ask(struct.pack(">BHH", 6, 1, 200))
     armed.beat(8)
     assert armed.state == "ACTIVE"
     armed.beat(4)

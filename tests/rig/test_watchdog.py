@@ -78,7 +78,7 @@ def test_spoilt_commands_feed_no_watchdog(armed) -> None:
 
 
 def test_a_closed_connection_holds_within_two_ticks(armed) -> None:
-    armed.rig.peer_lost("commander")
+    armed.rig.peer_lost(armed.peer)
     armed.rig.run(2)
     assert armed.rig.state.name == "FAULT_HOLD"
     armed.wait(20)
@@ -86,13 +86,14 @@ def test_a_closed_connection_holds_within_two_ticks(armed) -> None:
 
 
 def test_somebody_elses_closed_connection_changes_nothing(armed) -> None:
-    armed.rig.peer_lost("listener")
+    armed.rig.peer_lost("can:2")
     armed.beat(5)
     assert armed.state == "ACTIVE"
 
 
 def test_a_second_commander_is_not_heard(armed) -> None:
-    intruder = type(armed)(armed.rig, "intruder")
+    intruder = type(armed)(armed.rig, 2)
+    intruder.bear(armed.token)
     for _ in range(10):
         intruder.beat(1, control_enable=0)
         armed.beat(1)

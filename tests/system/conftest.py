@@ -87,9 +87,9 @@ class Site:
     def wait(self, seconds: float) -> None:
         self.clock.sleep_until(self.clock.now() + round(seconds * NS))
 
-    def bench(self, token: int = 1) -> Bench:
+    def bench(self) -> Bench:
         """Return a bench, not yet connected."""
-        return Bench(self.can(), self.modbus(), self.clock, self.epoch, token=token)
+        return Bench(self.can(), self.modbus(), self.clock, self.epoch)
 
     def shared(self) -> Bench:
         """Return a connected bench that tests use one after the other: arming takes a second of real time."""

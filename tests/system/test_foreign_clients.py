@@ -125,6 +125,7 @@ class ForeignCommander:
     def __init__(self, bus: can.BusABC, database: cantools.database.Database) -> None:
         self.bits = dict.fromkeys(("control_enable", "control_hold", "control_active", "control_reset"), 0)
         self.platform = 0.0  # mm
+        self.token = 0
         self._bus, self._database = bus, database
         self._counters: dict[str, int] = {}
         self._stop = threading.Event()
@@ -135,7 +136,7 @@ class ForeignCommander:
         start = time.monotonic()
         beat = 0
         while not self._stop.is_set():
-            self._send("Control", self.bits)
+            self._send("Control", {"control_token": self.token, **self.bits})
             axes = {"platform_lateral_setpoint": 0, "platform_roll_setpoint": 0}
             self._send("PlatformSetpoints", {"platform_vertical_setpoint": self.platform, **axes})
             beat += 1
@@ -145,7 +146,10 @@ class ForeignCommander:
         message = self._database.get_message_by_name(name)
         counter = self._counters[name] = (self._counters.get(name, -1) + 1) % 15
         data = bytearray(message.encode({"e2e_crc": 0, "e2e_counter": counter, **values}))
-        e2e.p01.e2e_p01_protect(data, int(message.dbc.attributes["E2EDataID"].value), increment_counter=False)
+        data_id = message.dbc.attributes["E2EDataID"].value
+        if message.dbc.attributes["E2EToken"].value == "data id":
+            data_id ^= self.token
+        e2e.p01.e2e_p01_protect(data, data_id, increment_counter=False)
         self._bus.send(can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=False))
 
     def stop(self) -> None:
@@ -164,7 +168,8 @@ def test_a_commander_made_of_foreign_parts_arms_and_moves_the_bench(bus, client,
 
     commander = ForeignCommander(bus, database)
     try:
-        assert not client.write_registers(LEASE_ADDRESS, [77]).isError()
+        assert not client.write_registers(LEASE_ADDRESS, [1]).isError()
+        (commander.token,) = client.read_holding_registers(LEASE_ADDRESS, count=1).registers
         commander.bits["control_enable"] = 1
         time.sleep(0.4)  # whoever commanded before may have left the counters anywhere
         if state().startswith("FAULT"):

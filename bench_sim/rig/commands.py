@@ -1,0 +1,186 @@
+"""What commands on CAN do to the controls of the tick: whose frames count, which set-points are followed.
+
+What is refused is counted.
+
+All of it is compiled and works on arrays, one block of frames from one sender at a time.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.can_codec import NOBODY, Decoder, Tally, decode_into
+from bench_protocol.rates import DISABLE_AFTER, TICK
+from bench_protocol.table import TABLE
+from bench_protocol.words import ACTUATORS, PLATFORM_AXES
+from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.model.layout import Mode
+from bench_sim.rig.controls import SLEW_TICKS, TICK_NS, ControlBit, Target
+from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges
+
+_LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
+_CONTROL_ROW: Final = TABLE.index["control.enable"]
+#: The bits of the Control message stand in its fields and in the table in one order.
+_CONTROL_BITS: Final = len(ControlBit)
+assert TABLE.signals[_CONTROL_ROW : _CONTROL_ROW + _CONTROL_BITS] == tuple(
+    TABLE[f"control.{bit.name.lower()}"] for bit in ControlBit if bit.name
+)
+#: A request for the lease brings its nonce and then its token.
+_NONCE_ROW: Final = TABLE.index["lease.nonce"]
+assert TABLE.index["lease.token"] == _NONCE_ROW + 1
+
+_REJECTED_ROW: Final = TABLE.index["rig.rejected_commands"]
+_STRANGERS_ROW: Final = TABLE.index["rig.strangers"]
+_STRANGER_ROW: Final = TABLE.index["rig.stranger"]
+_IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
+
+
+class Steering(NamedTuple):
+    """By table row: which target a set-point aims for (-1: none), in which control mode (-1: any), and its range."""
+
+    targets: npt.NDArray[np.int64]
+    modes: npt.NDArray[np.int64]
+    fields: npt.NDArray[np.int64]  #: of the frame of set-points that begins here, 0 where none does
+    ranges: npt.NDArray[np.float64]  #: (n, 2)
+
+    @classmethod
+    def of_table(cls) -> "Steering":
+        """Return what the set-points of the table steer."""
+        targets, modes = np.full((2, len(TABLE.signals)), -1, np.int64)
+        steering = cls(targets, modes, frames_of_setpoints(), ranges())
+        for target, name in enumerate(ACTUATORS):
+            for mode in (Mode.FORCE, Mode.DISPLACEMENT):
+                row = TABLE.index[f"{name}.{mode.name.lower()}_setpoint"]
+                steering.targets[row], steering.modes[row] = target, mode
+        for axis, name in enumerate(PLATFORM_AXES):
+            steering.targets[TABLE.index[f"platform.{name}_setpoint"]] = Target.PLATFORM_VERTICAL + axis
+        return steering
+
+
+class Receiving(NamedTuple):
+    """What decoding commands works on: the layout of the messages, what the decoder keeps, room for the samples."""
+
+    rows: npt.NDArray[np.int64]
+    messages: npt.NDArray[np.void]
+    fields: npt.NDArray[np.void]
+    counters: npt.NDArray[np.int64]
+    times: npt.NDArray[np.int64]
+    tally: npt.NDArray[np.int64]
+    latest: npt.NDArray[np.float64]
+    latest_times: npt.NDArray[np.int64]
+    sample_times: npt.NDArray[np.int64]
+    sample_signals: npt.NDArray[np.int64]
+    sample_values: npt.NDArray[np.float64]
+
+    @classmethod
+    def of(cls, decoder: Decoder, frames_max: int) -> "Receiving":
+        """Return the arrays of ``decoder``, with room for the samples of ``frames_max`` frames."""
+        layout, room = decoder.layout, frames_max * int(decoder.layout.messages["count"].max())
+        return cls(
+            layout.rows,
+            layout.messages,
+            layout.fields,
+            decoder.counters,
+            decoder.message_times,
+            decoder.tally,
+            decoder.latest,
+            decoder.latest_times,
+            np.empty(room, np.int64),
+            np.empty(room, np.int64),
+            np.empty(room),
+        )
+
+
+@compiled
+def take_commands(c: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> int:
+    """Let the decoded samples of commands act; return how many changes of the control bits were written to ``changes``.
+
+    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". One out of its range
+    makes its frame refused: sides that belong together must not move alone.
+    """
+    count = accepted_from = 0
+    for k in range(signals.size):
+        row = signals[k]
+        if steering.fields[row] > 0 and outside(signals, values, k, steering.fields[row], steering.ranges):
+            c.refused += 1
+            accepted_from = k + steering.fields[row]
+        if k < accepted_from:
+            continue
+        target = steering.targets[row]
+        if row == _CONTROL_ROW:
+            bits = 0
+            for bit in range(_CONTROL_BITS):
+                bits |= (values[k + bit] != 0.0) << bit
+            c.command_tick = c.tick
+            c.late = 0
+            c.lost = 0
+            if bits != c.bits:
+                changes[count] = bits
+                count += 1
+                c.bits = bits
+        elif (
+            target >= 0
+            and c.active != 0
+            and (steering.modes[row] < 0 or steering.modes[row] == c.control[target])
+            and not np.isnan(values[k])
+            and c.goal[target] != values[k]
+        ):
+            c.goal[target] = values[k]
+            c.slew[target] = SLEW_TICKS
+    return count
+
+
+@compiled_entry
+def take_block(
+    controls: Any,
+    block: Any,
+    sender: int,
+    receiving: Receiving,
+    steering: Steering,
+    published: Any,
+    changes: Any,
+) -> int:
+    """Take one block of frames from one ``sender`` (a TCP port, 0 where the wire knows none); stamp it with the tick.
+
+    Only the holder's frames act, those with its token from one sender while it is alive. What was refused is told in
+    ``published`` (SI by table row). Return how many changes of the control bits were written to ``changes``; ``asked``
+    of the controls is 1 if somebody asks for the lease.
+    """
+    c, tally = controls[0], receiving.tally
+    for k in range(block.size):
+        block[k].time = c.tick * TICK_NS
+    heard = c.commander < 0 or c.commander == sender or c.tick - c.command_tick >= _LOST_TICKS
+    strangers = tally[Tally.STRANGE]
+    count = decode_into(
+        block,
+        receiving.rows,
+        receiving.messages,
+        receiving.fields,
+        c.token if heard else NOBODY,
+        receiving.counters,
+        receiving.times,
+        tally,
+        receiving.latest,
+        receiving.latest_times,
+        receiving.sample_times,
+        receiving.sample_signals,
+        receiving.sample_values,
+    )
+    if tally[Tally.STRANGE] != strangers:
+        published[_STRANGERS_ROW] += tally[Tally.STRANGE] - strangers
+        published[_STRANGER_ROW] = sender
+        published[_IDENTIFIER_ROW] = tally[Tally.STRANGE_IDENTIFIER]
+    published[_REJECTED_ROW] = tally[Tally.CORRUPT] + tally[Tally.REPEATED] + tally[Tally.OUT_OF_SEQUENCE]
+    signals, values = receiving.sample_signals[:count], receiving.sample_values[:count]
+    for k in range(count):
+        if signals[k] == _CONTROL_ROW:
+            c.commander = sender
+        elif (
+            signals[k] == _NONCE_ROW and c.asked == 0
+        ):  # the first of several who ask in one tick is answered
+            c.asked = 1
+            c.asked_sender = sender
+            c.asked_nonce = np.int64(values[k])
+            c.asked_token = np.int64(values[k + 1])
+    return take_commands(c, signals, values, steering, changes)

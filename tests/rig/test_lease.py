@@ -1,0 +1,300 @@
+"""One commander for the bench: the lease, its token on both wires, and what becomes of strangers."""
+
+import itertools
+import struct
+
+import e2e.p01
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_protocol.can_codec import Encoder
+from bench_protocol.e2e import token_mark
+from bench_protocol.frames import Block, frame
+from bench_protocol.messages import Protection
+from bench_protocol.table import TABLE
+from bench_protocol.units import mm
+from bench_sim.rig.controls import CONTROLS
+from bench_sim.rig.lease import Lease
+
+
+def published(commander, name: str) -> int:
+    return int(commander.read(f"rig.{name}"))
+
+
+def lease_of(commander) -> int:
+    return int.from_bytes(commander.ask(b"\x03\0\0\0\x01", "modbus:9")[2:], "big")
+
+
+def request(nonce: int, token: int = 0) -> Block:
+    encoder, values = Encoder(TABLE), np.zeros(len(TABLE.signals))
+    values[TABLE.index["lease.nonce"]], values[TABLE.index["lease.token"]] = nonce, token
+    return encoder.encode(values, encoder.rows(["LeaseRequest"]), 0)
+
+
+def test_the_rig_draws_the_token_and_tells_both_wires(commander) -> None:
+    commander.take_lease()
+    commander.wait(100)
+    assert published(commander, "lease") == commander.token == lease_of(commander) > 0
+    assert published(commander, "holder") == 1, "the port of its connection"
+    assert commander.ask(b"\x06\0\0\0\0")[0] == 6
+    commander.wait(100)
+    assert published(commander, "lease") == published(commander, "holder") == lease_of(commander) == 0
+
+
+def test_same_seed_same_tokens(make_rig, commander) -> None:
+    def tokens(seed: int) -> list[int]:
+        one, found = type(commander)(make_rig(seed)), []
+        for _ in range(5):
+            one.take_lease()
+            found.append(one.token)
+            one.ask(b"\x06\0\0\0\0")
+        return found
+
+    assert tokens(1) == tokens(1) != tokens(2)
+
+
+def test_no_token_leaves_the_crc_as_it_was() -> None:
+    """257 of the 65536 numbers do not change a CRC of 8 bits when they change the data id."""
+    lease = Lease(
+        np.zeros(1, CONTROLS)[0], np.zeros(len(TABLE.signals)), 0, on_change=lambda: None, on_end=lambda: None
+    )
+    drawn = []
+    for _ in range(3000):
+        lease.write("modbus:1", 1)
+        drawn.append(lease.token)
+        lease.write("modbus:1", 0)
+    marks = [token_mark(token) for token in drawn]
+    assert 0 not in marks
+    assert all(a != b for a, b in itertools.pairwise(marks)), "nor that of the holder before"
+    assert sum(token_mark(token) == 0 for token in range(65536)) == 256
+    assert len(set(drawn)) > 2800
+
+
+@given(st.integers(1, 65535), st.integers(0, 0xFFFF), st.binary(min_size=8, max_size=8))
+def test_the_mark_of_a_token_is_what_it_does_to_autosars_crc(token: int, data_id: int, data: bytes) -> None:
+    plain, bound = bytearray(data), bytearray(data)
+    e2e.p01.e2e_p01_protect(plain, data_id, increment_counter=False)
+    e2e.p01.e2e_p01_protect(bound, data_id ^ token, increment_counter=False)
+    assert plain[0] ^ bound[0] == token_mark(token)
+
+
+def test_nobody_commands_without_a_lease(commander) -> None:
+    commander.wait(500)
+    commander.bear(0)
+    commander.beat(5, control_enable=1)
+    commander.beat(5, control_reset=1)
+    commander.wait(100)
+    assert commander.state == "DISABLED"
+    assert published(commander, "strangers") == 40
+    assert published(commander, "stranger") == 1
+    assert published(commander, "rejected_commands") == 0
+
+
+@pytest.mark.parametrize("door", ["can:2", "vcan0"])
+def test_a_stranger_with_the_next_counter_moves_nothing(commander, door: str) -> None:
+    """On a bus without connections (vcan0) all frames come from one place: the token alone tells."""
+    armed = commander
+    armed.peer = "can:1" if door == "can:2" else door
+    armed.arm()
+    stranger = type(armed)(armed.rig, 2)
+    stranger.bear(0)
+    before = armed.read("rig.rejected_commands")
+    for _ in range(10):
+        stranger._encoder.counters[:] = armed._encoder.counters
+        stranger.values[TABLE.index["platform.vertical_setpoint"]] = 30 * mm
+        armed.rig.receive(stranger.frames(), door)
+        armed.beat(1)
+    armed.beat(10)
+    assert armed.state == "ACTIVE"
+    assert abs(armed.read("platform.vertical")) < 1 * mm
+    assert armed.read("rig.rejected_commands") == before, "the true commander's frames still count"
+    assert published(armed, "strangers") == 40
+    assert published(armed, "stranger") == (2 if door == "can:2" else 0)
+    assert published(armed, "stranger_identifier") == 0x204
+
+
+def test_the_token_of_somebody_before_is_a_strangers(armed) -> None:
+    old = armed.token
+    armed.beat(2, control_enable=0)
+    armed.ask(b"\x06\0\0\0\0")
+    successor = type(armed)(armed.rig, 2)
+    successor.beat(10)
+    assert successor.token != old
+    armed.rig.receive(armed.frames("Control"), armed.peer)
+    successor.beat(10)
+    assert published(successor, "strangers") == 1
+    assert published(successor, "stranger") == 1
+    assert successor.read("rig.rejected_commands") == 0, "counters begin anew with the lease"
+
+
+@pytest.mark.parametrize("message", [m for m in TABLE.messages if m.protection is Protection.E2E and m.rate])
+def test_a_frame_that_is_neither_ours_nor_sound_is_corrupt(armed, message) -> None:
+    spoilt = armed.frames(message.name)
+    spoilt["data"][:, 0] ^= 0x5A if token_mark(armed.token) != 0x5A else 0x5B
+    armed.rig.receive(spoilt, "can:2")
+    armed.wait(100)
+    assert published(armed, "strangers") == 0
+    assert published(armed, "rejected_commands") == 1
+
+
+def test_requests_of_strangers_are_counted_too(armed) -> None:
+    assert armed.coil("disable", "modbus:127.0.0.1:4711") == b"\x85\x06"
+    armed.wait(100)
+    assert published(armed, "strangers") == 1
+    assert published(armed, "stranger") == 4711
+    assert published(armed, "stranger_identifier") == 0
+
+
+def test_a_lease_that_is_returned_holds_at_once(armed) -> None:
+    armed.ask(b"\x06\0\0\0\0")
+    armed.wait(20)
+    assert armed.state == "FAULT_HOLD"
+    assert TABLE["rig.reason"].choices[published(armed, "reason")] == "commander disconnected"
+
+
+# -- on CAN alone ------------------------------------------------------------------------------------------------
+
+
+def test_a_lease_can_be_taken_and_returned_on_can(commander) -> None:
+    commander.rig.receive(request(0xBEEF), commander.peer)
+    commander.wait(5)
+    assert commander.read("lease.nonce") == 0xBEEF
+    token = published(commander, "lease")
+    assert token == lease_of(commander) > 0
+    commander.rig.receive(request(0xCAFE), "can:2")
+    commander.wait(5)
+    assert published(commander, "lease") == token
+    assert commander.read("lease.nonce") == 0xBEEF, "the answer is not for the second one"
+    commander.bear(token)
+    commander.wait(300)
+    commander.beat(5, control_enable=1)
+    commander.beat(2, control_reset=1)
+    assert commander.state == "AIR_LOW"
+    commander.beat(2, control_enable=0, control_reset=0)
+    commander.rig.receive(request(1, token), commander.peer)
+    commander.wait(5)
+    assert published(commander, "lease") == 0
+
+
+def test_a_lease_on_can_ends_with_the_silence_of_its_holder(commander) -> None:
+    commander.rig.receive(request(1), "vcan0")
+    commander.wait(499)
+    assert lease_of(commander) > 0
+    commander.wait(1)
+    assert lease_of(commander) == 0
+    commander.rig.receive(request(2), "vcan0")
+    commander.wait(5)
+    commander.bear(lease_of(commander))
+    commander.peer = "vcan0"
+    commander.beat(50)
+    assert lease_of(commander) == commander.token
+    commander.wait(500)
+    assert lease_of(commander) == 0
+
+
+def test_a_modbus_connection_joins_a_lease_on_can_with_its_token(commander) -> None:
+    commander.wait(500)
+    commander.rig.receive(request(1), commander.peer)
+    commander.wait(5)
+    commander.bear(token := lease_of(commander))
+    commander.beat(5, control_enable=1)
+    commander.beat(2, control_reset=1)
+    assert commander.coil("air_high") == b"\x85\x06"
+    assert commander.ask(struct.pack(">BHH", 6, 0, token ^ 1)) == b"\x86\x06"
+    assert commander.ask(struct.pack(">BHH", 6, 0, token))[0] == 6
+    assert commander.coil("air_high")[0] == 5
+    assert commander.coil("air_low", "modbus:2") == b"\x85\x06"
+    assert commander.ask(struct.pack(">BHH", 6, 0, token), "modbus:2") == b"\x86\x06", "once"
+
+
+def test_who_asks_twice_need_not_count(commander) -> None:
+    """Every program begins its counter at 0: a request is no stream."""
+    for nonce in (1, 2, 3):
+        commander.rig.receive(request(nonce), commander.peer)
+        commander.wait(5)
+        token = lease_of(commander)
+        commander.rig.receive(request(nonce, token), commander.peer)
+        commander.wait(5)
+        assert lease_of(commander) == 0 < token
+    spoilt = frame(0x205, bytes(8))
+    commander.rig.receive(spoilt, commander.peer)
+    assert lease_of(commander) == 0
+
+
+# -- the watchdog of the holder's writes -------------------------------------------------------------------------
+
+
+def watchdog(commander, milliseconds: int) -> bytes:
+    return commander.ask(struct.pack(">BHH", 6, 1, milliseconds))
+
+
+def test_the_watchdog_is_armed_by_its_own_write_alone(armed) -> None:
+    armed.beat(2, control_active=0)
+    assert watchdog(armed, 200)[0] == 6
+    armed.beat(20)
+    assert armed.state == "FAULT_HOLD"
+    assert TABLE["rig.reason"].choices[published(armed, "reason")] == "commander disconnected"
+
+
+def test_a_refused_write_feeds_no_watchdog(armed) -> None:
+    watchdog(armed, 200)
+    for _ in range(9):
+        assert armed.stage(air_left_target=99e5) == [b"\x90\x03"]
+        assert armed.coil("air_high") == b"\x85\x04"
+        assert armed.ask(struct.pack(">BHH", 6, 9999, 1)) == b"\x86\x02"
+        armed.stage("modbus:2", air_left_target=1e5)
+        armed.ask(b"\x03\0\0\0\x02")
+        armed.beat(1)
+    assert armed.state == "ACTIVE"
+    armed.beat(2)
+    assert armed.state == "FAULT_HOLD"
+
+
+def test_every_accepted_write_feeds_the_watchdog(armed) -> None:
+    watchdog(armed, 200)
+    for _ in range(5):
+        assert armed.stage(air_left_target=1e5)[0][0] == 0x10
+        armed.beat(8)
+        assert armed.coil("apply")[0] == 5
+        armed.beat(8)
+    assert armed.state == "ACTIVE"
+
+
+def test_zero_switches_the_watchdog_off_and_so_does_the_end_of_the_lease(armed) -> None:
+    watchdog(armed, 200)
+    assert armed.ask(b"\x03\0\x01\0\x01") == b"\x03\x02\0\xc8"
+    watchdog(armed, 0)
+    armed.beat(30)
+    assert armed.state == "ACTIVE"
+    watchdog(armed, 200)
+    armed.beat(2, control_enable=0)
+    armed.ask(b"\x06\0\0\0\0")
+    armed.wait(20)
+    assert armed.ask(b"\x03\0\x01\0\x01") == b"\x03\x02\0\0"
+    assert watchdog(armed, 200) == b"\x86\x06", "it is the holder's"
+    assert watchdog(armed, 10_001) == b"\x86\x03"
+
+
+def test_after_the_watchdog_can_goes_on_and_a_connection_may_join_again(armed) -> None:
+    watchdog(armed, 200)
+    armed.beat(12)
+    assert armed.state == "FAULT_HOLD"
+    armed.beat(100)
+    assert armed.state == "FAULT_HOLD", "commands arrive: the air stays shut in"
+    assert armed.coil("air_low") == b"\x85\x06"
+    assert armed.ask(struct.pack(">BHH", 6, 0, armed.token))[0] == 6
+    armed.beat(2, control_active=0)
+    armed.beat(2, control_reset=1)
+    armed.beat(2, control_reset=0)
+    armed.beat(2, control_active=1)
+    assert armed.state == "ACTIVE"
+
+
+def test_after_the_watchdog_and_silence_the_bench_is_free(armed) -> None:
+    watchdog(armed, 200)
+    armed.wait(520)
+    assert lease_of(armed) == 0
+    assert armed.state == "FAULT_DISABLED"
+    assert armed.ask(b"\x06\0\0\0\x01", "modbus:2")[0] == 6
