@@ -17,6 +17,7 @@ import click
 
 from astb.dbc import dbc
 from bench_protocol.messages import Protection
+from bench_protocol.registers import ACTIVE_BLOCK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import in_unit
@@ -150,7 +151,8 @@ def _print_modbus_map(out: TextIO) -> None:
         "and 0x12345678. The scaled twins are signed 16-bit multiples of the resolution, 0x8000 where not\n"
         "available or too large. "
         "A block begins and ends with the same sequence number, which changes with every sampling instant. Discrete\n"
-        "inputs from 100 on say in the order of the readings whether each is available. Numbers count from 1 with the\n"
+        "inputs from 100 on say in the order of the readings whether each is available. A holding register has what\n"
+        f"is staged, the input register {ACTIVE_BLOCK} behind it what is in force. Numbers count from 1 with the\n"
         "classic prefixes (30001 is input register 0).\n",
         file=out,
     )
@@ -163,8 +165,11 @@ def _places() -> dict[str, tuple[str, str]]:
     can = {f.signal: f"{m.identifier:#05x} {m.name}" for m in TABLE.messages for f, _ in m.placed()}
     modbus: dict[str, str] = {}
     for register in TABLE.registers:
-        if register.encoding != "int16":
-            modbus.setdefault(register.signal, f"{register.space} {register.address}")
+        place = f"{register.space} {register.address}"
+        if register.space == "holding" and register.signal in modbus:
+            modbus[register.signal] = f"{place}, in force: {modbus[register.signal]}"
+        elif register.encoding != "int16":
+            modbus.setdefault(register.signal, place)
     return {name: (can.get(name, ""), modbus.get(name, "")) for name in TABLE.index}
 
 

@@ -11,6 +11,8 @@ Two blocks of input registers carry the same readings, as floats and as scaled t
 Each block stands between two copies of the sequence number of the sampling instant. Registers never move: a reading
 that is added takes the number behind the old end, where the sequence number stays as well, so that a number without a
 reading means: here a block ended once.
+
+The holding register of a setting has what is staged, the input register `ACTIVE_BLOCK` behind it what is in force.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,6 +35,8 @@ PROBE_WORD: Final = 0x12345678
 FLOAT_BLOCK: Final = 100
 SCALED_BLOCK: Final = 300
 QUALITY_BLOCK: Final = 100
+#: How far behind its holding register a setting has the input register of the value in force.
+ACTIVE_BLOCK: Final = 400
 #: One request of 125 registers reads all floats with the sequence numbers at both ends.
 READINGS_MAX: Final = 61
 LEASE_ADDRESS: Final = 0
@@ -106,14 +110,14 @@ def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
     ValueError for a signal without the address that its kind needs.
     """
     readings: dict[int, str] = {}
-    others = []
+    others: list[Register] = []
     for signal in signals:
         if signal.kind in (Kind.MEASUREMENT, Kind.STATUS):
             other = readings.setdefault(reading_number(signal), signal.name)
             if other != signal.name:
                 raise ValueError(f"{other} and {signal.name} both have the input register {signal.address}")
         elif signal.kind is not Kind.SETPOINT:
-            others.append(_without_blocks(signal))
+            others += _without_blocks(signal)
     spaces = list(SPACES)
     return tuple(
         sorted(
@@ -123,11 +127,13 @@ def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
     )
 
 
-def _without_blocks(signal: Signal) -> Register:
+def _without_blocks(signal: Signal) -> Iterator[Register]:
     space = _SPACE_OF[signal.kind]
     if signal.address is None:
         raise ValueError(f"{signal.name}, a {signal.kind}, needs an address among the {space} registers")
-    return Register(signal.name, space, signal.address, "bit" if space in _BIT_SPACES else "float32")
+    yield Register(signal.name, space, signal.address, "bit" if space in _BIT_SPACES else "float32")
+    if signal.kind is Kind.SETTING:
+        yield Register(signal.name, "input", ACTIVE_BLOCK + signal.address, "float32")
 
 
 def _blocks(readings: Mapping[int, str]) -> Iterator[Register]:

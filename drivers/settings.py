@@ -49,8 +49,15 @@ class Settings:
         self._holding = self._registers("holding", Kind.SETTING)
         self._coils = self._registers("coil", Kind.ACTION)
         self._contacts = self._registers("discrete", Kind.INTERLOCK)
-        readings = [r for r in table.registers if r.space == "input" and r.encoding == "float32"]
-        self._readings = [r for r in readings if r.signal in table.index]
+        self._active = self._registers("input", Kind.SETTING)
+        self._readings = [
+            r
+            for r in table.registers
+            if r.space == "input"
+            and r.encoding == "float32"
+            and r.signal in table.index
+            and r.signal not in self._active
+        ]
         self._known: dict[str, float] = {}
         self._lock = threading.RLock()
         self.applied: Callable[[dict[str, float]], None] = lambda values: (
@@ -115,18 +122,19 @@ class Settings:
         self._commanding(lambda: self._port.write_registers(span[0].address, words))
 
     def read(self, name: str) -> float:
-        """Return a setting (SI) as the rig has it."""
-        register = self._holding[self._setting(name)]
-        return from_words(*self._port.read_holding(register.address, 2))
+        """Return a setting (SI) as it is in force in the rig."""
+        register = self._active[self._setting(name)]
+        return from_words(*self._port.read_input(register.address, 2))
 
     def choice(self, name: str) -> str:
-        """Return the name of the choice that a setting has in the rig."""
+        """Return the name of the choice that is in force in the rig."""
         return self._table[name].choices[round(self.read(name))]
 
     def in_force(self) -> dict[str, float]:
-        """Return all settings (SI) as the rig has them."""
-        with self._lock:
-            return dict(self._settings())
+        """Return all settings (SI) as they are in force in the rig, whatever anybody has staged."""
+        registers = list(self._active.values())
+        words = self._port.read_input(registers[0].address, 2 * len(registers))
+        return {r.signal: from_words(*words[2 * k : 2 * k + 2]) for k, r in enumerate(registers)}
 
     def _setting(self, name: str) -> str:
         if self._table[name].kind is not Kind.SETTING:
@@ -135,9 +143,7 @@ class Settings:
 
     def _settings(self) -> dict[str, float]:
         if not self._known:
-            registers = list(self._holding.values())
-            words = self._port.read_holding(registers[0].address, 2 * len(registers))
-            self._known = {r.signal: from_words(*words[2 * k : 2 * k + 2]) for k, r in enumerate(registers)}
+            self._known = self.in_force()
         return self._known
 
     # -- actions, contacts, slow readings ------------------------------------------------------------------------

@@ -11,7 +11,7 @@ _RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to co
 
 
 class FunctionGenerator:
-    """The program in the tick's ``controls``, started with the staged ``settings`` (SI, by name).
+    """The program in the tick's ``controls``, started with the ``settings`` in force (SI, by name).
 
     ``lever``: m per rad, of a roll at the vertical actuators.
     """
@@ -27,7 +27,7 @@ class FunctionGenerator:
         return self._controls["program"] in (Program.RUN, Program.HOLD)
 
     def run(self) -> bool:
-        """Start the staged program, or go on with the one that is held; return whether that is possible."""
+        """Start the program that is set, or go on with the one that is held; return whether that is possible."""
         c, settings = self._controls, self._settings
         if c["program"] == Program.RUN:
             return False

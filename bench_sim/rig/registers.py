@@ -93,12 +93,32 @@ class RegisterBank:
             space: Space([r for r in table.registers if r.space == space])
             for space in ("input", "holding", "coil", "discrete")
         }
-        self.staged: dict[str, float] = {s.name: s.default for s in table.of_kind(Kind.SETTING)}
-        self.unapplied = False
+        #: The settings in force and those staged, SI by name; each stays one mapping for the life of the rig.
+        self.active: dict[str, float] = {s.name: s.default for s in table.of_kind(Kind.SETTING)}
+        self.staged = dict(self.active)
+        self._author = ""  # the peer that has staged last
 
     def seen_by(self, peer: str) -> "PeerBank":
         """Return the bank as ``peer`` sees it."""
         return PeerBank(self, peer)
+
+    @property
+    def unapplied(self) -> bool:
+        """Whether something is staged that is not in force."""
+        return any(
+            float_words(self.staged[name]) != float_words(value) for name, value in self.active.items()
+        )
+
+    def drop_staged(self, author: str | None = None) -> None:
+        """Forget what ``author`` has staged, without one what anybody has: nobody else must apply it."""
+        if author in (None, self._author):
+            self.staged.update(self.active)
+
+    def _stage_as(self, peer: str) -> None:
+        """Let ``peer`` stage or apply: on what is in force, or on what it has staged itself."""
+        if peer != self._author:
+            self.drop_staged()
+            self._author = peer
 
     def read_input(self, address: int, count: int) -> list[int]:
         words: list[int] = []
@@ -116,6 +136,8 @@ class RegisterBank:
                 return float_words(PROBE_FLOAT)
             case "modbus.probe_word":
                 return [PROBE_WORD >> 16, PROBE_WORD & 0xFFFF]
+        if register.signal in self.active:
+            return float_words(self.active[register.signal])
         row = self.table.index[register.signal]
         value = float(self.host.values[row])
         if register.encoding == "float32":
@@ -163,8 +185,8 @@ class RegisterBank:
                 staged[signal.name] = min(max(value, signal.low), signal.high)
         self._take_own(peer, lease, watchdog)
         if staged:
+            self._stage_as(peer)
             self.staged.update(staged)
-            self.unapplied = True
 
     def _take_own(self, peer: str, lease: int | None, watchdog: int | None) -> None:
         """Take what was written to the registers of the lease and the watchdog, which is the holder's."""
@@ -182,15 +204,17 @@ class RegisterBank:
         self._spaces["coil"].slots(address, count)
         return [False] * count
 
-    def write_coils(self, address: int, values: Sequence[bool]) -> None:
+    def write_coils(self, address: int, values: Sequence[bool], peer: str) -> None:
+        """Carry out the actions of the coils that are set; ModbusError for one that the bench does not accept."""
         slots = self._spaces["coil"].slots(address, len(values))
         for register, value in zip(slots, values, strict=True):
             if not value:
                 continue
             if register.signal == "action.apply":
-                if not self.host.apply(dict(self.staged)):
+                self._stage_as(peer)
+                if not self.host.apply(self.staged):
                     raise ModbusError(DEVICE_FAILURE)
-                self.unapplied = False
+                self.active.update(self.staged)
             elif not self.host.act(register.signal.removeprefix("action.")):
                 raise ModbusError(DEVICE_FAILURE)
 
@@ -233,7 +257,7 @@ class PeerBank:
         self._authorise()
         if sum(values) > 1:
             raise ModbusError(ILLEGAL_VALUE)
-        self._bank.write_coils(address, values)
+        self._bank.write_coils(address, values, self._peer)
         self._feed()
 
     def write_holding(self, address: int, values: Sequence[int]) -> None:

@@ -83,12 +83,12 @@ class Rig:
         )
         self.registers = RegisterBank(TABLE, self, self.lease)
         self.generator = FunctionGenerator(
-            self._controls, self.registers.staged, self.plant.parameters.actuator_half_spacing
+            self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
         )
         self.supervisor = Supervisor(
             self._controls, self.values, limits, self._detectors, self.generator, self._emergency
         )
-        self.fittings = Fittings(self.plant, self.registers.staged)
+        self.fittings = Fittings(self.plant, self.registers.active)
         self._actions = _of_every(
             Kind.ACTION,
             {
@@ -106,7 +106,7 @@ class Rig:
         )
         self._contacts = self._interlock_contacts()
         self._start_values()
-        self.apply(self.registers.staged)
+        self.apply(self.registers.active)
         self.supervisor.handle(Event.POWER_ON)
 
     def _interlock_contacts(self) -> Mapping[str, Callable[[], bool]]:
@@ -159,6 +159,7 @@ class Rig:
     def peer_lost(self, peer: str) -> None:
         """Note that a connection is closed: the bench holds at once if it was the commander's."""
         with self.lock:
+            self.registers.drop_staged(peer)
             self.lease.peer_lost(peer)
 
     def tick(self) -> Block:
@@ -277,6 +278,7 @@ class Rig:
     def _holder_changed(self) -> None:
         """Begin anew with whoever commands next, and tell everybody on the bus who that is."""
         self._decoder.forget()
+        self.registers.drop_staged()
         self._tell(self._lease_row)
 
     def _tell(self, rows: npt.NDArray[np.int64]) -> None:

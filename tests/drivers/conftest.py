@@ -164,7 +164,8 @@ class Peer:
             if register.space == "input" and register.signal == "modbus.sequence":
                 words[register.address] = [self.time // STEP & 0xFFFF]
             elif register.space == "input" and register.encoding == "float32":
-                words[register.address] = _float(self.values.get(register.signal, PROBE_FLOAT))
+                told = self.settings | self.values
+                words[register.address] = _float(told.get(register.signal, PROBE_FLOAT))
         flat = {place + k: word for place, pair in words.items() for k, word in enumerate(pair)}
         return [flat[address + k] for k in range(count)]
 

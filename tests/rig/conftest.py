@@ -89,7 +89,7 @@ class Commander:
         answers = []
         for name, value in settings.items():
             signal = _signal(name)
-            address = next(r.address for r in TABLE.registers if r.signal == signal)
+            address = next(r.address for r in TABLE.registers if r.signal == signal and r.space == "holding")
             data = np.array([value], ">f4").tobytes()
             answers.append(self.ask(b"\x10" + address.to_bytes(2, "big") + b"\0\2\4" + data, peer))
         return answers

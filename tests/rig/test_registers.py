@@ -116,6 +116,88 @@ def test_settings_act_only_when_applied_and_all_at_once(armed) -> None:
     assert not armed.ask(b"\x02\0\0\0\x07")[2] & 0b1000000
 
 
+ACTIVE = {r.signal: r.address for r in TABLE.registers if r.space == "input" and r.signal in ADDRESS}
+
+
+def value(commander, space: int, name: str) -> float:
+    """Return a setting as it is staged (3) or in force (4)."""
+    words = read(commander, space, {3: ADDRESS, 4: ACTIVE}[space][name], 2)
+    return float(np.array(words, ">u2").view(">f4")[0])
+
+
+def staged(commander) -> bool:
+    return bool(commander.ask(b"\x02\0\0\0\x07")[2] & 0b1000000)
+
+
+def test_what_is_staged_and_what_is_in_force_are_two_tables(commander) -> None:
+    assert ACTIVE.keys() == {signal.name for signal in SETTINGS}
+    commander.stage(generator_amplitude=0.020)
+    assert value(commander, 3, "generator.amplitude") == pytest.approx(0.020)
+    assert value(commander, 4, "generator.amplitude") == 0.0
+    assert staged(commander)
+    commander.coil("apply")
+    assert value(commander, 4, "generator.amplitude") == pytest.approx(0.020)
+    assert not staged(commander)
+    commander.stage(generator_amplitude=0.030)
+    commander.stage(generator_amplitude=0.020)
+    assert not staged(commander), "what is staged is what is in force"
+
+
+def test_what_the_bench_refuses_is_not_in_force(armed) -> None:
+    armed.stage(rig_nominal_preload=145_000.0)
+    assert armed.coil("apply") == b"\x85\x04"
+    assert value(armed, 4, "rig.nominal_preload") == 53_500
+    assert value(armed, 3, "rig.nominal_preload") == 145_000, "until it may, or is replaced"
+    assert staged(armed)
+
+
+def test_a_program_runs_with_what_is_in_force(armed) -> None:
+    armed.apply(generator_axis=3, generator_amplitude=0.010, generator_frequency=1.0, generator_cycles=5)
+    armed.stage(generator_amplitude=0.060)
+    assert armed.coil("program_run")[0] == 5
+    heights = []
+    for _ in range(150):
+        armed.beat(1)
+        heights.append(armed.read("platform.vertical"))
+    assert max(heights) == pytest.approx(0.010, abs=0.001)
+
+
+def leave(commander) -> None:
+    commander.rig.peer_lost(commander.modbus)
+
+
+def another_writes(commander) -> None:
+    assert commander.stage("modbus:2", generator_frequency=2.0)[0][0] == 0x10
+
+
+def the_lease_is_taken(commander) -> None:
+    commander.take_lease()
+
+
+def the_lease_is_returned(commander) -> None:
+    commander.take_lease()
+    commander.stage(generator_amplitude=0.020)
+    commander.ask(b"\x06\0\0\0\0")
+
+
+@pytest.mark.parametrize("event", [leave, another_writes, the_lease_is_taken, the_lease_is_returned])
+def test_nobody_applies_what_somebody_else_has_staged(commander, event) -> None:
+    commander.stage(generator_amplitude=0.020)
+    event(commander)
+    assert value(commander, 3, "generator.amplitude") == 0.0
+    assert staged(commander) is (event is another_writes)
+    commander.coil("apply", "modbus:2" if event is another_writes else None)
+    assert value(commander, 4, "generator.amplitude") == 0.0
+    assert value(commander, 4, "generator.frequency") == (2.0 if event is another_writes else 1.0)
+
+
+def test_applying_for_somebody_else_applies_nothing(commander) -> None:
+    commander.stage(generator_amplitude=0.020)
+    assert commander.coil("apply", "modbus:2")[0] == 5
+    assert value(commander, 4, "generator.amplitude") == 0.0
+    assert not staged(commander)
+
+
 def test_coils_fall_back_at_once_and_only_one_acts(commander) -> None:
     assert commander.ask(b"\x01\0\0\0\x0a") == b"\x01\x02\x00\x00"
     assert commander.ask(b"\x0f\0\0\0\x02\x01\x03") == b"\x8f\x03"

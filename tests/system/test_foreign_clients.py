@@ -18,7 +18,7 @@ from pymodbus.client import ModbusTcpClient
 
 from bench_protocol.can_codec import Decoder
 from bench_protocol.frames import frame
-from bench_protocol.registers import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD
+from bench_protocol.registers import ACTIVE_BLOCK, LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm
 
@@ -248,8 +248,19 @@ def test_mbpoll_reads_and_sets_the_bench(mbpoll, client):
     assert temperature == pytest.approx(read_float(client, "left.auxiliary_temperature"), abs=0.5)
     setting = str(ADDRESS["generator.frequency", "float32"])
     assert "Written 1 references" in mbpoll("-t", "4:float", "-B", "-r", setting, here, "2.5")
-    assert numbers(mbpoll("-t", "4:float", "-B", "-r", setting, "-c", "1", here)) == [2.5]
+    active = str(ADDRESS["generator.frequency", "float32"] + ACTIVE_BLOCK)
+    (before,) = numbers(mbpoll("-t", "3:float", "-B", "-r", active, "-c", "1", here))
     assert "Written 1 references" in mbpoll("-t", "0", "-r", str(ADDRESS["action.apply", "bit"]), here, "1")
+    assert numbers(mbpoll("-t", "4:float", "-B", "-r", setting, "-c", "1", here)) == [before] != [2.5], (
+        "what it staged went with its connection"
+    )
+    assert not client.write_registers(
+        int(setting), list(struct.unpack(">HH", struct.pack(">f", 2.5)))
+    ).isError()
+    assert numbers(mbpoll("-t", "4:float", "-B", "-r", setting, "-c", "1", here)) == [2.5]
+    assert numbers(mbpoll("-t", "3:float", "-B", "-r", active, "-c", "1", here)) == [before]
+    assert not client.write_coil(ADDRESS["action.apply", "bit"], True).isError()
+    assert numbers(mbpoll("-t", "3:float", "-B", "-r", active, "-c", "1", here)) == [2.5]
     refused = mbpoll("-t", "4:float", "-B", "-r", setting, here, "99")
     assert "Illegal data value" in refused
     assert client.write_registers(LEASE_ADDRESS, [5]).isError() is False
