@@ -1,0 +1,142 @@
+"""The way down and the way back: what may be lost, what must hold meanwhile, and how a commander returns to OFF."""
+
+import numpy as np
+import pytest
+
+from bench_protocol.can_codec import Samples
+from bench_protocol.rates import FAST_RATE
+from bench_protocol.table import TABLE
+from bench_protocol.units import bar, kN, mm
+from bench_protocol.words import SIDES, LimitKind
+from bench_sim.rig.limits import LIMITS
+from bench_sim.rig.rig import Rig
+from tests.rig.conftest import Commander
+
+#: What a reading may go past its limit by: what moves needs a way to stop.
+ALLOWANCE = {"height": 8 * mm, "displacement": 8 * mm, "pressure": 0.1 * bar, "force": 8 * kN}
+WAY_DOWN = 60_000  # ticks
+SPANS = [limit for limit in LIMITS if limit.kind in (LimitKind.LOWER, LimitKind.UPPER)]
+#: A limit is broken by what lies outside for as long as the limit itself asks for. A bolster that is driven onto a stop
+#: meets it with all that the hydraulics give, 200 kN, and bounces on it until the relief valves have taken it back.
+PERSISTENCE = {"height": 4, "displacement": 4, "pressure": 4, "force": 60}  # samples
+assert all(round(limit.persistence * FAST_RATE) == 4 for limit in SPANS)
+
+VERTICAL = [f"vertical_{side}" for side in SIDES]
+
+
+class LimitWatch:
+    """Looks at all samples that come by, and fails when a reading has broken its limit."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, np.ndarray] = {limit.signal: np.zeros(0) for limit in SPANS}
+
+    def look(self, samples: Samples) -> None:
+        """Look at the samples of the next stretch of time."""
+        course = {
+            signal: np.concatenate((last, samples.values[samples.signals == TABLE.index[signal]]))
+            for signal, last in self._last.items()
+        }
+        for limit in SPANS:
+            quantity = limit.signal.split(".")[1].split("_")[-1]
+            slack, samples_in_a_row = ALLOWANCE[quantity], PERSISTENCE[quantity]
+            readings = course[limit.signal]
+            if limit.kind is LimitKind.LOWER:
+                outside = ~(readings >= limit.at - slack)
+            else:
+                outside = ~(readings <= limit.at + slack)
+            if np.count_nonzero(outside) < samples_in_a_row:
+                continue
+            together = np.convolve(outside, np.ones(samples_in_a_row), "valid")
+            assert together.max(initial=0) < samples_in_a_row, (
+                f"{limit.signal} is beyond {TABLE[limit.signal].show(limit.at)}: "
+                f"{', '.join(TABLE[limit.signal].show(value) for value in readings[outside][:6])} …"
+            )
+        self._last = {
+            signal: readings[1 - max(PERSISTENCE.values()) :] for signal, readings in course.items()
+        }
+
+
+class WatchedCommander(Commander):
+    """A commander of whose rig no limit may ever break, whatever it does."""
+
+    def __init__(self, rig: Rig) -> None:
+        super().__init__(rig)
+        self.watch = LimitWatch()
+
+    def wait(self, ticks: int) -> None:
+        self.watch.look(self.decoder.decode(self.rig.run(ticks)))
+
+
+def go_silent(commander) -> None:
+    """The commander is there and says no more."""
+
+
+def lose_can(commander) -> None:
+    commander.rig.peer_lost(commander.peer)
+
+
+def press_estop(commander) -> None:
+    commander.rig.press_estop()
+
+
+def cut_power(commander) -> None:
+    commander.rig.cut_power()
+
+
+def disable(commander) -> None:
+    assert commander.coil("disable")[0] == 5
+
+
+def black_hole(commander) -> None:
+    """The connection of the commander to Modbus stays open and says no more; its frames still come."""
+    assert commander.ask(b"\x10\0\0\0\2\4\0\x07\0\xc8")[0] == 0x10, "the lease, and a watchdog of 200 ms"
+    commander.beat(15)
+
+
+LOSSES = {act.__name__: act for act in (go_silent, lose_can, black_hole, press_estop, cut_power, disable)}
+
+
+def way_down(commander, ticks: int = WAY_DOWN) -> None:
+    """Let time pass until the springs are empty and the actuators let go; every limit is kept meanwhile."""
+    watch = LimitWatch()
+    for _ in range(ticks // 500):
+        watch.look(commander.decoder.decode(commander.rig.run(500)))
+        if is_safe(commander):
+            return
+    pytest.fail(f"after {ticks / 1000:g} s the bench is {told(commander)}")
+
+
+def is_safe(commander) -> bool:
+    pressure = [
+        commander.read(f"{side}.{part}_pressure") for side in SIDES for part in ("bellows", "auxiliary")
+    ]
+    force = [commander.read(f"{name}.force") for name in (*VERTICAL, "lateral")]
+    return max(pressure) < 0.1 * bar and np.abs(force).max() < 1 * kN
+
+
+def told(commander) -> str:
+    pressures = [f"{commander.read(f'{side}.bellows_pressure') / bar:.2f} bar" for side in SIDES]
+    heights = [f"{commander.read(f'{side}.height') / mm:.0f} mm" for side in SIDES]
+    forces = [f"{commander.read(f'{name}.force') / kN:.1f} kN" for name in VERTICAL]
+    return f"{commander.state}, {', '.join((*heights, *pressures, *forces))}"
+
+
+def way_back(commander) -> None:
+    """Return to OFF by commands over the wires alone (and the hand that releases the stop button)."""
+    commander.rig.release_estop()
+    for _ in range(4):
+        commander.beat(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
+        if commander.state == "DISABLED":
+            break
+        if commander.state == "OFF":
+            assert commander.coil("power_on")[0] == 5
+            commander.beat(30)
+        elif commander.state in ("FAULT_HOLD", "HOLD", "ACTIVE", "AIR_LOW", "AIR_HIGH"):
+            commander.coil("disable")
+        else:
+            commander.beat(2, control_reset=1)
+    assert commander.state == "DISABLED", told(commander)
+    way_down(commander)
+    assert commander.coil("power_off")[0] == 5
+    commander.wait(20)
+    assert commander.state == "OFF"
