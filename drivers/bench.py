@@ -106,9 +106,9 @@ class Bench(Link):
         self._connected = True
         try:
             self.settings.probe()
-            self._token = self.settings.take_lease()
-            self.commander.bear(self._token)
-            self._lease_seen = self.clock.now()
+            self._strangers = self.settings.reading("rig.strangers")
+            self.commander.bear(self.settings.take_lease())
+            self.watchdog.start()
             self._port.on_lost(self._on_lost)
             self._port.subscribe(self.receiver.accept)
             self.commander.start()
@@ -133,11 +133,13 @@ class Bench(Link):
                 if self.state in LIVE_STATES:
                     self.disarm()
             self.commander.stop()
+            self.watchdog.stop()
             with suppress(BenchError):
                 self.settings.return_lease()
         finally:
             self._armed = False
             self.commander.stop()
+            self.watchdog.stop()
             self._port.close()
             self._modbus.close()
 

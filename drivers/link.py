@@ -18,6 +18,7 @@ from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, NotComman
 from drivers.reading import UNKNOWN, Readings, Sample
 from drivers.receiver import Capture, Receiver
 from drivers.settings import Settings
+from drivers.watchdog import WatchdogFeeder
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
 #: A silent bus counts as lost only after so many looks in a row: one look may come before the receiver had its turn.
 SILENT_BEATS: Final = 25
-#: How often the lease is looked at during waits: a Modbus server may hang up on a client that stays silent.
-LEASE_PERIOD: Final = 5 * s
 #: No single wait of a plan is longer than this; a longer one is a wrong unit.
 WAIT_MAX: Final = 24 * 3600 * s
 SHOWN_MAX: Final = 12
@@ -47,12 +46,11 @@ class Link:
     __slots__ = (
         "_armed",
         "_connected",
-        "_lease_seen",
         "_lost",
         "_modbus",
         "_port",
         "_silent",
-        "_token",
+        "_strangers",
         "_tolerant",
         "clock",
         "commander",
@@ -60,6 +58,7 @@ class Link:
         "receiver",
         "settings",
         "table",
+        "watchdog",
     )
 
     def __init__(
@@ -73,14 +72,14 @@ class Link:
     ) -> None:
         self.table, self.clock = table, clock
         self._port, self._modbus = can_port, modbus_port
-        self._token = 0  # what the rig drew for this commander
         self._lost = ""
         self._silent = 0
-        self._lease_seen = 0
+        self._strangers = 0.0  # that were counted before this commander came
         self._armed = self._tolerant = self._connected = False
         self.receiver = Receiver(table, clock, epoch)
         self.commander = Commander(table, clock, can_port)
         self.settings = Settings(table, modbus_port)
+        self.watchdog = WatchdogFeeder(clock, self.settings)
         self.readings = Readings(self.receiver, self.settings.reading)
 
     @property
@@ -94,7 +93,21 @@ class Link:
         tripped = self.table.tripped(self.readings.value("rig.tripped"))
         if tripped is not None:
             text += f", first limit: {self.readings.show(tripped.name)}"
-        return text
+        return text + (f"; {self.strangers()}" if self.strangers() else "")
+
+    def strangers(self) -> str:
+        """Return in words who else has tried to command the bench since this commander came, "" if nobody has."""
+        count = self.readings.value("rig.strangers") - self._strangers
+        if not count > 0:
+            return ""
+        port = self.readings.value("rig.stranger")
+        identifier = self.readings.value("rig.stranger_identifier")
+        what = f"CAN frame {int(identifier):#05x}" if identifier > 0 else "a Modbus request"
+        where = f"from TCP port {port:.0f} (`ss -tnp` shows its program)" if port > 0 else "from the bus"
+        return (
+            f"somebody else tries to command the bench and should be stopped: {count:.0f} frames or requests refused, "
+            f"the last {what} {where}"
+        )
 
     # -- time ----------------------------------------------------------------------------------------------------
 
@@ -158,8 +171,12 @@ class Link:
             raise LinkLost(f"commands cannot be sent: {self.commander.failure}")
         if self.receiver.failure is not None:
             raise Misuse(f"what takes the samples failed: {self.receiver.failure}") from self.receiver.failure
-        if self._connected and self.clock.now() - self._lease_seen > LEASE_PERIOD * NS:
-            self._see_lease()
+        # In tear-down, CAN alone can still bring the bench to rest.
+        if failure := self.watchdog.failure:
+            if isinstance(failure, NotCommander):
+                raise NotCommander(f"this commander has lost the bench: {failure}") from failure
+            if not self._tolerant:
+                raise LinkLost(f"the rig's watchdog cannot be fed: {failure}") from failure
         if not self._armed or self._tolerant:
             return
         state = self.state
@@ -219,13 +236,6 @@ class Link:
         self.wait_beats(STREAM_BEATS)
 
     # -- inside --------------------------------------------------------------------------------------------------
-
-    def _see_lease(self) -> None:
-        self._lease_seen = self.clock.now()
-        holder = self.settings.holder()
-        if holder != self._token:
-            who = f"the commander with token {holder}" if holder else "nobody"
-            raise NotCommander(f"the bench is held by {who}, no longer by this one (token {self._token})")
 
     def _on_lost(self, reason: str) -> None:
         self._lost = reason or "closed"

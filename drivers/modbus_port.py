@@ -42,6 +42,18 @@ class ModbusPort:
         self._where = where
         self._unit = unit
         self._lock = threading.Lock()
+        self._asking = 0  # the thread that waits for an answer
+        self._postponed: list[Callable[[], None]] = []
+
+    def between_requests(self, call: Callable[[], None]) -> None:
+        """Call ``call`` now, or right after the request that this very thread is waiting for.
+
+        In virtual time whoever waits for an answer lets time pass, and does what falls due meanwhile.
+        """
+        if self._asking == threading.get_ident():
+            self._postponed.append(call)
+        else:
+            call()
 
     def read_coils(self, address: int, count: int) -> list[bool]:
         """Return ``count`` coils from ``address`` on (FC 1)."""
@@ -128,6 +140,7 @@ class ModbusPort:
 
     def _ask(self, what: str, request: Callable[[], ModbusPDU]) -> ModbusPDU:
         with self._lock:
+            self._asking = threading.get_ident()
             try:
                 reply = request()
             except ConnectionException:
@@ -137,6 +150,10 @@ class ModbusPort:
                 # A late answer must not be taken for that to the next request.
                 self._client.close()
                 raise LinkLost(f"{what} failed: {_reason(error)}") from None
+            finally:
+                self._asking = 0
+        while self._postponed:
+            self._postponed.pop()()
         if isinstance(reply, ExceptionResponse):
             code = reply.exception_code
             meaning = MEANING.get(code, "for a reason the specification does not know")

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.modbus import NO_AUTHORITY
-from bench_protocol.registers import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, Register
+from bench_protocol.registers import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, WATCHDOG_ADDRESS, Register
 from bench_protocol.signals import Kind
+from bench_protocol.units import ms
 from bench_protocol.wires import Table
 from drivers.errors import LinkLost, MapMismatch, Misuse, NotCommander, Refused
 
@@ -224,6 +225,23 @@ class Settings:
         """Return the token of whoever holds the bench, 0 if nobody does."""
         return self._port.read_holding(LEASE_ADDRESS, 1)[0]
 
+    def whose(self) -> str:
+        """Return in words who holds the bench."""
+        token = self.holder()
+        if not token:
+            return "nobody"
+        port = self.reading("rig.holder")
+        where = f"at TCP port {port:.0f}; `ss -tnp` shows its program" if port > 0 else "somewhere on CAN"
+        return f"the commander with token {token}, {where}"
+
+    def watch(self, within: float) -> None:
+        """Let the rig hold the bench unless another write comes ``within`` s (up to 10) of the last; 0 switches off."""
+        self._commanding(lambda: self._port.write_registers(WATCHDOG_ADDRESS, [round(within / ms)]))
+
+    def between_requests(self, call: Callable[[], None]) -> None:
+        """Call ``call`` now, or right after the request that this very thread is waiting for."""
+        self._port.between_requests(call)
+
     def _lease(self, words: Sequence[int]) -> None:
         self._commanding(lambda: self._port.write_registers(LEASE_ADDRESS, words))
 
@@ -233,7 +251,6 @@ class Settings:
         except Refused as refused:
             if refused.code != NO_AUTHORITY:
                 raise
-            holder = self.holder()
             raise NotCommander(
-                f"the bench is held by another commander (token {holder}); it must let go before this one can act"
+                f"the bench is held by {self.whose()}; it must let go before this one can act"
             ) from refused

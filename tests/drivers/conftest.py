@@ -43,7 +43,8 @@ class Peer:
         self.actions: list[str] = []
         self.lease, self.foreign = 0, False
         self.estop = False
-        self.silent_can = False
+        self.silent_can = self.silent_modbus = False
+        self.watchdog = self.fed = 0
         self.refuse_apply = False
         self.sluggish = False  # the actuators do not follow
         self.map_hash, self.probe_word = TABLE.map_hash, PROBE_WORD
@@ -148,6 +149,8 @@ class Peer:
 
     def answer(self, request: bytes) -> bytes:
         self.requests.append(request[7])
+        if self.silent_modbus:
+            return b""
         return modbus.answer(request, self)
 
     def read_coils(self, address: int, count: int) -> list[bool]:
@@ -206,6 +209,9 @@ class Peer:
         if address == 0:
             self.lease = self._decoder.token = TOKEN if values[0] else 0
             return
+        if address == 1:
+            self.watchdog, self.fed = values[0], self.fed + 1
+            return
         staged = dict(self.staged)
         for name, register in _holding().items():
             k = register.address - address
@@ -241,7 +247,8 @@ class World:
         self.can = InMemoryCan(self.peer.receive)
         self.clock.attach(lambda until: self.can.deliver(self.peer.advance(until)))
         port = self.can if faults is None else FaultyCan(self.can, faults, seed)
-        self.bench = Bench(port, InMemoryModbus(self.peer.answer), self.clock)
+        self.modbus = InMemoryModbus(self.peer.answer)
+        self.bench = Bench(port, self.modbus, self.clock)
 
     def pass_time(self, seconds: float) -> None:
         """Let time pass without the bench looking."""

@@ -200,15 +200,53 @@ def test_a_silent_rig_is_noticed(world, armed):
     assert armed.now - before < 1 * s
 
 
-def test_the_lease_is_looked_at_while_waiting(world, armed):
+def test_the_watchdog_is_fed_while_waiting_and_tells_who_has_taken_the_bench(world, armed):
     asked = len(world.peer.requests)
     armed.wait(60 * s)
-    assert 10 <= len(world.peer.requests) - asked <= 13  # no Modbus server sees us silent for longer than 6 s
-    world.peer.lease = 99
+    assert 140 <= len(world.peer.requests) - asked <= 160, "0.4 s apart, for a watchdog of 1 s"
+    assert world.peer.watchdog == 1000
+    world.peer.foreign, world.peer.lease, world.peer.values["rig.holder"] = True, 99, 4711.0
     before = armed.now
-    with pytest.raises(NotCommander, match="held by the commander with token 99, no longer by this one"):
+    with pytest.raises(NotCommander, match=r"lost the bench: .* token 99, at TCP port 4711"):
         armed.wait(60 * s)
-    assert armed.now - before < 6
+    assert armed.now - before < 1
+
+
+def test_a_watchdog_that_cannot_be_fed_ends_the_plan_and_not_its_tear_down(world, armed):
+    world.peer.silent_modbus = True
+    with pytest.raises(LinkLost, match="watchdog cannot be fed"):
+        armed.wait(1 * s)
+    armed.disarm()
+    assert world.peer.state == "DISABLED"
+
+
+def test_the_watchdog_is_fed_while_an_answer_is_awaited(world, armed):
+    """In virtual time whoever waits for an answer lets time pass; two requests must not mingle."""
+    answer = world.peer.answer
+
+    def slow(request):
+        world.pass_time(0.3)
+        return answer(request)
+
+    world.modbus._client._answer = slow
+    fed = world.peer.fed
+    for _ in range(10):
+        assert armed.air.left_mode == "hold"
+    assert world.peer.fed - fed >= 7
+    armed.check()
+
+
+def test_strangers_are_told_of_where_the_bench_is_described(world, armed):
+    assert armed.strangers() == ""
+    world.peer.values |= {"rig.strangers": 12, "rig.stranger": 4711, "rig.stranger_identifier": 0x201}
+    armed.wait(0.2)
+    assert "12 frames or requests refused, the last CAN frame 0x201 from TCP port 4711" in armed.describe()
+    world.peer.values |= {"rig.stranger": 0}
+    armed.wait(0.2)
+    assert "0x201 from the bus" in armed.describe()
+    world.peer.values |= {"rig.stranger": 1, "rig.stranger_identifier": 0}
+    armed.wait(0.2)
+    assert "a Modbus request from TCP port 1" in armed.describe()
 
 
 def test_a_cut_bus_is_noticed_at_once(world, armed):

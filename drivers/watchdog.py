@@ -1,0 +1,49 @@
+"""The feeding of the rig's watchdog: a commander that can no longer write to the PLC must not go on for long."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.clock import Clock, Task
+from bench_protocol.units import NS, ms, s
+from drivers.errors import BenchError
+
+if TYPE_CHECKING:
+    from drivers.settings import Settings
+
+#: The rig holds the bench when it has heard no write for so long.
+WATCHDOG: Final = 1 * s
+#: Two feedings may fail to come in time.
+_PERIOD: Final = round(400 * ms * NS)
+
+
+class WatchdogFeeder:
+    """Arms the rig's watchdog and rewrites its register, in a task of its own, from ``start`` to ``stop``.
+
+    When that fails, ``failure`` keeps the reason and the feeding ends: the rig then does what is right.
+    """
+
+    def __init__(self, clock: Clock, settings: Settings) -> None:
+        self._clock, self._settings = clock, settings
+        self._task: Task | None = None
+        self.failure: BenchError | None = None
+
+    def start(self) -> None:
+        """Arm the watchdog, and feed it from now on."""
+        self.failure = None
+        self._settings.watch(WATCHDOG)
+        self._task = self._clock.every(_PERIOD, lambda: self._settings.between_requests(self._feed))
+
+    def stop(self) -> None:
+        """Feed it no longer."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    def _feed(self) -> None:
+        if self.failure is not None or self._task is None:
+            return
+        try:
+            self._settings.watch(WATCHDOG)
+        except BenchError as failure:
+            self.failure = failure
