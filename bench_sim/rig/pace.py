@@ -1,0 +1,245 @@
+"""The pace of a real CAN bus: frames take their time on the wire, wait their turn by identifier, fail and are repeated.
+
+Sources: ISO 11898-1 for lengths, arbitration, error frames and fault confinement.
+"""
+
+import heapq
+import itertools
+import random
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, Literal
+
+import numpy as np
+
+from bench_protocol.frames import FRAME, Block, empty_block
+from bench_protocol.units import NS
+from bench_sim.rig.can_bus import RIG, Stage
+from bench_sim.rig.frame_time import INTERMISSION, arbitration_key, frame_bits, worst_bits
+
+BIT_RATES: Final = (10_000, 1_000_000)
+#: An error flag of six bits, up to six more of those who notice later, the delimiter, and the intermission.
+_ERROR_FRAME: Final = 6 + 6 + 8 + INTERMISSION
+#: Who is error-passive lets others go first for so many bits.
+_SUSPENDED: Final = 8
+_PASSIVE_ABOVE: Final = 127
+_OFF_ABOVE: Final = 255
+#: Runs of eleven recessive bits after which a node comes back; each frame on the bus ends with one.
+_RECOVERY_RUNS, _RUN_BITS = 128, 11
+#: Frames of one node that may wait; more are lost, as in a full transmit queue.
+WAITING_MAX: Final = 1024
+_LOAD_OVER: Final = NS  # ns
+_TIME: Final = struct.Struct("<q")
+
+
+class NodeState(StrEnum):
+    """What the error counters let a node do."""
+
+    ACTIVE = "error active"
+    PASSIVE = "error passive"
+    OFF = "bus off"
+
+
+@dataclass(slots=True)
+class Node:
+    """One node with its error counters."""
+
+    transmit_errors: int = 0
+    receive_errors: int = 0
+    waiting: int = 0  #: frames that it wants to send
+    lost: int = 0  #: frames that found its queue full or the node off the bus
+    spoilt: int = 0  #: frames that go wrong next
+    runs: float = 0.0  #: of recessive bits since it went off the bus
+    off_since: int = -1  #: ns
+
+    @property
+    def state(self) -> NodeState:
+        """The present state."""
+        if self.off_since >= 0:
+            return NodeState.OFF
+        passive = max(self.transmit_errors, self.receive_errors) > _PASSIVE_ABOVE
+        return NodeState.PASSIVE if passive else NodeState.ACTIVE
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class _Waiting:
+    """A frame that wants to go on the bus."""
+
+    key: int  #: the smaller goes first
+    number: int  #: and of equals the older
+    ready: int
+    peer: str
+    record: bytes
+    bits: int
+
+
+class Pace(Stage):
+    """A bus of ``bit_rate`` (bit/s) on which every frame is stamped with the time at which it ended.
+
+    ``stuffing`` counts the stuff bits of each content, or every possible one. A fraction ``error_rate`` of the frames,
+    drawn from ``seed``, goes wrong at some bit, costs an error frame, and is repeated. A node that is off the bus comes
+    back after 128 runs of eleven recessive bits, which count from ``restart`` s on. Somebody always acknowledges.
+    """
+
+    rank = Stage.PACE
+
+    def __init__(
+        self,
+        bit_rate: float,
+        *,
+        stuffing: Literal["exact", "worst"] = "exact",
+        error_rate: float = 0.0,
+        restart: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        low, high = BIT_RATES
+        if not low <= bit_rate <= high:
+            raise ValueError(
+                f"bit_rate = {bit_rate:g} bit/s is not one of classic CAN: {low:,} to {high:,} are right"
+            )
+        if not 0 <= error_rate < 1:
+            raise ValueError(
+                f"error_rate = {error_rate:g} is not a fraction of the frames: 0 to less than 1 is right"
+            )
+        if not restart >= 0:
+            raise ValueError(f"restart = {restart:g} s lies in the past: 0 s or more is right")
+        self._bit = NS / bit_rate
+        self._exact, self._error_rate = stuffing == "exact", error_rate
+        self._restart, self._chance = round(restart * NS), random.Random(seed)
+        self._numbers = itertools.count()
+        self._arriving: list[tuple[int, int, _Waiting]] = []
+        self._contending: list[_Waiting] = []
+        self._done: list[tuple[int, str, bytes]] = []
+        self._free_at = 0.0  # when the bus is idle again
+        self._busy = 0.0  # ns in all
+        self._since, self._busy_then, self._load = -1, 0.0, 0.0
+        #: The nodes that have sent something, by name.
+        self.nodes: dict[str, Node] = {RIG: Node()}
+
+    @property
+    def load(self) -> float:
+        """The fraction of the last full second in which the bus was busy."""
+        return self._load
+
+    @property
+    def waiting(self) -> int:
+        """How many frames wait for the bus."""
+        return len(self._arriving) + len(self._contending)
+
+    def spoil(self, peer: str, frames: int) -> None:
+        """Let the next ``frames`` transmissions of ``peer`` go wrong; 32 in a row take it off the bus."""
+        self._node(peer).spoilt += frames
+
+    def outgoing(self, block: Block, now: int) -> Block:
+        return self.incoming(block, RIG, now)
+
+    def incoming(self, block: Block, peer: str, now: int) -> Block:
+        del now
+        node, data, size = self._node(peer), block.tobytes(), FRAME.itemsize
+        if self._exact:
+            bits = frame_bits(block).tolist()
+        else:
+            bits = [worst_bits(int(one["length"]), extended=bool(one["extended"])) for one in block]
+        times, ids, formats = block["time"].tolist(), block["id"].tolist(), block["extended"].tolist()
+        for k, ready in enumerate(times):
+            if node.off_since >= 0 or node.waiting >= WAITING_MAX:
+                node.lost += 1
+                continue
+            node.waiting += 1
+            number, key = next(self._numbers), arbitration_key(ids[k], extended=bool(formats[k]))
+            entry = _Waiting(key, number, ready, peer, data[k * size : (k + 1) * size], bits[k])
+            heapq.heappush(self._arriving, (ready, number, entry))
+        return empty_block()
+
+    def due(self, now: int) -> Iterable[tuple[Block, str]]:
+        while self._next(now):
+            pass
+        self._recover(now)
+        self._measure(now)
+        ended = next((k for k, (end, _, _) in enumerate(self._done) if end > now), len(self._done))
+        ready, self._done = self._done[:ended], self._done[ended:]
+        for peer, run in itertools.groupby(ready, key=lambda one: one[1]):
+            yield np.frombuffer(bytearray(b"".join(record for _, _, record in run)), FRAME), peer
+
+    def forget(self, peer: str) -> None:
+        self.nodes.pop(peer, None)
+
+    def hears(self, peer: str) -> bool:
+        """Return whether ``peer`` hears anything: not while it is off the bus."""
+        return self._node(peer).off_since < 0
+
+    def _node(self, peer: str) -> Node:
+        return self.nodes.setdefault(peer, Node())
+
+    def _next(self, now: int) -> bool:
+        """Let one frame go over the bus, if one begins before ``now``."""
+        begin = self._free_at
+        if not self._contending:
+            if not self._arriving:
+                return False
+            begin = max(begin, self._arriving[0][0])
+        if begin > now:
+            return False
+        while self._arriving and self._arriving[0][0] <= begin:
+            heapq.heappush(self._contending, heapq.heappop(self._arriving)[2])
+        entry = heapq.heappop(self._contending)
+        node = self._node(entry.peer)
+        node.waiting -= 1
+        if node.off_since >= 0:
+            node.lost += 1
+            return True
+        idle_runs = (begin - self._free_at) / (_RUN_BITS * self._bit) if self._free_at else 0.0
+        if node.spoilt or (self._error_rate and self._chance.random() < self._error_rate):
+            bits = self._fail(entry, node, begin)
+        else:
+            bits = entry.bits
+            self._succeed(entry, node, begin)
+        self._busy += bits * self._bit
+        self._free_at = begin + bits * self._bit
+        for one in self.nodes.values():
+            if one.off_since >= 0 and begin >= one.off_since + self._restart:
+                one.runs += 1 + idle_runs
+        return True
+
+    def _succeed(self, entry: _Waiting, node: Node, begin: float) -> None:
+        end = round(begin + (entry.bits - INTERMISSION) * self._bit)
+        self._done.append((end, entry.peer, _TIME.pack(end) + entry.record[_TIME.size :]))
+        node.transmit_errors = max(0, node.transmit_errors - 1)
+        for one in self.nodes.values():
+            if one is not node:
+                one.receive_errors = max(0, min(one.receive_errors, _PASSIVE_ABOVE + 1) - 1)
+
+    def _fail(self, entry: _Waiting, node: Node, begin: float) -> int:
+        """Break the frame off at some bit; return how long the bus was busy with it."""
+        node.spoilt = max(0, node.spoilt - 1)
+        passive = node.state is NodeState.PASSIVE
+        bits = 1 + self._chance.randrange(entry.bits - INTERMISSION) + _ERROR_FRAME + _SUSPENDED * passive
+        node.transmit_errors += 8
+        for one in self.nodes.values():
+            if one is not node:
+                one.receive_errors = min(_OFF_ABOVE, one.receive_errors + 1)
+        if node.transmit_errors > _OFF_ABOVE:
+            node.off_since, node.runs = round(begin + bits * self._bit), 0.0
+            node.lost += 1
+        else:
+            node.waiting += 1
+            heapq.heappush(self._contending, entry)
+        return bits
+
+    def _recover(self, now: int) -> None:
+        """Let nodes that have waited long enough come back."""
+        for node in self.nodes.values():
+            if node.off_since < 0:
+                continue
+            idle_from = max(self._free_at, node.off_since + self._restart)
+            if node.runs + max(0.0, now - idle_from) / (_RUN_BITS * self._bit) >= _RECOVERY_RUNS:
+                node.off_since, node.transmit_errors, node.receive_errors = -1, 0, 0
+
+    def _measure(self, now: int) -> None:
+        if self._since < 0:
+            self._since, self._busy_then = now, self._busy
+        elif now - self._since >= _LOAD_OVER:
+            self._load = min(1.0, (self._busy - self._busy_then) / (now - self._since))
+            self._since, self._busy_then = now, self._busy
