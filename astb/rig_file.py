@@ -34,6 +34,17 @@ class Modbus(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     unit: Annotated[int, Meta(ge=0, le=255)] = 1
 
 
+class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What a simulated CAN bus is like: without a bit rate it takes no time and makes no mistakes."""
+
+    bit_rate: str = ""  #: 500k, 1M or bit/s
+    stuffing: Literal["exact", "worst"] = "exact"  #: stuff bits of the content, or every possible one
+    error_rate: Annotated[float, Meta(ge=0, lt=1)] = 0.0  #: fraction of the frames that fail and are repeated
+    restart: Annotated[float, Meta(ge=0)] = (
+        0.0  #: s that a node stays off the bus before it begins to recover
+    )
+
+
 class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What a simulated rig simulates. A rig file without this table is never simulated and never started."""
 
@@ -43,6 +54,7 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
     effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
     sealed: str = ""  #: path of a file of effects that nobody is told
+    can: SimulatedCan = SimulatedCan()
 
 
 class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -85,8 +97,13 @@ def _in_words(error: str, content: dict[str, Any]) -> str:
     what: Any = content
     for key in keys:
         what = what[key]
-    tables: dict[str, type[msgspec.Struct]] = {"can": Can, "modbus": Modbus, "simulation": Simulation}
-    table = tables.get(keys[0], RigFile) if keys else RigFile
+    tables: dict[str, type[msgspec.Struct]] = {
+        "can": Can,
+        "modbus": Modbus,
+        "simulation": Simulation,
+        "simulation.can": SimulatedCan,
+    }
+    table = next((tables[".".join(keys[:n])] for n in (2, 1) if ".".join(keys[:n]) in tables), RigFile)
     fields = {field.name: field.type for field in msgspec.structs.fields(table)}
     if unknown := re.fullmatch("Object contains unknown field `(.*)`", said):
         near = get_close_matches(unknown[1], fields, n=1)

@@ -16,6 +16,7 @@ from bench_protocol.units import ms, s
 
 if TYPE_CHECKING:
     from bench_sim.parameters import Parameters
+    from bench_sim.rig.can_bus import Stage
     from bench_sim.rig.rig import Rig
     from drivers.bench import Bench
 
@@ -61,6 +62,24 @@ def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
     return Rig(parameters, seed=simulation.seed if seed is None else seed)
 
 
+def bus_stages(rig: "Rig", simulation: Simulation) -> list["Stage"]:
+    """Return what stands on the CAN bus of ``rig``: its pace, where one is asked for; ValueError if it cannot be."""
+    from bench_sim.rig.pace import Pace, read_bit_rate
+
+    can = simulation.can
+    if not can.bit_rate:
+        return []
+    pace = Pace(
+        read_bit_rate(can.bit_rate),
+        stuffing=can.stuffing,
+        error_rate=can.error_rate,
+        restart=can.restart,
+        seed=simulation.seed,
+        tell=rig.report_bus,
+    )
+    return [pace]
+
+
 @contextlib.contextmanager
 def open_session(
     rig: RigFile,
@@ -104,6 +123,8 @@ def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None)
     known = simulation.seed if seed is None else seed
     told = simulated_parameters(simulation).as_built(known)
     memory = RigInMemory(rig)
+    for stage in bus_stages(rig, simulation):
+        memory.bus.add(stage)
     bench = memory.bench()
     try:
         yield Session(bench, memory.clock, True, told, known)

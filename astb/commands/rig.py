@@ -14,6 +14,7 @@ from astb.exit_codes import blocked, misuse
 if TYPE_CHECKING:
     import threading
 
+    from astb.rig_file import Simulation
     from bench_sim.rig.capture import Capture
     from bench_sim.rig.rig import Rig
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 @click.option("--modbus-port", type=click.IntRange(0, 65535), help="TCP port of Modbus, 0 for a free one.")
 @click.option("--seed", type=SEED, help="Draws this rig's sensors and their noise.")
 @simulation_options
+@click.option(
+    "--bit-rate", metavar="RATE", help="Let CAN frames take their time, at 500k or so; over the rig file."
+)
 @click.option(
     "--capture", type=click.Path(path_type=Path), help="Keep the bus in a pcapng file or named pipe."
 )
@@ -47,6 +51,7 @@ def rig_command(
     model: str | None,
     effects: tuple[str, ...],
     sealed: str | None,
+    bit_rate: str | None,
     capture: Path | None,
     capture_port: int | None,
     beacon: bool,
@@ -59,16 +64,17 @@ def rig_command(
     """
     import threading
 
-    from astb.session import build_rig
+    from astb.session import build_rig, bus_stages
     from bench_sim.rig.process import Late, run_rig
 
     rig, path = read_rig(rig_path)
     if rig.simulation is None:
         misuse(f"rig file {path} describes a real rig (no [simulation] table): there is nothing to simulate")
     rig = simulated(rig, path, model, effects, sealed)
-    assert rig.simulation is not None
+    simulation = _at_bit_rate(rig.simulation, bit_rate)
     try:
-        bench = build_rig(rig.simulation, seed)
+        bench = build_rig(simulation, seed)
+        stages = bus_stages(bench, simulation)
     except ValueError as error:
         misuse(error)
     stop = threading.Event()
@@ -83,7 +89,8 @@ def rig_command(
                 modbus_port=rig.modbus.port if modbus_port is None else modbus_port,
                 allow_remote=allow_remote,
                 beacon=beacon,
-                policy=Late(rig.simulation.late_ticks),
+                policy=Late(simulation.late_ticks),
+                stages=stages,
                 capture=listener,
                 capture_port=capture_port,
                 stop=stop,
@@ -93,6 +100,14 @@ def rig_command(
         misuse(error)
     except OSError as error:
         blocked(error)
+
+
+def _at_bit_rate(simulation: "Simulation | None", bit_rate: str | None) -> "Simulation":
+    """Return the simulation with the bit rate of the option, if there is one."""
+    from msgspec.structs import replace
+
+    assert simulation is not None
+    return replace(simulation, can=replace(simulation.can, bit_rate=bit_rate)) if bit_rate else simulation
 
 
 @contextmanager

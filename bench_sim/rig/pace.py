@@ -6,8 +6,10 @@ Sources: ISO 11898-1 for lengths, arbitration, error frames and fault confinemen
 import heapq
 import itertools
 import random
+import re
 import struct
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, Literal
@@ -30,8 +32,17 @@ _OFF_ABOVE: Final = 255
 _RECOVERY_RUNS, _RUN_BITS = 128, 11
 #: Frames of one node that may wait; more are lost, as in a full transmit queue.
 WAITING_MAX: Final = 1024
-_LOAD_OVER: Final = NS  # ns
+#: The load is taken every 100 ms over the last ten of them.
+_LOAD_EVERY, _LOAD_TIMES = NS // 10, 10
 _TIME: Final = struct.Struct("<q")
+
+
+def read_bit_rate(text: str) -> float:
+    """Return the bit rate (bit/s) that ``text`` says, such as 500k, 1M or 83333; ValueError for anything else."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)", text.strip())
+    if not found:
+        raise ValueError(f"bit_rate = {text} is no bit rate: 500k, 1M or a number of bit/s would be right")
+    return float(found[1]) * {"": 1.0, "k": 1e3, "M": 1e6}[found[2]]
 
 
 class NodeState(StrEnum):
@@ -81,6 +92,7 @@ class Pace(Stage):
     ``stuffing`` counts the stuff bits of each content, or every possible one. A fraction ``error_rate`` of the frames,
     drawn from ``seed``, goes wrong at some bit, costs an error frame, and is repeated. A node that is off the bus comes
     back after 128 runs of eleven recessive bits, which count from ``restart`` s on. Somebody always acknowledges.
+    ``tell(load, errors)`` hears every 100 ms how busy the bus was in the last second, and the rig's transmit errors.
     """
 
     rank = Stage.PACE
@@ -93,6 +105,7 @@ class Pace(Stage):
         error_rate: float = 0.0,
         restart: float = 0.0,
         seed: int = 0,
+        tell: Callable[[float, int], None] | None = None,
     ) -> None:
         low, high = BIT_RATES
         if not low <= bit_rate <= high:
@@ -114,14 +127,18 @@ class Pace(Stage):
         self._done: list[tuple[int, str, bytes]] = []
         self._free_at = 0.0  # when the bus is idle again
         self._busy = 0.0  # ns in all
-        self._since, self._busy_then, self._load = -1, 0.0, 0.0
+        self._busy_at: deque[tuple[int, float]] = deque(maxlen=_LOAD_TIMES + 1)
+        self._tell = tell
         #: The nodes that have sent something, by name.
         self.nodes: dict[str, Node] = {RIG: Node()}
 
     @property
     def load(self) -> float:
-        """The fraction of the last full second in which the bus was busy."""
-        return self._load
+        """The fraction of the last second in which the bus was busy."""
+        if len(self._busy_at) < 2:
+            return 0.0
+        (since, before), (until, busy) = self._busy_at[0], self._busy_at[-1]
+        return min(1.0, (busy - before) / (until - since))
 
     @property
     def waiting(self) -> int:
@@ -238,8 +255,8 @@ class Pace(Stage):
                 node.off_since, node.transmit_errors, node.receive_errors = -1, 0, 0
 
     def _measure(self, now: int) -> None:
-        if self._since < 0:
-            self._since, self._busy_then = now, self._busy
-        elif now - self._since >= _LOAD_OVER:
-            self._load = min(1.0, (self._busy - self._busy_then) / (now - self._since))
-            self._since, self._busy_then = now, self._busy
+        if self._busy_at and now - self._busy_at[-1][0] < _LOAD_EVERY:
+            return
+        self._busy_at.append((now, self._busy))
+        if self._tell is not None:
+            self._tell(self.load, self.nodes[RIG].transmit_errors)

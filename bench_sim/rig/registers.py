@@ -16,6 +16,8 @@ from bench_sim.rig.lease import Lease
 
 #: What a scaled register says instead of a value that is not available.
 UNAVAILABLE: Final = 0x8000
+#: The object of the identification that tells of the CAN bus.
+BUS_NOTE: Final = 0x81
 WATCHDOG_MS_MAX: Final = 10_000
 
 _SINGLE: Final = struct.Struct(">f")
@@ -97,6 +99,8 @@ class RegisterBank:
         self.active: dict[str, float] = {s.name: s.default for s in table.of_kind(Kind.SETTING)}
         self.staged = dict(self.active)
         self._author = ""  # the peer that has staged last
+        #: What else the identification says, by object (0x81 to 0xFF).
+        self.notes: dict[int, bytes] = {}
 
     def seen_by(self, peer: str) -> "PeerBank":
         """Return the bank as ``peer`` sees it."""
@@ -234,6 +238,7 @@ class RegisterBank:
             2: b"1",
             4: b"ASTB",
             0x80: f"{self.table.map_hash:08x}".encode(),
+            **self.notes,
         }
 
 

@@ -26,7 +26,7 @@ from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors
 from bench_sim.rig.peers import port_of
-from bench_sim.rig.registers import RegisterBank
+from bench_sim.rig.registers import BUS_NOTE, RegisterBank
 from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import (
     EMERGENCY_CODES,
@@ -216,6 +216,10 @@ class Rig:
         if lost:
             with self.lock:
                 self.supervisor.handle(Event.TICK_LOST)
+
+    def report_bus(self, load: float, errors: int) -> None:
+        """Publish the fraction of the time in which the bus is busy, and the bench's transmit error counter."""
+        self.registers.notes[BUS_NOTE] = f"CAN bus load {load:.1%}, {errors} transmit errors".encode()
 
     # -- what the registers ask for ------------------------------------------------------------------------------
 
