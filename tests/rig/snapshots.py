@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from enum import Enum
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,10 @@ class Snapshot:
         if isinstance(one, np.ndarray):
             kept = one.copy()
             self._undo.append(lambda: np.copyto(one, kept))
+            return []
+        if isinstance(one, Random):
+            state = one.getstate()
+            self._undo.append(lambda: one.setstate(state))
             return []
         if isinstance(one, dict):
             content = dict(one)

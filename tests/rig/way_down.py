@@ -89,7 +89,7 @@ def disable(commander) -> None:
 
 def black_hole(commander) -> None:
     """The connection of the commander to Modbus stays open and says no more; its frames still come."""
-    assert commander.ask(b"\x10\0\0\0\2\4\0\x07\0\xc8")[0] == 0x10, "the lease, and a watchdog of 200 ms"
+    assert commander.ask(b"\x06\0\1\0\xc8")[0] == 6, "a watchdog of 200 ms"
     commander.beat(15)
 
 
@@ -124,6 +124,7 @@ def told(commander) -> str:
 def way_back(commander) -> None:
     """Return to OFF by commands over the wires alone (and the hand that releases the stop button)."""
     commander.rig.release_estop()
+    commander.take_lease()
     for _ in range(4):
         commander.beat(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
         if commander.state == "DISABLED":
