@@ -28,13 +28,12 @@ class Pace:
 
 
 _LET_GO: Final = (
-    "assumed: loaded springs that are let go rise with 0.2 m/s, and the limits of height catch them"
+    "assumed: loaded springs that are let go rise with 0.2 m/s at most, which the limits of height catch"
 )
 _STOP: Final = "assumed: an actuator that a limit stops has overrun it by 8 mm at most"
 _VALVE: Final = "waves: flow of the servo-valve"
 PACES: Final = (
-    *(Pace(one, "force", "kN", 100 * kN / s, 100 * kN / s, _LET_GO) for one in ACTUATORS[:2]),
-    Pace(ACTUATORS[2], "force", "kN", 50 * kN / s, 50 * kN / s, _LET_GO),
+    *(Pace(one, "force", "kN", 50 * kN / s, 50 * kN / s, _LET_GO) for one in ACTUATORS),
     *(Pace(one, "displacement", "mm", 200 * mm / s, 0.6 * m / s, f"{_STOP}; {_VALVE}") for one in ACTUATORS),
     *(
         Pace(f"platform.{axis}", "displacement", unit, 0.2 * rad / s, 0.6 * rad / s, f"{_STOP}; {_VALVE}")
