@@ -102,7 +102,9 @@ class Recording:
             if not held:
                 return
             times, rows, values = (np.concatenate(column) for column in zip(*held, strict=True))
-            self._recorder.append(times, self._column[rows], values)
+            column = self._column[rows]
+            reported = column >= 0  # with a lease, the rig's answer says again what the asker said
+            self._recorder.append(times[reported], column[reported], values[reported])
             places = self._watched[rows].nonzero()[0]
             if (values[places] != self._last[rows[places]]).any():
                 self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
