@@ -16,6 +16,7 @@ from typing import Any, Final, TextIO
 import click
 
 from astb.dbc import dbc
+from astb.eds import eds
 from bench_protocol.messages import Protection
 from bench_protocol.registers import ACTIVE_BLOCK
 from bench_protocol.signals import Kind
@@ -314,6 +315,7 @@ def files() -> dict[Path, str]:
     """Return every generated file with its content."""
     return {
         ROOT / "bench_protocol" / "generated" / "astb.dbc": dbc(),
+        ROOT / "bench_protocol" / "generated" / "astb.eds": eds(),
         ROOT / "bench_protocol" / "generated" / "modbus_map.csv": modbus_csv(),
         KEPT_MAP: kept_map_csv(),
         ROOT / "docs" / "reference" / "signals.md": signals_page(),

@@ -42,17 +42,22 @@ def effects_command() -> None:
 @click.option(
     "--csv", type=click.Path(path_type=Path, dir_okay=False), help="Write the Modbus map as a CSV file."
 )
-def signals_command(dbc: Path | None, csv: Path | None) -> None:
+@click.option(
+    "--eds",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the CANopen data sheet as an EDS file.",
+)
+def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None) -> None:
     """List everything that crosses the wires, or write it for other tools."""
     generated = files("bench_protocol") / "generated"
-    for target, source in ((dbc, "astb.dbc"), (csv, "modbus_map.csv")):
+    for target, source in ((dbc, "astb.dbc"), (csv, "modbus_map.csv"), (eds, "astb.eds")):
         if target is not None:
             try:
                 target.write_bytes((generated / source).read_bytes())
             except OSError as error:
                 misuse(f"{target} cannot be written: {error.strerror}")
             click.echo(target)
-    if dbc is None and csv is None:
+    if dbc is csv is eds is None:
         from bench_protocol.table import TABLE
 
         click.echo(f"map {TABLE.map_hash:08x}")
