@@ -11,6 +11,7 @@ An object is given once: its index follows from an identifier or an address, whi
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 from string import ascii_uppercase
 from typing import Final
 
@@ -143,7 +144,7 @@ def object_dictionary(table: Table) -> tuple[DictionaryObject, ...]:
         )
         objects.append(DictionaryObject(index, signal.name, ObjectCode.VAR, (entry,)))
     objects.sort(key=lambda one: one.index)
-    for one, other in zip(objects, objects[1:], strict=False):
+    for one, other in pairwise(objects):
         if one.index == other.index:
             raise ValueError(f"{one.name} and {other.name} are both object {one.index:04X}h")
     return tuple(objects)
