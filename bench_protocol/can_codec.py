@@ -139,10 +139,14 @@ def encode_into(
 ) -> int:
     """Write one frame per message in ``rows`` to ``out[position:]``; return the position behind the last.
 
+    A row of -1 is left out.
+
     ``values`` are SI floats by table row; a value outside its range travels as the nearest limit, NaN as "not
     available". ``counters`` (by message row) advance by one.
     """
     for row in rows:
+        if row < 0:
+            continue
         message = messages[row]
         word = np.uint64(0)
         for k in range(message.first, message.first + message.count):

@@ -5,6 +5,7 @@ An object is given once: its index follows from an identifier or an address, whi
     1000h to 1FFFh   what CiA 301 asks for
     2000h + COB-ID   a PDO: one sub-index per field of the message, in the codes of the wire
     3000h + address  a reading, by its input register: REAL32 in SI, NaN where not available
+    4000h + address  a setting as it is in force, by its holding register: REAL32 in SI
     5000h + address  an interlock, by its discrete input
 """
 
@@ -24,6 +25,7 @@ from bench_protocol.wires import Table
 
 PDO_OBJECTS: Final = 0x2000
 READING_OBJECTS: Final = 0x3000
+SETTING_OBJECTS: Final = 0x4000
 INTERLOCK_OBJECTS: Final = 0x5000
 
 DEVICE_TYPE, ERROR_REGISTER, ERROR_HISTORY = 0x1000, 0x1001, 0x1003
@@ -39,6 +41,12 @@ ERRORS_KEPT: Final = 8
 TRANSMISSION_TYPE: Final = 2
 #: Sub-indices of a PDO's own bits, behind whatever fields it may get.
 SPARE_SUB, CRC_SUB, COUNTER_SUB = 0xFC, 0xFD, 0xFE
+_BASES: Final = {
+    Kind.MEASUREMENT: READING_OBJECTS,
+    Kind.STATUS: READING_OBJECTS,
+    Kind.SETTING: SETTING_OBJECTS,
+    Kind.INTERLOCK: INTERLOCK_OBJECTS,
+}
 _PRODUCT: Final = int.from_bytes(b"ASTB", "big")
 
 
@@ -131,9 +139,9 @@ def object_dictionary(table: Table) -> tuple[DictionaryObject, ...]:
     objects = [*_of_the_node(table), *_own()]
     for message in pdos:
         objects += [_parameters(message), _mapping(message), _pdo(table, message)]
-    for signal in table.of_kind(Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK):
+    for signal in table.of_kind(*_BASES):
         contact = signal.kind is Kind.INTERLOCK
-        index = (INTERLOCK_OBJECTS if contact else READING_OBJECTS) + (signal.address or 0)
+        index = _BASES[signal.kind] + (signal.address or 0)
         entry = Entry(
             0,
             signal.name,

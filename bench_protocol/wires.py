@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
+from bench_protocol.canopen import SERVICE_RATE_MAX
 from bench_protocol.messages import Field, Message, Protection
 from bench_protocol.registers import OWN_NAMES, Register, reading_number
 from bench_protocol.signals import Kind, Signal
@@ -98,8 +99,9 @@ class Table:
 
     @property
     def bus_load(self) -> float:
-        """Worst-case fraction of a 500 kbit/s bus that the periodic messages take."""
-        return sum(message.rate for message in self.messages) * FRAME_BITS_WORST / CAN_BIT_RATE
+        """Worst-case fraction of a 500 kbit/s bus that the periodic messages take, with heartbeats and SYNC."""
+        rate = SERVICE_RATE_MAX + sum(message.rate for message in self.messages)
+        return rate * FRAME_BITS_WORST / CAN_BIT_RATE
 
     @cached_property
     def places(self) -> dict[str, str]:

@@ -51,6 +51,7 @@ class Reason(IntEnum):
     LIMIT = 5
     TICK_LOST = 6
     BY_COMMANDER = 7
+    HEARTBEAT_LOST = 8
 
 
 class LimitKind(IntEnum):
@@ -88,6 +89,7 @@ REASONS: Final = (
     "limit tripped",
     "tick lost",
     "disabled by the commander",
+    "heartbeat lost",
 )
 assert len(REASONS) == len(Reason), "every reason has one text"
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from numba import njit
 
-_WITHIN_THE_TICK = ("commands", "controls", "safe_position", "setpoints", "limits")
+_WITHIN_THE_TICK = ("commands", "controls", "heartbeat", "safe_position", "setpoints", "limits")
 
 
 def _source_digest() -> str:

@@ -64,6 +64,7 @@ class Happened(IntFlag):
     ALARM = 16
     WRITES_LOST = 32  #: the holder of the lease writes no more
     LEASE_LOST = 64  #: a lease without a connection, and its commander is silent
+    NODE = 256  #: the CANopen node has something to do
 
 
 #: A snapshot of the rig's tick is a copy of this record.
@@ -114,5 +115,13 @@ CONTROLS: Final = np.dtype(
         ("cycles", "<f8"),
         ("phase", "<f8"),  # cycles since the start of the program
         ("offset", "<f8", (TARGETS,)),  # what the generator adds to the set-points
+        ("node_state", "<i8"),  # `bench_protocol.canopen.NmtState`
+        ("heartbeat", "<i8"),  # ticks between two of the node's heartbeats, 0 for none
+        ("heartbeat_due", "<i8"),  # tick of the next
+        (
+            "guard_due",
+            "<i8",
+        ),  # tick by which the commander's heartbeat must come, -1 while nobody waits for it
+        ("sync_due", "<i8"),  # tick of the next SYNC, -1 for never
     ]
 )

@@ -77,11 +77,11 @@ class Lease:
             return bool(self._controls["commander"] == port_of(peer))
         return self.owner is not None and self.owner == peer
 
-    def refuse(self, peer: str) -> None:
-        """Count a Modbus request of ``peer`` that only the holder may make."""
+    def refuse(self, peer: str, identifier: int = 0) -> None:
+        """Count what only the holder may ask for: a Modbus request of ``peer``, or its frame with ``identifier``."""
         self._values[_STRANGERS_ROW] += 1
         self._values[_STRANGER_ROW] = port_of(peer)
-        self._values[_IDENTIFIER_ROW] = 0
+        self._values[_IDENTIFIER_ROW] = identifier
 
     # -- taking and returning ------------------------------------------------------------------------------------
 

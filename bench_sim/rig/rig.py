@@ -15,12 +15,14 @@ from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
-from bench_protocol.words import FAULTS, LIVE, SIDES, BenchState
+from bench_protocol.words import FAULTS, LIVE, SIDES, BenchState, Reason
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
+from bench_sim.rig.canopen import CanopenNode
 from bench_sim.rig.commands import Receiving, Steering, take_block
 from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened, Target
+from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.lease import Lease
@@ -28,10 +30,7 @@ from bench_sim.rig.limits import LIMITS, Limit, detectors
 from bench_sim.rig.peers import port_of
 from bench_sim.rig.registers import BUS_NOTE, RegisterBank
 from bench_sim.rig.safe_position import Grip
-from bench_sim.rig.states import (
-    EMERGENCY_CODES,
-    Event,
-)
+from bench_sim.rig.states import Event
 from bench_sim.rig.supervisor import Supervisor
 from bench_sim.rig.tick import (
     FRAMES_PER_TICK_MAX,
@@ -85,8 +84,9 @@ class Rig:
         self.generator = FunctionGenerator(
             self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
         )
+        self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
         self.supervisor = Supervisor(
-            self._controls, self.values, limits, self._detectors, self.generator, self._emergency
+            self._controls, self.values, limits, self._detectors, self.generator, self.emergencies
         )
         self.fittings = Fittings(self.plant, self.registers.active)
         self._actions = _of_every(
@@ -104,6 +104,9 @@ class Rig:
                 "program_stop": self.generator.stop,
             },
         )
+        sending = self._tick_state[-1]
+        timed = sending.fast, sending.medium, sending.slow
+        self.node = CanopenNode(self, self._controls, self._encoder, self._decoder, timed)
         self._contacts = self._interlock_contacts()
         self._start_values()
         self.apply(self.registers.active)
@@ -144,7 +147,7 @@ class Rig:
     def receive(self, block: Block, peer: str = "") -> None:
         """Take CAN frames from ``peer``; only those of the holder of the lease count."""
         with self.lock:
-            stamped = copied(block[:_CHANGES_MAX])
+            stamped = copied(self.node.receive(block[:_CHANGES_MAX], peer))
             count = self._take_block(self._control_array, stamped, port_of(peer), *self._receiving)
             for bits in self._changes[:count].tolist():
                 self.supervisor.command(ControlBit(bits))
@@ -161,6 +164,10 @@ class Rig:
         with self.lock:
             self.registers.drop_staged(peer)
             self.lease.peer_lost(peer)
+
+    def send(self, block: Block) -> None:
+        """Let frames leave that no tick sends, stamped with the rig's time (ns)."""
+        self._pending.append(block)
 
     def tick(self) -> Block:
         """Run one tick and return the frames that it sends."""
@@ -181,6 +188,7 @@ class Rig:
                 if happened:
                     self.supervisor.decide(Happened(happened))
                     self.lease.decide(Happened(happened))
+                    self.node.decide(Happened(happened))
                     blocks += self._pending
                     self._pending = []
             return blocks[0] if len(blocks) == 1 else join(blocks)
@@ -220,6 +228,35 @@ class Rig:
     def report_bus(self, load: float, errors: int) -> None:
         """Publish the fraction of the time in which the bus is busy, and the bench's transmit error counter."""
         self.registers.notes[BUS_NOTE] = f"CAN bus load {load:.1%}, {errors} transmit errors".encode()
+
+    # -- what the CANopen node asks for --------------------------------------------------------------------------
+
+    @property
+    def held(self) -> bool:
+        """Whether somebody holds the bench."""
+        return self.lease.token != 0
+
+    def is_token(self, token: int) -> bool:
+        """Return whether ``token`` is the holder's."""
+        return self.held and token == self.lease.token
+
+    def setting(self, name: str) -> float:
+        """Return the value of a setting that is in force."""
+        return self.registers.active[name]
+
+    def refuse(self, peer: str, identifier: int) -> None:
+        """Count a frame of ``peer`` that wanted something of a bench that somebody holds."""
+        self.lease.refuse(peer, identifier)
+
+    def heartbeat_lost(self) -> None:
+        """React to a commander whose heartbeat has stopped."""
+        self.supervisor.handle(Event.HEARTBEAT_LOST)
+        self.emergencies.report(Reason.HEARTBEAT_LOST)
+
+    def heartbeat_back(self) -> None:
+        """Note that it is there again; a fault stays until it is reset."""
+        if self.state not in FAULTS:
+            self.emergencies.settle(Reason.HEARTBEAT_LOST)
 
     # -- what the registers ask for ------------------------------------------------------------------------------
 
@@ -272,23 +309,18 @@ class Rig:
     def _set(self, name: str, value: float) -> None:
         self.values[TABLE.index[name]] = value
 
-    def _emergency(self) -> None:
-        reason = self.supervisor.machine.reason
-        self._set("emergency.code", EMERGENCY_CODES[reason])
-        self._set("emergency.register", 1.0 if EMERGENCY_CODES[reason] else 0.0)
-        self._set("emergency.reason", reason)
-        self._tell(self._emergency_row)
-
     def _holder_changed(self) -> None:
         """Begin anew with whoever commands next, and tell everybody on the bus who that is."""
         self._decoder.forget()
         self.registers.drop_staged()
+        if self.held:
+            self.node.start()
         self._tell(self._lease_row)
 
     def _tell(self, rows: npt.NDArray[np.int64]) -> None:
         """Send messages that go out on events."""
         time = int(self._controls["tick"]) * TICK_NS
-        self._pending.append(self._encoder.encode(self.values, rows, time))
+        self.send(self._encoder.encode(self.values, rows, time))
 
 
 def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:

@@ -26,6 +26,7 @@ class Event(StrEnum):
     COMMAND_LATE = "no valid command for 100 ms"
     COMMAND_LOST = "no valid command for 500 ms"
     DISCONNECTED = "the commander's connection closed"
+    HEARTBEAT_LOST = "the commander's heartbeat stopped"
     TRIP_PROGRAM_HOLD = "a limit with the action program hold tripped"
     TRIP_PROGRAM_STOP = "a limit with the action program stop tripped"
     TRIP_INTERLOCK = "a limit with the action interlock tripped"
@@ -74,6 +75,7 @@ TRANSITIONS: Final[tuple[Transition, ...]] = (
     *(Transition(state, _E.POWER_OFF, _S.OFF) for state in (_S.BOOT, _S.INIT, _S.DISABLED, *LIVE)),
     *(Transition(state, _E.COMMAND_LATE, _S.FAULT_REACTION) for state in (_S.HOLD, _S.ACTIVE)),
     *(Transition(state, _E.DISCONNECTED, _S.FAULT_REACTION) for state in LIVE),
+    *(Transition(state, _E.HEARTBEAT_LOST, _S.FAULT_REACTION) for state in LIVE),
     *(Transition(state, _E.COMMAND_LOST, _S.FAULT_REACTION) for state in LIVE),
     Transition(_S.ACTIVE, _E.TRIP_PROGRAM_HOLD, _S.HOLD),
     *(Transition(state, _E.TRIP_PROGRAM_STOP, _S.FAULT_REACTION) for state in LIVE),
@@ -100,6 +102,7 @@ REASON_OF: Final[dict[Event, Reason]] = {
     _E.COMMAND_LATE: Reason.COMMAND_LATE,
     _E.COMMAND_LOST: Reason.COMMAND_LOST,
     _E.DISCONNECTED: Reason.DISCONNECTED,
+    _E.HEARTBEAT_LOST: Reason.HEARTBEAT_LOST,
     _E.TRIP_PROGRAM_HOLD: Reason.LIMIT,
     _E.TRIP_PROGRAM_STOP: Reason.LIMIT,
     _E.TRIP_INTERLOCK: Reason.LIMIT,
@@ -135,6 +138,7 @@ EMERGENCY_CODES: Final[dict[Reason, int]] = {
     Reason.ESTOP: 0xFF02,
     Reason.TICK_LOST: 0xFF03,
     Reason.BY_COMMANDER: 0x0000,
+    Reason.HEARTBEAT_LOST: 0x8130,
 }
 
 

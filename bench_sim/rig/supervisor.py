@@ -1,6 +1,5 @@
 """The supervisor: the state of the bench, and what follows from it for actuators, air, program and watchdog."""
 
-from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +10,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import ms
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, BenchState, LimitKind
 from bench_sim.rig.controls import TICK_MODULUS, AirSupply, ControlBit, Happened, Target
+from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.limits import Limit, LimitAction, reset_detectors
 from bench_sim.rig.safe_position import Grip
@@ -18,6 +18,7 @@ from bench_sim.rig.states import (
     COMMAND_VALID,
     ENGAGED,
     ESTOP_RELEASED,
+    REASON_OF,
     SAFE,
     SHUT_IN,
     STATUS_CODES,
@@ -38,8 +39,8 @@ _ON_TRIP: Final = {
 class Supervisor:
     """Decides between two ticks on what the tick reports and the wires ask for.
 
-    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row); ``on_emergency`` is called
-    on entering and leaving a fault.
+    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row), and reports errors to
+    ``emergencies``.
     """
 
     def __init__(
@@ -49,14 +50,14 @@ class Supervisor:
         limits: tuple[Limit, ...],
         detectors: npt.NDArray[np.void],
         generator: FunctionGenerator,
-        on_emergency: Callable[[], None],
+        emergencies: Emergencies,
     ) -> None:
         self.estop = False
         self._controls = controls
         self._values = values
         self._limits, self._detectors = limits, detectors
         self._generator = generator
-        self._on_emergency = on_emergency
+        self._emergencies = emergencies
         self._bits = ControlBit.NONE  # of the last valid command
         self.machine = StateMachine(
             {COMMAND_VALID: self.command_valid, ESTOP_RELEASED: lambda: not self.estop},
@@ -113,10 +114,16 @@ class Supervisor:
         c["setpoint"][target] = c["goal"][target] = 0.0 if np.isnan(present) else present
         c["slew"][target] = 0
 
-    def handle(self, event: Event) -> bool:
-        """Let the state machine decide and bring everything in line with the new state."""
+    def handle(self, event: Event, detail: int = 0) -> bool:
+        """Let the state machine decide and bring everything in line with the new state.
+
+        An error is reported even if it leads nowhere from a fault; ``detail`` tells errors of one reason apart.
+        """
         before = self.state
-        if not self.machine.handle(event):
+        changed = self.machine.handle(event)
+        if event in REASON_OF and (changed or before in FAULTS):
+            self._emergencies.report(REASON_OF[event], detail)
+        if not changed:
             return False
         state, c = self.state, self._controls
         self._set("rig.state", state)
@@ -144,8 +151,8 @@ class Supervisor:
             c["alarm"] = c["tick"] + _BOOT_TICKS
         elif state is BenchState.FAULT_REACTION:
             c["alarm"] = c["tick"] + 1
-        if (state in FAULTS) != (before in FAULTS) or event is Event.ESTOP:
-            self._on_emergency()
+        if event is Event.POWER_LOST:
+            self._emergencies.clear()
         return True
 
     def _freeze(self, *, keep_program: bool) -> None:
@@ -192,14 +199,14 @@ class Supervisor:
         )
 
     def _trip(self) -> None:
-        """Carry out the hardest action of what has tripped just now, and tell of the first of all."""
+        """Carry out the actions of what has tripped just now, the hardest first, and tell of the first of all."""
         just_now = np.flatnonzero(self._detectors["tripped"] > self._detectors["told"])
         self._detectors["told"] = self._detectors["tripped"]
         if self._values[TABLE.index["rig.tripped"]] == 0:
             self._tell_first(int(just_now[0]))
-        event = _ON_TRIP.get(max(self._limits[row].action for row in just_now))
-        if event is not None:
-            self.handle(event)
+        for limit in sorted((self._limits[row] for row in just_now), key=lambda one: -one.action):
+            if limit.action in _ON_TRIP:
+                self.handle(_ON_TRIP[limit.action], TABLE.trip_number(limit.signal))
 
     def _tell_first(self, row: int) -> None:
         limit, detector = self._limits[row], self._detectors[row]
@@ -220,5 +227,6 @@ class Supervisor:
         for name in ("tripped", "tripped_kind", "tripped_value", "tripped_tick"):
             self._set(f"rig.{name}", 0.0)
         self._controls["late"] = self._controls["lost"] = 0
+        self._emergencies.clear()
         self._step_down()
         return True

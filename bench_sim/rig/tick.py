@@ -41,11 +41,13 @@ from bench_sim.rig.controls import (
     Happened,
     Target,
 )
+from bench_sim.rig.heartbeat import beat, node_due
 from bench_sim.rig.limits import detect
 from bench_sim.rig.safe_position import LOWERING_SPEED, Grip, keep_grip
 from bench_sim.rig.setpoints import travel
 
-FRAMES_PER_TICK_MAX: Final = sum(message.from_rig and message.rate > 0 for message in TABLE.messages)
+#: All messages at once, and a heartbeat.
+FRAMES_PER_TICK_MAX: Final = 1 + sum(message.from_rig and message.rate > 0 for message in TABLE.messages)
 
 _LATE_TICKS: Final = round(HOLD_AFTER / TICK)
 _LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
@@ -273,7 +275,8 @@ def run_ticks(
                 position = _send(values, sending, sending.medium, time, out, position)
             if c.tick % SLOW == 0:
                 position = _send(values, sending, sending.slow, time, out, position)
-        happened |= _watch(c)
+        position = beat(c, out, position)
+        happened |= _watch(c) | node_due(c)
         if c.tick == c.alarm:
             happened |= Happened.ALARM.value
     return done, position, happened

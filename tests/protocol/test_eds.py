@@ -55,7 +55,9 @@ def test_a_strict_reader_finds_every_section_once_and_all_that_are_mandatory(tex
         listed += [int(index, 16) for index in rows.values()]
     described = {int(s, 16) for s in reader.sections() if re.fullmatch("[0-9A-F]{4}", s)}
     assert sorted(listed) == sorted(described)
-    assert {0x1000, 0x1001, 0x1018} == {int(i, 16) for k, i in reader["MandatoryObjects"].items() if k.isdigit()}
+    assert {0x1000, 0x1001, 0x1018} == {
+        int(i, 16) for k, i in reader["MandatoryObjects"].items() if k.isdigit()
+    }
     for index in described:
         kind = int(reader[f"{index:04X}"]["objecttype"], 16)
         subs = [s for s in reader.sections() if s.startswith(f"{index:04X}sub")]
@@ -93,13 +95,14 @@ def test_what_the_file_says_is_what_canopen_reads(node: canopen.RemoteNode) -> N
 
 def test_every_signal_is_an_object_with_its_unit() -> None:
     carried = {entry.signal for one in OBJECT_DICTIONARY for entry in one.entries}
-    kinds = (Kind.MEASUREMENT, Kind.STATUS, Kind.SETPOINT, Kind.INTERLOCK)
-    assert {row.name for row in TABLE.of_kind(*kinds)} <= carried
+    assert {row.name for row in TABLE.signals if row.kind is not Kind.ACTION} <= carried
 
 
 def test_all_pdos_belong_to_one_node(node: canopen.RemoteNode) -> None:
     """Identifiers alone would make six nodes of it."""
-    maps = {k: pdo for pdos in (node.tpdo, node.rpdo) for k, pdo in pdos.map.items() if pdo.cob_id is not None}
+    maps = {
+        k: pdo for pdos in (node.tpdo, node.rpdo) for k, pdo in pdos.map.items() if pdo.cob_id is not None
+    }
     assert {pdo.cob_id for pdos in (node.tpdo, node.rpdo) for pdo in pdos.map.values()} == {
         message.identifier for message in PDOS
     }
@@ -142,14 +145,18 @@ def test_canopen_decodes_a_pdo_as_cantools_does(node: canopen.RemoteNode, messag
             if odd and field.signed and raw == 1 << field.bits - 1:
                 raw = field.raw_null  # canopen forgets the sign of the lowest code of such a field
             factor = 1.0 if field.bits == 1 else variable.od.factor
-            assert raw * factor == pytest.approx(decoded[field.signal.replace(".", "_")], rel=1e-9), field.signal
+            assert raw * factor == pytest.approx(decoded[field.signal.replace(".", "_")], rel=1e-9), (
+                field.signal
+            )
             compared += 1
     assert compared >= 24, "one field at least"
 
 
 def test_an_index_is_given_once() -> None:
     """Rows of the table may change their order, and new ones come: no object moves."""
-    shuffled = object_dictionary(Table(TABLE.signals[::-1], TABLE.messages[::-1], registers_of(TABLE.signals)))
+    shuffled = object_dictionary(
+        Table(TABLE.signals[::-1], TABLE.messages[::-1], registers_of(TABLE.signals))
+    )
     places = lambda objects: {  # noqa: E731
         (one.index, entry.sub): entry.name for one in objects for entry in one.entries
     }
@@ -158,7 +165,9 @@ def test_an_index_is_given_once() -> None:
     assert len(set(numbers)) == len(numbers)
 
 
-@pytest.mark.parametrize(("identifier", "from_rig"), [(0x180, True), (0x191, True), (0x581, True), (0x211, False)])
+@pytest.mark.parametrize(
+    ("identifier", "from_rig"), [(0x180, True), (0x191, True), (0x581, True), (0x211, False)]
+)
 def test_a_message_without_a_place_among_the_pdos_is_refused(identifier: int, from_rig: bool) -> None:
     import dataclasses
 

@@ -41,7 +41,7 @@ def message(field: str = "left.height", **changes: object) -> Message:
 
 
 def test_bus_load_stays_under_half_of_500_kbit() -> None:
-    worst = sum(135 * message.rate for message in TABLE.messages)
+    worst = sum(135 * message.rate for message in TABLE.messages) + 135 * (10 + 100)  # heartbeats and SYNC
     assert worst == pytest.approx(TABLE.bus_load * 500_000)
     assert 0.3 < TABLE.bus_load <= 0.5
 
@@ -51,7 +51,7 @@ def test_a_table_that_overloads_the_bus_is_refused() -> None:
         Message(f"M{k}", 0x100 + k, 1000.0, True, (Field("left.height", 16),), Protection.COUNTER, "")
         for k in range(2)
     )
-    with pytest.raises(ValueError, match=r"54\.0% of the bus; at most 50%"):
+    with pytest.raises(ValueError, match=r"57\.0% of the bus; at most 50%"):
         Table((signal(),), greedy, ())
 
 

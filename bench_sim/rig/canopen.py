@@ -1,0 +1,244 @@
+"""The rig as a CANopen node without a bus: boot-up, NMT, heartbeats, SYNC, and an SDO server in front of its objects.
+
+NMT and SDO carry no token. While somebody commands the bench they are counted and change nothing; otherwise they change
+how the node communicates, and never what the bench does. Whoever takes the bench finds the node as it booted.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.can_codec import Decoder, Encoder
+from bench_protocol.canopen import (
+    ALL_NODES,
+    HEARTBEAT_BASE,
+    HEARTBEAT_IDENTIFIER,
+    NMT_IDENTIFIER,
+    NODE,
+    SDO_REQUEST_IDENTIFIER,
+    SDO_RESPONSE_IDENTIFIER,
+    SYNC_IDENTIFIER,
+    SYNC_PRODUCED,
+    SYNCHRONOUS_MAX,
+    ErrorBehaviour,
+    NmtCommand,
+    NmtState,
+)
+from bench_protocol.frames import STANDARD_ID_MAX, Block, frame, payload
+from bench_protocol.object_dictionary import (
+    ERROR_BEHAVIOUR,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    SYNC_COB_ID,
+    SYNC_PERIOD,
+)
+from bench_protocol.sdo import SdoServer
+from bench_sim.rig.controls import FAST, TICK_NS, Happened
+from bench_sim.rig.node_objects import DEFAULTS, TRANSMISSION_TYPES, NodeHost, NodeObjects, consumed
+
+#: A client waits for each answer; one that does not must not keep the rig from its ticks.
+_SDO_PER_TICK: Final = 8
+_NEVER: Final = -1
+_TICKS_PER_MS: Final = 1_000_000 // TICK_NS
+
+
+class CanopenHost(NodeHost, Protocol):
+    """What the node needs of the rig that it belongs to."""
+
+    def send(self, block: Block) -> None:
+        """Let frames leave that no tick sends."""
+
+    def heartbeat_lost(self) -> None:
+        """React to a commander whose heartbeat has stopped."""
+
+    def heartbeat_back(self) -> None:
+        """Note that it is there again."""
+
+
+class CanopenNode:
+    """The node. ``controls`` are the tick's; ``timed`` are the arrays of message rows that the tick sends by its own
+    time, in which -1 stands for a message that waits.
+    """
+
+    def __init__(
+        self,
+        host: CanopenHost,
+        controls: Any,
+        encoder: Encoder,
+        decoder: Decoder,
+        timed: Sequence[npt.NDArray[np.int64]],
+    ) -> None:
+        self.objects = NodeObjects(host, encoder, decoder, self._configure)
+        self._host, self._controls, self._encoder = host, controls, encoder
+        self._timed = [(rows, rows.copy()) for rows in timed]
+        self._server = SdoServer(self.objects)
+        self._handlers: dict[int, Callable[[bytes], None]] = {
+            NMT_IDENTIFIER: self._command,
+            SYNC_IDENTIFIER: self._on_sync,
+            SDO_REQUEST_IDENTIFIER: self._on_request,
+        }
+        self._mine = np.zeros(STANDARD_ID_MAX + 1, bool)
+        self._mine[list(self._handlers)] = True
+        self._guarded: int | None = None  # the identifier of the heartbeat that is expected
+        self._syncs = self._sync_sample = self._sync_ticks = 0
+        self._answered, self._answer_tick = 0, _NEVER
+        self._reset()
+
+    @property
+    def operational(self) -> bool:
+        """Whether PDOs come and go."""
+        return int(self._controls["node_state"]) == NmtState.OPERATIONAL
+
+    def start(self) -> None:
+        """Be as after booting, whatever somebody has set, without telling of a boot-up: the bench has a commander."""
+        if not self.operational or self.objects.parameters != DEFAULTS:
+            self._restore()
+
+    def receive(self, block: Block, peer: str) -> Block:
+        """Take from the frames of ``peer`` what is the node's own business; return the others."""
+        self.objects.peer = peer
+        mine = self._mine[block["id"] & STANDARD_ID_MAX] & (block["extended"] == 0)
+        mine &= block["id"] <= STANDARD_ID_MAX
+        if mine.any():
+            for record in block[mine]:
+                identifier, data = int(record["id"]), payload(record)
+                self._handlers.get(identifier, self._on_heartbeat)(data)
+            block = block[~mine]
+        if block.size and not self.operational:
+            self.objects.refused[4] += block.size
+            return block[:0]
+        return block
+
+    def decide(self, happened: Happened) -> None:
+        """Do what the tick has found to be due."""
+        if Happened.NODE not in happened:
+            return
+        c = self._controls
+        if c["tick"] == c["guard_due"]:
+            c["guard_due"] = _NEVER
+            match self.objects.parameters[ERROR_BEHAVIOUR, 1]:
+                case ErrorBehaviour.PRE_OPERATIONAL if self.operational:
+                    self._enter(NmtState.PRE_OPERATIONAL)
+                case ErrorBehaviour.STOPPED:
+                    self._enter(NmtState.STOPPED)
+            self._host.heartbeat_lost()
+        if c["tick"] == c["sync_due"]:
+            c["sync_due"] += self._sync_ticks
+            self._send(SYNC_IDENTIFIER, b"")
+            self._on_sync(b"")
+
+    # -- NMT -----------------------------------------------------------------------------------------------------
+
+    def _command(self, data: bytes) -> None:
+        if len(data) != 2 or data[1] not in (ALL_NODES, NODE) or data[0] not in list(NmtCommand):
+            return
+        if self._host.held:
+            self.objects.refused[1] += 1
+            self._host.refuse(self.objects.peer, NMT_IDENTIFIER)
+            return
+        match NmtCommand(data[0]):
+            case NmtCommand.START:
+                self._enter(NmtState.OPERATIONAL)
+            case NmtCommand.STOP:
+                self._enter(NmtState.STOPPED)
+            case NmtCommand.ENTER_PRE_OPERATIONAL:
+                self._enter(NmtState.PRE_OPERATIONAL)
+            case NmtCommand.RESET_NODE:
+                self._host.emergencies.history.clear()
+                self._reset()
+            case NmtCommand.RESET_COMMUNICATION:
+                self._reset()
+
+    def _reset(self) -> None:
+        """Boot the communication: tell so, with every setting at its default; the node starts by itself."""
+        self._send(HEARTBEAT_IDENTIFIER, bytes((NmtState.INITIALISING,)))
+        self._restore()
+
+    def _restore(self) -> None:
+        self.objects.parameters = dict(DEFAULTS)
+        self._server = SdoServer(self.objects)
+        self._enter(NmtState.OPERATIONAL)
+        self._configure()
+
+    def _enter(self, state: NmtState) -> None:
+        self._controls["node_state"] = state
+        self._plan()
+
+    def _plan(self) -> None:
+        """Let the tick send what is due by time; what waits for SYNC, or for the node to be started, it leaves out."""
+        types = self.objects.parameters
+        for rows, all_rows in self._timed:
+            waits = [types[TRANSMISSION_TYPES[row]] <= SYNCHRONOUS_MAX for row in all_rows.tolist()]
+            rows[:] = np.where(waits, -1, all_rows) if self.operational else -1
+
+    def _configure(self) -> None:
+        """Bring the tick in line with the parameters."""
+        c, parameters = self._controls, self.objects.parameters
+        self._plan()
+        period = parameters[HEARTBEAT_PRODUCER, 0] * _TICKS_PER_MS
+        if c["heartbeat"] != period:
+            c["heartbeat"], c["heartbeat_due"] = period, c["tick"] + period
+        guarded, time = consumed(parameters[HEARTBEAT_CONSUMER, 1])
+        expected = HEARTBEAT_BASE + guarded if guarded and time else None
+        if expected != self._guarded:
+            if self._guarded is not None:
+                self._mine[self._guarded] = False
+            if expected is not None:
+                self._mine[expected] = True
+            self._guarded, c["guard_due"] = expected, _NEVER
+        produced = parameters[SYNC_COB_ID, 0] & SYNC_PRODUCED
+        ticks = parameters[SYNC_PERIOD, 0] // 1000 * _TICKS_PER_MS if produced else 0
+        if not ticks:
+            c["sync_due"] = _NEVER
+        elif c["sync_due"] == _NEVER or ticks != self._sync_ticks:
+            c["sync_due"] = c["tick"] + ticks
+        self._sync_ticks = ticks
+
+    # -- heartbeat, SYNC, SDO ------------------------------------------------------------------------------------
+
+    def _on_heartbeat(self, data: bytes) -> None:
+        """Expect the next one in time: the first starts the guarding, a boot-up counts as one."""
+        if len(data) == 1:
+            _, time = consumed(self.objects.parameters[HEARTBEAT_CONSUMER, 1])
+            if self._controls["guard_due"] == _NEVER:
+                self._host.heartbeat_back()
+            self._controls["guard_due"] = self._controls["tick"] + time * _TICKS_PER_MS
+
+    def _on_sync(self, data: bytes) -> None:
+        """Send what waits for this SYNC; two within one sampling period would send the same values twice."""
+        del data  # the counter that some producers add
+        sample = int(self._controls["tick"]) // FAST
+        if not self.operational or sample == self._sync_sample:
+            return
+        self._sync_sample = sample
+        self._syncs += 1
+        types = self.objects.parameters
+        due = [row for row, place in TRANSMISSION_TYPES.items() if self._is_due(types[place])]
+        if due:
+            rows = np.array(due, np.int64)
+            self._host.send(self._encoder.encode(self._host.values, rows, self._now()))
+
+    def _is_due(self, transmission_type: int) -> bool:
+        return transmission_type <= SYNCHRONOUS_MAX and self._syncs % transmission_type == 0
+
+    def _on_request(self, request: bytes) -> None:
+        tick = int(self._controls["tick"])
+        if tick != self._answer_tick:
+            self._answered, self._answer_tick = 0, tick
+        if int(self._controls["node_state"]) == NmtState.STOPPED:
+            return
+        if self._answered == _SDO_PER_TICK:
+            self.objects.refused[3] += 1
+            return
+        response = self._server.answer(request)
+        if response is not None:
+            self._answered += 1
+            self._send(SDO_RESPONSE_IDENTIFIER, response)
+
+    def _now(self) -> int:
+        return int(self._controls["tick"]) * TICK_NS
+
+    def _send(self, identifier: int, data: bytes) -> None:
+        self._host.send(frame(identifier, data, self._now()))

@@ -1,0 +1,71 @@
+"""What is wrong with the bench: every new error is told once by an emergency message (CiA 301), and so is their end."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.object_dictionary import ERRORS_KEPT
+from bench_protocol.table import TABLE
+from bench_protocol.words import Reason
+from bench_sim.rig.states import EMERGENCY_CODES
+
+# The bits of the error register.
+_GENERIC: Final = 0x01
+_COMMUNICATION: Final = 0x10
+_MANUFACTURER: Final = 0x80
+#: Codes from here to 81FFh are of the communication.
+_COMMUNICATION_CODES: Final = range(0x8100, 0x8200)
+
+
+class Emergencies:
+    """The errors that are active, and the last ones that were.
+
+    Reasons with one code are one error: a commander that is late, lost or disconnected is gone in any case. It writes
+    the emergency's signals in ``values`` (SI, by table row) and calls ``on_message`` to have them sent.
+    """
+
+    def __init__(self, values: npt.NDArray[np.float64], on_message: Callable[[], None]) -> None:
+        self._values, self._on_message = values, on_message
+        self._active: list[tuple[int, int]] = []  # code and detail
+        #: The codes of the last errors, the latest first; above them the reason, and 24 bits up the detail.
+        self.history: deque[int] = deque(maxlen=ERRORS_KEPT)
+
+    @property
+    def register(self) -> int:
+        """The error register of the node."""
+        register = 0
+        for code, _ in self._active:
+            register |= _GENERIC | (_COMMUNICATION if code in _COMMUNICATION_CODES else _MANUFACTURER)
+        return register
+
+    def report(self, reason: Reason, detail: int = 0) -> None:
+        """Tell of an error, unless it is active already; ``detail`` (0 to 255) tells those of one code apart."""
+        code = EMERGENCY_CODES[reason]
+        if (code, detail) in self._active:
+            return
+        self._active.append((code, detail))
+        self.history.appendleft(code | reason << 16 | detail << 24)
+        self._tell(reason)
+
+    def settle(self, reason: Reason) -> None:
+        """Note that the error of ``reason`` is over."""
+        error = EMERGENCY_CODES[reason], 0
+        if error in self._active:
+            self._active.remove(error)
+            if not self._active:
+                self._tell(Reason.NONE)
+
+    def clear(self) -> None:
+        """Note that all errors are over."""
+        if self._active:
+            self._active.clear()
+            self._tell(Reason.NONE)
+
+    def _tell(self, reason: Reason) -> None:
+        told = (EMERGENCY_CODES[reason], self.register, reason)
+        for part, value in zip(("code", "register", "reason"), told, strict=True):
+            self._values[TABLE.index[f"emergency.{part}"]] = value
+        self._on_message()
