@@ -124,7 +124,7 @@ def run_rig(
             can_address = interface or f"socketcand://{host}:{servers.can_port}"
             for stage in (*stages, capture) if capture else stages:
                 bus.add(stage)
-            rig.run(1)  # loads the compiled tick before the first deadline
+            bus.publish(rig.run(1))  # loads the compiled tick before the first deadline
             with _real_time():
                 ready(can_address, f"{host}:{servers.modbus_port}")
                 keep_time(rig, bus.publish, stop, clock, policy)
