@@ -46,6 +46,7 @@ _HEADER: Final = struct.Struct(">HHHB")
 _TWO: Final = struct.Struct(">HH")
 _ADDRESSES: Final = 0x1_0000
 _COIL_ON, _COIL_OFF = 0xFF00, 0x0000
+_WRITING: Final = frozenset({5, 6, 15, 16, 22, 23})
 _MEI_IDENTIFICATION: Final = 0x0E
 # Stream and individual access to basic, regular and extended objects (section 6.21).
 _CONFORMITY: Final = 0x83
@@ -145,6 +146,11 @@ def answer(adu: bytes, bank: Bank, units: Collection[int] = OWN_UNITS) -> bytes:
     except ModbusError as refusal:
         return refuse(adu, refusal.code)
     return adu[:4] + (len(body) + 2).to_bytes(2, "big") + adu[6:8] + body
+
+
+def is_write(adu: bytes) -> bool:
+    """Return whether a request ADU wants to change something."""
+    return adu[7] in _WRITING
 
 
 def refuse(adu: bytes, code: int) -> bytes:

@@ -65,7 +65,8 @@ def rig_command(
     import threading
 
     from astb.session import build_rig, bus_stages
-    from bench_sim.rig.process import Late, run_rig
+    from bench_sim.rig.pacing import Late
+    from bench_sim.rig.process import run_rig
 
     rig, path = read_rig(rig_path)
     if rig.simulation is None:
@@ -89,7 +90,7 @@ def rig_command(
                 modbus_port=rig.modbus.port if modbus_port is None else modbus_port,
                 allow_remote=allow_remote,
                 beacon=beacon,
-                policy=Late(simulation.late_ticks),
+                policy=Late[simulation.late_ticks.upper()],
                 stages=stages,
                 capture=listener,
                 capture_port=capture_port,

@@ -7,14 +7,25 @@ from typing import Any
 
 from numba import njit
 
-_WITHIN_THE_TICK = ("commands", "controls", "heartbeat", "safe_position", "setpoints", "limits")
+#: The modules of the rig that the compiled tick contains beside its own.
+OF_THE_TICK = (
+    "commands",
+    "controls",
+    "heartbeat",
+    "limits",
+    "pacing",
+    "ring",
+    "safe_position",
+    "setpoints",
+    "system_calls",
+)
 
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    # The rig's tick contains the codec, the model and these of its own.
+    # The rig's tick contains the codec, the model and what stands beside it in the rig.
     sources = [*files("bench_protocol").iterdir(), *files("bench_sim.model").iterdir()]
-    sources += [files("bench_sim.rig") / f"{name}.py" for name in _WITHIN_THE_TICK]
+    sources += [files("bench_sim.rig") / f"{name}.py" for name in OF_THE_TICK]
     for source in sorted(sources, key=lambda entry: entry.name):
         if source.name.endswith(".py"):
             digest.update(source.name.encode())

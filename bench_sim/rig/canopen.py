@@ -96,11 +96,19 @@ class CanopenNode:
         if not self.operational or self.objects.parameters != DEFAULTS:
             self._restore()
 
+    def concerns(self, block: Block) -> bool:
+        """Return whether frames are among ``block`` that the node must see before commands are made of the others."""
+        return not self.operational or bool(self._own(block).any())
+
+    def _own(self, block: Block) -> npt.NDArray[np.bool_]:
+        """Return which frames are the node's own business."""
+        mine = self._mine[block["id"] & STANDARD_ID_MAX] & (block["extended"] == 0)
+        return mine & (block["id"] <= STANDARD_ID_MAX)
+
     def receive(self, block: Block, peer: str) -> Block:
         """Take from the frames of ``peer`` what is the node's own business; return the others."""
         self.objects.peer = peer
-        mine = self._mine[block["id"] & STANDARD_ID_MAX] & (block["extended"] == 0)
-        mine &= block["id"] <= STANDARD_ID_MAX
+        mine = self._own(block)
         if mine.any():
             for record in block[mine]:
                 identifier, data = int(record["id"]), payload(record)

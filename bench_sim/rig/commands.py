@@ -11,14 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.can_codec import NOBODY, Decoder, Tally, decode_into
+from bench_protocol.frames import FRAME, Block
 from bench_protocol.rates import DISABLE_AFTER, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES
-from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import Mode
-from bench_sim.rig.controls import SLEW_TICKS, TICK_NS, ControlBit, Target
+from bench_sim.rig.controls import SLEW_TICKS, TICK_NS, ControlBit, Happened, Target
+from bench_sim.rig.ring import Ring, take
 from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges
 
+#: Frames that are taken in one tick, and that wait at most: a flood beyond loses the oldest.
+_FRAMES_MAX: Final = 1024
+_WAITING_MAX: Final = 65_536
 _LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
 _CONTROL_ROW: Final = TABLE.index["control.enable"]
 #: The bits of the Control message stand in its fields and in the table in one order.
@@ -93,13 +98,13 @@ class Receiving(NamedTuple):
 
 
 @compiled
-def take_commands(c: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> int:
-    """Let the decoded samples of commands act; return how many changes of the control bits were written to ``changes``.
+def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> None:
+    """Let the decoded samples of commands act; changes of the control bits are added to ``changes``.
 
     A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". One out of its range
     makes its frame refused: sides that belong together must not move alone.
     """
-    count = accepted_from = 0
+    accepted_from = 0
     for k in range(signals.size):
         row = signals[k]
         if steering.fields[row] > 0 and outside(signals, values, k, steering.fields[row], steering.ranges):
@@ -116,8 +121,8 @@ def take_commands(c: Any, signals: Any, values: Any, steering: Steering, changes
             c.late = 0
             c.lost = 0
             if bits != c.bits:
-                changes[count] = bits
-                count += 1
+                changes[c.changed] = bits
+                c.changed += 1
                 c.bits = bits
         elif (
             target >= 0
@@ -128,26 +133,58 @@ def take_commands(c: Any, signals: Any, values: Any, steering: Steering, changes
         ):
             c.goal[target] = values[k]
             c.slew[target] = SLEW_TICKS
-    return count
 
 
-@compiled_entry
-def take_block(
-    controls: Any,
-    block: Any,
-    sender: int,
-    receiving: Receiving,
-    steering: Steering,
-    published: Any,
-    changes: Any,
-) -> int:
-    """Take one block of frames from one ``sender`` (a TCP port, 0 where the wire knows none); stamp it with the tick.
+class Incoming(NamedTuple):
+    """Where commands come in: the ring that receives, room to take frames out of it, and what makes sense of them."""
 
-    Only the holder's frames act, those with its token from one sender while it is alive. What was refused is told in
-    ``published`` (SI by table row). Return how many changes of the control bits were written to ``changes``; ``asked``
-    of the controls is 1 if somebody asks for the lease.
+    ring: Ring
+    block: Block  #: more frames than this in one tick wait for the next
+    senders: npt.NDArray[np.int64]
+    receiving: Receiving
+    steering: Steering
+    changes: npt.NDArray[np.int64]  #: the control bits, as they have changed since the supervisor was asked
+
+    @classmethod
+    def of(cls, decoder: Decoder) -> "Incoming":
+        """Return an empty ring in front of ``decoder``."""
+        room = Receiving.of(decoder, _FRAMES_MAX)
+        steering, changes = Steering.of_table(), np.zeros(_FRAMES_MAX, np.int64)
+        return cls(
+            Ring.of(_WAITING_MAX),
+            np.zeros(_FRAMES_MAX, FRAME),
+            np.zeros(_FRAMES_MAX, np.int64),
+            room,
+            steering,
+            changes,
+        )
+
+
+@compiled
+def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
+    """Take the frames that have come since the last tick; return whether the supervisor must decide on them.
+
+    What was refused is told in ``published`` (SI by table row); the caller holds the gate.
     """
-    c, tally = controls[0], receiving.tally
+    count = take(incoming.ring, incoming.block, incoming.senders)
+    first = 0
+    while first < count:
+        last = first + 1
+        while last < count and incoming.senders[last] == incoming.senders[first]:
+            last += 1
+        _take_block(c, incoming.block[first:last], incoming.senders[first], incoming, published)
+        first = last
+    return Happened.COMMANDED.value if c.changed > 0 or c.asked != 0 else Happened.NOTHING.value
+
+
+@compiled
+def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: Any) -> None:
+    """Take frames from one ``sender`` (a TCP port, 0 where the wire knows none), stamped with the tick.
+
+    Only the holder's frames act, those with its token from one sender while it is alive.
+    """
+    receiving = incoming.receiving
+    tally = receiving.tally
     for k in range(block.size):
         block[k].time = c.tick * TICK_NS
     heard = c.commander < 0 or c.commander == sender or c.tick - c.command_tick >= _LOST_TICKS
@@ -183,4 +220,4 @@ def take_block(
             c.asked_sender = sender
             c.asked_nonce = np.int64(values[k])
             c.asked_token = np.int64(values[k + 1])
-    return take_commands(c, signals, values, steering, changes)
+    _follow(c, signals, values, incoming.steering, incoming.changes)

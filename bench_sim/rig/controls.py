@@ -65,6 +65,8 @@ class Happened(IntFlag):
     WRITES_LOST = 32  #: the holder of the lease writes no more
     LEASE_LOST = 64  #: a lease without a connection, and its commander is silent
     NODE = 256  #: the CANopen node has something to do
+    TICK_LOST = 128
+    COMMANDED = 512  #: control bits have changed, or somebody asks for the lease
 
 
 #: A snapshot of the rig's tick is a copy of this record.
@@ -74,6 +76,7 @@ CONTROLS: Final = np.dtype(
         ("alarm", "<i8"),  # tick at which the state machine wants to be asked, -1 for never
         ("command_tick", "<i8"),  # when the last valid command came
         ("bits", "<i8"),  # `ControlBit` of the last valid command
+        ("changed", "<i8"),  # how often they have changed since the supervisor was asked
         ("token", "<i8"),  # of the lease, 0 while nobody holds the bench
         (
             "commander",

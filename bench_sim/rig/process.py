@@ -1,77 +1,26 @@
-"""The rig in real time: a tick loop on absolute deadlines with its servers, alone in a process of its own."""
+"""The rig in real time: the tick in a thread of its own, the servers in another, alone in a process."""
 
+import contextlib
 import gc
+import os
 import threading
-from collections.abc import Callable, Sequence
-from enum import StrEnum
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from bench_protocol.clock import Clock, RealClock, hurry, hurry_process, relax, wall_time_ns
-from bench_protocol.frames import Block
-from bench_protocol.units import NS
+from bench_protocol.clock import RealClock, hurry, hurry_process, wall_time_ns
 from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture import Capture
 from bench_sim.rig.capture_server import CaptureServer
-from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.modbus_server import ModbusTcpServer
+from bench_sim.rig.pacing import Late
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.servers import CAN_PORT, serve_in_thread
 from bench_sim.rig.socketcan import SocketCan
 
 MODBUS_PORT: Final = 15020
 _TICK_PRIORITY: Final = 10
-#: After a stall this long the readers get this much time first.
-_STALL: Final = 20 * TICK_NS
-_PAUSE: Final = 3 * TICK_NS
-#: Under the policy ``fault``, the lateness that counts as a lost tick.
-_LOST: Final = 0.1 * NS
-
-
-class Late(StrEnum):
-    """What happens to ticks whose time has passed."""
-
-    CATCH_UP = "catch_up"  #: run them all, at once
-    SKIP = "skip"  #: let the rig's time stand still for as long
-    FAULT = "fault"  #: catch up, but more than 100 ms is a fault of the bench
-
-
-def keep_time(
-    rig: Rig,
-    publish: Callable[[Block], None],
-    stop: threading.Event,
-    clock: Clock,
-    policy: Late = Late.CATCH_UP,
-) -> None:
-    """Tick ``rig`` every millisecond of ``clock`` until ``stop`` is set, and publish what it sends.
-
-    Frames leave stamped with the nominal time of their tick (Unix epoch, ns): the sampling instants are even even if
-    the loop is late.
-    """
-    start = clock.now()
-    epoch = wall_time_ns()
-    beat = 0
-    behind = False
-    while not stop.is_set():
-        beat += 1
-        deadline = start + beat * TICK_NS
-        clock.sleep_until(deadline)
-        late = clock.now() - deadline
-        if late > _STALL and not behind:
-            # The machine stood still, and with it the thread that reads: commands that came in time lie in the
-            # sockets. Without this pause the catching up would count them as missing and trip the watchdog.
-            clock.sleep_until(clock.now() + _PAUSE)
-        behind = late > _STALL
-        rig.report_lateness(late / NS, lost=policy is Late.FAULT and late > _LOST)
-        if policy is Late.SKIP and late >= TICK_NS:
-            missed = late // TICK_NS
-            start += missed * TICK_NS
-            epoch += missed * TICK_NS
-        block = rig.tick()
-        if block.size:
-            block["time"] += epoch
-            publish(block)
 
 
 def run_rig(
@@ -98,8 +47,40 @@ def run_rig(
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
     modbus_server = ModbusTcpServer(rig.answer, rig.peer_lost)
-    clock = RealClock()
-    bus = CanBus(rig.receive, clock, wall_time_ns)
+    bus, wire, hub = _open_bus(rig, interface)
+    with contextlib.ExitStack() as stack:
+        stack.callback(bus.close)
+        if wire:
+            stack.callback(wire.close)
+        bell = stack.enter_context(_bell())
+        servers = stack.enter_context(
+            serve_in_thread(
+                hub,
+                modbus_server,
+                CaptureServer(capture) if capture and capture_port else None,
+                host=host,
+                can_port=can_port,
+                modbus_port=modbus_port,
+                capture_port=capture_port or 0,
+                allow_remote=allow_remote,
+                beacon=beacon,
+                bell=bell,
+                on_bell=lambda: bus.publish(rig.collect()),
+            )
+        )
+        for stage in (*stages, capture) if capture else stages:
+            bus.add(stage)
+        bus.publish(rig.run(1))  # loads the compiled tick before the first deadline
+        stack.enter_context(_undisturbed())
+        with _ticking(rig, bell, policy, stop):
+            can_address = interface or f"socketcand://{host}:{servers.can_port}"
+            ready(can_address, f"{host}:{servers.modbus_port}")
+            stop.wait()
+
+
+def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None, CanHub | None]:
+    """Return the bus of ``rig`` with its door: a SocketCAN ``interface`` if there is one, else the hub."""
+    bus = CanBus(rig.receive, RealClock(), wall_time_ns)
 
     def peer_lost(peer: str) -> None:
         bus.forget(peer)
@@ -109,29 +90,55 @@ def run_rig(
     hub = None if wire else CanHub(rig.receive, peer_lost, carry=bus.carry)
     if door := wire or hub:
         bus.connect(door)
+    return bus, wire, hub
+
+
+@contextlib.contextmanager
+def _ticking(rig: Rig, bell: int, policy: Late, stop: threading.Event) -> Iterator[None]:
+    """Let ``rig`` tick in a thread of its own while the block lasts; a failure sets ``stop`` and is raised."""
+    failed: list[BaseException] = []
+
+    def tick() -> None:
+        hurry(_TICK_PRIORITY)
+        try:
+            rig.keep_time(bell, policy)
+        except BaseException as error:
+            failed.append(error)
+        finally:
+            stop.set()
+
+    thread = threading.Thread(target=tick, name="tick")
+    thread.start()
     try:
-        with serve_in_thread(
-            hub,
-            modbus_server,
-            CaptureServer(capture) if capture and capture_port else None,
-            host=host,
-            can_port=can_port,
-            modbus_port=modbus_port,
-            capture_port=capture_port or 0,
-            allow_remote=allow_remote,
-            beacon=beacon,
-        ) as servers:
-            can_address = interface or f"socketcand://{host}:{servers.can_port}"
-            for stage in (*stages, capture) if capture else stages:
-                bus.add(stage)
-            bus.publish(rig.run(1))  # loads the compiled tick before the first deadline
-            with _real_time():
-                ready(can_address, f"{host}:{servers.modbus_port}")
-                keep_time(rig, bus.publish, stop, clock, policy)
+        yield
     finally:
-        bus.close()
-        if wire:
-            wire.close()
+        rig.pacing.stop()
+        thread.join()
+    if failed:
+        raise failed[0]
+
+
+@contextlib.contextmanager
+def _bell() -> Iterator[int]:
+    bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    try:
+        yield bell
+    finally:
+        os.close(bell)
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let the garbage collector of this process rest, and the process go before others."""
+    hurry_process()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()
 
 
 def find_interface() -> str | None:
@@ -141,19 +148,3 @@ def find_interface() -> str | None:
     except OSError:
         return None
     return "vcan0" if flags & 1 else None
-
-
-class _real_time:  # noqa: N801 - reads as a statement
-    """Inside, this thread is scheduled as sharply as the machine allows, and the garbage collector rests."""
-
-    def __enter__(self) -> None:
-        hurry_process()
-        gc.collect()
-        gc.freeze()
-        gc.disable()
-        hurry(_TICK_PRIORITY)
-
-    def __exit__(self, *_: object) -> None:
-        relax()
-        gc.enable()
-        gc.unfreeze()

@@ -30,8 +30,12 @@ class Host(Protocol):
     values: npt.NDArray[np.float64]  #: all signals by table row, SI; NaN where not available
 
     @property
+    def seen(self) -> npt.NDArray[np.float64]:
+        """A copy of ``values`` of one sampling instant, for one request."""
+
+    @property
     def sequence(self) -> int:
-        """A number that changes with every sampling instant."""
+        """A number that changes with every sampling instant: that of ``seen``."""
 
     def act(self, name: str) -> bool:
         """Carry out a coil's action; return whether the bench accepted it in its present state."""
@@ -143,7 +147,7 @@ class RegisterBank:
         if register.signal in self.active:
             return float_words(self.active[register.signal])
         row = self.table.index[register.signal]
-        value = float(self.host.values[row])
+        value = float(self.host.seen[row])
         if register.encoding == "float32":
             return float_words(value)
         if math.isnan(value):
@@ -228,7 +232,7 @@ class RegisterBank:
             if register.signal.startswith("interlock."):
                 bits.append(self.host.contact(register.signal.removeprefix("interlock.")))
             else:  # quality: the reading is available
-                bits.append(not math.isnan(self.host.values[self.table.index[register.signal]]))
+                bits.append(not math.isnan(self.host.seen[self.table.index[register.signal]]))
         return bits
 
     def identification(self) -> Mapping[int, bytes]:

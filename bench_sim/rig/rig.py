@@ -1,7 +1,7 @@
 """The whole rig without a socket or clock: frames and requests in, frames and answers out, tick by tick."""
 
-import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from typing import Any, Final
 
@@ -12,7 +12,7 @@ from bench_protocol import modbus
 from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, copied, join
-from bench_protocol.rates import COMMAND_RATE, FAST_RATE, LATENESS_BINS, SLOW_RATE, TICK
+from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, LIVE, SIDES, BenchState, Reason
@@ -20,15 +20,18 @@ from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
 from bench_sim.rig.canopen import CanopenNode
-from bench_sim.rig.commands import Receiving, Steering, take_block
+from bench_sim.rig.commands import Incoming
 from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened, Target
 from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.fittings import Fittings
+from bench_sim.rig.gate import Gate
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors
+from bench_sim.rig.pacing import Late, Pacing
 from bench_sim.rig.peers import port_of
 from bench_sim.rig.registers import BUS_NOTE, RegisterBank
+from bench_sim.rig.ring import Ring, drain, fill
 from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import Event
 from bench_sim.rig.supervisor import Supervisor
@@ -37,42 +40,55 @@ from bench_sim.rig.tick import (
     PlantArrays,
     Sampling,
     Sending,
+    copy_values,
     run_ticks,
 )
 
+#: Frames that wait for the servers at most: some seconds.
+_RING_FRAMES: Final = 16_384
+_FOREVER: Final = 2**62
 _SCRATCH_TICKS: Final = 100  # as many frames need no new memory
-_STEERING: Final = Steering.of_table()
-#: More command frames than this in one block are a flood; the rest is ignored.
-_CHANGES_MAX: Final = 4096
 
 
 class Rig:
     """A virtual rig: plant, tick, states, interlocks, and what it says and hears on CAN and Modbus.
 
-    One thread at a time: the methods take a lock, so that a server's thread may answer between two ticks.
+    In virtual time :meth:`run` is all there is. In real time :meth:`keep_time` ticks in a thread of its own, without
+    the interpreter; frames leave through :meth:`collect`, and who acts on the rig takes ``lock`` between two ticks.
     All times are the rig's own: tick ``k`` happens at ``k`` ms.
+
+    ``log``: of how many ticks in real time the lateness is kept. ``every_tick``: messages that leave in every tick,
+    all others never, to see what the wires can take.
     """
 
-    def __init__(self, parameters: Parameters, seed: int = 0, limits: tuple[Limit, ...] = LIMITS) -> None:
+    def __init__(
+        self,
+        parameters: Parameters,
+        seed: int = 0,
+        limits: tuple[Limit, ...] = LIMITS,
+        *,
+        log: int = 0,
+        every_tick: Sequence[str] = (),
+    ) -> None:
         #: The set as this rig was built: the same seed draws the same sensors.
         self.parameters = parameters.as_built(seed)
         self.plant = Plant.depressurised(self.parameters.record, seed=seed, dt=TICK)
         self.values = np.full(len(TABLE.signals), np.nan)
-        self.lock = threading.RLock()
+        self.lock = Gate()
+        self.pacing = Pacing.virtual(log)
+        self._outgoing = Ring.of(_RING_FRAMES)
+        self._basket = np.empty(_RING_FRAMES, FRAME), np.empty(_RING_FRAMES, np.int64)
+        self._seen = self.values.copy()
+        self._seen_tick = 0
         self._detectors = detectors(TABLE, limits)
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
-        self._changes = np.zeros(_CHANGES_MAX, np.int64)
         self._pending: list[Block] = []
         self._scratch = np.empty(_SCRATCH_TICKS * FRAMES_PER_TICK_MAX, FRAME)
         self._emergency_row = self._encoder.rows(["Emergency"])
         self._lease_row = self._encoder.rows(["Lease"])
-        self._tick_state = self._arrays()
-        self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
-        self._receiving = (Receiving.of(self._decoder, _CHANGES_MAX), _STEERING, self.values, self._changes)
-        self._take_block: Any = bind(take_block, self._control_array, np.zeros(0, FRAME), 0, *self._receiving)
         self.lease = Lease(
             self._controls,
             self.values,
@@ -81,6 +97,12 @@ class Rig:
             on_end=lambda: self.supervisor.handle(Event.DISCONNECTED),
         )
         self.registers = RegisterBank(TABLE, self, self.lease)
+        self._incoming = Incoming.of(self._decoder)
+        self._tick_state = self._arrays(every_tick)
+        self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
+        self._fill: Any = bind(fill, self._outgoing, 0, self._scratch, 0)
+        self._drain: Any = bind(drain, self._outgoing, 0, *self._basket)
+        self._look: Any = bind(copy_values, self.values, self._seen, self._control_array, 0)
         self.generator = FunctionGenerator(
             self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
         )
@@ -89,7 +111,18 @@ class Rig:
             self._controls, self.values, limits, self._detectors, self.generator, self.emergencies
         )
         self.fittings = Fittings(self.plant, self.registers.active)
-        self._actions = _of_every(
+        self._actions = self._coil_actions()
+        sending = next(part for part in self._tick_state if isinstance(part, Sending))
+        timed = sending.fast, sending.medium, sending.slow
+        self.node = CanopenNode(self, self._controls, self._encoder, self._decoder, timed)
+        self._contacts = self._interlock_contacts()
+        self._start_values()
+        self.apply(self.registers.active)
+        self.supervisor.handle(Event.POWER_ON)
+
+    def _coil_actions(self) -> Mapping[str, Callable[[], bool]]:
+        """Return what each coil does, and whether the present state allowed it."""
+        return _of_every(
             Kind.ACTION,
             {
                 "apply": lambda: self.apply(self.registers.staged),
@@ -104,13 +137,6 @@ class Rig:
                 "program_stop": self.generator.stop,
             },
         )
-        sending = self._tick_state[-1]
-        timed = sending.fast, sending.medium, sending.slow
-        self.node = CanopenNode(self, self._controls, self._encoder, self._decoder, timed)
-        self._contacts = self._interlock_contacts()
-        self._start_values()
-        self.apply(self.registers.active)
-        self.supervisor.handle(Event.POWER_ON)
 
     def _interlock_contacts(self) -> Mapping[str, Callable[[], bool]]:
         """Return what tells of each interlock, and of what is staged, whether it is set."""
@@ -127,15 +153,23 @@ class Rig:
             },
         )
 
-    def _arrays(self) -> tuple[npt.NDArray[np.void], PlantArrays, Sampling, Sending]:
+    def _arrays(
+        self, every_tick: Sequence[str]
+    ) -> tuple[npt.NDArray[np.void], PlantArrays, Sampling, Sending, Incoming, Ring, Pacing]:
         """Return what the compiled tick works on."""
         plant, layout = self.plant, self._encoder.layout
         fast, medium, slow = (self._rows(rate) for rate in (FAST_RATE, COMMAND_RATE, SLOW_RATE))
+        every = self._encoder.rows(every_tick)
+        if every.size:
+            fast = medium = slow = self._encoder.rows([])
         return (
             self._control_array,
             PlantArrays(plant.state, plant.memory_array, plant.inputs, plant.parameter_array),
             Sampling(np.zeros(SENSORS), self.values, self._detectors),
-            Sending(layout.messages, layout.fields, self._encoder.counters, fast, medium, slow),
+            Sending(layout.messages, layout.fields, self._encoder.counters, fast, medium, slow, every),
+            self._incoming,
+            self._outgoing,
+            self.pacing,
         )
 
     def _rows(self, rate: float) -> npt.NDArray[np.int64]:
@@ -145,18 +179,20 @@ class Rig:
     # -- CAN and Modbus ------------------------------------------------------------------------------------------
 
     def receive(self, block: Block, peer: str = "") -> None:
-        """Take CAN frames from ``peer``; only those of the holder of the lease count."""
-        with self.lock:
-            stamped = copied(self.node.receive(block[:_CHANGES_MAX], peer))
-            count = self._take_block(self._control_array, stamped, port_of(peer), *self._receiving)
-            for bits in self._changes[:count].tolist():
-                self.supervisor.command(ControlBit(bits))
-            if self._controls["asked"]:
-                self.lease.ask()
+        """Take CAN frames from ``peer`` to the next tick; only those of the holder of the lease will count."""
+        if self.node.concerns(block):
+            with self.lock:
+                block = self.node.receive(block, peer)
+        self._fill(self._incoming.ring, self.lock.address, copied(block), port_of(peer))
 
     def answer(self, request: bytes, peer: str = "") -> bytes:
-        """Return the response to one Modbus/TCP request (ADU) from ``peer``."""
-        with self.lock:
+        """Return the response to one Modbus/TCP request (ADU) from ``peer``; for one thread at a time.
+
+        It reads one sampling instant, and keeps the tick waiting only for a write that may act.
+        """
+        self._seen_tick = self._look(self.values, self._seen, self._control_array, self.lock.address)
+        may_act = modbus.is_write(request) and self.lease.owner in (None, peer)
+        with self.lock if may_act else nullcontext():
             return modbus.answer(request, self.registers.seen_by(peer))
 
     def peer_lost(self, peer: str) -> None:
@@ -167,7 +203,11 @@ class Rig:
 
     def send(self, block: Block) -> None:
         """Let frames leave that no tick sends, stamped with the rig's time (ns)."""
-        self._pending.append(block)
+        if self.pacing.real:
+            self._fill(self._outgoing, self.lock.address, self.pacing.dated(block), 0)
+            self.pacing.ring()
+        else:
+            self._pending.append(block)
 
     def tick(self) -> Block:
         """Run one tick and return the frames that it sends."""
@@ -186,12 +226,33 @@ class Rig:
                 start += count
                 ticks -= done
                 if happened:
-                    self.supervisor.decide(Happened(happened))
-                    self.lease.decide(Happened(happened))
-                    self.node.decide(Happened(happened))
+                    self._decide(Happened(happened))
                     blocks += self._pending
                     self._pending = []
             return blocks[0] if len(blocks) == 1 else join(blocks)
+
+    # -- real time -----------------------------------------------------------------------------------------------
+
+    def keep_time(self, bell: int, policy: Late = Late.CATCH_UP) -> None:
+        """Tick in real time until ``pacing.stop()``; every frame that leaves rings ``bell``, an eventfd.
+
+        Frames are stamped with the nominal time of their tick (Unix epoch, ns): the sampling instants are even even if
+        a tick is late.
+        """
+        self.pacing.start(int(self._controls["tick"]) * TICK_NS, self.lock.address, bell, policy)
+        try:
+            while not self.pacing.stopped:
+                _, _, happened = self._run_ticks(_FOREVER, *self._tick_state, self._scratch)
+                if happened:
+                    with self.lock:
+                        self._decide(Happened(happened))
+        finally:
+            self.pacing.end()
+
+    def collect(self) -> Block:
+        """Return what has left since the last call, in real time; for one thread at a time."""
+        count = self._drain(self._outgoing, self.lock.address, *self._basket)
+        return copied(self._basket[0][:count])
 
     # -- the emergency stop --------------------------------------------------------------------------------------
 
@@ -211,19 +272,7 @@ class Rig:
         with self.lock:
             self.supervisor.handle(Event.POWER_LOST)
 
-    # -- what the loop around it reports -------------------------------------------------------------------------
-
-    def report_lateness(self, lateness: float, *, lost: bool = False) -> None:
-        """Count a tick that began ``lateness`` s after its deadline; ``lost`` makes it a fault (policy ``fault``)."""
-        counter = next(one for one in LATENESS_BINS if lateness < one.edge)
-        self.values[TABLE.index[counter.signal]] += 1
-        worst = TABLE.index["rig.lateness_max"]
-        self.values[worst] = max(self.values[worst], lateness)
-        if lateness >= TICK:
-            self.values[TABLE.index["rig.late_ticks"]] += 1
-        if lost:
-            with self.lock:
-                self.supervisor.handle(Event.TICK_LOST)
+    # -- what the wires report -----------------------------------------------------------------------------------
 
     def report_bus(self, load: float, errors: int) -> None:
         """Publish the fraction of the time in which the bus is busy, and the bench's transmit error counter."""
@@ -261,9 +310,14 @@ class Rig:
     # -- what the registers ask for ------------------------------------------------------------------------------
 
     @property
+    def seen(self) -> npt.NDArray[np.float64]:
+        """All signals by table row, as they were when the present request came."""
+        return self._seen
+
+    @property
     def sequence(self) -> int:
-        """The sampling instant, modulo 65536."""
-        return int(self._controls["tick"]) // FAST & 0xFFFF
+        """The sampling instant of ``seen``, modulo 65536."""
+        return self._seen_tick // FAST & 0xFFFF
 
     @property
     def state(self) -> BenchState:
@@ -276,10 +330,15 @@ class Rig:
 
     def act(self, name: str) -> bool:
         """Carry out a coil's action; return whether the present state allows it."""
-        return self._actions[name]()
+        with self.lock:
+            return self._actions[name]()
 
     def apply(self, settings: Mapping[str, float]) -> bool:
         """Take over all settings at once; an engaged actuator changes its control mode without a bump."""
+        with self.lock:
+            return self._apply(settings)
+
+    def _apply(self, settings: Mapping[str, float]) -> bool:
         c = self._controls
         vertical, lateral = settings["vertical.control"], settings["lateral.control"]
         modes = (vertical, vertical, lateral)
@@ -299,6 +358,20 @@ class Rig:
         return True
 
     # -- inside --------------------------------------------------------------------------------------------------
+
+    def _decide(self, happened: Happened) -> None:
+        """Act on what the tick could not decide by itself."""
+        c = self._controls
+        if Happened.COMMANDED in happened:
+            changes = self._incoming.changes[: c["changed"]].tolist()
+            c["changed"] = 0
+            for bits in changes:
+                self.supervisor.command(ControlBit(bits))
+            if c["asked"]:
+                self.lease.ask()
+        self.supervisor.decide(happened)
+        self.lease.decide(happened)
+        self.node.decide(happened)
 
     def _start_values(self) -> None:
         for signal in TABLE.signals:

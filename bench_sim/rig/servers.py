@@ -8,6 +8,7 @@ they must return within a fraction of a millisecond.
 import asyncio
 import contextlib
 import ipaddress
+import os
 import socket
 import threading
 from collections.abc import Callable, Coroutine
@@ -52,6 +53,10 @@ class Servers:
         self.stop()
 
 
+def _nothing() -> None:
+    pass
+
+
 def serve_in_thread(
     hub: CanHub | None = None,
     modbus_server: ModbusTcpServer | None = None,
@@ -63,11 +68,14 @@ def serve_in_thread(
     capture_port: int = 0,
     allow_remote: bool = False,
     beacon: bool = False,
+    bell: int | None = None,
+    on_bell: Callable[[], None] = _nothing,
 ) -> Servers:
     """Open the given servers and return when their ports accept connections; port 0 takes a free one.
 
     Neither protocol knows who is allowed to do what, so that any ``host`` but the loopback needs ``allow_remote``.
-    ``beacon`` announces the hub by UDP on the loopback every 3 s (SavvyCAN finds it so).
+    ``beacon`` announces the hub by UDP on the loopback every 3 s (SavvyCAN finds it so). ``on_bell`` is called in the
+    servers' thread whenever somebody has rung ``bell``, an eventfd.
 
     Raises ValueError for a ``host`` that is not allowed and OSError, in words, for a port that cannot be had.
     """
@@ -95,6 +103,9 @@ def serve_in_thread(
                 servers.capture_port = await _listen(
                     stack, capture_server.client, host, capture_port, "Capture"
                 )
+            if bell is not None:
+                loop.add_reader(bell, _answer_bell, bell, on_bell)
+                stack.callback(loop.remove_reader, bell)
             opened.append(servers)
             ready.set()
             await servers._stop.wait()
@@ -125,6 +136,11 @@ def _start(serve: Callable[[], Coroutine[Any, Any, None]], ready: threading.Even
     if failed:
         thread.join()
         raise failed[0]
+
+
+def _answer_bell(bell: int, on_bell: Callable[[], None]) -> None:
+    os.eventfd_read(bell)
+    on_bell()
 
 
 def _require_loopback(host: str) -> None:

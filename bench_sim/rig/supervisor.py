@@ -176,6 +176,8 @@ class Supervisor:
         if Happened.COMMAND_LOST in happened:
             self._controls["commander"] = -1
             self.handle(Event.COMMAND_LOST)
+        if Happened.TICK_LOST in happened:
+            self.handle(Event.TICK_LOST)
 
     def _alarm(self) -> None:
         match self.state:

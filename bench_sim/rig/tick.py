@@ -30,6 +30,7 @@ from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
 from bench_sim.model.runge_kutta import step_scheme
 from bench_sim.model.sensors import read_sensors
+from bench_sim.rig.commands import Incoming, take_waiting
 from bench_sim.rig.controls import (
     FAST,
     MEDIUM,
@@ -43,8 +44,18 @@ from bench_sim.rig.controls import (
 )
 from bench_sim.rig.heartbeat import beat, node_due
 from bench_sim.rig.limits import detect
+from bench_sim.rig.pacing import Pacing, await_tick, count_lateness, put_off
+from bench_sim.rig.ring import Ring, push
 from bench_sim.rig.safe_position import LOWERING_SPEED, Grip, keep_grip
 from bench_sim.rig.setpoints import travel
+from bench_sim.rig.system_calls import (
+    enter_gate,
+    enter_interpreter,
+    leave_gate,
+    leave_interpreter,
+    ring_bell,
+    unlock_mutex,
+)
 
 #: All messages at once, and a heartbeat.
 FRAMES_PER_TICK_MAX: Final = 1 + sum(message.from_rig and message.rate > 0 for message in TABLE.messages)
@@ -228,6 +239,7 @@ class Sending(NamedTuple):
     fast: npt.NDArray[np.int64]
     medium: npt.NDArray[np.int64]
     slow: npt.NDArray[np.int64]
+    every: npt.NDArray[np.int64]  #: in every tick
 
 
 @compiled
@@ -236,15 +248,75 @@ def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, positio
     return encode_into(values, rows, time, sending.messages, sending.fields, sending.counters, out, position)
 
 
+@compiled
+def _judge(c: Any, sampling: Sampling) -> int:
+    """Take over what the sensors have read just now; return what the limits make of it."""
+    for k in range(SENSORS):
+        sampling.values[k] = sampling.readings[k]
+    keep_grip(c, sampling.values)
+    return int(detect(c, sampling.values, sampling.detectors))
+
+
+@compiled
+def _tell(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int:
+    """Write the frames of a sampling instant to ``out``; return the position behind the last."""
+    time = c.tick * TICK_NS
+    position = _send(values, sending, sending.fast, time, out, position)
+    values[_TICK_ROW] = c.tick % TICK_MODULUS
+    values[_PROGRAM_ROW] = c.program
+    values[_CYCLE_ROW] = math.floor(c.phase)
+    values[_REFUSED_ROW] = c.refused
+    if c.tick % MEDIUM == 0:
+        position = _send(values, sending, sending.medium, time, out, position)
+    if c.tick % SLOW == 0:
+        position = _send(values, sending, sending.slow, time, out, position)
+    return position
+
+
+@compiled
+def _end(pacing: Pacing, outgoing: Ring, out: Any, frames: int) -> None:
+    """Let the frames of a tick leave with the time of day, and open the gate."""
+    pace = pacing.record[0]
+    for k in range(frames):
+        out[k].time += pace.epoch
+    push(outgoing, out, 0, frames, 0)
+    unlock_mutex(pace.gate)
+    if frames > 0:
+        ring_bell(pace.bell, pacing.one)
+
+
+@compiled_entry
+def copy_values(values: Any, seen: Any, controls: Any, gate: int) -> int:
+    """Copy all signals between two ticks; return the tick; ``gate``: address of the gate."""
+    thread = enter_gate(gate)
+    for row in range(values.size):
+        seen[row] = values[row]
+    tick = controls[0].tick
+    leave_gate(gate, thread)
+    return int(tick)
+
+
 @compiled_entry
 def run_ticks(
-    ticks: int, controls: Any, plant: PlantArrays, sampling: Sampling, sending: Sending, out: Any
+    ticks: int,
+    controls: Any,
+    plant: PlantArrays,
+    sampling: Sampling,
+    sending: Sending,
+    incoming: Incoming,
+    outgoing: Ring,
+    pacing: Pacing,
+    out: Any,
 ) -> tuple[int, int, int]:
     """Run up to ``ticks`` ticks; return (ticks run, frames written to ``out``, what happened in the last one).
 
     Records come in arrays of one: numba looks at an array in 0.2 µs and at a record in 13. ``out`` must have room for
-    `FRAMES_PER_TICK_MAX` frames a tick.
+    `FRAMES_PER_TICK_MAX` frames a tick. In real time the interpreter is left meanwhile, each tick waits for its time
+    and shuts the gate while it runs, and its frames leave through the ring ``outgoing``.
     """
+    pace = pacing.record[0]
+    real = pace.paced != 0
+    thread = leave_interpreter() if real else 0
     c, mem, par = controls[0], plant.memory[0], plant.parameters[0]
     x, u, values = plant.state, plant.inputs, sampling.values
     work, algebraic, ideal = np.empty((5, STATES)), np.empty(ALGEBRAICS), np.empty(SENSORS)
@@ -252,7 +324,15 @@ def run_ticks(
     position = 0
     happened = Happened.NOTHING.value
     done = 0
-    while done < ticks and happened == 0:
+    while done < ticks and happened == 0 and pace.stop == 0:
+        late = await_tick(pacing) if real else 0
+        happened |= take_waiting(c, incoming, values)
+        if happened != 0:  # what a commander wants counts from this tick on: it waits for the decision
+            if real:
+                put_off(pacing)
+            break
+        if real:
+            happened |= count_lateness(values, late, pacing)
         done += 1
         c.tick += 1
         happened |= _generate(c)
@@ -261,22 +341,16 @@ def run_ticks(
         if c.tick % FAST == 0:
             observe(x, mem, u, par, work[0], algebraic, ideal)
             read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)
-            for k in range(SENSORS):
-                values[k] = sampling.readings[k]
-            keep_grip(c, values)
-            happened |= detect(c, values, sampling.detectors)
-            time = c.tick * TICK_NS
-            position = _send(values, sending, sending.fast, time, out, position)
-            values[_TICK_ROW] = c.tick % TICK_MODULUS
-            values[_PROGRAM_ROW] = c.program
-            values[_CYCLE_ROW] = math.floor(c.phase)
-            values[_REFUSED_ROW] = c.refused
-            if c.tick % MEDIUM == 0:
-                position = _send(values, sending, sending.medium, time, out, position)
-            if c.tick % SLOW == 0:
-                position = _send(values, sending, sending.slow, time, out, position)
+            happened |= _judge(c, sampling)
+            position = _tell(c, values, sending, out, position)
+        position = _send(values, sending, sending.every, c.tick * TICK_NS, out, position)
         position = beat(c, out, position)
         happened |= _watch(c) | node_due(c)
         if c.tick == c.alarm:
             happened |= Happened.ALARM.value
+        if real:
+            _end(pacing, outgoing, out, position)
+            position = 0
+    if real:
+        enter_interpreter(thread)
     return done, position, happened

@@ -1,81 +1,195 @@
-"""The tick loop in real time, on a clock that stalls when the test says so."""
+"""The tick in real time: its pace, stalls, the policies for late ticks, and what leaves through the ring."""
 
+import contextlib
+import os
+import select
 import threading
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from bench_protocol.frames import FRAME
-from bench_sim.rig.controls import TICK_NS
-from bench_sim.rig.process import Late, keep_time
+from bench_protocol.clock import RealClock, hurry
+from bench_protocol.frames import Block, join
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, ms, s
+from bench_protocol.words import BenchState
+from bench_sim.model.compiled import OF_THE_TICK
+from bench_sim.rig import tick
+from bench_sim.rig.controls import FAST, TICK_NS
+from bench_sim.rig.pacing import Late, Pacing, count_lateness
+from bench_sim.rig.rig import Rig
+from bench_sim.rig.ring import Ring, drain, fill
+
+FAST_ID = TABLE.messages[TABLE.message_index["SpringLeft"]].identifier
 
 
-class StallingClock:
-    """Time that passes in sleep alone, and stands still for others for ``stalls[k]`` ns at the k-th tick."""
+class Ticking:
+    """A rig that ticks in real time, and what has left it."""
 
-    def __init__(self, stalls: dict[int, int]) -> None:
-        self.time, self.stalls, self.sleeps = 0, stalls, 0
-        self.pauses: list[int] = []
+    def __init__(self, rig: Rig, bell: int) -> None:
+        self.rig, self._bell = rig, bell
+        self._blocks: list[Block] = []
 
-    def now(self) -> int:
-        return self.time
-
-    def sleep_until(self, deadline: int) -> None:
-        if deadline % TICK_NS == 0 and self.time <= deadline:
-            self.sleeps += 1
-            self.time = deadline + self.stalls.get(self.sleeps, 0)
-        elif deadline > self.time:  # the pause after a stall: not on the tick's own grid
-            self.pauses.append(self.time)
-            self.time = deadline
+    def wait(self, seconds: float) -> Block:
+        """Collect for so long, by the bell; return all frames since the start."""
+        clock = RealClock()
+        while (left := seconds - clock.now() / NS) > 0:
+            if select.select([self._bell], [], [], left)[0]:
+                os.eventfd_read(self._bell)
+                self._blocks.append(self.rig.collect())
+        return join(self._blocks)
 
 
-class CountingRig:
-    """Counts ticks and lateness and ends the loop."""
+@contextlib.contextmanager
+def ticking(rig: Rig, policy: Late = Late.CATCH_UP) -> Iterator[Ticking]:
+    bell = os.eventfd(0, os.EFD_NONBLOCK)
 
-    def __init__(self, ticks: int, stop: threading.Event) -> None:
-        self.ticks, self.stop, self.lateness, self.lost = ticks, stop, [], []
+    def tick() -> None:
+        hurry(10)  # as the process does
+        rig.keep_time(bell, policy)
 
-    def report_lateness(self, lateness: float, *, lost: bool) -> None:
-        self.lateness.append(lateness)
-        self.lost.append(lost)
-
-    def tick(self) -> np.ndarray:
-        if len(self.lateness) == self.ticks:
-            self.stop.set()
-        block = np.zeros(1, FRAME)
-        block["time"] = len(self.lateness) * TICK_NS
-        return block
-
-
-def run(stalls: dict[int, int], ticks: int = 400, policy: Late = Late.CATCH_UP):
-    stop, clock, times = threading.Event(), StallingClock(stalls), []
-    rig = CountingRig(ticks, stop)
-    keep_time(rig, lambda block: times.append(int(block["time"][0])), stop, clock, policy)
-    return rig, clock, np.array(times)
+    thread = threading.Thread(target=tick)
+    thread.start()
+    try:
+        yield Ticking(rig, bell)
+    finally:
+        rig.pacing.stop()
+        thread.join(2 * s)
+        assert not thread.is_alive()
+        os.close(bell)
 
 
-def test_caught_up_ticks_keep_their_nominal_times() -> None:
-    rig, clock, times = run({100: 7_500_000})
-    assert set(np.diff(times)) == {TICK_NS}
-    assert sum(lateness >= 1e-3 for lateness in rig.lateness) == 7
-    assert clock.time == pytest.approx(400 * TICK_NS, abs=TICK_NS), "nothing is lost in the end"
+def sampling_times(block: Block) -> np.ndarray:
+    return block["time"][block["id"] == FAST_ID]
 
 
-def test_after_a_stall_the_readers_come_first() -> None:
+@pytest.mark.real_time
+def test_caught_up_ticks_keep_their_nominal_times(make_rig) -> None:
+    rig = make_rig()
+    with ticking(rig) as running:
+        running.wait(0.1 * s)
+        rig.pacing.stall(round(7.5 * ms * NS))
+        times = sampling_times(running.wait(0.1 * s))
+    assert set(np.diff(times)) == {FAST * TICK_NS}
+    assert rig.values[TABLE.index["rig.late_ticks"]] >= 7
+    assert 7.5 * ms <= rig.values[TABLE.index["rig.lateness_max"]] < 50 * ms
+    assert times.size * FAST >= 190, "nothing is lost in the end"
+
+
+@pytest.mark.real_time
+def test_after_a_stall_the_readers_come_first(make_rig) -> None:
     """Commands that arrived while everything stood still must be read before the missed ticks are counted."""
-    _, clock, _ = run({100: 127_300_000})
-    assert clock.pauses == [100 * TICK_NS + 127_300_000], "once, not for every tick that is caught up"
-    _, clock, _ = run({100: 5_300_000})
-    assert clock.pauses == [], "a late tick is no stall"
+    rig = make_rig()
+    with ticking(rig) as running:
+        running.wait(20 * ms)
+        before = int(rig._controls["tick"])
+        rig.pacing.stall(round(100 * ms * NS))
+        running.wait(102 * ms)
+        paused = int(rig._controls["tick"]) - before
+        running.wait(50 * ms)
+        after = int(rig._controls["tick"]) - before
+    assert paused < 10, "it stands still, and then waits for the readers"
+    assert after >= 150, "and has caught up"
 
 
-def test_skipping_lets_the_rigs_time_stand_still() -> None:
-    rig, _, times = run({100: 7_500_000}, policy=Late.SKIP)
-    assert sum(lateness >= 1e-3 for lateness in rig.lateness) == 1
-    assert sorted(set(np.diff(times))) == [TICK_NS, 8 * TICK_NS]
+@pytest.mark.real_time
+def test_skipping_lets_the_rigs_time_stand_still(make_rig) -> None:
+    rig = make_rig()
+    with ticking(rig, Late.SKIP) as running:
+        running.wait(50 * ms)
+        rig.pacing.stall(round(57.5 * ms * NS))
+        times = sampling_times(running.wait(100 * ms))
+    assert np.diff(times).max() >= FAST * TICK_NS + 57 * TICK_NS
+    assert rig.values[TABLE.index["rig.late_ticks"]] < 40, "the 57 missed ones do not count"
 
 
-def test_a_lost_tick_is_a_fault_only_if_asked_for() -> None:
-    assert not any(run({100: 127_300_000})[0].lost)
-    assert any(run({100: 127_300_000}, policy=Late.FAULT)[0].lost)
-    assert not any(run({100: 50_300_000}, policy=Late.FAULT)[0].lost)
+@pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("stall", "policy", "fault"),
+    [(130, Late.FAULT, True), (130, Late.CATCH_UP, False), (40, Late.FAULT, False)],
+)
+def test_a_lost_tick_is_a_fault_only_if_asked_for(armed, stall: int, policy: Late, fault: bool) -> None:
+    rig = armed.rig
+    with ticking(rig, policy) as running:
+        rig.pacing.stall(round(stall * ms * NS))
+        running.wait((stall + 30) * ms)
+    reason = TABLE["rig.reason"].choices[int(rig.values[TABLE.index["rig.reason"]])]
+    assert (reason == "tick lost") is fault
+
+
+@pytest.mark.real_time
+def test_python_acts_between_two_ticks(make_rig) -> None:
+    """An emergency stop is told at once, with the time of day, though the tick never asks for the interpreter."""
+    rig = make_rig()
+    with ticking(rig) as running:
+        running.wait(0.5 * s)
+        rig.press_estop()
+        assert rig.state is BenchState.ESTOP
+        block = running.wait(20 * ms)
+    emergency = block[block["id"] == 0x081]
+    assert emergency.size == 1
+    assert abs(int(emergency["time"][0]) - int(sampling_times(block)[-1])) < 0.1 * NS
+
+
+@pytest.mark.real_time
+def test_a_thread_that_computes_does_not_hold_up_the_tick(make_rig) -> None:
+    """What took the interpreter for 5 ms at a time used to make most ticks late."""
+    rig = make_rig()
+    stop = threading.Event()
+
+    def compute() -> None:
+        while not stop.is_set():
+            sum(range(100_000))
+
+    threads = [threading.Thread(target=compute) for _ in range(2)]
+    with ticking(rig) as running:
+        for thread in threads:
+            thread.start()
+        running.wait(0.5 * s)
+        stop.set()
+    for thread in threads:
+        thread.join()
+    ticks = sum(rig.values[row] for row in range(*_bins()))
+    assert ticks >= 400
+    assert rig.values[TABLE.index["rig.late_ticks"]] < 0.1 * ticks
+
+
+def _bins() -> tuple[int, int]:
+    first = TABLE.index["rig.lateness_50us"]
+    return first, first + 6
+
+
+def test_lateness_is_counted_where_it_belongs() -> None:
+    values, pacing = np.zeros(len(TABLE.signals)), Pacing.virtual()
+    for lateness in (10e-6, 60e-6, 99e-6, 0.2e-3, 0.4e-3, 0.9e-3, 1.5e-3, 20e-3):
+        count_lateness(values, round(lateness * NS), pacing)
+    assert values[slice(*_bins())].tolist() == [1, 2, 1, 1, 1, 2]
+    assert values[TABLE.index["rig.late_ticks"]] == 2
+    assert values[TABLE.index["rig.lateness_max"]] == pytest.approx(20e-3)
+
+
+def test_a_full_ring_loses_the_oldest_and_counts(make_rig) -> None:
+    rig, ring = make_rig(), Ring.of(32)
+    block = rig.run(100)[:40]
+    fill(ring, rig.lock.address, block, 7)
+    out, senders = block.copy(), np.zeros(40, np.int64)
+    assert drain(ring, rig.lock.address, out, senders) == 32
+    assert (out[:32] == block[8:]).all()
+    assert (senders[:32] == 7).all()
+    assert ring.lost == 8
+    assert drain(ring, rig.lock.address, out, senders) == 0
+
+
+def test_virtual_time_does_not_wait() -> None:
+    assert not Pacing.virtual().real
+
+
+def test_whatever_the_tick_contains_lets_it_be_compiled_anew() -> None:
+    """numba's cache looks at one file only: a module that is missing here would run as it was yesterday."""
+    ours = {
+        value.__module__.removeprefix("bench_sim.rig.")
+        for value in vars(tick).values()
+        if getattr(value, "__module__", "").startswith("bench_sim.rig.")
+    }
+    assert ours - {"tick"} <= set(OF_THE_TICK)

@@ -6,7 +6,7 @@ import pytest
 from bench_protocol.table import TABLE
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import Hz, bar, kN, mm
-from bench_protocol.words import AIR_MODES, AXES, WAVES, BenchState
+from bench_protocol.words import AIR_MODES, AXES, WAVES
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import State as PlantState
 from bench_sim.parameters.effects import with_effects
@@ -366,25 +366,6 @@ def test_rates_and_time_stamps_are_those_of_the_table(make_rig) -> None:
         else:
             assert mine.size == 0
     assert (np.diff(block["time"]) >= 0).all()
-
-
-def test_lateness_is_counted_where_it_belongs(make_rig) -> None:
-    rig = make_rig()
-    for lateness in (10e-6, 60e-6, 99e-6, 0.2e-3, 0.4e-3, 0.9e-3, 1.5e-3, 20e-3):
-        rig.report_lateness(lateness)
-    counts = [
-        rig.values[TABLE.index[f"rig.lateness_{n}"]]
-        for n in ("50us", "100us", "250us", "500us", "1ms", "more")
-    ]
-    assert counts == [1, 2, 1, 1, 1, 2]
-    assert rig.values[TABLE.index["rig.late_ticks"]] == 2
-    assert rig.values[TABLE.index["rig.lateness_max"]] == pytest.approx(20e-3)
-
-
-def test_a_lost_tick_under_the_policy_fault_is_a_fault(armed) -> None:
-    armed.rig.report_lateness(0.2, lost=True)
-    armed.rig.run(2)
-    assert armed.rig.state is BenchState.FAULT_HOLD
 
 
 def test_a_rig_with_all_effects_at_once_runs_and_reads_numbers(parameters, commander) -> None:

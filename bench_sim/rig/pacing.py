@@ -1,0 +1,172 @@
+"""The pace of the compiled tick: absolute deadlines in real time and what a missed one means; or none at all."""
+
+import os
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.clock import wall_time_ns
+from bench_protocol.frames import Block, copied
+from bench_protocol.rates import LATENESS_BINS
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS
+from bench_sim.model.compiled import compiled
+from bench_sim.rig.controls import TICK_NS, Happened
+from bench_sim.rig.system_calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
+
+#: After a stall this long the readers get this much time first.
+_STALL: Final = 20 * TICK_NS
+_PAUSE: Final = 3 * TICK_NS
+#: Under the policy ``fault``, the lateness that counts as a lost tick.
+_LOST: Final = round(0.1 * NS)
+
+_BIN_ROWS: Final = tuple(TABLE.index[one.signal] for one in LATENESS_BINS)
+_BIN_EDGES: Final = tuple(one.edge * NS for one in LATENESS_BINS)
+_WORST_ROW: Final = TABLE.index["rig.lateness_max"]
+_LATE_ROW: Final = TABLE.index["rig.late_ticks"]
+
+
+class Late(IntEnum):
+    """What happens to ticks whose time has passed."""
+
+    CATCH_UP = 0  #: run them all, at once
+    SKIP = 1  #: let the rig's time stand still for as long
+    FAULT = 2  #: catch up, but more than 100 ms is a fault of the bench
+
+
+PACING: Final = np.dtype(
+    [
+        ("paced", "<i8"),  # 1: in real time
+        ("stop", "<i8"),  # 1: come back before the next tick
+        ("policy", "<i8"),  # `Late`
+        ("start", "<i8"),  # monotonic, ns
+        ("beat", "<i8"),  # ticks since start
+        ("epoch", "<i8"),  # ns from the rig's time to the time of day
+        ("behind", "<i8"),  # 1: the last tick was a stall late
+        ("stall", "<i8"),  # ns that the next tick takes longer, as if the machine stood still
+        ("gate", "<i8"),  # address of the gate
+        ("bell", "<i8"),  # eventfd that tells of frames
+        ("logged", "<i8"),  # latenesses in the log
+    ]
+)
+
+
+class Pacing(NamedTuple):
+    """How the compiled tick keeps time."""
+
+    record: npt.NDArray[np.void]  #: one `PACING`
+    spec: npt.NDArray[np.int64]  #: work space of the clock
+    one: npt.NDArray[np.uint64]  #: what rings the bell
+    log: npt.NDArray[np.int64]  #: the lateness (ns) of the first ticks, if somebody wants to know them all
+
+    @classmethod
+    def virtual(cls, log: int = 0) -> "Pacing":
+        """Return a pace without waiting; ``log``: of how many ticks the lateness is kept, once it is real."""
+        return cls(
+            np.zeros(1, PACING),
+            np.zeros(SPEC_WORDS, np.int64),
+            np.ones(1, np.uint64),
+            np.zeros(log, np.int64),
+        )
+
+    @property
+    def real(self) -> bool:
+        """Whether the tick keeps real time now."""
+        return bool(self.record[0]["paced"])
+
+    @property
+    def log_is_full(self) -> bool:
+        """Whether the lateness of as many ticks is known as were asked for."""
+        return int(self.record[0]["logged"]) == self.log.size
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the tick was told to come back."""
+        return bool(self.record[0]["stop"])
+
+    def start(self, rig_time: int, gate: int, bell: int, policy: Late) -> None:
+        """Begin to keep real time: the next tick is due one period from now.
+
+        ``rig_time``: the rig's in ns; ``gate``: address of the gate; ``bell``: eventfd to be rung for frames.
+        """
+        record = self.record[0]
+        record["start"], record["beat"] = now(self.spec), 0
+        record["epoch"] = wall_time_ns() - rig_time
+        record["policy"], record["gate"], record["bell"] = policy, gate, bell
+        record["paced"] = 1
+
+    def stop(self) -> None:
+        """Let the tick come back before it runs again."""
+        self.record[0]["stop"] = 1
+
+    def end(self) -> None:
+        """Go back to time without waiting; the tick must have come back before."""
+        self.record[0]["paced"] = self.record[0]["stop"] = 0
+
+    def ring(self) -> None:
+        """Ring the bell from Python."""
+        os.eventfd_write(int(self.record[0]["bell"]), 1)
+
+    def dated(self, block: Block) -> Block:
+        """Return ``block``, stamped with the rig's time, with the time of day instead."""
+        dated = copied(block)
+        dated["time"] += self.record[0]["epoch"]
+        return dated
+
+    def stall(self, duration: int) -> None:
+        """Let the next tick begin ``duration`` ns late, as if the machine stood still."""
+        self.record[0]["stall"] = duration
+
+
+@compiled
+def await_tick(pacing: Any) -> int:
+    """Sleep until the next tick is due and shut the gate; return how late that is (ns)."""
+    p = pacing.record[0]
+    p.beat += 1
+    deadline = p.start + p.beat * TICK_NS
+    stall = p.stall
+    p.stall = 0
+    sleep_until(deadline + stall, pacing.spec)
+    instant = now(pacing.spec)
+    late = instant - deadline
+    if late > _STALL and p.behind == 0:
+        # The machine stood still, and with it the threads that read: commands that came in time lie in the sockets.
+        # Without this pause the catching up would count them as missing and trip the watchdog.
+        sleep_until(instant + _PAUSE, pacing.spec)
+    p.behind = late > _STALL
+    lock_mutex(p.gate)
+    return late
+
+
+@compiled
+def put_off(pacing: Any) -> None:
+    """Open the gate before the tick has run: the next one that is awaited is this one."""
+    p = pacing.record[0]
+    p.beat -= 1
+    unlock_mutex(p.gate)
+
+
+@compiled
+def count_lateness(values: Any, late: int, pacing: Any) -> int:
+    """Count a tick that begins ``late`` (ns) after its deadline; return what the supervisor must decide on.
+
+    The counts are signals in ``values`` (by table row).
+    """
+    for k in range(len(_BIN_ROWS)):
+        if late < _BIN_EDGES[k]:
+            values[_BIN_ROWS[k]] += 1
+            break
+    values[_WORST_ROW] = max(values[_WORST_ROW], late / NS)
+    if late >= TICK_NS:
+        values[_LATE_ROW] += 1
+    p = pacing.record[0]
+    if p.logged < pacing.log.size:
+        pacing.log[p.logged] = late
+        p.logged += 1
+    if p.policy == Late.SKIP and late >= TICK_NS:
+        missed = late // TICK_NS * TICK_NS
+        p.start += missed
+        p.epoch += missed
+    return Happened.TICK_LOST.value if p.policy == Late.FAULT and late > _LOST else Happened.NOTHING.value

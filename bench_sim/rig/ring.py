@@ -1,0 +1,76 @@
+"""A ring of CAN frames between the compiled tick and the servers: written by one side, drained by the other."""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.frames import FRAME, Block
+from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.rig.system_calls import enter_gate, leave_gate
+
+_WRITTEN: Final = 0
+_READ: Final = 1
+_LOST: Final = 2
+
+
+class Ring(NamedTuple):
+    """Frames with their senders. Both sides hold the gate: it is open almost always, and orders memory as well."""
+
+    frames: Block
+    senders: npt.NDArray[np.int64]
+    counts: npt.NDArray[np.int64]  #: frames written, read, and lost: when it is full, the oldest goes
+
+    @classmethod
+    def of(cls, size: int) -> "Ring":
+        """Return an empty ring for ``size`` frames."""
+        return cls(np.zeros(size, FRAME), np.zeros(size, np.int64), np.zeros(3, np.int64))
+
+    @property
+    def lost(self) -> int:
+        """Frames that nobody fetched in time."""
+        return int(self.counts[_LOST])
+
+
+@compiled
+def push(ring: Any, source: Any, first: int, last: int, sender: int) -> None:
+    """Write ``source[first:last]`` to the ring; the caller holds the gate."""
+    size = ring.frames.size
+    for k in range(first, last):
+        if ring.counts[_WRITTEN] - ring.counts[_READ] == size:
+            ring.counts[_READ] += 1
+            ring.counts[_LOST] += 1
+        place = ring.counts[_WRITTEN] % size
+        ring.frames[place] = source[k]
+        ring.senders[place] = sender
+        ring.counts[_WRITTEN] += 1
+
+
+@compiled_entry
+def fill(ring: Any, gate: int, block: Any, sender: int) -> None:
+    """Write all of ``block``; ``gate``: address of the gate."""
+    thread = enter_gate(gate)
+    push(ring, block, 0, block.size, sender)
+    leave_gate(gate, thread)
+
+
+@compiled
+def take(ring: Any, out: Any, senders: Any) -> int:
+    """Move the oldest frames to ``out``, their senders to ``senders``; return how many. The caller holds the gate."""
+    size = ring.frames.size
+    count = min(ring.counts[_WRITTEN] - ring.counts[_READ], out.size)
+    for k in range(count):
+        place = (ring.counts[_READ] + k) % size
+        out[k] = ring.frames[place]
+        senders[k] = ring.senders[place]
+    ring.counts[_READ] += count
+    return count
+
+
+@compiled_entry
+def drain(ring: Any, gate: int, out: Any, senders: Any) -> int:
+    """Move the oldest frames to ``out``; return how many. ``gate``: address of the gate."""
+    thread = enter_gate(gate)
+    count = take(ring, out, senders)
+    leave_gate(gate, thread)
+    return count
