@@ -37,9 +37,11 @@ SYNC_US_MIN: Final = 10_000
 #: Frames a second that heartbeats and SYNC take at the most.
 SERVICE_RATE_MAX: Final = 1e3 / HEARTBEAT_MS_MIN + 1e6 / SYNC_US_MIN
 
-#: Bits of a COB-ID parameter: of SYNC, that the node produces it; of a TPDO, that no remote frame fetches it.
+#: Bits of a COB-ID parameter: of SYNC, that the node produces it; of a TPDO, that no remote frame fetches it, and that
+#: it is not sent at all.
 SYNC_PRODUCED: Final = 1 << 30
 NO_REMOTE: Final = 1 << 30
+NOT_VALID: Final = 1 << 31
 #: Transmission types of a PDO: the largest number of SYNCs to wait for, and those that wait for none.
 SYNCHRONOUS_MAX: Final = 240
 EVENT_DRIVEN: Final = (254, 255)

@@ -37,8 +37,8 @@ RPDO_PARAMETERS, RPDO_MAPPING, TPDO_PARAMETERS, TPDO_MAPPING = 0x1400, 0x1600, 0
 REFUSED, TOKEN_OBJECT = 0x2000, 0x2001
 
 ERRORS_KEPT: Final = 8
-#: Sub-index of a PDO's transmission type.
-TRANSMISSION_TYPE: Final = 2
+#: Sub-indices of a PDO's communication parameters.
+PDO_COB_ID, TRANSMISSION_TYPE = 1, 2
 #: Sub-indices of a PDO's own bits, behind whatever fields it may get.
 SPARE_SUB, CRC_SUB, COUNTER_SUB = 0xFC, 0xFD, 0xFE
 _BASES: Final = {
@@ -253,10 +253,11 @@ def _parameters(message: Message) -> DictionaryObject:
     """Return the communication parameters of a PDO."""
     byte, word, long = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
     number, sent = canopen.pdo_number(message), message.from_rig
+    access = "rw" if sent else "ro"
     cob_id = message.identifier | (canopen.NO_REMOTE if sent else 0)
     entries = [
-        Entry(1, "COB-ID", long, default=cob_id),
-        Entry(TRANSMISSION_TYPE, "Transmission type", byte, "rw" if sent else "ro", canopen.EVENT_DRIVEN[-1]),
+        Entry(PDO_COB_ID, "COB-ID", long, access, cob_id),
+        Entry(TRANSMISSION_TYPE, "Transmission type", byte, access, canopen.EVENT_DRIVEN[-1]),
     ]
     if sent:
         period = round(1000 / message.rate) if message.rate else 0

@@ -13,10 +13,12 @@ import numpy.typing as npt
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.canopen import (
     ALL_NODES,
+    EVENT_DRIVEN,
     HEARTBEAT_BASE,
     HEARTBEAT_IDENTIFIER,
     NMT_IDENTIFIER,
     NODE,
+    NOT_VALID,
     SDO_REQUEST_IDENTIFIER,
     SDO_RESPONSE_IDENTIFIER,
     SYNC_IDENTIFIER,
@@ -31,12 +33,14 @@ from bench_protocol.object_dictionary import (
     ERROR_BEHAVIOUR,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,
+    PDO_COB_ID,
     SYNC_COB_ID,
     SYNC_PERIOD,
+    TRANSMISSION_TYPE,
 )
 from bench_protocol.sdo import SdoServer
 from bench_sim.rig.controls import FAST, TICK_NS, Happened
-from bench_sim.rig.node_objects import DEFAULTS, TRANSMISSION_TYPES, NodeHost, NodeObjects, consumed
+from bench_sim.rig.node_objects import DEFAULTS, TPDOS, NodeHost, NodeObjects, consumed
 
 #: A client waits for each answer; one that does not must not keep the rig from its ticks.
 _SDO_PER_TICK: Final = 8
@@ -176,10 +180,16 @@ class CanopenNode:
 
     def _plan(self) -> None:
         """Let the tick send what is due by time; what waits for SYNC, or for the node to be started, it leaves out."""
-        types = self.objects.parameters
         for rows, all_rows in self._timed:
-            waits = [types[TRANSMISSION_TYPES[row]] <= SYNCHRONOUS_MAX for row in all_rows.tolist()]
-            rows[:] = np.where(waits, -1, all_rows) if self.operational else -1
+            timed = [self._transmission_type(row) in EVENT_DRIVEN for row in all_rows.tolist()]
+            rows[:] = np.where(timed, all_rows, -1) if self.operational else -1
+
+    def _transmission_type(self, row: int) -> int:
+        """Return how the TPDO with this message leaves; 0 if it does not."""
+        parameters = self.objects.parameters
+        if parameters[TPDOS[row], PDO_COB_ID] & NOT_VALID:
+            return 0
+        return parameters[TPDOS[row], TRANSMISSION_TYPE]
 
     def _configure(self) -> None:
         """Bring the tick in line with the parameters."""
@@ -222,14 +232,13 @@ class CanopenNode:
             return
         self._sync_sample = sample
         self._syncs += 1
-        types = self.objects.parameters
-        due = [row for row, place in TRANSMISSION_TYPES.items() if self._is_due(types[place])]
+        due = [row for row in TPDOS if self._is_due(self._transmission_type(row))]
         if due:
             rows = np.array(due, np.int64)
             self._host.send(self._encoder.encode(self._host.values, rows, self._now()))
 
     def _is_due(self, transmission_type: int) -> bool:
-        return transmission_type <= SYNCHRONOUS_MAX and self._syncs % transmission_type == 0
+        return 1 <= transmission_type <= SYNCHRONOUS_MAX and self._syncs % transmission_type == 0
 
     def _on_request(self, request: bytes) -> None:
         tick = int(self._controls["tick"])

@@ -19,6 +19,7 @@ from bench_protocol.object_dictionary import (
     HEARTBEAT_PRODUCER,
     INTERLOCK_OBJECTS,
     OBJECT_DICTIONARY,
+    PDO_COB_ID,
     PDO_OBJECTS,
     READING_OBJECTS,
     REFUSED,
@@ -27,7 +28,6 @@ from bench_protocol.object_dictionary import (
     SYNC_PERIOD,
     TOKEN_OBJECT,
     TPDO_PARAMETERS,
-    TRANSMISSION_TYPE,
     Entry,
 )
 from bench_protocol.sdo import AbortCode, SdoAbort
@@ -43,8 +43,9 @@ DEFAULTS: Final[Mapping[tuple[int, int], int]] = {
     for place, entry in ENTRIES.items()
     if entry.access == "rw" and place[0] != ERROR_HISTORY and isinstance(entry.default, int)
 }
-TRANSMISSION_TYPES: Final[Mapping[int, tuple[int, int]]] = {
-    row: (TPDO_PARAMETERS + canopen.pdo_number(message) - 1, TRANSMISSION_TYPE)
+#: The communication parameters of the TPDOs, by row of the table's messages.
+TPDOS: Final[Mapping[int, int]] = {
+    row: TPDO_PARAMETERS + canopen.pdo_number(message) - 1
     for row, message in enumerate(TABLE.messages)
     if message.from_rig and canopen.is_pdo(message)
 }
@@ -202,7 +203,9 @@ def _refusal(index: int, sub: int, value: int, entry: Entry) -> AbortCode | None
         if guarded == canopen.NODE:
             return AbortCode.INCOMPATIBLE
         good = guarded <= canopen.NODE_MAX
-    elif sub == TRANSMISSION_TYPE:
+    elif index >= TPDO_PARAMETERS and sub == PDO_COB_ID:
+        good = value & ~(canopen.NOT_VALID | canopen.NO_REMOTE) == DEFAULTS[index, sub] & ~canopen.NO_REMOTE
+    elif index >= TPDO_PARAMETERS:
         good = 1 <= value <= canopen.SYNCHRONOUS_MAX or value in canopen.EVENT_DRIVEN
     if low is not None and value < low:
         return AbortCode.VALUE_TOO_LOW

@@ -275,6 +275,14 @@ def test_a_synchronous_pdo_waits_for_its_sync(master: Master) -> None:
     assert "SpringLeft" in master.messages
 
 
+def test_a_pdo_can_be_switched_off(master: Master) -> None:
+    assert master.download(0x1800, 1, 0xC000_0181, 4) == 0
+    assert master.messages == PERIODIC - {"SpringLeft"}
+    master.say(SYNC, b"", 5)
+    assert master.download(0x1800, 1, 0x4000_0181, 4) == 0
+    assert master.messages == PERIODIC
+
+
 def test_a_flood_of_syncs_sends_every_sample_once(master: Master) -> None:
     assert master.download(0x1800, 2, 1, 1) == 0
     master.wait(4)
@@ -366,7 +374,9 @@ def test_every_object_can_be_read_and_readings_are_those_of_the_frames(commander
         (0x1029, 1, 3, 1, 0x06090031),
         (0x1800, 2, 0, 1, 0x06090030),
         (0x1800, 2, 241, 1, 0x06090030),
-        (0x1800, 1, 0, 4, 0x06010002),
+        (0x1800, 1, 0x182, 4, 0x06090030),
+        (0x1400, 1, 0x202, 4, 0x06010002),
+        (0x1A00, 0, 0, 1, 0x06010002),
         (0x1003, 0, 1, 1, 0x06090030),
     ],
 )

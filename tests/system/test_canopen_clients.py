@@ -1,0 +1,147 @@
+"""python's canopen with our EDS, over the rig's real wires: one node that boots, beats, obeys NMT and answers SDOs."""
+
+import time
+from collections.abc import Iterator
+from importlib.resources import files
+
+import can
+import canopen
+import cantools
+import pytest
+from canopen.sdo import SdoAbortedError
+
+from bench_protocol.canopen import NODE
+from bench_protocol.table import TABLE
+
+GENERATED = files("bench_protocol") / "generated"
+REAL = ("tcp", pytest.param("socketcan", marks=pytest.mark.vcan))
+on_real_wires = pytest.mark.parametrize("site", REAL, indirect=True)
+SETTLED = 0.05  # s, more than a frame needs
+
+
+@pytest.fixture
+def network(site) -> Iterator[canopen.Network]:
+    site.close_shared()
+    if site.transport == "tcp":
+        options = {"interface": "astb-hub", "host": "127.0.0.1", "port": site.rig.can_port}
+    else:
+        options = {"interface": "socketcan"}
+    network = canopen.Network(can.Bus(channel="vcan0", ignore_config=True, **options))
+    network.connect()
+    yield network
+    network.disconnect()
+
+
+@pytest.fixture
+def node(network) -> Iterator[canopen.RemoteNode]:
+    node = network.add_node(canopen.RemoteNode(NODE, str(GENERATED / "astb.eds")))
+    node.sdo.RESPONSE_TIMEOUT = 1.0
+    node.sdo["Producer heartbeat time"].raw = 100
+    yield node
+    # Its neighbours want the rig as it was.
+    node.nmt.send_command(0x82)
+    time.sleep(SETTLED)
+
+
+@on_real_wires
+def test_the_node_boots_beats_and_obeys(node, network) -> None:
+    assert node.nmt.wait_for_heartbeat(2) == "OPERATIONAL"
+    heard: list[int] = []
+    for identifier in (0x181, 0x282):
+        network.subscribe(identifier, lambda identifier, data, timestamp: heard.append(identifier))
+    for state, sends in (("PRE-OPERATIONAL", False), ("STOPPED", False), ("OPERATIONAL", True)):
+        node.nmt.state = state
+        node.nmt.wait_for_heartbeat(2)
+        assert node.nmt.state == state
+        heard.clear()
+        time.sleep(0.2)
+        assert bool(heard) is sends, state
+    node.nmt.send_command(0x81)
+    node.nmt.wait_for_bootup(2)
+    assert node.sdo["Producer heartbeat time"].raw == 1000
+
+
+@on_real_wires
+def test_it_answers_sdos(node) -> None:
+    assert node.sdo["Manufacturer device name"].raw == "ASTB virtual air spring test bench", "in segments"
+    assert node.sdo["Identity object"]["Revision number"].raw == TABLE.map_hash
+    assert 250 < node.sdo["left.bellows_temperature"].raw < 330
+    assert node.sdo["State"]["rig.state"].raw == node.sdo["rig.state"].raw
+    assert node.sdo["interlock.estop"].raw is False
+    for name, code in (("Device type", 0x06010002), ("supply.pressure", 0x06010002)):
+        with pytest.raises(SdoAbortedError) as refused:
+            node.sdo[name].raw = 0
+        assert refused.value.code == code
+    with pytest.raises(SdoAbortedError) as refused:
+        print(node.sdo["Token"].raw)
+    assert refused.value.code == 0x06010001
+    with pytest.raises(SdoAbortedError) as refused:
+        node.sdo["Producer heartbeat time"].raw = 20
+    assert refused.value.code == 0x06090032
+
+
+@on_real_wires
+def test_pdos_decode_as_the_dbc_says_and_come_with_sync_if_asked_to(node, network) -> None:
+    """The mapping is read from the node itself."""
+    database = cantools.database.load_file(str(GENERATED / "astb.dbc"))
+    node.tpdo.read()
+    pairs: dict[str, bytes] = {}
+    for number, name in ((1, "SpringLeft"), (5, "LoadCells"), (18, "State"), (35, "Identity")):
+        pdo = node.tpdo[number]
+        assert pdo.wait_for_reception(1) is not None, name
+        with pdo.receive_condition:
+            pairs[name] = bytes(pdo.data)
+            theirs = {variable.od.signal_name: variable.raw * variable.od.factor for variable in named(pdo)}
+        message = database.get_message_by_name(name)
+        dbc = message.decode(pairs[name], decode_choices=False)
+        compared = {key.replace(".", "_"): value for key, value in theirs.items()}
+        assert compared and set(compared) <= set(dbc)
+        for key, value in compared.items():
+            assert value == pytest.approx(dbc[key], rel=1e-9), key
+    pdo = node.tpdo[1]
+    pdo.trans_type = 2
+    pdo.save()
+    times: list[float] = []
+    pdo.add_callback(lambda pdo: times.append(pdo.timestamp))
+    time.sleep(0.2)
+    del times[:]
+    network.sync.start(0.05)
+    time.sleep(1.0)
+    network.sync.stop()
+    assert 8 <= len(times) <= 11, "with every second SYNC"
+
+
+def named(pdo: canopen.pdo.PdoMap) -> list[canopen.pdo.PdoVariable]:
+    """The variables of a PDO that are signals."""
+    found = [variable for variable in pdo.map if variable.subindex < 0xFC]
+    for variable in found:
+        variable.od.signal_name = variable.od.name
+    return found
+
+
+@on_real_wires
+def test_emergencies_arrive_and_stay_readable(node, site, eventually) -> None:
+    before = len(node.emcy.log)
+    site.press_estop()
+    try:
+        eventually(lambda: len(node.emcy.log) > before, what="an emergency message")
+    finally:
+        site.release_estop()
+    told = node.emcy.log[-1]
+    assert (told.code, told.register) == (0xFF02, 0x81)
+    assert node.sdo["Error register"].raw == 0x81
+    assert node.sdo["Pre-defined error field"][1].raw & 0xFFFF == 0xFF02
+
+
+@on_real_wires
+def test_identifiers_alone_look_like_several_nodes_and_only_one_answers(node, network) -> None:
+    time.sleep(0.3)
+    assert len(network.scanner.nodes) > 1
+    network.scanner.reset()
+    answering = []
+    network.subscribe(0x581, lambda identifier, data, timestamp: answering.append(1))
+    for other in range(2, 7):
+        network.subscribe(0x580 + other, lambda identifier, data, timestamp: answering.append(identifier))
+    network.scanner.search(limit=8)
+    time.sleep(0.3)
+    assert answering == [1]
