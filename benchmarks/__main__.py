@@ -20,6 +20,7 @@ NAMES: Final = (
     "can_trip",
     "modbus_trip",
     "codec",
+    "time_to_safe",
     "diagnosis_duration",
 )
 

@@ -1,0 +1,107 @@
+"""How long until the bench holds, and until it is safe, when processes are killed and wires are cut, many times."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_protocol.rates import TICK
+from bench_protocol.units import ms
+from benchmarks.cuts import CUTS, REAL_CUTS, Cut
+from benchmarks.measure import BenchmarkRow, Effort, Section, Spread
+from benchmarks.real_cuts import RealCuts
+from benchmarks.virtual_cuts import virtual_cuts
+
+VIRTUAL, QUICK_VIRTUAL = 1000, 30
+REAL, QUICK_REAL = 20, 1
+#: What lies between an event and the frame that tells of it: a message of the state is sent every 20 ms, where no
+#: emergency is; on sockets comes what carries it.
+TELLING: Final = 20 * ms
+TRANSPORT: Final = 10 * ms
+PICTURE: Final = Path(__file__).parent.parent / "docs" / "gallery" / "time-to-safe.svg"
+
+#: Time to hold and time to safe (s), one row a cut.
+Times = NDArray[np.float64]
+
+
+def run(effort: Effort) -> Section:
+    """Cut everything in virtual and in real time; a run that is not quick draws the histograms too."""
+    seeds = range(4)
+    each = (QUICK_VIRTUAL if effort.quick else VIRTUAL) // len(seeds)
+    virtual: dict[Cut, Times] = {}
+    with ProcessPoolExecutor() as pool:
+        for kind in CUTS:
+            virtual[kind] = np.concatenate(list(pool.map(partial(virtual_cuts, kind, each), seeds)))
+    real: dict[Cut, list[tuple[float, float]]] = {kind: [] for kind in REAL_CUTS}
+    with RealCuts() as rig:
+        for _ in range(QUICK_REAL if effort.quick else REAL):
+            for kind in REAL_CUTS:
+                real[kind].append(rig.cut(kind))
+    measured = {kind: np.array(times) for kind, times in real.items()}
+    if not effort.quick:
+        draw(virtual, measured)
+    return Section(
+        "Time to safe", [*rows(virtual, "virtual", 0.0), *rows(measured, "real", TRANSPORT)], NOTES
+    )
+
+
+def rows(measured: Mapping[Cut, Times], time: str, transport: float) -> Sequence[BenchmarkRow]:
+    """Return two rows for each kind of cut: until it holds, and until it is safe."""
+    found = []
+    for kind, times in measured.items():
+        aims = (
+            kind.hold_within + TICK + max(transport, TELLING * (kind.name == "power lost")),
+            kind.safe_within,
+        )
+        for what, series, aim in zip(("holds", "safe"), times.T, aims, strict=True):
+            worst = float(series.max())
+            found.append(
+                BenchmarkRow(
+                    f"{kind.name}, {time}: {what}, the worst of {series.size}: {worst:.3g} s; median",
+                    "s",
+                    Spread.of(series.tolist()),
+                    aim=f"at most {aim:.3g} s",
+                    met=bool(worst <= aim),
+                )
+            )
+    return found
+
+
+def draw(virtual: Mapping[Cut, Times], real: Mapping[Cut, Times]) -> None:
+    """Draw histograms of the virtual times, with the real ones as marks and the limits as lines."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(
+        len(virtual), 2, figsize=(9, 1.15 * len(virtual)), sharex="col", layout="constrained"
+    )
+    figure.get_layout_engine().set(hspace=0.02)
+    for row, (kind, times) in zip(axes, virtual.items(), strict=True):
+        limits = (kind.hold_within, kind.safe_within)
+        for column, (axis, limit) in enumerate(zip(row, limits, strict=True)):
+            edges = np.linspace(0.0, 1.1 if column == 0 else 18.0, 111 if column == 0 else 73)
+            axis.hist(times[:, column], edges, color="#4878a8")
+            axis.axvline(limit, color="#b03030", linewidth=1)
+            if kind in real:
+                axis.plot(real[kind][:, column], np.zeros(len(real[kind])), "|", color="black", clip_on=False)
+            axis.set_yscale("log")
+            axis.set_ylim(0.7, 2000)
+        row[0].set_title(kind.name, loc="left", fontsize=9)
+    axes[-1, 0].set_xlabel("until it holds, s")
+    axes[-1, 1].set_xlabel("until it is safe, s")
+    figure.savefig(PICTURE, metadata={"Date": None})
+    plt.close(figure)
+
+
+NOTES: Final = (
+    "A plan arms the bench, holds the bolster against springs under pressure (in virtual time 0.5 to 5.6 bar, 40 mm "
+    "below to 60 mm above design height, half of them moving; on sockets 0.6 bar) and is then lost at any instant. "
+    "*Holds* is when somebody else on the bus hears of it, *safe* is when every pressure is below 0.22 bar and the "
+    "actuators have let go. The aims are what the [table of states](states.md) promises, with one tick and what "
+    "carries the frame: a message of the state every 20 ms, on sockets 10 ms. A plan that loses Modbus alone still has "
+    "CAN: the PLC's watchdog of 1 s is what notices a black hole there, and the plan then lets D go.",
+    "![Histograms of the time to hold and the time to safe](../gallery/time-to-safe.svg)",
+)
