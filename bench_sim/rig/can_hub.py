@@ -12,6 +12,7 @@ from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import FRAME, Block
 from bench_sim.rig.connection import Connection, OnPeerLost, ignore
 from bench_sim.rig.peers import CAN
+from bench_sim.rig.places import Holds, Places
 
 OnFrames = Callable[[Block, str], None]
 Carry = Callable[[Block, str], Block]
@@ -145,7 +146,8 @@ class CanHub:
     a client sends, before anybody hears it. ``publish`` and ``relay`` may be called from any thread.
 
     Each client has a queue of ``queue_max`` frames behind the socket's own buffers; when it is full the oldest frames
-    are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected.
+    are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected. One
+    place beyond ``clients_max`` is kept for the client of which ``holds(peer)`` is true.
     """
 
     def __init__(
@@ -160,6 +162,7 @@ class CanHub:
         slow_limit: float = 2.0,
         first_frame_delay: float = 0.02,
         clients_max: int = 32,
+        holds: Holds | None = None,
         bad_lines_max: int = 100,
     ) -> None:
         self.bus = bus
@@ -169,12 +172,11 @@ class CanHub:
         self.bad_lines_max = bad_lines_max
         #: Frames that slow clients have lost since the start.
         self.dropped = 0
-        self._clients_max = clients_max
         self._carry = carry
         self._on_frames = on_frames
         self._on_peer_lost = on_peer_lost
         self._now = now
-        self._clients: dict[_CanClient, None] = {}
+        self._clients: Places[_CanClient] = Places(clients_max, holds)
         self._published: deque[tuple[Block, str]] = deque()
         self._woken = False
         self._closed = False
@@ -184,7 +186,7 @@ class CanHub:
     @property
     def clients(self) -> tuple[str, ...]:
         """Return the names of the connected clients."""
-        return tuple(client.name for client in list(self._clients))
+        return tuple(client.name for client in self._clients)
 
     def publish(self, block: Block) -> None:
         """Send ``block`` to every client, in the order of the calls; thread-safe, formats and sends elsewhere.
@@ -220,7 +222,7 @@ class CanHub:
     def close(self) -> None:
         self._loop, self._closed = None, True
         self._published.clear()
-        for client in list(self._clients):
+        for client in self._clients:
             client.drop()
 
     def client(self) -> asyncio.Protocol:
@@ -228,14 +230,10 @@ class CanHub:
         return _CanClient(self)
 
     def admit(self, client: _CanClient) -> bool:
-        if self._closed or len(self._clients) >= self._clients_max:
-            return False
-        self._clients[client] = None
-        return True
+        return not self._closed and self._clients.admit(client)
 
     def forget(self, client: _CanClient) -> None:
-        if client in self._clients:
-            del self._clients[client]
+        if self._clients.leave(client):
             self._on_peer_lost(client.name)
 
     def take(self, block: Block, sender: _CanClient) -> None:

@@ -4,10 +4,14 @@ import asyncio
 import contextlib
 import socket
 from collections.abc import Callable
+from typing import Final
 
 from bench_sim.rig.peers import peer_name
 
 OnPeerLost = Callable[[str], None]
+
+#: A connection that was spared is looked at again after so long, s.
+_RESPITE: Final = 1.0
 
 
 def ignore(_: str) -> None:
@@ -53,8 +57,14 @@ class Connection(asyncio.Protocol):
         self._timer = None
         if self.loop.time() < self._deadline:
             self._timer = self.loop.call_at(self._deadline, self._due)
+        elif self.spared():
+            self.drop_after(_RESPITE)
         else:
             self.drop()
+
+    def spared(self) -> bool:
+        """Return whether the connection stays though its time is up."""
+        return False
 
     def stop_timer(self) -> None:
         if self._timer is not None:

@@ -8,6 +8,7 @@ from typing import Final
 from bench_protocol import modbus
 from bench_sim.rig.connection import Connection, OnPeerLost, ignore
 from bench_sim.rig.peers import MODBUS
+from bench_sim.rig.places import Holds, Places
 
 Answer = Callable[[bytes, str], bytes | None]
 
@@ -77,6 +78,10 @@ class _ModbusClient(Connection):
         server = self._server
         self.drop_after(server.split_limit if self._stream.partial else server.idle_limit)
 
+    def spared(self) -> bool:
+        idle = not (self._stream.partial or self._blocked or self._closing)
+        return idle and self._server.commands(self.name)
+
     def pause_writing(self) -> None:
         """Stop reading from a client that does not fetch its answers; it has ``split_limit`` s to begin."""
         self._blocked = True
@@ -95,6 +100,9 @@ class ModbusTcpServer:
     Pipelined and split requests are fine; a wrong header ends the connection. So does silence for ``idle_limit`` s, a
     request that stays incomplete or answers that stay unfetched for ``split_limit`` s. What goes wrong inside
     ``answer`` is exception 4 to the client and is reported to the loop's exception handler.
+
+    One place beyond ``clients_max`` is kept for the peer of which ``holds(peer)`` is true; one of which
+    ``commands(peer)`` is true, because it commands on the other wire, may be silent for as long as it likes.
     """
 
     def __init__(
@@ -105,26 +113,28 @@ class ModbusTcpServer:
         idle_limit: float = 60.0,
         split_limit: float = 5.0,
         clients_max: int = 64,
+        holds: Holds | None = None,
+        commands: Holds = lambda peer: False,
     ) -> None:
         self.idle_limit = idle_limit
         self.split_limit = split_limit
         self._answer = answer
         self._on_peer_lost = on_peer_lost
-        self._clients_max = clients_max
-        self._clients: dict[_ModbusClient, None] = {}
+        self.commands = commands
+        self._clients: Places[_ModbusClient] = Places(clients_max, holds)
         self._closed = False
 
     @property
     def clients(self) -> tuple[str, ...]:
         """Return the names of the connected clients."""
-        return tuple(client.name for client in list(self._clients))
+        return tuple(client.name for client in self._clients)
 
     def open(self) -> None:
         self._closed = False
 
     def close(self) -> None:
         self._closed = True
-        for client in list(self._clients):
+        for client in self._clients:
             client.drop()
 
     def client(self) -> asyncio.Protocol:
@@ -132,14 +142,10 @@ class ModbusTcpServer:
         return _ModbusClient(self)
 
     def admit(self, client: _ModbusClient) -> bool:
-        if self._closed or len(self._clients) >= self._clients_max:
-            return False
-        self._clients[client] = None
-        return True
+        return not self._closed and self._clients.admit(client)
 
     def forget(self, client: _ModbusClient) -> None:
-        if client in self._clients:
-            del self._clients[client]
+        if self._clients.leave(client):
             self._on_peer_lost(client.name)
 
     def respond(self, request: bytes, peer: str) -> bytes | None:

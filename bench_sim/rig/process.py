@@ -46,7 +46,9 @@ def run_rig(
     Raises OSError in words if one of them cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
-    modbus_server = ModbusTcpServer(rig.answer, rig.peer_lost)
+    lease = rig.lease
+    lease.shuffle(wall_time_ns())
+    modbus_server = ModbusTcpServer(rig.answer, rig.peer_lost, holds=lease.holds, commands=lease.commands)
     bus, wire, hub = _open_bus(rig, interface)
     with contextlib.ExitStack() as stack:
         stack.callback(bus.close)
@@ -87,7 +89,7 @@ def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None
         rig.peer_lost(peer)
 
     wire = SocketCan(interface, bus.take) if interface else None
-    hub = None if wire else CanHub(rig.receive, peer_lost, carry=bus.carry)
+    hub = None if wire else CanHub(rig.receive, peer_lost, carry=bus.carry, holds=rig.lease.holds)
     if door := wire or hub:
         bus.connect(door)
     return bus, wire, hub

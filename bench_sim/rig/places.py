@@ -1,0 +1,59 @@
+"""The places of a door: so many for everybody, and one that is kept for the holder of the bench."""
+
+from collections.abc import Callable, Iterator
+from typing import Final, Generic, TypeVar
+
+from bench_sim.rig.connection import Connection
+
+Holds = Callable[[str], bool]
+
+#: Who came when all places were taken has so long to prove that he is the holder, and is asked so often (s).
+_TRIAL: Final = 2.0
+_LOOK: Final = 0.05
+
+C = TypeVar("C", bound=Connection)
+
+
+class Places(Generic[C]):
+    """The connections of one door: ``limit`` of them and, where ``holds(peer)`` tells who that is, the holder's.
+
+    Who comes when all places are taken is let in on trial, one at a time, and dropped if he does not hold the bench
+    within 2 s: strangers that fill a door do not keep its commander out.
+    """
+
+    def __init__(self, limit: int, holds: Holds | None = None) -> None:
+        self._limit, self._holds = limit, holds
+        self._taken: dict[C, None] = {}
+
+    def __iter__(self) -> Iterator[C]:
+        return iter(list(self._taken))
+
+    def __contains__(self, connection: object) -> bool:
+        return connection in self._taken
+
+    def admit(self, connection: C) -> bool:
+        """Give ``connection`` a place, on trial if need be; return whether there is one."""
+        holds = self._holds
+        others = sum(not (holds and holds(one.name)) for one in self._taken)
+        if others > self._limit or (others == self._limit and holds is None):
+            return False
+        self._taken[connection] = None
+        if holds is not None and others == self._limit:
+            self._judge(connection, holds, connection.loop.time() + _TRIAL)
+        return True
+
+    def leave(self, connection: C) -> bool:
+        """Take the place of ``connection`` back; return whether it had one."""
+        if connection not in self._taken:
+            return False
+        del self._taken[connection]
+        return True
+
+    def _judge(self, connection: C, holds: Holds, deadline: float) -> None:
+        if connection not in self._taken or holds(connection.name):
+            return
+        loop = connection.loop
+        if loop.time() >= deadline:
+            connection.drop()
+        else:
+            loop.call_later(_LOOK, self._judge, connection, holds, deadline)

@@ -1,0 +1,193 @@
+"""A bench that one commander owns, over real sockets: doors that strangers fill, a connection that goes silent."""
+
+import contextlib
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from bench_protocol.can_codec import Encoder
+from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.registers import LEASE_ADDRESS
+from bench_protocol.table import TABLE
+from bench_protocol.units import ms, s
+from drivers.bench import Bench
+from drivers.can_port import open_can
+from drivers.errors import BenchError, LinkLost, NotCommander
+from drivers.modbus_port import open_modbus
+
+MODBUS_PLACES, CAN_PLACES = 64, 32
+on_tcp = pytest.mark.parametrize("site", ["tcp"], indirect=True)
+
+
+class Proxy:
+    """A TCP proxy in front of ``port`` whose cable can be cut without anybody hearing of it."""
+
+    def __init__(self, port: int) -> None:
+        self._target = port
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.cut = threading.Event()
+        self._closed = threading.Event()
+        self._sockets: list[socket.socket] = []
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        client, _ = self.listener.accept()
+        server = socket.create_connection(("127.0.0.1", self._target))
+        self._sockets = [client, server]
+        with selectors.DefaultSelector() as selector:
+            selector.register(client, selectors.EVENT_READ, server)
+            selector.register(server, selectors.EVENT_READ, client)
+            while not (self.cut.is_set() or self._closed.is_set()):
+                for key, _ in selector.select(0.02):
+                    key.data.sendall(key.fileobj.recv(4096))
+        self._closed.wait(30)
+
+    def close(self) -> None:
+        self._closed.set()
+        self._thread.join()
+        for each in (self.listener, *self._sockets):
+            each.close()
+
+
+@pytest.fixture
+def proxied(site) -> Iterator[tuple[Bench, Proxy]]:
+    """A bench whose Modbus goes through a proxy."""
+    site.close_shared()
+    proxy = Proxy(site.rig.modbus_port)
+    bench = Bench(site.can(), open_modbus("127.0.0.1", proxy.port, timeout=0.5), site.clock, site.epoch)
+    try:
+        bench.connect()
+        yield bench, proxy
+    finally:
+        bench.close()
+        proxy.close()
+
+
+@on_tcp
+def test_a_black_holed_plc_connection_leads_to_hold_while_can_goes_on(site, proxied):
+    """The watchdog's second, the tick, and what the machine adds; today's keep-alive would need ten seconds."""
+    bench, proxy = proxied
+    bench.arm()
+    with site.listening() as heard:
+        site.wait(1.5 * s)
+        assert heard.states() == ["ACTIVE"], "fed, it holds nothing"
+        proxy.cut.set()
+        start = time.monotonic()
+        while "FAULT_HOLD" not in heard.states():
+            assert time.monotonic() - start < 1.6
+            time.sleep(0.01)
+        controls = heard.positions("Control").size
+        with pytest.raises(LinkLost, match="watchdog cannot be fed"):
+            bench.wait(2 * s)
+        site.wait(200 * ms)
+        assert heard.positions("Control").size > controls + 5
+        assert heard.states() == ["ACTIVE", "FAULT_HOLD"], "commands arrive: the air stays shut in"
+    assert bench.rig.reason == "commander disconnected"
+    bench.disarm()
+    assert bench.rig.state == "FAULT_DISABLED", "by CAN alone"
+
+
+@contextlib.contextmanager
+def crowd(port: int, count: int) -> Iterator[list[socket.socket]]:
+    with contextlib.ExitStack() as stack:
+        yield [
+            stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=5))
+            for _ in range(count)
+        ]
+
+
+@pytest.mark.slow
+def test_the_commander_gets_in_though_idle_connections_fill_both_doors(start_rig):
+    """A rig of its own: who fills the doors of the shared one meets its other guests."""
+    rig = start_rig()
+    clock = RealClock()
+    epoch = wall_time_ns() - clock.now()
+
+    def connected() -> Bench:
+        modbus = open_modbus("127.0.0.1", rig.modbus_port, timeout=2.0)
+        return Bench(open_can("tcp", port=rig.can_port), modbus, clock, epoch)
+
+    with crowd(rig.modbus_port, MODBUS_PLACES), crowd(rig.can_port, CAN_PLACES):
+        bench = connected()
+        bench.connect()
+        bench.arm()
+        bench.wait(2.5 * s)
+        assert bench.rig.state == "ACTIVE", "beyond the time of the trial"
+        second = connected()
+        with pytest.raises(NotCommander, match=f"token {bench.rig.lease:.0f}, at TCP port"):
+            second.connect()
+        bench.wait(100 * ms)
+        bench.close()
+
+
+@on_tcp
+def test_who_holds_the_bench_and_who_else_tries_to_is_told_with_the_port(site, armed):
+    second, encoder = site.bench(), Encoder(TABLE)
+    holder = armed.rig.holder
+    with pytest.raises(NotCommander, match=f"held by the commander .*TCP port {holder:.0f}; `ss -tnp`"):
+        second.connect()
+    armed.wait(150 * ms)
+    assert "a Modbus request from TCP port" in armed.describe()
+    intruder = site.can()
+    for _ in range(20):
+        intruder.send(encoder.encode(np.zeros(len(TABLE.signals)), encoder.rows(["Control"]), 0))
+        armed.wait(20 * ms)
+    armed.wait(150 * ms)
+    assert armed.rig.state == "ACTIVE"
+    port = intruder._bus._socket.getsockname()[1] if hasattr(intruder._bus, "_socket") else armed.rig.stranger
+    assert f"the last CAN frame 0x201 from TCP port {port:.0f}" in armed.strangers()
+    intruder.close()
+
+
+def test_a_lease_is_taken_on_can_alone_and_ends_with_silence(site):
+    """On every wire: ask with a nonce, command with the token of the answer, fall silent."""
+    site.close_shared()
+    encoder, values, modbus = Encoder(TABLE), np.zeros(len(TABLE.signals)), site.modbus()
+
+    def send(message: str, **fields: int) -> None:
+        for name, value in fields.items():
+            values[TABLE.index[name.replace("_", ".", 1)]] = value
+        port.send(encoder.encode(values, encoder.rows([message]), 0))
+
+    port = site.can()
+    with site.listening() as heard:
+        send("LeaseRequest", lease_nonce=0xBEE, lease_token=0)
+        site.wait(150 * ms)
+        assert heard.series("lease.nonce")[-1] == 0xBEE
+        token = int(heard.series("rig.lease")[-1])
+        assert modbus.read_holding(LEASE_ADDRESS, 1) == [token] != [0]
+        for _ in range(60):
+            send("Control", control_token=token, control_enable=1)
+            site.wait(20 * ms)
+        assert modbus.read_holding(LEASE_ADDRESS, 1) == [token]
+        site.wait(700 * ms)
+        assert modbus.read_holding(LEASE_ADDRESS, 1) == [0]
+    port.close()
+    modbus.close()
+
+
+def test_a_run_that_is_kept_out_says_by_whom(site, astb_here, tmp_path):
+    if site.transport == "memory":
+        pytest.skip("`astb run` needs a rig behind sockets")
+    bench = site.shared()
+    bench.wait(100 * ms)
+    can = (
+        f'bus = "{site.rig.can}"' if site.rig.can_port is None else f'bus = "tcp"\nport = {site.rig.can_port}'
+    )
+    (tmp_path / "rig.toml").write_text(
+        f'name = "test"\n[can]\n{can}\n[modbus]\nport = {site.rig.modbus_port}\n'
+    )
+    code, out, err = astb_here(tmp_path, "run", "aw0", "--rig", "rig.toml")
+    assert code == 3
+    text = " ".join((out + err).split())
+    assert f"the bench is held by the commander with token {bench.rig.lease:.0f}, at TCP port" in text
+    assert "it must let go before this one can act" in text
+    with contextlib.suppress(BenchError):
+        bench.wait(50 * ms)
