@@ -12,6 +12,7 @@ from typing import Final, NoReturn
 import click
 
 from astb.commands.diagnosis import diagnose_command, investigate_command
+from astb.commands.fault import fault_command
 from astb.commands.lists import effects_command, plans_command, signals_command
 from astb.commands.rig import rig_command
 from astb.commands.run import report_command, run_command
@@ -51,6 +52,7 @@ def commands() -> None:
 
 for _command in (
     rig_command,
+    fault_command,
     run_command,
     plans_command,
     effects_command,

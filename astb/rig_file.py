@@ -45,6 +45,15 @@ class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     )
 
 
+class FaultEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"lasting": "for"}):
+    """A fault on purpose that a simulated rig has, from a time on and for a time, or from the start and for good."""
+
+    name: str
+    at: str = "0 s"  #: of the rig's time, which begins when it starts
+    lasting: str | None = None
+    values: dict[str, str | int | float] = {}  #: of its parameters, each with its unit
+
+
 class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """What a simulated rig simulates. A rig file without this table is never simulated and never started."""
 
@@ -55,6 +64,7 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     effects: dict[str, Any] = {}  #: what else the bench has: "leak.left" = "0.2 mm2"
     sealed: str = ""  #: path of a file of effects that nobody is told
     can: SimulatedCan = SimulatedCan()
+    faults: tuple[FaultEntry, ...] = ()  #: what else breaks, and when: `astb fault list`
 
 
 class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -96,15 +106,17 @@ def _in_words(error: str, content: dict[str, Any]) -> str:
     keys = [key for key in place.rstrip("`").split(".") if key]
     what: Any = content
     for key in keys:
-        what = what[key]
+        # Of a list, msgspec does not say which of its tables: `faults[...]`.
+        what = what.get(key) if isinstance(what, dict) else None
     tables: dict[str, type[msgspec.Struct]] = {
         "can": Can,
         "modbus": Modbus,
         "simulation": Simulation,
         "simulation.can": SimulatedCan,
+        "simulation.faults[...]": FaultEntry,
     }
     table = next((tables[".".join(keys[:n])] for n in (2, 1) if ".".join(keys[:n]) in tables), RigFile)
-    fields = {field.name: field.type for field in msgspec.structs.fields(table)}
+    fields = {field.encode_name: field.type for field in msgspec.structs.fields(table)}
     if unknown := re.fullmatch("Object contains unknown field `(.*)`", said):
         near = get_close_matches(unknown[1], fields, n=1)
         right = f"{near[0]} would be one" if near else f"there are {', '.join(fields)}"
@@ -113,4 +125,5 @@ def _in_words(error: str, content: dict[str, Any]) -> str:
         return f"the key {'.'.join([*keys, missing[1]])} is missing"
     if said.startswith("Invalid enum value"):
         said = f"one of {', '.join(fields[keys[-1]].__args__)} is right"
-    return f"{'.'.join(keys)} = {what!r}: {said[0].lower()}{said[1:]}".replace("`", "")
+    value = "" if what is None else f" = {what!r}"
+    return f"{'.'.join(keys)}{value}: {said[0].lower()}{said[1:]}".replace("`", "")

@@ -8,6 +8,7 @@ from bench_protocol.frames import Block
 from bench_protocol.units import NS
 from bench_sim.rig.can_bus import CanBus
 from bench_sim.rig.controls import TICK_NS
+from bench_sim.rig.faults.insertion import Wires
 from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
@@ -31,17 +32,25 @@ class RigInMemory:
         self._ports: list[_CanPort] = []
         self._clients = 0
         self._ticks = 0
+        self._modbus: list[_ModbusPort] = []
+        #: The wires that faults have cut.
+        self.shut: set[str] = set()
         self.clock.attach(self._advance)
+        rig.faults.points.connect(Wires(self.bus, _Door(self, "can"), _Door(self, "modbus")))
 
     def can(self) -> InMemoryCan:
         """Return a new port of the CAN bus."""
         port = _CanPort(self, self._name("can"))
         self._ports.append(port)
+        if "can" in self.shut:
+            self.disconnect("can")
         return port
 
     def modbus(self, latency: float = 0.0) -> InMemoryModbus:
         """Return a new Modbus connection whose answers take ``latency`` (s)."""
-        return _ModbusPort(self, self._name("modbus"), round(latency * NS))
+        port = _ModbusPort(self, self._name("modbus"), round(latency * NS))
+        self._modbus.append(port)
+        return port
 
     def bench(
         self,
@@ -92,6 +101,33 @@ class RigInMemory:
             self.bus.forget(port.name)
             self.rig.peer_lost(port.name)
 
+    def answer(self, request: bytes, peer: str) -> bytes:
+        """Return the answer of the rig, or what its faults leave of it, when it has arrived; nothing is silence."""
+        if "modbus" in self.shut:
+            return b""
+        filtered = self.rig.faults.points.modbus
+        response = filtered.before(self.rig.answer)(request, peer)
+        pieces = filtered.pieces(response) if response else []
+        if delay := sum(gap for gap, _ in pieces):
+            self.clock.sleep_until(self.clock.now() + round(delay * NS))
+        return b"".join(piece for _, piece in pieces)
+
+    def leave_modbus(self, port: "_ModbusPort") -> None:
+        """Close a Modbus connection; the rig hears that it is gone."""
+        if port in self._modbus:
+            self._modbus.remove(port)
+            self.rig.peer_lost(port.name)
+
+    def disconnect(self, wire: str) -> None:
+        """Let all clients of ``can`` or ``modbus`` lose their connections, and the rig hear of it."""
+        if wire == "can":
+            for port in list(self._ports):
+                port.lose("the CAN interface of the rig is down")
+                self.leave(port)
+        else:
+            for client in self._modbus:
+                self.rig.peer_lost(client.name)
+
     def _advance(self, until: int) -> None:
         ticks = until // TICK_NS - self._ticks
         if ticks > 0:
@@ -101,6 +137,22 @@ class RigInMemory:
     def _name(self, kind: str) -> str:
         self._clients += 1
         return f"{kind}:{self._clients}"
+
+
+class _Door:
+    """One of the two doors of a rig in memory, as its faults know it."""
+
+    def __init__(self, memory: RigInMemory, wire: str) -> None:
+        self._memory, self._wire = memory, wire
+
+    def cut(self) -> None:
+        """Close all connections and let nobody in."""
+        self._memory.shut.add(self._wire)
+        self._memory.disconnect(self._wire)
+
+    def mend(self) -> None:
+        """Let clients in again."""
+        self._memory.shut.discard(self._wire)
 
 
 class _CanPort(InMemoryCan):
@@ -115,15 +167,15 @@ class _CanPort(InMemoryCan):
 
 class _ModbusPort(InMemoryModbus):
     def __init__(self, memory: RigInMemory, name: str, latency: int) -> None:
-        self._memory, self._name, self._latency = memory, name, latency
+        self.name, self._memory, self._latency = name, memory, latency
         super().__init__(self._answer)
 
     def _answer(self, request: bytes) -> bytes:
         if self._latency:
             clock = self._memory.clock
             clock.sleep_until(clock.now() + self._latency)
-        return self._memory.rig.answer(request, self._name)
+        return self._memory.answer(request, self.name)
 
     def close(self) -> None:
         super().close()
-        self._memory.rig.peer_lost(self._name)
+        self._memory.leave_modbus(self)

@@ -17,6 +17,7 @@ from bench_protocol.units import ms, s
 if TYPE_CHECKING:
     from bench_sim.parameters import Parameters
     from bench_sim.rig.can_bus import Stage
+    from bench_sim.rig.faults.panel import PlannedFault
     from bench_sim.rig.rig import Rig
     from drivers.bench import Bench
 
@@ -51,7 +52,10 @@ def simulated_parameters(simulation: Simulation) -> "Parameters":
 
 
 def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
-    """Return the simulated rig, not yet running. Raises ParameterError as `simulated_parameters` does."""
+    """Return the simulated rig, not yet running, with the faults that are asked for.
+
+    Raises ParameterError as `simulated_parameters` does, and FaultError.
+    """
     from bench_sim.parameters.effects import with_effects
     from bench_sim.parameters.model_file import load_effects
     from bench_sim.rig.rig import Rig
@@ -59,7 +63,21 @@ def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
     parameters = simulated_parameters(simulation)
     if simulation.sealed:
         parameters = with_effects(parameters, load_effects(Path(simulation.sealed)))
-    return Rig(parameters, seed=simulation.seed if seed is None else seed)
+    rig = Rig(parameters, seed=simulation.seed if seed is None else seed)
+    for planned in planned_faults(simulation):
+        rig.faults.plan(planned)
+    return rig
+
+
+def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
+    """Return the faults that the rig file asks for; FaultError for a time that is none."""
+    from bench_sim.rig.faults.orders import read_time
+    from bench_sim.rig.faults.panel import PlannedFault
+
+    return [
+        PlannedFault(one.name, one.values, read_time("at", one.at) or 0.0, read_time("for", one.lasting))
+        for one in simulation.faults
+    ]
 
 
 def bus_stages(rig: "Rig", simulation: Simulation) -> list["Stage"]:

@@ -34,7 +34,7 @@ def main(seconds: int, file: Path) -> None:
         if rig.pacing.log_is_full:
             stop.set()
 
-    def ready(can: str, modbus: str) -> None:
+    def ready(can: str, modbus: str, control: str) -> None:
         print(can.rpartition(":")[2], modbus.rpartition(":")[2], flush=True)
 
     watching = RealClock().every(round(_LOOK * NS), look)

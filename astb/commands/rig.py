@@ -60,7 +60,8 @@ def rig_command(
 ) -> None:
     """Run the simulated rig in real time until interrupted.
 
-    Prints `ready can=… modbus=…` when both ports are open. SIGUSR1 presses the emergency stop, SIGUSR2 releases it.
+    Prints `ready can=… modbus=… control=…` when its ports are open; the last is for `astb fault`. SIGUSR1 presses the
+    emergency stop, SIGUSR2 releases it.
     """
     import threading
 
@@ -95,12 +96,16 @@ def rig_command(
                 capture=listener,
                 capture_port=capture_port,
                 stop=stop,
-                ready=lambda door, modbus: click.echo(f"ready can={door} modbus={modbus}"),
+                ready=_say_ready,
             )
     except ValueError as error:
         misuse(error)
     except OSError as error:
         blocked(error)
+
+
+def _say_ready(can: str, modbus: str, control: str) -> None:
+    click.echo(f"ready can={can} modbus={modbus} control={control}")
 
 
 def _at_bit_rate(simulation: "Simulation | None", bit_rate: str | None) -> "Simulation":

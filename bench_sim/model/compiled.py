@@ -11,6 +11,7 @@ from numba import njit
 OF_THE_TICK = (
     "commands",
     "controls",
+    "faults/in_tick",
     "heartbeat",
     "limits",
     "pacing",

@@ -5,6 +5,7 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from bench_protocol import socketcand
@@ -182,6 +183,7 @@ class CanHub:
         self._closed = False
         self._thread = 0
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._home: asyncio.AbstractEventLoop | None = None  # also while the hub is cut off
 
     @property
     def clients(self) -> tuple[str, ...]:
@@ -216,7 +218,22 @@ class CanHub:
             with contextlib.suppress(RuntimeError):  # the loop has been closed in the meantime
                 loop.call_soon_threadsafe(self._flush)
 
+    def cut(self) -> None:
+        """Close all connections, and every new one at once, until `mend`; from any thread."""
+        self._soon(self.close)
+
+    def mend(self) -> None:
+        """Let clients in again; from any thread."""
+        if self._home is not None:
+            self._soon(partial(self.open, self._home))
+
+    def _soon(self, do: Callable[[], None]) -> None:
+        if self._home is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has been closed in the meantime
+                self._home.call_soon_threadsafe(do)
+
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._home = loop
         self._loop, self._closed, self._thread = loop, False, threading.get_ident()
 
     def close(self) -> None:

@@ -67,6 +67,7 @@ class Happened(IntFlag):
     NODE = 256  #: the CANopen node has something to do
     TICK_LOST = 128
     COMMANDED = 512  #: control bits have changed, or somebody asks for the lease
+    FAULT = 1024  #: a fault on purpose begins or ends
 
 
 #: A snapshot of the rig's tick is a copy of this record.
@@ -92,6 +93,7 @@ CONTROLS: Final = np.dtype(
         ("asked_nonce", "<i8"),
         ("asked_token", "<i8"),
         ("write_deadline", "<i8"),  # tick by which the holder of the lease must have written, -1 for never
+        ("fault_tick", "<i8"),  # tick at which a fault on purpose begins or ends, -1 for never
         ("armed", "<i8"),  # 1: the watchdog is watching
         ("late", "<i8"),  # 1: already reported
         ("lost", "<i8"),

@@ -1,8 +1,9 @@
 """The rig's Modbus/TCP server: it takes requests from the stream of each client and writes the answers back."""
 
 import asyncio
+import contextlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from bench_protocol import modbus
@@ -11,9 +12,15 @@ from bench_sim.rig.peers import MODBUS
 from bench_sim.rig.places import Holds, Places
 
 Answer = Callable[[bytes, str], bytes | None]
+Pieces = Callable[[bytes], Sequence[tuple[float, bytes]]]
 
 # Some 0.5 ms of work for one client before the others have their turn.
 _REQUESTS_AT_ONCE: Final = 64
+
+
+def _at_once(response: bytes) -> Sequence[tuple[float, bytes]]:
+    """Send an answer as a whole and without waiting."""
+    return ((0.0, response),)
 
 
 class _ModbusClient(Connection):
@@ -26,6 +33,7 @@ class _ModbusClient(Connection):
         self._server = server
         self._stream = modbus.AduStream()
         self._requests: deque[bytes] = deque()
+        self._pieces: deque[tuple[float, bytes]] = deque()  # of answers that take their time: when, what
         self._blocked = False
         self._closing = False
 
@@ -40,6 +48,7 @@ class _ModbusClient(Connection):
         del exc
         self.stop_timer()
         self._requests.clear()
+        self._pieces.clear()
         self._server.forget(self)
 
     def data_received(self, data: bytes) -> None:
@@ -56,11 +65,14 @@ class _ModbusClient(Connection):
     def _respond(self) -> None:
         """Answer what has come, but only a portion at a time: no client may keep the loop from the others."""
         assert self.transport is not None
-        if self._blocked or self.transport.is_closing():
+        if self._blocked or self._pieces or self.transport.is_closing():
             return
         portion = [self._requests.popleft() for _ in range(min(_REQUESTS_AT_ONCE, len(self._requests)))]
         responses = [self._server.respond(request, self.name) for request in portion]
-        self.transport.write(b"".join(response for response in responses if response))
+        self._send(response for response in responses if response)
+        if self._pieces:
+            self.transport.pause_reading()
+            return
         if self._blocked:
             return
         if self._requests:
@@ -72,6 +84,32 @@ class _ModbusClient(Connection):
         else:
             self.transport.resume_reading()
             self._expect()
+
+    def _send(self, responses: Iterable[bytes]) -> None:
+        """Send answers, or keep their pieces until their time has come."""
+        now = when = self.loop.time()
+        for response in responses:
+            for gap, piece in self._server.pieces(response):
+                when += gap
+                self._pieces.append((when, piece))
+        self._send_due(now)
+
+    def _send_due(self, now: float) -> None:
+        assert self.transport is not None
+        due = []
+        while self._pieces and self._pieces[0][0] <= now:
+            due.append(self._pieces.popleft()[1])
+        self.transport.write(b"".join(due))
+        if self._pieces:
+            self.loop.call_at(self._pieces[0][0], self._go_on)
+
+    def _go_on(self) -> None:
+        """Send the next piece, and behind the last one answer what has come meanwhile."""
+        if self.transport is None or self.transport.is_closing() or not self._pieces:
+            return
+        self._send_due(self._pieces[0][0])
+        if not self._pieces:
+            self._respond()
 
     def _expect(self) -> None:
         """Wait for the next request: long if nothing has come of it yet, briefly if it has begun."""
@@ -99,7 +137,8 @@ class ModbusTcpServer:
 
     Pipelined and split requests are fine; a wrong header ends the connection. So does silence for ``idle_limit`` s, a
     request that stays incomplete or answers that stay unfetched for ``split_limit`` s. What goes wrong inside
-    ``answer`` is exception 4 to the client and is reported to the loop's exception handler.
+    ``answer`` is exception 4 to the client and is reported to the loop's exception handler. ``pieces(response)``
+    returns in which pieces an answer leaves, each with the time (s) since the one before.
 
     One place beyond ``clients_max`` is kept for the peer of which ``holds(peer)`` is true; one of which
     ``commands(peer)`` is true, because it commands on the other wire, may be silent for as long as it likes.
@@ -110,6 +149,7 @@ class ModbusTcpServer:
         answer: Answer,
         on_peer_lost: OnPeerLost = ignore,
         *,
+        pieces: Pieces = _at_once,
         idle_limit: float = 60.0,
         split_limit: float = 5.0,
         clients_max: int = 64,
@@ -118,11 +158,13 @@ class ModbusTcpServer:
     ) -> None:
         self.idle_limit = idle_limit
         self.split_limit = split_limit
+        self.pieces = pieces
         self._answer = answer
         self._on_peer_lost = on_peer_lost
         self.commands = commands
         self._clients: Places[_ModbusClient] = Places(clients_max, holds)
         self._closed = False
+        self._loop: asyncio.AbstractEventLoop | None = None
 
     @property
     def clients(self) -> tuple[str, ...]:
@@ -130,12 +172,25 @@ class ModbusTcpServer:
         return tuple(client.name for client in self._clients)
 
     def open(self) -> None:
-        self._closed = False
+        self._closed, self._loop = False, asyncio.get_running_loop()
 
     def close(self) -> None:
         self._closed = True
         for client in self._clients:
             client.drop()
+
+    def cut(self) -> None:
+        """Close all connections, and every new one at once, until `mend`; from any thread."""
+        self._soon(self.close)
+
+    def mend(self) -> None:
+        """Let clients in again; from any thread."""
+        self._soon(self.open)
+
+    def _soon(self, do: Callable[[], None]) -> None:
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has been closed in the meantime
+                self._loop.call_soon_threadsafe(do)
 
     def client(self) -> asyncio.Protocol:
         """Return the protocol of a new connection."""

@@ -13,6 +13,8 @@ from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture import Capture
 from bench_sim.rig.capture_server import CaptureServer
+from bench_sim.rig.control_socket import ControlSocket
+from bench_sim.rig.faults.insertion import Wires
 from bench_sim.rig.modbus_server import ModbusTcpServer
 from bench_sim.rig.pacing import Late
 from bench_sim.rig.rig import Rig
@@ -37,18 +39,17 @@ def run_rig(
     capture: Capture | None = None,
     capture_port: int | None = None,
     stop: threading.Event,
-    ready: Callable[[str, str], None],
+    ready: Callable[[str, str, str], None],
 ) -> None:
-    """Open CAN and Modbus, call ``ready(can, modbus)`` with their addresses, and tick until ``stop`` is set.
+    """Open CAN and Modbus, call ``ready(can, modbus, control)`` with their addresses, and tick until ``stop`` is set.
 
     ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface; ``stages``
     stand on the bus behind it, and so does ``capture``, which lets others read along on ``capture_port``.
     Raises OSError in words if one of them cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
-    lease = rig.lease
-    lease.shuffle(wall_time_ns())
-    modbus_server = ModbusTcpServer(rig.answer, rig.peer_lost, holds=lease.holds, commands=lease.commands)
+    rig.lease.shuffle(wall_time_ns())
+    modbus_server = _modbus_server(rig)
     bus, wire, hub = _open_bus(rig, interface)
     with contextlib.ExitStack() as stack:
         stack.callback(bus.close)
@@ -60,6 +61,7 @@ def run_rig(
                 hub,
                 modbus_server,
                 CaptureServer(capture) if capture and capture_port else None,
+                ControlSocket(rig.order),
                 host=host,
                 can_port=can_port,
                 modbus_port=modbus_port,
@@ -72,12 +74,22 @@ def run_rig(
         )
         for stage in (*stages, capture) if capture else stages:
             bus.add(stage)
+        rig.faults.points.connect(Wires(bus, hub, modbus_server))
         bus.publish(rig.run(1))  # loads the compiled tick before the first deadline
         stack.enter_context(_undisturbed())
         with _ticking(rig, bell, policy, stop):
             can_address = interface or f"socketcand://{host}:{servers.can_port}"
-            ready(can_address, f"{host}:{servers.modbus_port}")
+            ready(can_address, f"{host}:{servers.modbus_port}", str(servers.control))
             stop.wait()
+
+
+def _modbus_server(rig: Rig) -> ModbusTcpServer:
+    """Return the Modbus server of ``rig`` with the faults before it."""
+    faults, lease = rig.faults.points.modbus, rig.lease
+    answer = faults.before(rig.answer)
+    return ModbusTcpServer(
+        answer, rig.peer_lost, pieces=faults.pieces, holds=lease.holds, commands=lease.commands
+    )
 
 
 def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None, CanHub | None]:

@@ -23,6 +23,9 @@ from bench_sim.rig.canopen import CanopenNode
 from bench_sim.rig.commands import Incoming
 from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened, Target
 from bench_sim.rig.emergencies import Emergencies
+from bench_sim.rig.faults.insertion import InsertionPoints
+from bench_sim.rig.faults.orders import obey
+from bench_sim.rig.faults.panel import FaultPanel
 from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.gate import Gate
 from bench_sim.rig.generator import FunctionGenerator
@@ -83,6 +86,7 @@ class Rig:
         self._detectors = detectors(TABLE, limits)
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
+        self.faults = FaultPanel(InsertionPoints(self, self.plant, self._controls))
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
         self._pending: list[Block] = []
@@ -165,7 +169,7 @@ class Rig:
         return (
             self._control_array,
             PlantArrays(plant.state, plant.memory_array, plant.inputs, plant.parameter_array),
-            Sampling(np.zeros(SENSORS), self.values, self._detectors),
+            Sampling(np.zeros(SENSORS), self.values, self._detectors, self.faults.points.arrays),
             Sending(layout.messages, layout.fields, self._encoder.counters, fast, medium, slow, every),
             self._incoming,
             self._outgoing,
@@ -254,7 +258,12 @@ class Rig:
         count = self._drain(self._outgoing, self.lock.address, *self._basket)
         return copied(self._basket[0][:count])
 
-    # -- the emergency stop --------------------------------------------------------------------------------------
+    # -- beside the wires: faults, the emergency stop, power -----------------------------------------------------
+
+    def order(self, line: bytes) -> bytes:
+        """Carry out an order to the fault panel, a line of JSON, and return its answer."""
+        with self.lock:
+            return obey(self.faults, line)
 
     def press_estop(self) -> None:
         """Press the emergency stop: hard-wired, no software between the button and the valves."""
@@ -271,6 +280,27 @@ class Rig:
         """Take the power from valves and actuators: they fall into their safe position; the doors keep theirs."""
         with self.lock:
             self.supervisor.handle(Event.POWER_LOST)
+
+    def set_mains(self, *, there: bool) -> None:
+        """Take the mains away, and with it the power, or bring it back: it comes on again only by command."""
+        with self.lock:
+            self.supervisor.mains = there
+            if not there:
+                self.cut_power()
+
+    def power_on(self) -> None:
+        """Switch the power on, where there is any."""
+        with self.lock:
+            self.supervisor.handle(Event.POWER_ON)
+
+    def hold_program(self) -> None:
+        """Let the function generator stand still."""
+        with self.lock:
+            self.generator.hold()
+
+    def stall(self, duration: int) -> None:
+        """Let the next tick begin ``duration`` ns late, in real time."""
+        self.pacing.stall(duration)
 
     # -- what the wires report -----------------------------------------------------------------------------------
 
@@ -372,6 +402,7 @@ class Rig:
         self.supervisor.decide(happened)
         self.lease.decide(happened)
         self.node.decide(happened)
+        self.faults.decide(happened)
 
     def _start_values(self) -> None:
         for signal in TABLE.signals:

@@ -12,12 +12,14 @@ import os
 import socket
 import threading
 from collections.abc import Callable, Coroutine
+from pathlib import Path
 from typing import Any, Final, Self
 
 from bench_protocol import socketcand
 from bench_protocol.clock import hurry
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture_server import CaptureServer
+from bench_sim.rig.control_socket import ControlSocket
 from bench_sim.rig.modbus_server import ModbusTcpServer
 
 #: Below the tick. A server that waits for a processor while it holds the interpreter would hold up the tick as well.
@@ -39,6 +41,7 @@ class Servers:
         self.can_port: int | None = None
         self.modbus_port: int | None = None
         self.capture_port: int | None = None
+        self.control: Path | None = None
 
     def stop(self) -> None:
         """Close the ports and all connections and end the thread, within 1 s; harmless when repeated."""
@@ -61,6 +64,7 @@ def serve_in_thread(
     hub: CanHub | None = None,
     modbus_server: ModbusTcpServer | None = None,
     capture_server: CaptureServer | None = None,
+    control: ControlSocket | None = None,
     *,
     host: str = "127.0.0.1",
     can_port: int = 0,
@@ -106,6 +110,9 @@ def serve_in_thread(
             if bell is not None:
                 loop.add_reader(bell, _answer_bell, bell, on_bell)
                 stack.callback(loop.remove_reader, bell)
+            if control is not None and servers.modbus_port is not None:
+                stack.callback(control.close)
+                servers.control = await control.open(host, servers.modbus_port)
             opened.append(servers)
             ready.set()
             await servers._stop.wait()

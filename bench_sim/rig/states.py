@@ -51,6 +51,7 @@ class Transition:
 _S, _E = BenchState, Event
 COMMAND_VALID: Final = "valid commands arrive"
 ESTOP_RELEASED: Final = "emergency stop released"
+MAINS: Final = "the mains are there"
 
 #: States in which the actuators hold or move what they are told.
 ENGAGED: Final = (_S.HOLD, _S.ACTIVE)
@@ -60,7 +61,7 @@ SHUT_IN: Final = (_S.FAULT_HOLD,)
 SAFE: Final = (_S.OFF, _S.BOOT, _S.INIT, _S.DISABLED, _S.FAULT_DISABLED, _S.ESTOP)
 
 TRANSITIONS: Final[tuple[Transition, ...]] = (
-    Transition(_S.OFF, _E.POWER_ON, _S.BOOT),
+    Transition(_S.OFF, _E.POWER_ON, _S.BOOT, MAINS),
     Transition(_S.BOOT, _E.BOOTED, _S.INIT),
     Transition(_S.INIT, _E.CHECKED, _S.DISABLED),
     Transition(_S.DISABLED, _E.RESET, _S.AIR_LOW, COMMAND_VALID),

@@ -18,6 +18,7 @@ from bench_sim.rig.states import (
     COMMAND_VALID,
     ENGAGED,
     ESTOP_RELEASED,
+    MAINS,
     REASON_OF,
     SAFE,
     SHUT_IN,
@@ -53,6 +54,8 @@ class Supervisor:
         emergencies: Emergencies,
     ) -> None:
         self.estop = False
+        #: Whether there is power that could be switched on.
+        self.mains = True
         self._controls = controls
         self._values = values
         self._limits, self._detectors = limits, detectors
@@ -60,7 +63,11 @@ class Supervisor:
         self._emergencies = emergencies
         self._bits = ControlBit.NONE  # of the last valid command
         self.machine = StateMachine(
-            {COMMAND_VALID: self.command_valid, ESTOP_RELEASED: lambda: not self.estop},
+            {
+                COMMAND_VALID: self.command_valid,
+                ESTOP_RELEASED: lambda: not self.estop,
+                MAINS: lambda: self.mains,
+            },
         )
 
     @property

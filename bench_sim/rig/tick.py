@@ -42,6 +42,7 @@ from bench_sim.rig.controls import (
     Happened,
     Target,
 )
+from bench_sim.rig.faults.in_tick import FaultArrays, disturb, hold_inputs
 from bench_sim.rig.heartbeat import beat, node_due
 from bench_sim.rig.limits import detect
 from bench_sim.rig.pacing import Pacing, await_tick, count_lateness, put_off
@@ -213,6 +214,17 @@ def _watch(c: Any) -> int:
     return happened
 
 
+@compiled
+def _appointments(c: Any) -> int:
+    """Return who wanted to be asked in this tick: the state machine, the fault panel."""
+    happened = Happened.NOTHING.value
+    if c.tick == c.alarm:
+        happened |= Happened.ALARM.value
+    if c.tick == c.fault_tick:
+        happened |= Happened.FAULT.value
+    return happened
+
+
 class PlantArrays(NamedTuple):
     """The plant as its compiled step takes it; one record each in ``memory`` and ``parameters``."""
 
@@ -223,11 +235,12 @@ class PlantArrays(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """What is sampled at 200 Hz: readings of the sensors, all signals by table row, and the limits on them."""
+    """What is sampled at 200 Hz: readings of the sensors, all signals by table row, limits and faults on them."""
 
     readings: npt.NDArray[np.float64]
     values: npt.NDArray[np.float64]  #: SI; the measurements stand first, in the order of the sensors
     detectors: npt.NDArray[np.void]
+    faults: FaultArrays
 
 
 class Sending(NamedTuple):
@@ -337,17 +350,17 @@ def run_ticks(
         c.tick += 1
         happened |= _generate(c)
         _drive(c, u, values[Sensor.LEFT_AUXILIARY_PRESSURE], values[Sensor.RIGHT_AUXILIARY_PRESSURE])
+        hold_inputs(sampling.faults, u)
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
         if c.tick % FAST == 0:
             observe(x, mem, u, par, work[0], algebraic, ideal)
             read_sensors(mem, par, ideal, c.tick // FAST, sampling.readings)
+            disturb(sampling.faults, c.tick, par, sampling.readings)
             happened |= _judge(c, sampling)
             position = _tell(c, values, sending, out, position)
         position = _send(values, sending, sending.every, c.tick * TICK_NS, out, position)
         position = beat(c, out, position)
-        happened |= _watch(c) | node_due(c)
-        if c.tick == c.alarm:
-            happened |= Happened.ALARM.value
+        happened |= _watch(c) | node_due(c) | _appointments(c)
         if real:
             _end(pacing, outgoing, out, position)
             position = 0

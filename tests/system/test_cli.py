@@ -100,7 +100,9 @@ def test_help_comes_at_once():
 def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
     """With a commander and a listener connected, who are the ones that keep ports busy."""
     rig = start_rig()
-    assert re.fullmatch(r"ready can=socketcand://127\.0\.0\.1:\d+ modbus=127\.0\.0\.1:\d+", rig.ready)
+    assert re.fullmatch(
+        r"ready can=socketcand://127\.0\.0\.1:\d+ modbus=127\.0\.0\.1:\d+ control=/\S+", rig.ready
+    )
     can = open_can("tcp", port=rig.can_port)
     modbus = open_modbus("127.0.0.1", rig.modbus_port)
     assert modbus.read_input(1, 2) == [TABLE.map_hash >> 16, TABLE.map_hash & 0xFFFF]

@@ -1,0 +1,119 @@
+"""`astb fault`: what is broken on purpose on a running simulated rig, beside its wires."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from astb.commands.options import RIG_OPTION, read_rig
+from astb.exit_codes import blocked, misuse
+
+_PORT: Final = click.option(
+    "--modbus-port",
+    type=click.IntRange(1, 65535),
+    help="Which rig: the TCP port of its Modbus, over the rig file.",
+)
+
+
+@click.group("fault")
+def fault_command() -> None:
+    """Break something on a running simulated rig, and mend it again.
+
+    Nothing of it crosses CAN or Modbus: the rig listens on a socket of its user.
+    """
+
+
+@fault_command.command("list")
+@RIG_OPTION
+@_PORT
+def list_command(rig_path: Path | None, modbus_port: int | None) -> None:
+    """List all faults, their parameters, and what is on."""
+    answer = _ask(rig_path, modbus_port, {"do": "list"})
+    on = answer["on"]
+    place = ""
+    for fault in answer["faults"]:
+        if fault["place"] != place:
+            place = fault["place"]
+            click.echo(f"{place}:")
+        click.echo(f"  {fault['name']:<22} {fault['title']}")
+        for one in fault["parameters"]:
+            usual = f", usually {one['usual']}" if one["usual"] else ""
+            click.echo(f"      {one['name']:<18} {_short(one['span'])}{usual}")
+    click.echo(f"on at {answer['time']:.3f} s:" if on else f"at {answer['time']:.3f} s no fault is on")
+    for active in on:
+        click.echo(f"  {_told(active)}")
+
+
+@fault_command.command("on")
+@click.argument("name")
+@click.argument("values", nargs=-1, metavar="[KEY=VALUE]...")
+@click.option("--for", "lasting", metavar="TIME", help="Mend it after this time, such as 3s.")
+@RIG_OPTION
+@_PORT
+def on_command(
+    name: str, values: tuple[str, ...], lasting: str | None, rig_path: Path | None, modbus_port: int | None
+) -> None:
+    """Switch the fault NAME on, or change it: astb fault on leak side=left area=2mm2."""
+    order: dict[str, Any] = {"do": "on", "name": name, "values": _pairs(values)}
+    if lasting is not None:
+        order["for"] = lasting
+    for active in _ask(rig_path, modbus_port, order)["on"]:
+        click.echo(f"on: {_told(active)}")
+
+
+@fault_command.command("off")
+@click.argument("name", metavar="NAME|all")
+@RIG_OPTION
+@_PORT
+def off_command(name: str, rig_path: Path | None, modbus_port: int | None) -> None:
+    """Switch off the fault NAME (leak, or leak.left alone), or all."""
+    off = _ask(rig_path, modbus_port, {"do": "off", "name": name})["off"]
+    click.echo(f"off: {', '.join(off)}" if off else "no fault was on")
+
+
+def _pairs(values: tuple[str, ...]) -> dict[str, str]:
+    pairs: dict[str, str] = {}
+    for text in values:
+        key, equals, value = text.partition("=")
+        if not equals:
+            misuse(f"{text} is no KEY=VALUE, such as area=2mm2")
+        if key in pairs:
+            misuse(f"{key} is given twice")
+        pairs[key] = value
+    return pairs
+
+
+def _ask(rig_path: Path | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
+    """Return what the rig answers to ``order``; ends the command if there is no rig, or it refuses."""
+    import msgspec
+
+    from bench_sim.rig.control_socket import ask, control_path
+
+    rig, path = read_rig(rig_path)
+    if rig.simulation is None:
+        misuse(f"rig file {path} describes a real rig (no [simulation] table): it has faults of its own")
+    port = modbus_port or rig.modbus.port
+    socket_path = control_path(rig.modbus.host, port)
+    try:
+        answer: dict[str, Any] = msgspec.json.decode(ask(socket_path, msgspec.json.encode(order)))
+    except (FileNotFoundError, ConnectionRefusedError):
+        blocked(
+            f"no rig listens at {socket_path}; is `astb rig` running with Modbus at {rig.modbus.host}:{port}?"
+        )
+    except OSError as error:
+        blocked(error)
+    if "error" in answer:
+        misuse(answer["error"])
+    return answer
+
+
+def _told(active: dict[str, Any]) -> str:
+    values = " ".join(f"{key}={value}" for key, value in active["values"].items())
+    until = "" if active["until"] is None else f", until {active['until']:.3f} s"
+    return f"{active['label']} {values}".strip() + f" (since {active['since']:.3f} s{until})"
+
+
+def _short(span: str) -> str:
+    """Return the choices of a parameter, not all of them where there are many."""
+    choices = span.split(" or ")
+    return " | ".join(choices if len(choices) < 8 else [*choices[:5], f"… ({len(choices)})"])

@@ -1,0 +1,151 @@
+"""The control socket of a running rig: a Unix domain socket of its user, a line in and a line out, beside all wires.
+
+It is for what nobody has on a real bench, such as faults on purpose. Its path follows from the place of the Modbus
+server, so that whoever knows the rig file finds it; the directory is its user's alone.
+"""
+
+import asyncio
+import contextlib
+import os
+import socket
+import stat
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+#: Bytes of a line, and clients at once.
+LINE_MAX: Final = 8192
+_CLIENTS_MAX: Final = 8
+#: A client that asks nothing for so long (s) is sent away.
+_IDLE_LIMIT: Final = 60.0
+_TOO_LONG: Final = b'{"error":"a line has at most 8192 bytes"}\n'
+
+
+def control_path(host: str, modbus_port: int) -> Path:
+    """Return where the rig whose Modbus server is there has its control socket."""
+    own = os.environ.get("XDG_RUNTIME_DIR")
+    folder = Path(own) / "astb" if own else Path(tempfile.gettempdir()) / f"astb-{os.getuid()}"
+    return folder / f"{host.replace(':', '_')}-{modbus_port}.sock"
+
+
+def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
+    """Return the rig's answer to one line; OSError if there is no rig, or it does not answer within ``timeout`` (s)."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(timeout)
+        connection.connect(str(path))
+        connection.sendall(line + b"\n")
+        answer = b""
+        while not answer.endswith(b"\n"):
+            part = connection.recv(1 << 16)
+            if not part:
+                raise ConnectionResetError("the rig closed its control socket")
+            answer += part
+        return answer
+
+
+class ControlSocket:
+    """Answers lines by ``answer(line)``, in the thread of the servers; closing it removes the socket."""
+
+    def __init__(self, answer: Callable[[bytes], bytes]) -> None:
+        self.answer = answer
+        self.clients: set[_ControlClient] = set()
+        self._server: asyncio.AbstractServer | None = None
+        self._path: Path | None = None
+
+    async def open(self, host: str, modbus_port: int) -> Path:
+        """Open the socket, for this user alone, and return its path. OSError, in words, if it cannot be had."""
+        path = control_path(host, modbus_port)
+        try:
+            _own_directory(path.parent)
+            if _alive(path):
+                raise OSError("another rig has it")
+            loop = asyncio.get_running_loop()
+            self._server = await loop.create_unix_server(lambda: _ControlClient(self), str(path))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OSError(error.errno, f"control socket {path} cannot be opened: {reason}") from None
+        path.chmod(0o600)
+        self._path = path
+        return path
+
+    def close(self) -> None:
+        """Close the socket and all connections."""
+        if self._server is not None:
+            self._server.close()
+        for client in list(self.clients):
+            client.drop()
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+
+    def admits(self) -> bool:
+        """Whether there is room for one more client."""
+        return len(self.clients) < _CLIENTS_MAX
+
+
+class _ControlClient(asyncio.Protocol):
+    """One connection to the control socket."""
+
+    def __init__(self, control: ControlSocket) -> None:
+        self._control = control
+        self._rest = b""
+        self._transport: asyncio.Transport | None = None
+        self._timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        if not self._control.admits():
+            self.drop()
+            return
+        self._control.clients.add(self)
+        self._expect()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        del exc
+        if self._timer:
+            self._timer.cancel()
+        self._control.clients.discard(self)
+
+    def data_received(self, data: bytes) -> None:
+        assert self._transport is not None
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            self._transport.write(_TOO_LONG if len(line) > LINE_MAX else self._control.answer(line))
+        if len(self._rest) > LINE_MAX:
+            self._transport.write(_TOO_LONG)
+            self._transport.close()
+        self._expect()
+
+    def pause_writing(self) -> None:
+        self.drop()  # whoever does not read the answers gets no more of them
+
+    def drop(self) -> None:
+        """End the connection."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _expect(self) -> None:
+        if self._timer:
+            self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(_IDLE_LIMIT, self.drop)
+
+
+def _own_directory(folder: Path) -> None:
+    """Make ``folder`` for this user alone; PermissionError if it is somebody else's or open to others."""
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise PermissionError(f"{folder} must be a directory that only this user can enter")
+
+
+def _alive(path: Path) -> bool:
+    """Whether somebody listens at ``path``; what a rig that was killed has left is taken over."""
+    with socket.socket(socket.AF_UNIX) as probe:
+        probe.settimeout(0.5)
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return False
+        return True

@@ -1,0 +1,1 @@
+"""Faults on purpose: what can be broken on a running rig, by name, and mended again."""

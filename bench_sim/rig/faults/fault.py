@@ -1,0 +1,157 @@
+"""What a fault on purpose is: its name, its place, its parameters with unit and range, and what a driver sees of it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from enum import StrEnum
+from typing import Any, Final
+
+from bench_protocol.table import TABLE
+from bench_protocol.units import WRITTEN_UNITS
+from bench_sim.parameters.loading import ParameterError
+from bench_sim.parameters.values import read_value
+from bench_sim.rig.faults.insertion import InsertionPoints
+
+#: The unit of a number that is one of the reading of the fault's ``sensor``, and of one that is such for each second.
+OF_SENSOR: Final = "of the sensor"
+OF_SENSOR_PER_SECOND: Final = "of the sensor, per second"
+
+#: Values of a fault's parameters by name: numbers in SI, choices as texts.
+Values = Mapping[str, Any]
+#: Breaks something at the insertion points, and returns what mends it.
+Begin = Callable[[InsertionPoints, Values], Callable[[], None]]
+
+
+class FaultError(ValueError):
+    """There is no such fault, or it cannot be like this; the text says what would be right."""
+
+
+class Place(StrEnum):
+    """Where faults act."""
+
+    BUS = "bus"
+    MODBUS = "modbus"
+    SENSORS = "sensors"
+    PLANT = "plant"
+    RIG = "rig"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultNumber:
+    """A number that a fault takes, with its range in its ``unit``; without default it must be given."""
+
+    name: str
+    unit: str  #: one of `WRITTEN_UNITS`, `OF_SENSOR` or `OF_SENSOR_PER_SECOND`
+    low: float
+    high: float
+    text: str
+    default: float | None = None
+    whole: bool = False
+
+    @property
+    def span(self) -> str:
+        """The range in words."""
+        if self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND):
+            return f"up to the range {self.unit}, either way"
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.low:g} to {self.high:g}{unit}"
+
+    @property
+    def usual(self) -> str:
+        """The default in words, empty where there is none."""
+        if self.default is None:
+            return ""
+        return f"{self.default:g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+    def read(self, text: Any, sensor: str) -> float:
+        """Return ``text`` in SI; for a number of a sensor, its name is needed. FaultError for what is not allowed."""
+        unit, low, high = self.unit, self.low, self.high
+        if unit in (OF_SENSOR, OF_SENSOR_PER_SECOND):
+            signal = TABLE[sensor]
+            si, high = signal.si, signal.high - signal.low
+            low = -high
+            if unit == OF_SENSOR_PER_SECOND:
+                si = "m/s3" if si == "m/s2" else f"{si}/s"
+            unit = signal.unit if unit == OF_SENSOR and signal.unit in WRITTEN_UNITS else si
+            low, high = (bound / WRITTEN_UNITS[unit].factor for bound in (low, high))
+        si, factor, _ = WRITTEN_UNITS[unit]
+        try:
+            value = read_value(self.name, text, si)
+        except ParameterError as error:
+            raise FaultError(str(error)) from None
+        # As people write it: 0.3 bar is not exactly 0.3 times 100 000 Pa.
+        if not low * factor * (1 - 1e-12) - 1e-300 <= value <= high * factor * (1 + 1e-12) + 1e-300:
+            span = f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}")
+            raise FaultError(f"{self.name} = {text} is outside {span}")
+        if self.whole and value != round(value):
+            raise FaultError(f"{self.name} = {text} is not a whole number")
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class FaultChoice:
+    """One of several words that a fault takes; without default it must be given."""
+
+    name: str
+    choices: tuple[str, ...]
+    text: str
+    default: str | None = None
+
+    @property
+    def span(self) -> str:
+        """The choices in words."""
+        return " or ".join(f"`{choice}`" for choice in self.choices)
+
+    @property
+    def usual(self) -> str:
+        """The default, empty where there is none."""
+        return self.default or ""
+
+    def read(self, text: Any, sensor: str) -> str:
+        """Return ``text`` if it is one of the choices; FaultError otherwise."""
+        del sensor
+        if str(text) in self.choices:
+            return str(text)
+        near = get_close_matches(str(text), self.choices, n=1)
+        right = f"{near[0]} would be one" if near else f"there are {', '.join(self.choices)}"
+        raise FaultError(f"{self.name} = {text} is none; {right}")
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault; with a ``target``, the name of a parameter, it can be on for several of them at once."""
+
+    name: str
+    place: Place
+    title: str  #: one sentence: what it is
+    seen: str  #: one sentence: what a driver sees
+    begin: Begin
+    parameters: tuple[FaultNumber | FaultChoice, ...] = ()
+    target: str = ""
+    lasts: float | None = None  #: s, where nobody says for how long it is on
+
+    def read(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return all values (SI, choices as texts) from texts with units, such as ``{"area": "2 mm2"}``.
+
+        Raises FaultError with name, value, unit and what would be right.
+        """
+        known = {one.name: one for one in self.parameters}
+        for key in given:
+            if key not in known:
+                near = get_close_matches(key, known, n=1)
+                right = f"{near[0]} would be one" if near else f"it has {', '.join(known) or 'none'}"
+                raise FaultError(f"{key} is no parameter of {self.name}; {right}")
+        values: dict[str, Any] = {}
+        try:
+            for one in self.parameters:
+                text = given.get(one.name, one.usual)
+                if text == "":
+                    raise FaultError(f"{one.name} is missing: {one.text}, {one.span}".replace("`", ""))
+                values[one.name] = one.read(text, str(values.get("sensor", "")))
+        except FaultError as error:
+            raise FaultError(f"{self.name}: {error}") from None
+        return values
+
+    def label(self, values: Values) -> str:
+        """Return the name under which it is on: ``bias.left.height``, or just its name."""
+        return f"{self.name}.{values[self.target]}" if self.target else self.name

@@ -1,0 +1,98 @@
+"""What the compiled tick knows of faults: readings that are disturbed, and inputs of the plant that are held."""
+
+import math
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.rates import FAST_RATE, TICK
+from bench_sim.model.compiled import compiled
+from bench_sim.model.layout import INPUTS
+from bench_sim.model.noise import normal, scramble
+
+#: Readings that can be disturbed at once.
+DISTURBANCES_MAX: Final = 64
+_WORDS: Final = 2.0**32
+
+
+class DisturbanceKind(IntEnum):
+    """What happens to a reading."""
+
+    STUCK = 0  #: stays at ``value``, or at the first reading where that is NaN
+    BIAS = 1  #: is off by ``value``
+    DRIFT = 2  #: is off by ``value`` for every second
+    SPIKE = 3  #: is off by ``value`` in some samples, with the probability ``chance``
+    NOISE = 4  #: is off by a normal variate of the standard deviation ``value``
+    LOST = 5  #: is ``value``: a rail of the transducer, or NaN
+
+
+#: One disturbed reading; ``start`` is the tick from which it counts.
+DISTURBANCE: Final = np.dtype(
+    [
+        ("sensor", "<i8"),
+        ("kind", "<i8"),
+        ("value", "<f8"),
+        ("chance", "<f8"),
+        ("start", "<i8"),
+        ("seed", "<i8"),
+    ]
+)
+
+
+class FaultArrays(NamedTuple):
+    """The faults that the tick itself carries out."""
+
+    counts: npt.NDArray[np.int64]  #: (2,): disturbed readings, held inputs; 0 costs nothing
+    disturbances: npt.NDArray[np.void]
+    inputs: npt.NDArray[np.float64]  #: by `Input`: the value at which it is held, NaN where it is free
+
+    @classmethod
+    def none(cls) -> "FaultArrays":
+        """Return room for faults, and none in it."""
+        return cls(np.zeros(2, np.int64), np.zeros(DISTURBANCES_MAX, DISTURBANCE), np.full(INPUTS, np.nan))
+
+
+@compiled
+def hold_inputs(faults: Any, u: Any) -> None:
+    """Put the held inputs of the plant in the place of what the controls want."""
+    if faults.counts[1] == 0:
+        return
+    for k in range(INPUTS):
+        if not math.isnan(faults.inputs[k]):
+            u[k] = faults.inputs[k]
+
+
+@compiled
+def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
+    """Disturb the readings (SI) of one sampling instant, in the order in which the faults were switched on.
+
+    What is only off stays within the range of its transducer.
+    """
+    for row in range(faults.counts[0]):
+        one = faults.disturbances[row]
+        sensor = one.sensor
+        reading = readings[sensor]
+        kind = one.kind
+        if kind == DisturbanceKind.STUCK:
+            if math.isnan(one.value):
+                one.value = reading
+            readings[sensor] = one.value
+        elif kind == DisturbanceKind.LOST:
+            readings[sensor] = one.value
+        else:
+            if kind == DisturbanceKind.BIAS:
+                reading += one.value
+            elif kind == DisturbanceKind.DRIFT:
+                reading += one.value * (tick - one.start) * TICK
+            elif kind == DisturbanceKind.NOISE:
+                reading += one.value * normal(one.seed, tick, sensor)
+            elif scramble(scramble(one.seed + sensor) ^ tick) < one.chance * _WORDS:
+                reading += one.value
+            readings[sensor] = min(max(reading, par.sensor_low[sensor]), par.sensor_high[sensor])
+
+
+def chance_of(rate: float) -> float:
+    """Return the probability in one sample of what happens ``rate`` times a second (Hz)."""
+    return min(rate / FAST_RATE, 1.0)

@@ -1,0 +1,192 @@
+"""The insertion points of faults: everything of a running rig that a fault can reach, and puts back when it ends."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_sim.model.layout import Input
+from bench_sim.model.plant import Plant
+from bench_sim.rig.can_bus import CanBus
+from bench_sim.rig.faults.bus_stage import FaultStage, FrameFault
+from bench_sim.rig.faults.in_tick import DISTURBANCE, DISTURBANCES_MAX, DisturbanceKind, FaultArrays
+from bench_sim.rig.faults.modbus_filter import ModbusFilter
+from bench_sim.rig.faults.schedule import Mend, Schedule
+
+_DISTURBANCES, _INPUTS = 0, 1
+
+
+class Breakable(Protocol):
+    """What faults do to a rig as a whole."""
+
+    def press_estop(self) -> None: ...
+    def release_estop(self) -> None: ...
+    def cut_power(self) -> None: ...
+    def power_on(self) -> None: ...
+    def hold_program(self) -> None: ...
+    def set_mains(self, *, there: bool) -> None:
+        """Take the mains away, and with it the power of valves and actuators, or bring them back."""
+
+    def stall(self, duration: int) -> None:
+        """Let the next tick begin ``duration`` ns late, in real time."""
+
+
+class Wire(Protocol):
+    """A door of the rig whose connections can be cut."""
+
+    def cut(self) -> None:
+        """Close all connections and let nobody in."""
+
+    def mend(self) -> None:
+        """Let clients in again."""
+
+
+@dataclass(frozen=True)
+class Wires:
+    """The ways to the rig, as far as faults can cut them; a bus without connections cannot be cut."""
+
+    bus: CanBus
+    can: Wire | None
+    modbus: Wire
+
+
+class TickFaults:
+    """The disturbed readings and held inputs of a compiled tick."""
+
+    def __init__(self, arrays: FaultArrays, controls: Any) -> None:
+        self._arrays, self._controls = arrays, controls
+        self._rows: list[npt.NDArray[np.void]] = []
+        self._holds: list[dict[Input, float]] = []
+
+    def disturb(
+        self, sensor: int, kind: DisturbanceKind, value: float, *, chance: float = 0.0, seed: int = 0
+    ) -> Mend:
+        """Disturb a reading from now on. RuntimeError if too many are disturbed already."""
+        if len(self._rows) == DISTURBANCES_MAX:
+            raise RuntimeError(f"{DISTURBANCES_MAX} readings are disturbed already: mend one of them first")
+        row = np.array([(sensor, kind, value, chance, self._controls["tick"], seed)], DISTURBANCE)
+        self._save()
+        self._rows.append(row)
+        self._write()
+
+        def mend() -> None:
+            self._save()
+            self._rows = [one for one in self._rows if one is not row]
+            self._write()
+
+        return mend
+
+    def hold(self, values: Mapping[Input, float]) -> Mend:
+        """Hold inputs of the plant at ``values``, whatever the controls want; the last one to hold an input wins."""
+        held = dict(values)
+        self._holds.append(held)
+        self._write()
+
+        def mend() -> None:
+            self._holds = [one for one in self._holds if one is not held]
+            self._write()
+
+        return mend
+
+    def _save(self) -> None:
+        """Take over what the tick has noted: where a stuck reading stuck."""
+        for place, row in enumerate(self._rows):
+            row[0] = self._arrays.disturbances[place]
+
+    def _write(self) -> None:
+        counts, disturbances, inputs = self._arrays
+        for place, row in enumerate(self._rows):
+            disturbances[place] = row[0]
+        inputs[:] = math.nan
+        for held in self._holds:
+            for place, value in held.items():
+                inputs[place] = value
+        counts[_DISTURBANCES], counts[_INPUTS] = len(self._rows), len(self._holds)
+
+
+class ParameterFaults:
+    """Changes of the plant's parameters on top of one another; when the last one ends, the old bits are back."""
+
+    def __init__(self, parameters: Any) -> None:
+        self._parameters = parameters
+        self._sound: dict[str, npt.NDArray[np.float64]] = {}
+        self._changes: list[tuple[tuple[str, ...], Callable[[Any], None]]] = []
+
+    def change(self, names: tuple[str, ...], change: Callable[[Any], None]) -> Mend:
+        """Let ``change(record)`` alter the parameters ``names`` until it is mended."""
+        entry = names, change
+        self._rebuild([*self._changes, entry])
+
+        def mend() -> None:
+            self._rebuild([one for one in self._changes if one is not entry])
+
+        return mend
+
+    def _rebuild(self, changes: list[tuple[tuple[str, ...], Callable[[Any], None]]]) -> None:
+        par = self._parameters
+        for name, sound in self._sound.items():
+            par[name] = sound
+        touched = {name for names, _ in changes for name in names}
+        self._sound = {name: np.array(par[name]) for name in touched}
+        self._changes = changes
+        for _, change in changes:
+            change(par)
+
+
+class InsertionPoints:
+    """All of them. The wires come last: what is to happen to them happens when they are connected."""
+
+    def __init__(self, rig: Breakable, plant: Plant, controls: Any) -> None:
+        self.rig: Final = rig
+        self.schedule: Final = Schedule(controls)
+        self.arrays: Final = FaultArrays.none()
+        self.tick: Final = TickFaults(self.arrays, controls)
+        self.parameters: Final = ParameterFaults(plant.parameters)
+        self.gas_constant: Final = float(plant.parameters.gas_constant)
+        self.sensor_low: Final = plant.parameters.sensor_low.copy()
+        self.sensor_high: Final = plant.parameters.sensor_high.copy()
+        self.modbus: Final = ModbusFilter()
+        self._stage: Final = FaultStage()
+        self._wires: Wires | None = None
+        self._cut: list[str] = []
+
+    def connect(self, wires: Wires) -> None:
+        """Let the faults of bus and doors act on ``wires``."""
+        self._wires = wires
+        if not self._stage.unused:
+            wires.bus.add(self._stage)
+        for name in dict.fromkeys(self._cut):
+            self._act(name, cut=True)
+
+    def on_bus(self, fault: FrameFault) -> Mend:
+        """Let ``fault`` befall the frames of the bus until it is mended.
+
+        The stage stays on the bus once it has been needed: to take it off would wait for whoever uses it.
+        """
+        fresh = self._stage.unused
+        end = self._stage.add(fault)
+        if fresh and self._wires:
+            self._wires.bus.add(self._stage)
+        return end
+
+    def cut(self, name: str) -> Mend:
+        """Close all connections of ``can`` or ``modbus`` and let nobody in until it is mended."""
+        self._cut.append(name)
+        if self._cut.count(name) == 1:
+            self._act(name, cut=True)
+
+        def mend() -> None:
+            self._cut.remove(name)
+            if name not in self._cut:
+                self._act(name, cut=False)
+
+        return mend
+
+    def _act(self, name: str, *, cut: bool) -> None:
+        wires = self._wires
+        wire = None if wires is None else wires.can if name == "can" else wires.modbus
+        if wire is not None:
+            (wire.cut if cut else wire.mend)()

@@ -1,0 +1,102 @@
+"""The faults of Modbus/TCP, by name."""
+
+from collections.abc import Callable
+from typing import Final
+
+from bench_sim.rig.faults.fault import Begin, Fault, FaultChoice, FaultNumber, Place, Values
+from bench_sim.rig.faults.insertion import InsertionPoints
+from bench_sim.rig.faults.modbus_filter import (
+    ALL,
+    READS,
+    WRITES,
+    Junk,
+    Mute,
+    Refusal,
+    RequestFault,
+    Slow,
+    Split,
+)
+from bench_sim.rig.faults.schedule import Mend
+
+_REQUESTS: Final = FaultChoice("requests", (READS, WRITES, ALL), "which requests", ALL)
+_SEED: Final = FaultNumber("seed", "1", 0, 2**31, "draws the requests", 0, whole=True)
+_CHANCE: Final = FaultNumber("probability", "%", 0.01, 100, "of each request", 100)
+_WHICH: Final = (_CHANCE, _REQUESTS, _SEED)
+
+
+def _requests(make: Callable[[Values], RequestFault]) -> Begin:
+    def begin(points: InsertionPoints, values: Values) -> Mend:
+        return points.modbus.add(make(values))
+
+    return begin
+
+
+def _restart(points: InsertionPoints, values: Values) -> Mend:
+    del values
+    mend = points.cut("modbus")
+    points.rig.cut_power()
+
+    def back() -> None:
+        points.rig.power_on()
+        mend()
+
+    return back
+
+
+FAULTS: Final = (
+    Fault(
+        "modbus_exception",
+        Place.MODBUS,
+        "The PLC refuses requests with an exception.",
+        "`Refused` with that code and its meaning; nothing has changed on the rig.",
+        _requests(lambda v: Refusal(int(v["code"]), v["probability"], v["requests"], int(v["seed"]))),
+        (FaultNumber("code", "1", 1, 11, "of the exception", 4, whole=True), *_WHICH),
+    ),
+    Fault(
+        "modbus_silence",
+        Place.MODBUS,
+        "Requests get lost on their way to the PLC.",
+        "No answer within the time-out, then `LinkLost`; the request was not carried out. CAN goes on.",
+        _requests(lambda v: Mute(v["probability"], v["requests"], int(v["seed"]))),
+        _WHICH,
+    ),
+    Fault(
+        "modbus_junk",
+        Place.MODBUS,
+        "Answers are none: of another transaction or unit, or bytes without meaning.",
+        "`LinkLost` and never a reading; the request was carried out all the same.",
+        _requests(lambda v: Junk(v["what"], v["probability"], v["requests"], int(v["seed"]))),
+        (
+            FaultChoice("what", (Junk.TRANSACTION, Junk.UNIT, Junk.NOISE), "what is wrong", Junk.NOISE),
+            *_WHICH,
+        ),
+    ),
+    Fault(
+        "modbus_slow",
+        Place.MODBUS,
+        "Answers come late.",
+        "Every request takes so much longer; beyond the client's time-out it is `LinkLost`.",
+        _requests(lambda v: Slow(v["by"])),
+        (FaultNumber("by", "ms", 1, 10_000, "how late", 100),),
+    ),
+    Fault(
+        "modbus_split",
+        Place.MODBUS,
+        "Answers come in small pieces, as through a bad tunnel.",
+        "Nothing but time: a client must put the pieces together again.",
+        _requests(lambda v: Split(int(v["size"]), v["gap"])),
+        (
+            FaultNumber("size", "1", 1, 250, "bytes of a piece", 3, whole=True),
+            FaultNumber("gap", "ms", 0, 1000, "time between two pieces", 5),
+        ),
+    ),
+    Fault(
+        "plc_restart",
+        Place.MODBUS,
+        "The PLC falls over and boots, for 3 s unless it is told otherwise; valves and actuators lose their power.",
+        "All Modbus connections close and new ones are closed at once (`LinkLost`), the lease is gone; CAN says OFF, "
+        "and BOOT, INIT, DISABLED afterwards.",
+        _restart,
+        lasts=3.0,
+    ),
+)

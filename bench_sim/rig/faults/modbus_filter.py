@@ -1,0 +1,147 @@
+"""Faults of Modbus/TCP: what happens to requests on their way to the rig, and to the bytes of its answers."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from bench_protocol import modbus
+
+#: Functions that change something.
+_WRITES: Final = frozenset({5, 6, 15, 16, 22, 23})
+READS, WRITES, ALL = "reads", "writes", "all"
+_JUNK_MAX: Final = 64
+
+#: Answers a request (ADU) of a peer; no bytes are silence.
+Answer = Callable[[bytes, str], bytes]
+#: A piece of an answer and how long (s) after the one before it leaves.
+Piece = tuple[float, bytes]
+
+
+class RequestFault:
+    """Something that happens to requests or their answers, to each with the probability ``chance``."""
+
+    def __init__(self, chance: float = 1.0, requests: str = ALL, seed: int = 0) -> None:
+        self._chance, self._requests = chance, requests
+        self.random = np.random.default_rng(seed)
+
+    def hits(self, request: bytes) -> bool:
+        """Whether it happens to this ``request``; draws for every one."""
+        drawn = self.random.random() < self._chance
+        return drawn and (self._requests == ALL or (request[7] in _WRITES) is (self._requests == WRITES))
+
+    def instead(self, request: bytes) -> bytes | None:
+        """Return what the client gets without the rig having been asked, None if it is to be asked."""
+        del request
+        return None
+
+    def altered(self, request: bytes, response: bytes) -> bytes:
+        """Return what becomes of an answer of the rig."""
+        del request
+        return response
+
+    def pieces(self, pieces: list[Piece]) -> list[Piece]:
+        """Return the pieces in which an answer travels, given those so far."""
+        return pieces
+
+
+class Refusal(RequestFault):
+    """Requests that are refused with an exception ``code``."""
+
+    def __init__(self, code: int, chance: float, requests: str, seed: int) -> None:
+        super().__init__(chance, requests, seed)
+        self._code = code
+
+    def instead(self, request: bytes) -> bytes | None:
+        return modbus.refuse(request, self._code) if self.hits(request) else None
+
+
+class Mute(RequestFault):
+    """Requests that nobody carries out and nobody answers."""
+
+    def instead(self, request: bytes) -> bytes | None:
+        return b"" if self.hits(request) else None
+
+
+class Junk(RequestFault):
+    """Answers that are none: another transaction, another unit, or bytes without meaning."""
+
+    TRANSACTION, UNIT, NOISE = "transaction", "unit", "noise"
+
+    def __init__(self, what: str, chance: float, requests: str, seed: int) -> None:
+        super().__init__(chance, requests, seed)
+        self._what = what
+
+    def altered(self, request: bytes, response: bytes) -> bytes:
+        if not response or not self.hits(request):
+            return response
+        if self._what == self.TRANSACTION:
+            return bytes((response[0] ^ 0x55, response[1] ^ 0xAA)) + response[2:]
+        if self._what == self.UNIT:
+            return response[:6] + bytes((response[6] ^ 0x7F,)) + response[7:]
+        return self.random.bytes(int(self.random.integers(1, _JUNK_MAX)))
+
+
+class Slow(RequestFault):
+    """Answers that come ``by`` s late."""
+
+    def __init__(self, by: float) -> None:
+        super().__init__()
+        self._by = by
+
+    def pieces(self, pieces: list[Piece]) -> list[Piece]:
+        (gap, first), *rest = pieces
+        return [(gap + self._by, first), *rest]
+
+
+class Split(RequestFault):
+    """Answers that come in pieces of ``size`` bytes, ``gap`` s one after the other."""
+
+    def __init__(self, size: int, gap: float) -> None:
+        super().__init__()
+        self._size, self._gap = size, gap
+
+    def pieces(self, pieces: list[Piece]) -> list[Piece]:
+        cut: list[Piece] = []
+        for wait, data in pieces:
+            parts = [data[start : start + self._size] for start in range(0, len(data), self._size)]
+            cut += [(wait if place == 0 else self._gap, part) for place, part in enumerate(parts)]
+        return cut
+
+
+class ModbusFilter:
+    """All faults of Modbus that are on, in the order in which they were switched on."""
+
+    def __init__(self) -> None:
+        self._faults: tuple[RequestFault, ...] = ()
+
+    def add(self, fault: RequestFault) -> Callable[[], None]:
+        """Let ``fault`` befall requests from now on; return what ends it."""
+        self._faults = (*self._faults, fault)
+
+        def end() -> None:
+            self._faults = tuple(one for one in self._faults if one is not fault)
+
+        return end
+
+    def before(self, answer: Answer) -> Answer:
+        """Return ``answer`` with the faults before it."""
+
+        def faulty(request: bytes, peer: str) -> bytes:
+            faults = self._faults
+            for fault in faults:
+                if (said := fault.instead(request)) is not None:
+                    return said
+            response = answer(request, peer)
+            for fault in faults:
+                response = fault.altered(request, response)
+            return response
+
+        return faulty
+
+    def pieces(self, response: bytes) -> list[Piece]:
+        """Return the pieces in which ``response`` travels."""
+        pieces: list[Piece] = [(0.0, response)]
+        for fault in self._faults:
+            pieces = fault.pieces(pieces)
+        return pieces

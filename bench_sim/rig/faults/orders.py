@@ -1,0 +1,82 @@
+"""Orders to the fault panel of a running rig: one line of JSON in, one line of JSON out.
+
+    {"do": "list"}
+    {"do": "on", "name": "leak", "values": {"side": "left", "area": "2 mm2"}, "for": "3 s"}
+    {"do": "off", "name": "leak.left"}
+
+The answer has a key ``error``, and nothing has changed, where an order is not understood or not allowed.
+"""
+
+from typing import Any, Literal
+
+import msgspec
+
+from bench_sim.parameters.loading import ParameterError
+from bench_sim.parameters.values import read_value
+from bench_sim.rig.faults.catalogue import FAULTS
+from bench_sim.rig.faults.fault import Fault, FaultError
+from bench_sim.rig.faults.panel import FaultPanel
+
+
+class Order(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What somebody asks of the panel."""
+
+    do: Literal["list", "on", "off"]
+    name: str = ""
+    values: dict[str, str | int | float] = {}
+    lasting: str | None = msgspec.field(default=None, name="for")
+
+
+def read_time(name: str, text: str | None) -> float | None:
+    """Return a time like ``3 s`` in s; FaultError for anything else."""
+    try:
+        return None if text is None else read_value(name, text, "s")
+    except ParameterError as error:
+        raise FaultError(str(error)) from None
+
+
+def obey(panel: FaultPanel, line: bytes) -> bytes:
+    """Carry out the order in ``line`` and return the answer, a line as well; never raises."""
+    try:
+        order = msgspec.json.decode(line, type=Order)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        return _line({"error": f"the order is not understood: {error}"})
+    try:
+        return _line(_carry_out(panel, order))
+    except FaultError as error:
+        return _line({"error": str(error)})
+
+
+def told(fault: Fault) -> dict[str, Any]:
+    """Return what there is to say of a fault, for JSON."""
+    return {
+        "name": fault.name,
+        "place": fault.place.value,
+        "title": fault.title,
+        "seen": fault.seen,
+        "parameters": [
+            {"name": one.name, "span": one.span.replace("`", ""), "usual": one.usual, "text": one.text}
+            for one in fault.parameters
+        ],
+    }
+
+
+def _carry_out(panel: FaultPanel, order: Order) -> dict[str, Any]:
+    if order.do == "on":
+        active = panel.on(order.name, order.values, read_time("for", order.lasting))
+        return {"time": panel.time, "on": [active.told()]}
+    if order.values or order.lasting is not None:
+        raise FaultError(f"{order.do} takes no values and no time")
+    if order.do == "off":
+        return {"time": panel.time, "off": panel.off(order.name)}
+    if order.name:
+        raise FaultError("list takes no name")
+    return {
+        "time": panel.time,
+        "faults": [told(fault) for fault in FAULTS.values()],
+        "on": [active.told() for active in panel.active],
+    }
+
+
+def _line(answer: dict[str, Any]) -> bytes:
+    return msgspec.json.encode(answer) + b"\n"

@@ -1,0 +1,138 @@
+"""The fault panel of a rig: which faults are on, since when and until when; they are switched here and nowhere else."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from bench_protocol.rates import TICK
+from bench_sim.rig.controls import Happened
+from bench_sim.rig.faults.catalogue import find_fault
+from bench_sim.rig.faults.fault import Fault, FaultError
+from bench_sim.rig.faults.insertion import InsertionPoints
+from bench_sim.rig.faults.schedule import Mend
+
+#: More than this is a mistake, in s: a day.
+LONGEST: Final = 86_400.0
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedFault:
+    """A fault that a rig file asks for: from ``at`` (s of the rig's time) on, ``lasting`` so long, or for good."""
+
+    name: str
+    values: Mapping[str, Any]
+    at: float = 0.0
+    lasting: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveFault:
+    """A fault that is on; times are s of the rig's time."""
+
+    label: str
+    fault: Fault
+    given: Mapping[str, Any]
+    since: float
+    until: float | None
+    mends: tuple[Mend, ...]
+
+    def told(self) -> dict[str, Any]:
+        """Return what there is to say of it, for JSON."""
+        return {
+            "label": self.label,
+            "name": self.fault.name,
+            "values": dict(self.given),
+            "since": self.since,
+            "until": self.until,
+        }
+
+
+class FaultPanel:
+    """Switches faults at the insertion ``points`` of a rig; whoever calls it holds the rig's lock."""
+
+    def __init__(self, points: InsertionPoints) -> None:
+        self.points: Final = points
+        self._on: dict[str, ActiveFault] = {}
+
+    @property
+    def time(self) -> float:
+        """The rig's time in s."""
+        return round(self.points.schedule.tick * TICK, 3)
+
+    @property
+    def active(self) -> tuple[ActiveFault, ...]:
+        """Return the faults that are on, in the order in which they were switched on."""
+        return tuple(self._on.values())
+
+    def on(self, name: str, given: Mapping[str, Any], lasting: float | None = None) -> ActiveFault:
+        """Switch a fault on, or change it where it is on already; ``lasting``: for so many s.
+
+        Raises FaultError, with nothing changed, for what does not exist or is not allowed.
+        """
+        fault = find_fault(name)
+        values = fault.read(given)
+        _check_time("for", lasting, TICK)
+        label = fault.label(values)
+        if label in self._on:
+            self._off(label)
+        lasting = fault.lasts if lasting is None else lasting
+        schedule = self.points.schedule
+        mends: list[Mend] = []
+        until = None
+        try:
+            mends.append(fault.begin(self.points, values))
+        except RuntimeError as error:
+            raise FaultError(f"{label}: {error}") from None
+        if lasting is not None:
+            end = schedule.tick + max(1, round(lasting / TICK))
+            mends.append(schedule.at(end, lambda: self._off(label)))
+            until = round(end * TICK, 3)
+        self._on[label] = active = ActiveFault(label, fault, given, self.time, until, tuple(mends))
+        return active
+
+    def off(self, name: str) -> list[str]:
+        """Switch off the fault with this label, all of this name, or ``all``; return their labels.
+
+        Raises FaultError if there is no such fault, or it is not on.
+        """
+        if name == "all":
+            labels = list(self._on)
+        else:
+            labels = [label for label, one in self._on.items() if name in (label, one.fault.name)]
+            if not labels:
+                find_fault(name.partition(".")[0])
+                now_on = f"on are {', '.join(self._on)}" if self._on else "no fault is on"
+                raise FaultError(f"{name} is not on; {now_on}")
+        for label in labels:
+            self._off(label)
+        return labels
+
+    def plan(self, planned: PlannedFault) -> None:
+        """Switch a fault on when its time has come, now where that is 0; FaultError as `on`."""
+        find_fault(planned.name).read(planned.values)
+        _check_time("at", planned.at, 0.0)
+        _check_time("for", planned.lasting, TICK)
+
+        def begin() -> None:
+            self.on(planned.name, planned.values, planned.lasting)
+
+        tick = round(planned.at / TICK)
+        if tick <= self.points.schedule.tick:
+            begin()
+        else:
+            self.points.schedule.at(tick, begin)
+
+    def decide(self, happened: Happened) -> None:
+        """Let faults begin and end whose time has come."""
+        if Happened.FAULT in happened:
+            self.points.schedule.run()
+
+    def _off(self, label: str) -> None:
+        # A fault ends in the reverse order of its beginning; what has run out cancels nothing any more.
+        for mend in reversed(self._on.pop(label).mends):
+            mend()
+
+
+def _check_time(name: str, value: float | None, least: float) -> None:
+    if value is not None and not least <= value <= LONGEST:
+        raise FaultError(f"{name} = {value:g} s is outside {least:g} to {LONGEST:g} s")

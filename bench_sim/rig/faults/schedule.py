@@ -1,0 +1,66 @@
+"""When faults begin and end: what is to be done at which tick, told to the tick so that it stops there."""
+
+import heapq
+import itertools
+from collections.abc import Callable
+from typing import Any, Final
+
+Mend = Callable[[], None]
+_NEVER: Final = -1
+
+
+class Schedule:
+    """Things to do at ticks to come; ``controls`` is the record of the tick."""
+
+    def __init__(self, controls: Any) -> None:
+        self._controls = controls
+        self._due: list[tuple[int, int, Callable[[], None]]] = []
+        self._order = itertools.count()
+        self._tell()
+
+    @property
+    def tick(self) -> int:
+        """The present tick."""
+        return int(self._controls["tick"])
+
+    def at(self, tick: int, do: Callable[[], None]) -> Mend:
+        """Call ``do()`` behind ``tick``, or behind the next one if that is over; return what cancels it."""
+        number = next(self._order)
+        heapq.heappush(self._due, (max(tick, self.tick + 1), number, do))
+        self._tell()
+
+        def cancel() -> None:
+            self._due = [one for one in self._due if one[1] != number]
+            heapq.heapify(self._due)
+            self._tell()
+
+        return cancel
+
+    def every(self, ticks: int, do: Callable[[], None]) -> Mend:
+        """Call ``do()`` behind the next tick and then every so many ticks; return what ends it."""
+        running = True
+        cancel: Mend
+
+        def again() -> None:
+            nonlocal cancel
+            if running:
+                do()
+                cancel = self.at(self.tick + ticks, again)
+
+        def end() -> None:
+            nonlocal running
+            running = False
+            cancel()
+
+        cancel = self.at(_NEVER, again)
+        return end
+
+    def run(self) -> None:
+        """Do what is due."""
+        while self._due and self._due[0][0] <= self.tick:
+            _, _, do = heapq.heappop(self._due)
+            do()
+        self._tell()
+
+    def _tell(self) -> None:
+        self._controls["fault_tick"] = self._due[0][0] if self._due else _NEVER

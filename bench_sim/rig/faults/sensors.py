@@ -1,0 +1,108 @@
+"""The faults of sensors, by name: what the rig reads is wrong, on both wires and for its own limits too."""
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from bench_protocol.table_signals import MEASUREMENTS
+from bench_sim.model.wiring import sensor_of
+from bench_sim.rig.faults.fault import (
+    OF_SENSOR,
+    OF_SENSOR_PER_SECOND,
+    Begin,
+    Fault,
+    FaultChoice,
+    FaultNumber,
+    Place,
+    Values,
+)
+from bench_sim.rig.faults.in_tick import DisturbanceKind, chance_of
+from bench_sim.rig.faults.insertion import InsertionPoints
+from bench_sim.rig.faults.schedule import Mend
+
+_SENSOR: Final = FaultChoice("sensor", tuple(signal.name for signal in MEASUREMENTS), "whose reading")
+_SEED: Final = FaultNumber("seed", "1", 0, 2**31, "draws the samples", 0, whole=True)
+_WIDE: Final = math.inf  # of a sensor: its own range bounds it
+LOW, HIGH, NOTHING = "low", "high", "nothing"
+
+
+def _of_sensor(name: str, unit: str, text: str) -> FaultNumber:
+    return FaultNumber(name, unit, -_WIDE, _WIDE, text)
+
+
+def _disturbed(kind: DisturbanceKind, chance: Callable[[Values], float] = lambda _: 0.0) -> Begin:
+    def begin(points: InsertionPoints, v: Values) -> Mend:
+        sensor, seed = sensor_of(v["sensor"]), int(v.get("seed", 0))
+        return points.tick.disturb(sensor, kind, v.get("value", math.nan), chance=chance(v), seed=seed)
+
+    return begin
+
+
+def _broken_wire(points: InsertionPoints, v: Values) -> Mend:
+    sensor = sensor_of(v["sensor"])
+    reads = {LOW: points.sensor_low[sensor], HIGH: points.sensor_high[sensor], NOTHING: math.nan}
+    return points.tick.disturb(sensor, DisturbanceKind.LOST, float(reads[v["reads"]]))
+
+
+FAULTS: Final = (
+    Fault(
+        "stuck",
+        Place.SENSORS,
+        "A sensor is frozen at what it reads when the fault begins.",
+        "The same value in every sample, without noise, and of good quality: only its counter lives.",
+        _disturbed(DisturbanceKind.STUCK),
+        (_SENSOR,),
+        "sensor",
+    ),
+    Fault(
+        "bias",
+        Place.SENSORS,
+        "A sensor is off by a constant.",
+        "The reading jumps by that much when it begins, and stays within the range of the transducer.",
+        _disturbed(DisturbanceKind.BIAS),
+        (_SENSOR, _of_sensor("value", OF_SENSOR, "how far it is off")),
+        "sensor",
+    ),
+    Fault(
+        "drift",
+        Place.SENSORS,
+        "A sensor drifts away from the truth.",
+        "The reading leaves the truth at that rate, from where it was, up to the end of the transducer's range.",
+        _disturbed(DisturbanceKind.DRIFT),
+        (_SENSOR, _of_sensor("value", OF_SENSOR_PER_SECOND, "how fast")),
+        "sensor",
+    ),
+    Fault(
+        "spike",
+        Place.SENSORS,
+        "A loose contact: single samples are off, at random.",
+        "Single samples far from their neighbours; a limit that asks for 20 ms does not trip.",
+        _disturbed(DisturbanceKind.SPIKE, lambda v: chance_of(v["rate"])),
+        (
+            _SENSOR,
+            _of_sensor("value", OF_SENSOR, "how far a sample is off"),
+            FaultNumber("rate", "Hz", 0.001, 200, "how many there are on average", 1),
+            _SEED,
+        ),
+        "sensor",
+    ),
+    Fault(
+        "noise",
+        Place.SENSORS,
+        "A sensor has more noise, normally distributed.",
+        "The readings scatter with that standard deviation about what they were.",
+        _disturbed(DisturbanceKind.NOISE),
+        (_SENSOR, _of_sensor("value", OF_SENSOR, "standard deviation"), _SEED),
+        "sensor",
+    ),
+    Fault(
+        "broken_wire",
+        Place.SENSORS,
+        "The wire of a sensor is broken: its amplifier reads the end of the range, or says that there is nothing.",
+        "The reading sits at its rail, beyond limits perhaps; or it is NaN, with the quality bit of Modbus cleared. "
+        "A pressure that nobody can read keeps the actuators shut in.",
+        _broken_wire,
+        (_SENSOR, FaultChoice("reads", (LOW, HIGH, NOTHING), "what the amplifier makes of it", LOW)),
+        "sensor",
+    ),
+)

@@ -1,0 +1,72 @@
+"""The faults of the rig as a whole, by name."""
+
+from typing import Final
+
+from bench_protocol.rates import TICK
+from bench_protocol.units import NS
+from bench_sim.rig.faults.fault import Fault, FaultNumber, Place, Values
+from bench_sim.rig.faults.insertion import InsertionPoints
+from bench_sim.rig.faults.modbus_filter import Mute
+from bench_sim.rig.faults.schedule import Mend
+
+
+def _late_ticks(points: InsertionPoints, v: Values) -> Mend:
+    by = round(v["by"] * NS)
+    return points.schedule.every(max(1, round(v["every"] / TICK)), lambda: points.rig.stall(by))
+
+
+def _hung(points: InsertionPoints, v: Values) -> Mend:
+    del v
+    points.rig.hold_program()
+    return points.modbus.add(Mute())
+
+
+def _estop(points: InsertionPoints, v: Values) -> Mend:
+    del v
+    points.rig.press_estop()
+    return points.rig.release_estop
+
+
+def _power_loss(points: InsertionPoints, v: Values) -> Mend:
+    del v
+    points.rig.set_mains(there=False)
+    return lambda: points.rig.set_mains(there=True)
+
+
+FAULTS: Final = (
+    Fault(
+        "late_ticks",
+        Place.RIG,
+        "The machine that runs the rig stands still for a moment, again and again; in virtual time nothing happens.",
+        "`rig.late_ticks` and `rig.lateness_max` grow; frames come in bursts, stamped as they should have been.",
+        _late_ticks,
+        (
+            FaultNumber("by", "ms", 1, 1000, "how long it stands still", 20),
+            FaultNumber("every", "s", 0.01, 3600, "how often", 1),
+        ),
+    ),
+    Fault(
+        "hung_plc",
+        Place.RIG,
+        "The program of the PLC hangs: its sockets are open, and nobody is at home.",
+        "Connections are taken and requests never answered (`LinkLost` after the time-out); the function generator "
+        "stands still. CAN, the watchdog and the interlocks are not the PLC's and go on.",
+        _hung,
+    ),
+    Fault(
+        "estop",
+        Place.RIG,
+        "Somebody presses the emergency stop, and releases it at the end.",
+        "ESTOP with its reason and an emergency message; the springs are vented. A reset is refused until it is "
+        "released.",
+        _estop,
+    ),
+    Fault(
+        "power_loss",
+        Place.RIG,
+        "Valves and actuators lose their power; what measures and talks has a battery.",
+        "OFF: held until vented, set down and let go. Power on is refused until it is over, and nothing comes back by "
+        "itself.",
+        _power_loss,
+    ),
+)
