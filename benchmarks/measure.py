@@ -1,11 +1,14 @@
 """What all benchmarks share: interleaved repetitions, medians with their spread, and a row for the table."""
 
+import contextlib
 import platform
+import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -116,6 +119,16 @@ def trips(trip: Callable[[], object], count: int) -> float:
         trip()
         times[k] = time.perf_counter_ns() - start
     return float(np.median(times)) * 1e-9
+
+
+@contextlib.contextmanager
+def child(*command: str) -> Iterator[Any]:
+    """Run a process, which is killed at the end of the block."""
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def machine() -> dict[str, str]:

@@ -1,8 +1,9 @@
 """The far ends of the round trips, in a process of their own: hub, Modbus server, and raw sockets for comparison.
 
-python -m benchmarks.peers    prints the ports of hub, Modbus server and the two raw peers; ends with its input
+python -m benchmarks.peers    prints the ports of hub, Modbus server, raw peers and echo; ends with its input
 """
 
+import asyncio
 import contextlib
 import socket
 import struct
@@ -41,6 +42,7 @@ class Ports:
     modbus: int
     raw_can: int
     raw_modbus: int
+    echo: int  #: a server on asyncio that answers at once
 
 
 @contextlib.contextmanager
@@ -80,6 +82,37 @@ def raw_peer(reply: bytes) -> int:
     return port
 
 
+class _Echo(asyncio.Protocol):
+    """Answers whatever comes with ``reply``: what an event loop costs that does nothing else."""
+
+    def __init__(self, reply: bytes) -> None:
+        self._reply = reply
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        del data
+        self._transport.write(self._reply)
+
+
+def echo_peer(reply: bytes) -> int:
+    """Answer whatever comes with ``reply``, on an event loop of its own; return the port."""
+    opened: list[int] = []
+    ready = threading.Event()
+
+    async def serve() -> None:
+        server = await asyncio.get_running_loop().create_server(lambda: _Echo(reply), "127.0.0.1", 0)
+        opened.append(server.sockets[0].getsockname()[1])
+        ready.set()
+        await server.serve_forever()
+
+    threading.Thread(target=lambda: asyncio.run(serve()), daemon=True).start()
+    ready.wait()
+    return opened[0]
+
+
 def main() -> None:
     """Open everything, say where, and wait for the end of the input."""
     rig = Rig(load("astb"))
@@ -90,7 +123,8 @@ def main() -> None:
 
     hub = CanHub(send_back)
     with serve_in_thread(hub, ModbusTcpServer(rig.answer)) as servers:
-        print(servers.can_port, servers.modbus_port, raw_peer(CAN_REPLY), raw_peer(MODBUS_REPLY), flush=True)
+        others = raw_peer(CAN_REPLY), raw_peer(MODBUS_REPLY), echo_peer(CAN_REPLY)
+        print(servers.can_port, servers.modbus_port, *others, flush=True)
         sys.stdin.read()
 
 

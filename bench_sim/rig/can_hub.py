@@ -209,12 +209,11 @@ class CanHub:
         if loop is None or not len(block):
             return
         self._published.append((block, peer))
+        if threading.get_ident() == self._thread:
+            self._flush()
         # One wake-up serves all blocks that have been appended by the time it is served.
-        if not self._woken:
+        elif not self._woken:
             self._woken = True
-            if threading.get_ident() == self._thread:
-                loop.call_soon(self._flush)
-                return
             with contextlib.suppress(RuntimeError):  # the loop has been closed in the meantime
                 loop.call_soon_threadsafe(self._flush)
 

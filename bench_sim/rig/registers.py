@@ -18,6 +18,8 @@ from bench_sim.rig.lease import Lease
 UNAVAILABLE: Final = 0x8000
 #: The object of the identification that tells of the CAN bus.
 BUS_NOTE: Final = 0x81
+#: Of so many ranges that are read it is remembered what stands there.
+_PLANS_MAX: Final = 256
 WATCHDOG_MS_MAX: Final = 10_000
 
 _SINGLE: Final = struct.Struct(">f")
@@ -103,6 +105,9 @@ class RegisterBank:
         self.active: dict[str, float] = {s.name: s.default for s in table.of_kind(Kind.SETTING)}
         self.staged = dict(self.active)
         self._author = ""  # the peer that has staged last
+        readings = (*table.of_kind(Kind.MEASUREMENT), *table.of_kind(Kind.STATUS))
+        self._readings = frozenset(signal.name for signal in readings)
+        self._plans: dict[tuple[int, int], npt.NDArray[np.int64] | None] = {}
         #: What else the identification says, by object (0x81 to 0xFF).
         self.notes: dict[int, bytes] = {}
 
@@ -129,10 +134,25 @@ class RegisterBank:
             self._author = peer
 
     def read_input(self, address: int, count: int) -> list[int]:
-        words: list[int] = []
+        rows = self._float_rows(address, count)
+        if rows is not None:
+            words: list[int] = self.host.seen[rows].astype(">f4").view(">u2").tolist()
+            return words
+        words = []
         for register in self._spaces["input"].slots(address, count):
             words += self._input(register)
         return words
+
+    def _float_rows(self, address: int, count: int) -> npt.NDArray[np.int64] | None:
+        """Return the table rows of a range of nothing but floats of readings, as most requests are; else None."""
+        asked = address, count
+        if asked not in self._plans:
+            slots = self._spaces["input"].slots(address, count)
+            plain = all(r.encoding == "float32" and r.signal in self._readings for r in slots)
+            if len(self._plans) == _PLANS_MAX:
+                self._plans.clear()
+            self._plans[asked] = np.array([self.table.index[r.signal] for r in slots]) if plain else None
+        return self._plans[asked]
 
     def _input(self, register: Register) -> list[int]:
         match register.signal:
