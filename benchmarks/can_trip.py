@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import Final
 
@@ -67,6 +67,10 @@ def run(effort: Effort) -> Section:
                 "stock": lambda: _alone(stock_trip, count, lambda: len(ours.recv_block(0.01)) > 0),
             },
         )
+    return _section(found)
+
+
+def _section(found: Mapping[str, Sequence[float]]) -> Section:
     against = "raw TCP, the same bytes"
     rows = (
         compare(
