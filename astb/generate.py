@@ -15,6 +15,7 @@ from typing import Any, Final, TextIO
 
 import click
 
+from astb.canopen_page import canopen_page
 from astb.dbc import dbc
 from astb.eds import eds
 from bench_protocol.messages import Protection
@@ -319,6 +320,7 @@ def files() -> dict[Path, str]:
         ROOT / "bench_protocol" / "generated" / "modbus_map.csv": modbus_csv(),
         KEPT_MAP: kept_map_csv(),
         ROOT / "docs" / "reference" / "signals.md": signals_page(),
+        ROOT / "docs" / "reference" / "canopen.md": canopen_page(),
         ROOT / "docs" / "reference" / "states.md": states_page(),
         ROOT / "docs" / "reference" / "parameters.md": parameters_page(),
         ROOT / "docs" / "reference" / "effects.md": effects_page(),

@@ -177,7 +177,11 @@ def _of_the_node(table: Table) -> Iterator[DictionaryObject]:
     word, long, text = DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.VISIBLE_STRING
     yield _var(DEVICE_TYPE, "Device type", long, 0, text="No device profile")
     yield _var(ERROR_REGISTER, "Error register", DataType.UNSIGNED8, 0)
-    errors = (Entry(k, f"Standard error field {k}", long, default=0) for k in range(1, ERRORS_KEPT + 1))
+    kept = "Code in bits 0 to 15, reason from bit 16, number of the reading whose limit tripped from bit 24"
+    errors = (
+        Entry(k, f"Standard error field {k}", long, default=0, description=kept)
+        for k in range(1, ERRORS_KEPT + 1)
+    )
     yield _several(ERROR_HISTORY, "Pre-defined error field", ObjectCode.ARRAY, *errors, count="rw")
     yield _var(SYNC_COB_ID, "COB-ID SYNC message", long, canopen.SYNC_IDENTIFIER, "rw")
     yield _var(

@@ -127,7 +127,7 @@ MESSAGES: Final = (
             Field("emergency.reason", 8, signed=False),
         ),
         Protection.NONE,
-        "Once on entering a fault and once on leaving it, as CANopen devices do",
+        "Once for every new error, and once when all are over, as CANopen devices do",
     ),
     _message("Supply", 0x384, SLOW_RATE, _fields("supply.pressure"), "The air supply"),
     _message(

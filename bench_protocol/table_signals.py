@@ -106,7 +106,9 @@ def _count(name: str, address: int, text: str, high: float = COUNT_MAX) -> Signa
     return Signal(name, Kind.STATUS, "1", 0, high, 1, text, address=address)
 
 
-_EMERGENCIES: Final = "CANopen emergency: 0 no error, 0x8130 command lost, 0xFF01 limit, 0xFF02 stop"
+_EMERGENCIES: Final = (
+    "CANopen emergency: 0 no error, 0x8130 command lost, 0xFF01 limit, 0xFF02 stop, 0xFF03 tick"
+)
 STATUS: Final = (
     _state("rig.state", 154, STATES, "State of the bench"),
     _state("rig.program", 156, PROGRAM_STATES, "State of the function generator's program"),

@@ -29,8 +29,8 @@ class Emergencies:
 
     def __init__(self, values: npt.NDArray[np.float64], on_message: Callable[[], None]) -> None:
         self._values, self._on_message = values, on_message
-        self._active: list[tuple[int, int]] = []  # code and detail
-        #: The codes of the last errors, the latest first; above them the reason, and 24 bits up the detail.
+        self._active: list[tuple[int, int]] = []  # code and tripped
+        #: The codes of the last errors, the latest first; above them the reason, and 24 bits up what tripped.
         self.history: deque[int] = deque(maxlen=ERRORS_KEPT)
 
     @property
@@ -41,13 +41,13 @@ class Emergencies:
             register |= _GENERIC | (_COMMUNICATION if code in _COMMUNICATION_CODES else _MANUFACTURER)
         return register
 
-    def report(self, reason: Reason, detail: int = 0) -> None:
-        """Tell of an error, unless it is active already; ``detail`` (0 to 255) tells those of one code apart."""
+    def report(self, reason: Reason, tripped: int = 0) -> None:
+        """Tell of an error, unless it is active already; ``tripped`` tells limits apart, as in ``rig.tripped``."""
         code = EMERGENCY_CODES[reason]
-        if (code, detail) in self._active:
+        if (code, tripped) in self._active:
             return
-        self._active.append((code, detail))
-        self.history.appendleft(code | reason << 16 | detail << 24)
+        self._active.append((code, tripped))
+        self.history.appendleft(code | reason << 16 | tripped << 24)
         self._tell(reason)
 
     def settle(self, reason: Reason) -> None:

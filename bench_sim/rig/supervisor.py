@@ -121,15 +121,16 @@ class Supervisor:
         c["setpoint"][target] = c["goal"][target] = 0.0 if np.isnan(present) else present
         c["slew"][target] = 0
 
-    def handle(self, event: Event, detail: int = 0) -> bool:
+    def handle(self, event: Event, tripped: int = 0) -> bool:
         """Let the state machine decide and bring everything in line with the new state.
 
-        An error is reported even if it leads nowhere from a fault; ``detail`` tells errors of one reason apart.
+        An error is reported even if it leads nowhere from a fault; ``tripped`` is the number of the reading whose limit
+        it was.
         """
         before = self.state
         changed = self.machine.handle(event)
         if event in REASON_OF and (changed or before in FAULTS):
-            self._emergencies.report(REASON_OF[event], detail)
+            self._emergencies.report(REASON_OF[event], tripped)
         if not changed:
             return False
         state, c = self.state, self._controls

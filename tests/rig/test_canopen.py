@@ -1,95 +1,41 @@
-"""The rig as a CANopen node, by frames alone: boot-up, heartbeats, NMT, SYNC, SDO, and who may do what."""
+"""The rig as a CANopen node, by frames alone: boot-up, heartbeats, NMT, SYNC, emergencies, and who may do what."""
 
 import struct
 from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bench_protocol.canopen import NmtState
-from bench_protocol.frames import Block, frame, join, payload
-from bench_protocol.object_dictionary import OBJECT_DICTIONARY
+from bench_protocol.frames import frame, join
 from bench_protocol.table import TABLE
+from bench_protocol.units import mm
+from bench_protocol.words import LimitKind
+from bench_sim.rig.limits import Limit, LimitAction
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.tick import FRAMES_PER_TICK_MAX
-
-NMT, SYNC, EMERGENCY, RESPONSE, REQUEST, HEARTBEAT = 0x000, 0x080, 0x081, 0x581, 0x601, 0x701
-START, STOP, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
-IDENTIFIERS = {message.name: message.identifier for message in TABLE.messages}
-PERIODIC = {message.name for message in TABLE.messages if message.from_rig and message.rate}
-
-
-class Master:
-    """Speaks CANopen to a rig by bytes; keeps everything that it has heard."""
-
-    def __init__(self, rig: Rig, peer: str = "master") -> None:
-        self.rig, self.peer = rig, peer
-        self.heard: list[tuple[int, int, bytes]] = []
-
-    def wait(self, ticks: int) -> Block:
-        block = self.rig.run(ticks)
-        self.heard += [(int(one["time"]) // 10**6, int(one["id"]), payload(one)) for one in block]
-        return block
-
-    def say(self, identifier: int, data: bytes, ticks: int = 1) -> list[tuple[int, bytes]]:
-        """Send a frame; return what was heard in the ticks after it, without the times."""
-        before = len(self.heard)
-        self.rig.receive(frame(identifier, data), self.peer)
-        self.wait(ticks)
-        return [(identifier, data) for _, identifier, data in self.heard[before:]]
-
-    def nmt(self, command: int, node: int = 1) -> None:
-        self.say(NMT, bytes((command, node)))
-
-    def of(self, identifier: int) -> list[tuple[int, bytes]]:
-        return [(time, data) for time, one, data in self.heard if one == identifier]
-
-    def ask(self, request: bytes) -> bytes:
-        (response,) = [data for identifier, data in self.say(REQUEST, request) if identifier == RESPONSE]
-        return response
-
-    def upload(self, index: int, sub: int = 0) -> bytes:
-        head = self.ask(struct.pack("<BHB4x", 0x40, index, sub))
-        assert head[0] >> 5 == 2, f"abort {head[4:][::-1].hex()}"
-        if head[0] & 2:
-            return head[4 : 8 - (head[0] >> 2 & 3)]
-        data, toggle = b"", 0
-        while True:
-            segment = self.ask(bytes((0x60 | toggle,)) + bytes(7))
-            assert segment[0] & 0x10 == toggle
-            data += segment[1 : 8 - (segment[0] >> 1 & 7)]
-            toggle ^= 0x10
-            if segment[0] & 1:
-                return data
-
-    def download(self, index: int, sub: int, value: int, size: int) -> int:
-        """Write by an expedited transfer; return the abort code, 0 for success."""
-        command = 0x23 | (4 - size) << 2
-        data = value.to_bytes(size, "little").ljust(4, b"\0")
-        answer = self.ask(struct.pack("<BHB", command, index, sub) + data)
-        return 0 if answer[0] == 0x60 else int.from_bytes(answer[4:], "little")
-
-    def abort_code(self, index: int, sub: int = 0) -> int:
-        answer = self.ask(struct.pack("<BHB4x", 0x40, index, sub))
-        assert answer[0] == 0x80
-        return int.from_bytes(answer[4:], "little")
-
-    @property
-    def messages(self) -> set[str]:
-        """The periodic messages that come within 100 ms."""
-        heard = set(self.wait(100)["id"].tolist())
-        return {name for name in PERIODIC if IDENTIFIERS[name] in heard}
+from tests.rig.conftest import Commander
+from tests.rig.master import (
+    EMERGENCY,
+    HEARTBEAT,
+    NMT,
+    PERIODIC,
+    PRE_OPERATIONAL,
+    REQUEST,
+    RESET_COMMUNICATION,
+    RESET_NODE,
+    RESPONSE,
+    START,
+    STOP,
+    SYNC,
+    Master,
+    number,
+)
 
 
 @pytest.fixture
 def master(make_rig: Callable[..., Rig]) -> Master:
     return Master(make_rig())
-
-
-def number(data: bytes) -> int:
-    return int.from_bytes(data, "little")
 
 
 # -- boot-up, heartbeat, NMT -------------------------------------------------------------------------------------
@@ -325,120 +271,18 @@ def test_every_new_error_is_told_once_also_during_a_fault(armed) -> None:
     assert number(master.upload(0x1003)) == 2, "the history stays"
 
 
-# -- SDO ---------------------------------------------------------------------------------------------------------
-
-
-def test_the_device_says_who_it_is(master: Master) -> None:
-    assert master.upload(0x1008) == b"ASTB virtual air spring test bench"
-    assert master.upload(0x100A) == f"map {TABLE.map_hash:08x}".encode()
-    assert number(master.upload(0x1018, 3)) == TABLE.map_hash
-
-
-def test_every_object_can_be_read_and_readings_are_those_of_the_frames(commander) -> None:
-    master = Master(commander.rig)
-    for one in OBJECT_DICTIONARY:
-        for entry in one.entries:
-            if entry.readable and not (one.index == 0x1003 and entry.sub):
-                data = master.upload(one.index, entry.sub)
-                assert len(data) == entry.type.size or entry.type.size == 0
-    row = TABLE["supply.pressure"]
-    commander.wait(5000)
-    value = struct.unpack("<f", master.upload(0x3000 + row.address))[0]
-    code = int.from_bytes(master.upload(0x2384, 1), "little", signed=True)
-    assert value == pytest.approx(commander.read("supply.pressure"), rel=0.01)
-    assert code * row.step == pytest.approx(value, rel=0.01)
-    half = TABLE["rig.nominal_preload"]
-    assert struct.unpack("<f", master.upload(0x4000 + half.address))[0] == half.default
-    nothing = TABLE["left.height"].address
-    commander.rig.values[TABLE.index["left.height"]] = np.nan
-    assert np.isnan(struct.unpack("<f", commander.rig.node.objects.read(0x3000 + nothing, 0))[0])
-    assert commander.rig.node.objects.read(0x2181, 1) == b"\x00\x80"
-
-
-@pytest.mark.parametrize(
-    ("index", "sub", "value", "size", "code"),
-    [
-        (0x1234, 0, 0, 1, 0x06020000),
-        (0x1018, 9, 0, 1, 0x06090011),
-        (0x1018, 1, 0, 4, 0x06010002),
-        (0x3064, 0, 0, 4, 0x06010002),
-        (0x2201, 1, 1, 1, 0x08000021),
-        (0x1017, 0, 200, 4, 0x06070012),
-        (0x1017, 0, 200, 1, 0x06070013),
-        (0x1017, 0, 99, 2, 0x06090032),
-        (0x1006, 0, 9_000, 4, 0x06090032),
-        (0x1006, 0, 10_500, 4, 0x06090030),
-        (0x1005, 0, 0x81, 4, 0x06090030),
-        (0x1016, 1, 0x1_0064, 4, 0x06040043),
-        (0x1016, 1, 0x80_0064, 4, 0x06090030),
-        (0x1029, 1, 3, 1, 0x06090031),
-        (0x1800, 2, 0, 1, 0x06090030),
-        (0x1800, 2, 241, 1, 0x06090030),
-        (0x1800, 1, 0x182, 4, 0x06090030),
-        (0x1400, 1, 0x202, 4, 0x06010002),
-        (0x1A00, 0, 0, 1, 0x06010002),
-        (0x1003, 0, 1, 1, 0x06090030),
-    ],
-)
-def test_a_download_that_cannot_be_is_aborted_for_its_reason(
-    master: Master, index: int, sub: int, value: int, size: int, code: int
-) -> None:
-    assert master.download(index, sub, value, size) == code
-
-
-def test_an_upload_that_cannot_be_is_aborted_for_its_reason(master: Master) -> None:
-    assert master.abort_code(0x2001) == 0x06010001
-    assert master.abort_code(0x22FF) == 0x06020000
-    assert master.abort_code(0x1000, 1) == 0x06090011
-    assert master.ask(b"\x60" + bytes(7))[4:] == (0x05040001).to_bytes(4, "little"), "no transfer under way"
-    assert master.ask(b"\xa0" + bytes(7))[4:] == (0x05040001).to_bytes(4, "little"), "block transfer"
-    assert master.ask(b"\x40\x08\x10" + bytes(5))[0] == 0x41
-    assert master.ask(b"\x70" + bytes(7))[4:] == (0x05030000).to_bytes(4, "little"), "toggle bit"
-
-
-def test_a_download_may_come_in_segments_and_without_its_size(master: Master) -> None:
-    assert master.ask(b"\x21\x17\x10\x00\x02\0\0\0")[0] == 0x60
-    assert master.ask(b"\x0b\xc8\x00" + bytes(5))[0] == 0x20
-    assert number(master.upload(0x1017)) == 200
-    assert master.ask(b"\x22\x17\x10\x00\x2c\x01\0\0")[0] == 0x60
-    assert number(master.upload(0x1017)) == 300
-
-
-def test_a_client_that_does_not_wait_gets_few_answers_and_the_rest_is_counted(master: Master) -> None:
-    request = frame(REQUEST, struct.pack("<BHB4x", 0x40, 0x1000, 0))
-    master.rig.receive(join([request] * 1000), "flood")
-    assert (master.wait(1)["id"] == RESPONSE).sum() == 8
-    assert number(master.upload(0x2000, 3)) == 992
-
-
-requests = st.one_of(
-    st.binary(max_size=8),
-    st.builds(
-        lambda head, place, rest: bytes((head,)) + struct.pack("<HB", *place) + rest,
-        st.integers(0, 255),
-        st.sampled_from([(one.index, entry.sub) for one in OBJECT_DICTIONARY for entry in one.entries]),
-        st.binary(min_size=4, max_size=4),
-    ),
-)
-
-
-@pytest.fixture(scope="module")
-def fuzzed(parameters) -> Master:
-    return Master(Rig(parameters, seed=1))
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.lists(requests, min_size=1, max_size=12))
-def test_whatever_is_asked_is_answered_by_eight_bytes_or_not_at_all(
-    fuzzed: Master, asked: list[bytes]
-) -> None:
-    for request in asked:
-        answers = [data for identifier, data in fuzzed.say(REQUEST, request) if identifier == RESPONSE]
-        silent = len(request) != 8 or request[0] >> 5 == 4
-        assert len(answers) == (0 if silent else 1)
-        for answer in answers:
-            assert len(answer) == 8
-            if answer[0] >> 5 == 4:
-                assert answer[0] == 0x80 and number(answer[4:]) >= 0x05030000
-    fuzzed.nmt(RESET_COMMUNICATION)
-    assert fuzzed.upload(0x1008).startswith(b"ASTB")
+def test_two_limits_that_trip_at_once_are_two_errors(parameters) -> None:
+    signals = ("platform.vertical", "platform.lateral")
+    stop = LimitAction.PROGRAM_STOP
+    rig = Rig(parameters, seed=1, limits=tuple(Limit(one, LimitKind.UPPER, 2 * mm, stop) for one in signals))
+    commander = Commander(rig)
+    commander.arm()
+    master = Master(rig)
+    commander.beat(1, platform_vertical_setpoint=5 * mm, platform_lateral_setpoint=5 * mm)
+    for _ in range(10):
+        commander.rig.receive(commander.frames(), commander.peer)
+        master.wait(20)
+    told = [struct.unpack("<HBB", data[:4]) for _, data in master.of(EMERGENCY)]
+    assert told == [(0xFF01, 0x81, 5)] * 2
+    tripped = [number(master.upload(0x1003, k)) >> 24 for k in (2, 1)]
+    assert tripped == [TABLE.trip_number(one) for one in signals]

@@ -1,8 +1,11 @@
 """python's canopen with our EDS, over the rig's real wires: one node that boots, beats, obeys NMT and answers SDOs."""
 
+import re
 import time
 from collections.abc import Iterator
 from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
 import can
 import canopen
@@ -13,6 +16,7 @@ from canopen.sdo import SdoAbortedError
 from bench_protocol.canopen import NODE
 from bench_protocol.table import TABLE
 
+ROOT = Path(__file__).parents[2]
 GENERATED = files("bench_protocol") / "generated"
 REAL = ("tcp", pytest.param("socketcan", marks=pytest.mark.vcan))
 on_real_wires = pytest.mark.parametrize("site", REAL, indirect=True)
@@ -131,6 +135,30 @@ def test_emergencies_arrive_and_stay_readable(node, site, eventually) -> None:
     assert (told.code, told.register) == (0xFF02, 0x81)
     assert node.sdo["Error register"].raw == 0x81
     assert node.sdo["Pre-defined error field"][1].raw & 0xFFFF == 0xFF02
+
+
+@pytest.mark.parametrize("site", ["tcp"], indirect=True)
+def test_the_how_to_does_what_it_says(site, tmp_path, monkeypatch, capsys) -> None:
+    site.close_shared()
+    page = (ROOT / "docs" / "how-to" / "use-your-own-can-tools.md").read_text(encoding="utf-8")
+    (program,) = [
+        block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "import canopen" in block
+    ]
+    (tmp_path / "astb.eds").write_text((GENERATED / "astb.eds").read_text(encoding="utf-8"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    try:
+        exec(program.replace("29536", str(site.rig.can_port)), names)
+        heard = names["rig"].tpdo[1].wait_for_reception(1)
+        assert heard is not None, "with SYNC"
+    finally:
+        names["network"].sync.stop()
+        names["rig"].nmt.send_command(0x82)
+        time.sleep(SETTLED)
+        names["network"].disconnect()
+    state, metres, millimetres = capsys.readouterr().out.splitlines()
+    assert state == "OPERATIONAL ASTB virtual air spring test bench"
+    assert 1000 * float(metres.split()[0]) == pytest.approx(float(millimetres.split()[0]), abs=0.5)
 
 
 @on_real_wires
