@@ -60,8 +60,9 @@ def execute(
             first, interrupted = _attempt(run, "main", plan.main)
         last, again = _attempt(run, "tear-down", plan.teardown)
         left = _air_left(bench) if interrupted or again else ""
-        if left:
-            run.say(left)
+        strangers = bench.strangers()
+        for told in filter(None, (left, strangers)):
+            run.say(told)
         punctuality = timing(before, lateness(bench))
     run.progress(1.0)
 
@@ -70,7 +71,7 @@ def execute(
         plan.title,
         plan.instruction,
         run.checks,
-        reason=_reason(run, first, last, left),
+        reason=_reason(run, first, last, left, strangers),
         curves=run.curves,
         phases=phases_of(run.phases, start, bench.clock.now()),
         rig=rig,
@@ -100,17 +101,18 @@ def _recorded(run: Run, recording: Recording) -> Iterator[None]:
         recording.close()
 
 
-def _reason(run: Run, first: str, last: str, left: str) -> str:
+def _reason(run: Run, first: str, last: str, *more: str) -> str:
     """Return why the product could not be judged, "" if it could.
 
-    ``first`` is what went wrong up to tear-down, ``last`` in it, ``left`` what the springs hold after an interruption.
+    ``first`` is what went wrong up to tear-down, ``last`` in it, ``more`` what else to know: what the springs hold
+    after an interruption, who else tried to command the bench.
     """
     from bench_records.result import Outcome, conclude
 
     if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
         return ""  # it was judged and failed; that the bench then misbehaved stands among the events
     reason = "; then ".join(trouble for trouble in (first, last and f"in tear-down: {last}") if trouble)
-    return f"{reason}; {left}" if reason and left else reason
+    return "; ".join(filter(None, (reason, *(one for one in more if one not in reason)))) if reason else ""
 
 
 def _air_left(bench: Bench) -> str:

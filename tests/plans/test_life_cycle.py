@@ -32,6 +32,7 @@ class FakeBench:
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
         self.pressures = {}
+        self.strangers = lambda: ""
         self.readings = SimpleNamespace(value=lambda name: self.pressures.get(name, np.nan))
 
     def snapshot(self):
@@ -151,6 +152,13 @@ def test_a_fault_after_a_broken_limit_blocks_for_the_rig_may_have_broken_the_che
 def test_trouble_in_tear_down_stands_beside_the_first_and_never_hides_it(made, tmp_path):
     result, _ = made(raising(RigFault("first")), teardown=raising(LinkLost("second")))
     assert result.reason == "the rig: first; then in tear-down: the link to the rig: second"
+
+
+def test_strangers_are_told_of_and_may_be_why_a_plan_was_blocked(bench, made, tmp_path):
+    bench.strangers = lambda: "somebody else tries to command the bench"
+    result, _ = made(raising(RigFault("did not reach ACTIVE")))
+    assert "somebody else" in " ".join(event.text for event in read(tmp_path / "out").events)
+    assert result.reason.endswith("did not reach ACTIVE; somebody else tries to command the bench")
 
 
 def test_trouble_in_tear_down_alone_blocks(made):
