@@ -34,6 +34,8 @@ MEANING: Final[Mapping[int, str]] = {
 REGISTERS_READ_MAX: Final = 125
 REGISTERS_WRITE_MAX: Final = 123
 REGISTERS_READ_WRITE_MAX: Final = 121
+#: Of one place in a file: 245 bytes of an answer, less its length and its reference type.
+FILE_READ_MAX: Final = 121
 BITS_READ_MAX: Final = 2000
 BITS_WRITE_MAX: Final = 1968
 PDU_MAX: Final = 253
@@ -45,6 +47,9 @@ OWN_UNITS: Final = frozenset({0, 1, 255})
 _HEADER: Final = struct.Struct(">HHHB")
 _TWO: Final = struct.Struct(">HH")
 _ADDRESSES: Final = 0x1_0000
+_FILE_REFERENCE: Final = 6
+_FILE_RECORDS: Final = 10_000
+_FILE_BYTES_MAX: Final = 0xF5
 _COIL_ON, _COIL_OFF = 0xFF00, 0x0000
 _WRITING: Final = frozenset({5, 6, 15, 16, 22, 23})
 _MEI_IDENTIFICATION: Final = 0x0E
@@ -85,6 +90,8 @@ class Bank(Protocol):
     def write_coils(self, address: int, values: Sequence[bool]) -> None: ...
 
     def write_holding(self, address: int, values: Sequence[int]) -> None: ...
+
+    def read_file(self, file: int, record: int, count: int) -> Sequence[int]: ...
 
     def identification(self) -> Mapping[int, bytes]:
         """Return the identification objects by number: 0-2 basic, 3-6 regular, 0x80-0xFF the maker's own."""
@@ -275,6 +282,23 @@ def _values(body: bytes, at: int, count: int) -> tuple[int, ...]:
     return struct.unpack_from(f">{count}H", body, at + 1)
 
 
+def _read_file(body: bytes, bank: Bank) -> bytes:
+    """Read file records (section 6.14): several places of several files in one request."""
+    if not body or not 7 <= body[0] <= 245 or body[0] % 7 or len(body) != 1 + body[0]:
+        raise ModbusError(ILLEGAL_VALUE)
+    told = b""
+    for at in range(1, len(body), 7):
+        reference, file, record, count = struct.unpack_from(">BHHH", body, at)
+        if reference != _FILE_REFERENCE or file == 0 or record + count > _FILE_RECORDS:
+            raise ModbusError(ILLEGAL_ADDRESS)
+        if not 1 <= count <= FILE_READ_MAX or len(told) + 2 + 2 * count > _FILE_BYTES_MAX:
+            raise ModbusError(ILLEGAL_VALUE)
+        told += struct.pack(
+            f">BB{count}H", 1 + 2 * count, _FILE_REFERENCE, *bank.read_file(file, record, count)
+        )
+    return bytes((len(told),)) + told
+
+
 def _identification(body: bytes, bank: Bank) -> bytes:
     """Read device identification (section 6.21), in as many answers as the objects need."""
     if not body or body[0] != _MEI_IDENTIFICATION:
@@ -316,6 +340,7 @@ _HANDLERS: Final[Mapping[int, Callable[[bytes, Bank], bytes]]] = {
     6: _write_register,
     15: _write_coils,
     16: _write_registers,
+    20: _read_file,
     22: _mask_write_register,
     23: _read_write_registers,
     43: _identification,

@@ -6,18 +6,20 @@ the same.
 """
 
 import logging
+import struct
 import threading
 from collections.abc import Callable, Sequence
 from typing import Final
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
-from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu import ExceptionResponse, FileRecord, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
 from bench_protocol.modbus import (
     BITS_READ_MAX,
     BITS_WRITE_MAX,
+    FILE_READ_MAX,
     MEANING,
     REGISTERS_READ_MAX,
     REGISTERS_WRITE_MAX,
@@ -78,6 +80,16 @@ class ModbusPort:
         what = self._range("reading input registers", address, count, REGISTERS_READ_MAX)
         read = self._client.read_input_registers
         return self._counted(what, count, lambda: read(address, count=count, device_id=self._unit))
+
+    def read_file(self, file: int, record: int, count: int) -> list[int]:
+        """Return ``count`` registers of a file from ``record`` on (FC 20)."""
+        what = self._range(f"reading file {file}, record", record, count, FILE_READ_MAX)
+        wanted = [FileRecord(file_number=file, record_number=record, record_length=2 * count)]
+        reply = self._ask(what, lambda: self._client.read_file_record(wanted, device_id=self._unit))
+        data = b"".join(one.record_data for one in getattr(reply, "records", ()))
+        if len(data) != 2 * count:
+            raise LinkLost(f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}")
+        return list(struct.unpack(f">{count}H", data))
 
     def write_coil(self, address: int, value: bool) -> None:
         """Set one coil (FC 5)."""

@@ -9,6 +9,7 @@ from numba import njit
 
 #: The modules of the rig that the compiled tick contains beside its own.
 OF_THE_TICK = (
+    "black_box",
     "commands",
     "controls",
     "faults/in_tick",

@@ -68,6 +68,7 @@ class Happened(IntFlag):
     TICK_LOST = 128
     COMMANDED = 512  #: control bits have changed, or somebody asks for the lease
     FAULT = 1024  #: a fault on purpose begins or ends
+    RECORDED = 2048  #: the black box has the ten seconds after an incident
 
 
 #: A snapshot of the rig's tick is a copy of this record.

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.rates import FAST_RATE
+from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kN, mm, ms
 from bench_protocol.wires import Table
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES, SIDES, LimitKind, Program
@@ -45,6 +46,25 @@ class Limit:
     over: float = 20 * ms  #: RATE: between the two samples that are compared
     within: float = 0.0  #: TIMEOUT
     level: float = 0.0  #: COUNT
+
+    def told(self, judged: float) -> str:
+        """Return in words that this limit has tripped on ``judged``, and what happens now."""
+        signal = TABLE[self.signal]
+        name, at, was = (
+            self.signal.replace(".", " ").replace("_", " "),
+            signal.show(self.at),
+            signal.show(judged),
+        )
+        lasting = f" for {self.persistence / ms:g} ms" if self.persistence else ""
+        what = {
+            LimitKind.LOWER: f"below {at}{lasting}, at {was}",
+            LimitKind.UPPER: f"above {at}{lasting}, at {was}",
+            LimitKind.ERROR: f"more than {at} from its set-point{lasting}, by {was}",
+            LimitKind.RATE: f"faster than {at}/s{lasting}, with {was}/s",
+            LimitKind.TIMEOUT: f"without a reading, or not arrived, for {judged:g} s",
+            LimitKind.COUNT: f"over {signal.show(self.level)} for the {judged:g}th time",
+        }[self.kind]
+        return f"{name} {what} → {self.action.name.lower().replace('_', ' ')}"
 
 
 def _span(

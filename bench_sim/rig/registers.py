@@ -48,6 +48,9 @@ class Host(Protocol):
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
 
+    def read_file(self, number: int) -> Sequence[int]:
+        """Return the registers of a file; empty if there is none."""
+
 
 class Space:
     """One address space of 16-bit words (or bits): which signal stands where, and where no request may cut."""
@@ -255,6 +258,12 @@ class RegisterBank:
                 bits.append(not math.isnan(self.host.seen[self.table.index[register.signal]]))
         return bits
 
+    def read_file(self, file: int, record: int, count: int) -> Sequence[int]:
+        words = self.host.read_file(file)
+        if record + count > len(words):
+            raise ModbusError(ILLEGAL_ADDRESS)
+        return words[record : record + count]
+
     def identification(self) -> Mapping[int, bytes]:
         return {
             0: b"ASTB",
@@ -279,6 +288,7 @@ class PeerBank:
         self.read_discrete = bank.read_discrete
         self.read_input = bank.read_input
         self.read_holding = bank.read_holding
+        self.read_file = bank.read_file
         self.identification = bank.identification
 
     def write_coils(self, address: int, values: Sequence[bool]) -> None:

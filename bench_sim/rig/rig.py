@@ -1,8 +1,7 @@
 """The whole rig without a socket or clock: frames and requests in, frames and answers out, tick by tick."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -13,13 +12,14 @@ from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
-from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
-from bench_protocol.words import FAULTS, LIVE, SIDES, BenchState, Reason
+from bench_protocol.words import FAULTS, SIDES, BenchState, Reason
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
+from bench_sim.rig.black_box import BlackBox
 from bench_sim.rig.canopen import CanopenNode
+from bench_sim.rig.coils import coil_actions, contacts
 from bench_sim.rig.commands import Incoming
 from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened, Target
 from bench_sim.rig.emergencies import Emergencies
@@ -84,6 +84,7 @@ class Rig:
         self._seen = self.values.copy()
         self._seen_tick = 0
         self._detectors = detectors(TABLE, limits)
+        self.black_box = BlackBox()
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
         self.faults = FaultPanel(InsertionPoints(self, self.plant, self._controls))
@@ -103,59 +104,33 @@ class Rig:
         self.registers = RegisterBank(TABLE, self, self.lease)
         self._incoming = Incoming.of(self._decoder)
         self._tick_state = self._arrays(every_tick)
-        self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
-        self._fill: Any = bind(fill, self._outgoing, 0, self._scratch, 0)
-        self._drain: Any = bind(drain, self._outgoing, 0, *self._basket)
-        self._look: Any = bind(copy_values, self.values, self._seen, self._control_array, 0)
+        self._bind_kernels()
         self.generator = FunctionGenerator(
             self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
         )
         self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
+        watched = limits, self._detectors
         self.supervisor = Supervisor(
-            self._controls, self.values, limits, self._detectors, self.generator, self.emergencies
+            self._controls, self.values, watched, self.generator, self.black_box, self.emergencies
         )
         self.fittings = Fittings(self.plant, self.registers.active)
-        self._actions = self._coil_actions()
+        self._actions = coil_actions(
+            self.supervisor, self.generator, lambda: self.apply(self.registers.staged)
+        )
         sending = next(part for part in self._tick_state if isinstance(part, Sending))
         timed = sending.fast, sending.medium, sending.slow
         self.node = CanopenNode(self, self._controls, self._encoder, self._decoder, timed)
-        self._contacts = self._interlock_contacts()
+        self._contacts = contacts(self.supervisor, lambda: self.registers.unapplied)
         self._start_values()
         self.apply(self.registers.active)
         self.supervisor.handle(Event.POWER_ON)
 
-    def _coil_actions(self) -> Mapping[str, Callable[[], bool]]:
-        """Return what each coil does, and whether the present state allowed it."""
-        return _of_every(
-            Kind.ACTION,
-            {
-                "apply": lambda: self.apply(self.registers.staged),
-                "reset": self.supervisor.reset,
-                "power_on": partial(self.supervisor.handle, Event.POWER_ON),
-                "power_off": partial(self.supervisor.handle, Event.POWER_OFF),
-                "air_low": partial(self.supervisor.handle, Event.AIR_LOW),
-                "air_high": partial(self.supervisor.handle, Event.AIR_HIGH),
-                "disable": partial(self.supervisor.handle, Event.DISABLE),
-                "program_run": lambda: self.state is BenchState.ACTIVE and self.generator.run(),
-                "program_hold": self.generator.hold,
-                "program_stop": self.generator.stop,
-            },
-        )
-
-    def _interlock_contacts(self) -> Mapping[str, Callable[[], bool]]:
-        """Return what tells of each interlock, and of what is staged, whether it is set."""
-        return _of_every(
-            Kind.INTERLOCK,
-            {
-                "estop": lambda: self.supervisor.estop,
-                "pneumatic": lambda: self.state not in (*LIVE, BenchState.FAULT_HOLD),
-                "program": lambda: self.state is not BenchState.ACTIVE,
-                "command": self.supervisor.command_valid,
-                "limits": lambda: self.supervisor.limits_broken,
-                "fault": lambda: self.state in FAULTS,
-                "staged": lambda: self.registers.unapplied,
-            },
-        )
+    def _bind_kernels(self) -> None:
+        """Make ready what is compiled, so that a call of it looks at no types."""
+        self._run_ticks: Any = bind(run_ticks, 1, *self._tick_state, self._scratch)
+        self._fill: Any = bind(fill, self._outgoing, 0, self._scratch, 0)
+        self._drain: Any = bind(drain, self._outgoing, 0, *self._basket)
+        self._look: Any = bind(copy_values, self.values, self._seen, self._control_array, 0)
 
     def _arrays(
         self, every_tick: Sequence[str]
@@ -169,7 +144,13 @@ class Rig:
         return (
             self._control_array,
             PlantArrays(plant.state, plant.memory_array, plant.inputs, plant.parameter_array),
-            Sampling(np.zeros(SENSORS), self.values, self._detectors, self.faults.points.arrays),
+            Sampling(
+                np.zeros(SENSORS),
+                self.values,
+                self._detectors,
+                self.black_box.tape,
+                self.faults.points.arrays,
+            ),
             Sending(layout.messages, layout.fields, self._encoder.counters, fast, medium, slow, every),
             self._incoming,
             self._outgoing,
@@ -358,6 +339,10 @@ class Rig:
         """Return the state of an interlock."""
         return self._contacts[name]()
 
+    def read_file(self, number: int) -> Sequence[int]:
+        """Return the registers of a file of the black box; empty if there is none."""
+        return self.black_box.read_file(number)
+
     def act(self, name: str) -> bool:
         """Carry out a coil's action; return whether the present state allows it."""
         with self.lock:
@@ -425,11 +410,3 @@ class Rig:
         """Send messages that go out on events."""
         time = int(self._controls["tick"]) * TICK_NS
         self.send(self._encoder.encode(self.values, rows, time))
-
-
-def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:
-    """Return ``told`` by the last part of the names; ValueError unless it has every signal of ``kind`` in the table."""
-    names = {signal.attribute[1] for signal in TABLE.of_kind(kind)}
-    if different := names ^ told.keys():
-        raise ValueError(f"table and rig differ in the {kind}s {', '.join(sorted(different))}")
-    return told

@@ -16,7 +16,7 @@ from bench_sim.rig.controls import TARGETS
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class SetpointPace:
     """How fast one set-point may move; SI units per second."""
 
     target: str  #: an actuator, or an axis of the platform as ``platform.roll``
@@ -33,10 +33,15 @@ _LET_GO: Final = (
 _STOP: Final = "assumed: an actuator that a limit stops has overrun it by 8 mm at most"
 _VALVE: Final = "waves: flow of the servo-valve"
 PACES: Final = (
-    *(Pace(one, "force", "kN", 50 * kN / s, 50 * kN / s, _LET_GO) for one in ACTUATORS),
-    *(Pace(one, "displacement", "mm", 200 * mm / s, 0.6 * m / s, f"{_STOP}; {_VALVE}") for one in ACTUATORS),
+    *(SetpointPace(one, "force", "kN", 50 * kN / s, 50 * kN / s, _LET_GO) for one in ACTUATORS),
     *(
-        Pace(f"platform.{axis}", "displacement", unit, 0.2 * rad / s, 0.6 * rad / s, f"{_STOP}; {_VALVE}")
+        SetpointPace(one, "displacement", "mm", 200 * mm / s, 0.6 * m / s, f"{_STOP}; {_VALVE}")
+        for one in ACTUATORS
+    ),
+    *(
+        SetpointPace(
+            f"platform.{axis}", "displacement", unit, 0.2 * rad / s, 0.6 * rad / s, f"{_STOP}; {_VALVE}"
+        )
         for axis, unit in zip(PLATFORM_AXES, ("mm", "mm", "mrad"), strict=True)
     ),
 )
@@ -46,7 +51,7 @@ _STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 
 assert tuple(_STEEPEST) == WAVES
 
 
-def _row(name: str) -> tuple[Pace | None, ...]:
+def _row(name: str) -> tuple[SetpointPace | None, ...]:
     return tuple(
         next((pace for pace in PACES if (pace.target, pace.mode) == (name, mode)), None)
         for mode in CONTROL_MODES

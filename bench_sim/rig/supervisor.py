@@ -9,6 +9,7 @@ from bench_protocol.rates import DISABLE_AFTER, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, BenchState, LimitKind
+from bench_sim.rig.black_box import BlackBox
 from bench_sim.rig.controls import TICK_MODULUS, AirSupply, ControlBit, Happened, Target
 from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.generator import FunctionGenerator
@@ -40,7 +41,8 @@ _ON_TRIP: Final = {
 class Supervisor:
     """Decides between two ticks on what the tick reports and the wires ask for.
 
-    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row), and reports errors to
+    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row), has the limits and their
+    detectors in ``watched``, tells ``black_box`` what happens, and reports errors to
     ``emergencies``.
     """
 
@@ -48,9 +50,9 @@ class Supervisor:
         self,
         controls: Any,
         values: npt.NDArray[np.float64],
-        limits: tuple[Limit, ...],
-        detectors: npt.NDArray[np.void],
+        watched: tuple[tuple[Limit, ...], npt.NDArray[np.void]],
         generator: FunctionGenerator,
+        black_box: BlackBox,
         emergencies: Emergencies,
     ) -> None:
         self.estop = False
@@ -58,8 +60,9 @@ class Supervisor:
         self.mains = True
         self._controls = controls
         self._values = values
-        self._limits, self._detectors = limits, detectors
+        self._limits, self._detectors = watched
         self._generator = generator
+        self._black_box = black_box
         self._emergencies = emergencies
         self._bits = ControlBit.NONE  # of the last valid command
         self.machine = StateMachine(
@@ -134,6 +137,9 @@ class Supervisor:
         if not changed:
             return False
         state, c = self.state, self._controls
+        self._black_box.note(int(c["tick"]), f"{event.value}: {before.name} → {state.name}")
+        if state in FAULTS and before not in FAULTS:
+            self._black_box.trigger(int(c["tick"]), event.value)
         self._set("rig.state", state)
         self._set("rig.reason", self.machine.reason)
         self._set("rig.status_code", STATUS_CODES[state])
@@ -177,6 +183,8 @@ class Supervisor:
         """Act on what the tick could not decide by itself."""
         if Happened.ALARM in happened:
             self._alarm()
+        if Happened.RECORDED in happened:
+            self._black_box.keep()
         if Happened.LIMIT in happened:
             self._trip()
         if Happened.COMMAND_LATE in happened:
@@ -219,12 +227,14 @@ class Supervisor:
                 self.handle(_ON_TRIP[limit.action], TABLE.trip_number(limit.signal))
 
     def _tell_first(self, row: int) -> None:
-        limit, detector = self._limits[row], self._detectors[row]
+        limit, tick = self._limits[row], int(self._controls["tick"])
+        judged = float(self._detectors[row]["sense"] * self._detectors[row]["judged"])
         step = {LimitKind.TIMEOUT: ms, LimitKind.COUNT: 1.0}.get(limit.kind, TABLE[limit.signal].step)
         self._set("rig.tripped", float(TABLE.trip_number(limit.signal)))
         self._set("rig.tripped_kind", limit.kind)
-        self._set("rig.tripped_value", float(np.rint(detector["sense"] * detector["judged"] / step)))
-        self._set("rig.tripped_tick", float(self._controls["tick"] % TICK_MODULUS))
+        self._set("rig.tripped_value", float(np.rint(judged / step)))
+        self._set("rig.tripped_tick", float(tick % TICK_MODULUS))
+        self._black_box.trigger(tick, limit.told(judged), limit.signal)
 
     def reset(self) -> bool:
         """Clear what is latched, if the state machine lets the reset through.
@@ -234,6 +244,7 @@ class Supervisor:
         if not self.handle(Event.RESET) and not (self.state in LIVE and self._detectors["tripped"].any()):
             return False
         reset_detectors(self._detectors)
+        self._black_box.rearm()
         for name in ("tripped", "tripped_kind", "tripped_value", "tripped_tick"):
             self._set(f"rig.{name}", 0.0)
         self._controls["late"] = self._controls["lost"] = 0

@@ -30,6 +30,7 @@ from bench_sim.model.kernel import observe, step
 from bench_sim.model.layout import SENSORS, STATES, Input, Mode, Sensor
 from bench_sim.model.runge_kutta import step_scheme
 from bench_sim.model.sensors import read_sensors
+from bench_sim.rig.black_box import Tape, write_sample
 from bench_sim.rig.commands import Incoming, take_waiting
 from bench_sim.rig.controls import (
     FAST,
@@ -240,6 +241,7 @@ class Sampling(NamedTuple):
     readings: npt.NDArray[np.float64]
     values: npt.NDArray[np.float64]  #: SI; the measurements stand first, in the order of the sensors
     detectors: npt.NDArray[np.void]
+    tape: Tape  #: of the black box
     faults: FaultArrays
 
 
@@ -267,7 +269,8 @@ def _judge(c: Any, sampling: Sampling) -> int:
     for k in range(SENSORS):
         sampling.values[k] = sampling.readings[k]
     keep_grip(c, sampling.values)
-    return int(detect(c, sampling.values, sampling.detectors))
+    happened = detect(c, sampling.values, sampling.detectors)
+    return int(happened | write_sample(sampling.tape, sampling.values))
 
 
 @compiled

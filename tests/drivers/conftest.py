@@ -223,6 +223,9 @@ class Peer:
         if self.foreign:
             raise modbus.ModbusError(modbus.NO_AUTHORITY)
 
+    def read_file(self, file: int, record: int, count: int) -> list[int]:
+        raise modbus.ModbusError(modbus.ILLEGAL_FUNCTION)
+
     def identification(self) -> dict[int, bytes]:
         return {0: b"scripted"}
 

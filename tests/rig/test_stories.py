@@ -18,7 +18,7 @@ from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, SIDES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from test_plans.loads import AW0, AW3, Load
-from tests.rig.snapshots import Snapshot
+from tests.rig.bookmark import Bookmark
 from tests.rig.way_down import LOSSES, VERTICAL, WatchedCommander, told, way_back, way_down
 
 FORCE, DISPLACEMENT = CONTROL_MODES.index("force"), CONTROL_MODES.index("displacement")
@@ -88,7 +88,7 @@ STARTS: dict[str, Callable[[WatchedCommander], None]] = {
 
 
 @cache
-def prepared(start: str) -> tuple[WatchedCommander, Snapshot]:
+def prepared(start: str) -> tuple[WatchedCommander, Bookmark]:
     """Return a commander of a bench that was brought to ``start``, and a snapshot of both."""
     commander = WatchedCommander(Rig(load("astb"), seed=1))
     commander.wait(500)
@@ -98,7 +98,7 @@ def prepared(start: str) -> tuple[WatchedCommander, Snapshot]:
     commander.hold_height()
     STARTS[start](commander)
     assert commander.state == "ACTIVE"
-    return commander, Snapshot(commander)
+    return commander, Bookmark(commander)
 
 
 # --- what may happen ------------------------------------------------------------------------------------------------
@@ -195,7 +195,7 @@ def live_through(start: str, story: list[Deed]) -> None:
     for one in story:
         note(f"  {one}")
         one.do(commander)
-    here = Snapshot(commander)
+    here = Bookmark(commander)
     for name, lose in LOSSES.items():
         here.restore()
         note(f"then {name}, when the bench is {told(commander)}")

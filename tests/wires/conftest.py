@@ -26,6 +26,7 @@ class Registers:
         self.input = [(7 * address + 1) & 0xFFFF for address in range(self.SIZE)]
         self.holding = [0] * self.SIZE
         self.objects: dict[int, bytes] = {0: b"ASTB", 1: b"test bank", 2: b"1.0", 0x80: b"0123abcd"}
+        self.files: dict[int, list[int]] = {}
         self.broken = False
 
     def _part(self, table: list, address: int, count: int) -> list:
@@ -54,6 +55,12 @@ class Registers:
     def write_holding(self, address: int, values: Sequence[int]) -> None:
         self._part(self.holding, address, len(values))
         self.holding[address : address + len(values)] = values
+
+    def read_file(self, file: int, record: int, count: int) -> Sequence[int]:
+        words = self.files.get(file, [])
+        if record + count > len(words):
+            raise ModbusError(ILLEGAL_ADDRESS)
+        return words[record : record + count]
 
     def identification(self) -> Mapping[int, bytes]:
         return self.objects

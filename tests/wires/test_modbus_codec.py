@@ -73,6 +73,43 @@ def test_mask_write_as_printed(bank) -> None:
     assert bank.holding[4] == 0x17
 
 
+def test_reading_files_as_printed(bank) -> None:
+    """Section 6.14: two records of file 4 and two of file 3."""
+    bank.files = {4: [0, 0x0DFE, 0x0020], 3: [0] * 9 + [0x33CD, 0x0040]}
+    request = "14 0E 06 0004 0001 0002 06 0003 0009 0002"
+    assert ask(bank, request) == bytes.fromhex("14 0C 05 06 0DFE 0020 05 06 33CD 0040")
+
+
+@pytest.mark.parametrize(
+    ("request_pdu", "code"),
+    [
+        ("14", 3),
+        ("14 00", 3),
+        ("14 06 06 0004 0001 00", 3),  # half a place
+        ("14 07 06 0004 0001 0001 00", 3),  # more than it says
+        ("14 0E 06 0004 0001 0001", 3),  # less
+        ("14 07 05 0004 0001 0001", 2),  # no reference type but 6
+        ("14 07 06 0000 0001 0001", 2),  # files count from 1
+        ("14 07 06 0004 270F 0002", 2),  # over record 9999
+        ("14 07 06 0005 0000 0001", 2),  # no such file
+        ("14 07 06 0004 0001 0003", 2),  # beyond its end
+        ("14 07 06 0004 0001 0000", 3),
+        ("14 07 06 0004 0000 007A", 3),  # 122 registers do not fit
+        ("14 0E 06 0003 0000 003D 06 0003 0000 003D", 3),  # 61 and 61 neither
+    ],
+)
+def test_reading_files_that_is_refused(bank, request_pdu: str, code: int) -> None:
+    bank.files = {4: [1, 2, 3], 3: [7] * 200}
+    assert ask(bank, request_pdu) == bytes((0x94, code))
+
+
+def test_as_much_of_a_file_as_fits(bank) -> None:
+    bank.files = {3: list(range(200))}
+    answered = ask(bank, "14 07 06 0003 0005 0079")
+    assert len(answered) == 2 + 245 - 1 and answered[1] == 244, "bytes; 245 is the most"
+    assert struct.unpack(">121H", answered[4:]) == tuple(range(5, 126))
+
+
 def test_read_write_as_printed(bank) -> None:
     bank.holding[3:9] = [0x00FE, 0x0ACD, 0x0001, 0x0003, 0x000D, 0x00FF]
     request = "17 0003 0006 000E 0003 06 00FF 00FF 00FF"

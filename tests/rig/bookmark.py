@@ -11,7 +11,7 @@ import numpy as np
 _OURS = ("bench_protocol.", "bench_sim.", "tests.", "conftest")
 
 
-class Snapshot:
+class Bookmark:
     """What ``root`` and all that it holds are now; :meth:`restore` makes them so again, the same objects."""
 
     def __init__(self, root: Any) -> None:

@@ -1,0 +1,133 @@
+"""The story of an incident in words: what tripped, what had gone before it, what the bench did, how it ended."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.black_box import NO_SAMPLE, Incident
+from bench_protocol.rates import FAST_RATE
+from bench_protocol.signals import Kind, Signal
+from bench_protocol.table import TABLE
+from bench_protocol.words import STATES
+
+#: What a reading must have moved before the incident to be told, as a part of its range.
+_TOLD: Final = 0.01
+_TOLD_MAX: Final = 5
+#: A reading is near a level within this part of its way to it.
+_NEAR: Final = 0.1
+#: A reading that says exactly the same for so long, and did not before, is stuck (samples).
+_STUCK: Final = round(0.5 * FAST_RATE)
+_EVENTS_AFTER: Final = 12
+
+
+class EventTold(NamedTuple):
+    """Something that happened to the bench, in words; ``tick`` in ms since the rig started."""
+
+    tick: int
+    text: str
+
+
+def story(incident: Incident, cause: str, signal: str, events: Sequence[EventTold]) -> str:
+    """Return the story of ``cause``, for which ``signal`` tripped: one line a sentence, times since the start."""
+    lines = [f"{clock(incident.tick)} {cause}"]
+    lines += [f"  before: {line}" for line in _before(incident, signal)]
+    after = [event for event in events if event.tick >= incident.tick]
+    before = [event for event in events if incident.tick - 10_000 <= event.tick < incident.tick]
+    lines += [f"  before: {clock(event.tick)} {event.text}" for event in before[-_EVENTS_AFTER:]]
+    lines += [f"{clock(event.tick)} {event.text}" for event in after[:_EVENTS_AFTER]]
+    if len(after) > _EVENTS_AFTER:
+        lines.append(f"… and {len(after) - _EVENTS_AFTER} more")
+    lines += [f"  after: {line}" for line in _after(incident)]
+    return "\n".join(lines) + "\n"
+
+
+def clock(tick: int) -> str:
+    """Return a time of the rig (ms) as hours, minutes, seconds and milliseconds."""
+    seconds, milliseconds = divmod(tick, 1000)
+    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}.{milliseconds:03}"
+
+
+def named(name: str) -> str:
+    """Return a signal's name as people say it."""
+    return name.replace(".", " ").replace("_", " ")
+
+
+def _measured(incident: Incident) -> Iterator[tuple[Signal, npt.NDArray[np.int16]]]:
+    for name, samples in zip(incident.channels, incident.samples, strict=True):
+        if TABLE[name].kind is Kind.MEASUREMENT:
+            yield TABLE[name], samples
+
+
+def _before(incident: Incident, first: str) -> list[str]:
+    """What readings had done before: gone, stuck, or moved; ``first`` that one, then those that moved most."""
+    told: list[tuple[float, str, str]] = []
+    for signal, samples in _measured(incident):
+        past = samples[: incident.trigger + 1]
+        if past.size < 2 * _STUCK:
+            continue
+        if past[-1] == NO_SAMPLE:
+            told.append(
+                (np.inf, signal.name, f"no reading of {named(signal.name)} for {_since(past != NO_SAMPLE)}")
+            )
+            continue
+        past = past[past != NO_SAMPLE]
+        if (past[-_STUCK:] == past[-1]).all() and (past != past[-1]).any():
+            since = _since(past != past[-1])
+            told.append(
+                (
+                    np.inf,
+                    signal.name,
+                    f"{named(signal.name)} had said exactly {_shown(signal, past[-1])} for {since}",
+                )
+            )
+            continue
+        start, end = float(np.median(past[: past.size // 4])), float(np.median(past[-4:]))
+        moved = abs(end - start) * signal.step / (signal.high - signal.low)
+        if signal.name == first:
+            moved = np.inf
+        if moved >= _TOLD:
+            left = np.abs(past - start) <= _NEAR * abs(end - start)
+            told.append((moved, signal.name, _course(signal, past, start, end, _since(left))))
+    told.sort(key=lambda one: -one[0])
+    # Of twins, left and right, the one that moved more stands for both.
+    first_of: dict[str, str] = {}
+    for _, name, text in told:
+        first_of.setdefault(name.replace("left", "").replace("right", ""), text)
+    return list(first_of.values())[:_TOLD_MAX]
+
+
+def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: float, since: str) -> str:
+    """Tell whether a reading was still on its way, or had been at its level for some time."""
+    away = np.abs(past - end) > _NEAR * abs(end - start)
+    there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
+    if there >= 0.5:
+        level = f"{_shown(signal, end)} for {there:.1f} s"
+        return f"{named(signal.name)} had been at {level} (from {_shown(signal, start)})"
+    return f"{named(signal.name)} went from {_shown(signal, start)} to {_shown(signal, end)} in {since}"
+
+
+def _since(inside: npt.NDArray[np.bool_]) -> str:
+    """Return how long ago the last True was."""
+    there = np.flatnonzero(inside)
+    ago = (inside.size - 1 - there[-1]) / FAST_RATE if there.size else inside.size / FAST_RATE
+    return f"{ago:.1f} s" if ago >= 1 else f"{ago * 1000:.0f} ms"
+
+
+def _after(incident: Incident) -> list[str]:
+    """How it ended: state, and the largest pressure and height ten seconds later."""
+    lines = []
+    states = incident.samples[incident.channels.index("rig.state")]
+    if states.size and states[-1] != NO_SAMPLE:
+        seconds = (states.size - 1 - incident.trigger) / FAST_RATE
+        ends = [
+            f"{named(name)} {_shown(TABLE[name], incident.samples[incident.channels.index(name)][-1])}"
+            for name in ("left.bellows_pressure", "right.bellows_pressure", "left.height", "right.height")
+        ]
+        lines.append(f"{seconds:.0f} s later the bench is {STATES[int(states[-1])]}, {', '.join(ends)}")
+    return lines
+
+
+def _shown(signal: Signal, steps: float) -> str:
+    return "unknown" if steps == NO_SAMPLE else signal.show(float(f"{steps * signal.step:.4g}"))
