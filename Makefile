@@ -60,6 +60,10 @@ generate: $(READY)  ## write the files that come from the table of signals and o
 bench: $(READY)  ## measure speed and lateness, each beside a control of the same minute
 	$(BIN)/python -m benchmarks $(ARGS)
 
+.PHONY: fuzz
+fuzz: $(READY)  ## two million changed inputs for every decoder and every door (ARGS="modbus can-door --count 100000")
+	$(BIN)/python -m tests.fuzz $(ARGS)
+
 .PHONY: benchmark-diagnosis
 benchmark-diagnosis: $(READY)  ## hide, diagnose and judge many times (ARGS="--cases 100"); resumes where it stopped
 	$(BIN)/python -m benchmarks.diagnosis $(ARGS)

@@ -2,6 +2,8 @@
 
 import asyncio
 import contextlib
+import gc
+import itertools
 import socket
 from collections.abc import Callable
 from typing import Final
@@ -12,6 +14,10 @@ OnPeerLost = Callable[[str], None]
 
 #: A connection that was spared is looked at again after so long, s.
 _RESPITE: Final = 1.0
+#: asyncio leaves a cycle of objects behind with every connection, and the collector of the rig's process rests: after
+#: so many connections what is young is collected, in some 0.2 ms.
+_COLLECT_EVERY: Final = 100
+_connections: Final = itertools.count(1)
 
 
 def ignore(_: str) -> None:
@@ -33,6 +39,8 @@ class Connection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self.transport = transport
+        if next(_connections) % _COLLECT_EVERY == 0 and not gc.isenabled():
+            gc.collect(0)
         # A client that is gone again already has no address any more.
         host, port = (transport.get_extra_info("peername") or ("unknown", 0))[:2]
         self.name = peer_name(self.kind, host, port)
