@@ -55,6 +55,17 @@ def test_same_seed_same_tokens(make_rig, commander) -> None:
     assert tokens(1) == tokens(1) != tokens(2)
 
 
+def test_a_rig_that_is_started_anew_draws_other_tokens(make_rig, commander) -> None:
+    """Its old commander may still be on the bus."""
+    found = set()
+    for entropy in range(5):
+        one = type(commander)(make_rig(1))
+        one.rig.lease.shuffle(entropy)
+        one.take_lease()
+        found.add(one.token)
+    assert len(found) == 5
+
+
 def test_no_token_leaves_the_crc_as_it_was() -> None:
     """257 of the 65536 numbers do not change a CRC of 8 bits when they change the data id."""
     lease = Lease(

@@ -17,6 +17,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 from drivers.bench import Bench
 from drivers.can_port import open_can
+from drivers.commander import BEAT
 from drivers.errors import BenchError, LinkLost, NotCommander
 from drivers.modbus_port import open_modbus
 
@@ -144,6 +145,26 @@ def test_who_holds_the_bench_and_who_else_tries_to_is_told_with_the_port(site, a
     port = intruder._bus._socket.getsockname()[1] if hasattr(intruder._bus, "_socket") else armed.rig.stranger
     assert f"the last CAN frame 0x201 from TCP port {port:.0f}" in armed.strangers()
     intruder.close()
+
+
+def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
+    """He streams sound commands before anybody else is there, and goes on all the time."""
+    site.close_shared()
+    encoder, values, stranger = Encoder(TABLE), np.zeros(len(TABLE.signals)), site.can()
+    values[TABLE.index["control.enable"]] = 1
+    rows = encoder.rows(["Control", "DisplacementSetpoints"])
+    task = site.clock.every(BEAT, lambda: stranger.send(encoder.encode(values, rows, 0)))
+    try:
+        site.wait(200 * ms)
+        with site.bench() as bench:
+            bench.arm()
+            bench.wait(300 * ms)
+            assert bench.rig.state == "ACTIVE"
+            assert "somebody else tries to command the bench" in bench.describe()
+            assert "frames or requests refused, the last CAN frame 0x203" in bench.strangers()
+    finally:
+        task.cancel()
+        stranger.close()
 
 
 def test_a_lease_is_taken_on_can_alone_and_ends_with_silence(site):
