@@ -1,11 +1,29 @@
 """The pace of the bench: its tick, how often messages are sent, how long it waits, and how late a tick may be."""
 
+import os
 from math import inf
 from typing import Final, NamedTuple
 
 from bench_protocol.units import ms, us
 
-TICK: Final = 1 * ms
+#: Ticks per second that a rig may have; its compiled tick is made for one of them.
+TICK_RATES: Final = (1000, 2000, 5000)
+#: The variable of the environment that says which, when a process starts.
+TICK_RATE_VARIABLE: Final = "ASTB_TICK_RATE"
+
+
+def _tick_rate() -> int:
+    text = os.environ.get(TICK_RATE_VARIABLE, str(TICK_RATES[0]))
+    if text not in map(str, TICK_RATES):
+        rates = ", ".join(map(str, TICK_RATES))
+        raise ValueError(
+            f"{TICK_RATE_VARIABLE} = {text!r} is not a rate this rig can tick at; it is one of {rates} (Hz)"
+        )
+    return int(text)
+
+
+TICK_RATE: Final = _tick_rate()
+TICK: Final = 1.0 / TICK_RATE
 
 #: Hz; a periodic message of the rig is sent at one of these.
 FAST_RATE: Final = 200.0

@@ -1,5 +1,6 @@
 """`astb rig`: the simulated rig in real time."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -10,6 +11,7 @@ import click
 
 from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
 from astb.exit_codes import blocked, misuse
+from bench_protocol.rates import TICK_RATE, TICK_RATE_VARIABLE, TICK_RATES
 
 if TYPE_CHECKING:
     import threading
@@ -37,6 +39,11 @@ if TYPE_CHECKING:
     type=click.IntRange(1, 65535),
     help="Show the bus live on TCP, to `tshark -i TCP@127.0.0.1:19901` and the like.",
 )
+@click.option(
+    "--tick-rate",
+    type=click.Choice([str(rate) for rate in TICK_RATES]),
+    help=f"Ticks per second; {TICK_RATES[0]} unless {TICK_RATE_VARIABLE} says otherwise.",
+)
 @click.option("--beacon", is_flag=True, help="Announce the CAN hub on the loopback, for SavvyCAN.")
 @click.option(
     "--allow-remote", is_flag=True, help="Open the ports to other machines; neither has a password."
@@ -54,6 +61,7 @@ def rig_command(
     bit_rate: str | None,
     capture: Path | None,
     capture_port: int | None,
+    tick_rate: str | None,
     beacon: bool,
     allow_remote: bool,
     until_eof: bool,
@@ -64,6 +72,9 @@ def rig_command(
     emergency stop, SIGUSR2 releases it.
     """
     import threading
+
+    if tick_rate is not None and int(tick_rate) != TICK_RATE:
+        _begin_anew(tick_rate)
 
     from astb.session import build_rig, bus_stages
     from bench_sim.rig.pacing import Late
@@ -147,3 +158,9 @@ def _listen(bench: "Rig", stop: "threading.Event", until_eof: bool) -> None:
 def _when_stdin_ends(call: Callable[[], object]) -> None:
     sys.stdin.read()
     call()
+
+
+def _begin_anew(tick_rate: str) -> None:
+    """Start this command again with another tick: it is built into what the rig compiles."""
+    environment = os.environ | {TICK_RATE_VARIABLE: tick_rate}
+    os.execve(sys.executable, [sys.executable, "-m", "astb", *sys.argv[1:]], environment)

@@ -7,6 +7,8 @@ from typing import Any
 
 from numba import njit
 
+from bench_protocol.rates import TICK_RATE
+
 #: The modules of the rig that the compiled tick contains beside its own.
 OF_THE_TICK = (
     "black_box",
@@ -32,6 +34,7 @@ def _source_digest() -> str:
         if source.name.endswith(".py"):
             digest.update(source.name.encode())
             digest.update(source.read_bytes())
+    digest.update(str(TICK_RATE).encode())
     return digest.hexdigest()
 
 

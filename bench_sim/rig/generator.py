@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from bench_protocol.rates import TICK
+from bench_protocol.units import s
 from bench_protocol.words import AXES, CONTROL_MODES, Program
 from bench_sim.rig.controls import Target
 from bench_sim.rig.setpoints import too_fast
 
-_RETURN_TICKS: Final = 1000  # a stopped generator's axis takes one second to come back
+_RETURN_TICKS: Final = round(1 * s / TICK)  # a stopped generator's axis takes one second to come back
 
 
 class FunctionGenerator:

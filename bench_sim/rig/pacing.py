@@ -11,14 +11,14 @@ from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import Block, copied
 from bench_protocol.rates import LATENESS_BINS
 from bench_protocol.table import TABLE
-from bench_protocol.units import NS
+from bench_protocol.units import NS, ms
 from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import TICK_NS, Happened
 from bench_sim.rig.system_calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
 
 #: After a stall this long the readers get this much time first.
-_STALL: Final = 20 * TICK_NS
-_PAUSE: Final = 3 * TICK_NS
+_STALL: Final = round(20 * ms * NS)
+_PAUSE: Final = round(3 * ms * NS)
 #: Under the policy ``fault``, the lateness that counts as a lost tick.
 _LOST: Final = round(0.1 * NS)
 

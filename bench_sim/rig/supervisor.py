@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from bench_protocol.rates import DISABLE_AFTER, TICK
 from bench_protocol.table import TABLE
-from bench_protocol.units import ms
+from bench_protocol.units import ms, s
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, BenchState, LimitKind
 from bench_sim.rig.black_box import BlackBox
 from bench_sim.rig.controls import TICK_MODULUS, AirSupply, ControlBit, Happened, Target
@@ -28,7 +28,7 @@ from bench_sim.rig.states import (
     StateMachine,
 )
 
-_BOOT_TICKS: Final = 200
+_BOOT_TICKS: Final = round(0.2 * s / TICK)
 #: What a limit that trips asks of the state machine; the milder actions ask nothing.
 _ON_TRIP: Final = {
     LimitAction.PROGRAM_HOLD: Event.TRIP_PROGRAM_HOLD,
