@@ -26,8 +26,8 @@ they flow from the start.
 
 What no token protects changes nothing while somebody holds the bench: NMT commands and SDO downloads are then refused,
 and counted in object 2000h and in `rig.strangers`. A download of the holder's token to 2001h opens the one that
-follows. NMT and SDO never move the bench. Whoever takes the lease finds the node operational, with every setting at its
-default.
+follows. NMT and SDO never move the bench. When the lease is taken, and when it ends, the node is operational, with
+every setting at its default.
 """
 _SERVICES: Final = (
     (

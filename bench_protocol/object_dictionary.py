@@ -238,7 +238,7 @@ def _own() -> Iterator[DictionaryObject]:
     names = (
         "NMT commands while somebody holds the bench",
         "SDO downloads without the holder's token",
-        "SDO requests that did not wait for an answer",
+        "Frames beyond what the node takes at once",
         "Commands while the node was not operational",
     )
     refused = (Entry(k, name, DataType.UNSIGNED32, default=0) for k, name in enumerate(names, 1))

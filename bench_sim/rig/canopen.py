@@ -1,7 +1,7 @@
 """The rig as a CANopen node without a bus: boot-up, NMT, heartbeats, SYNC, and an SDO server in front of its objects.
 
-NMT and SDO carry no token. While somebody commands the bench they are counted and change nothing; otherwise they change
-how the node communicates, and never what the bench does. Whoever takes the bench finds the node as it booted.
+NMT and SDO carry no token. While somebody holds the bench they are counted and change nothing; otherwise they change
+how the node communicates, and never what the bench does. When the bench changes hands, the node is again as it booted.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,11 +39,14 @@ from bench_protocol.object_dictionary import (
     TRANSMISSION_TYPE,
 )
 from bench_protocol.sdo import SdoServer
+from bench_protocol.table import TABLE
 from bench_sim.rig.controls import FAST, TICK_NS, Happened
 from bench_sim.rig.node_objects import DEFAULTS, TPDOS, NodeHost, NodeObjects, consumed
 
-#: A client waits for each answer; one that does not must not keep the rig from its ticks.
+#: A client waits for each answer; one that does not, or floods the bus, must not keep the rig from its ticks.
 _SDO_PER_TICK: Final = 8
+_FRAMES_AT_ONCE: Final = 32
+_LEASE_REQUEST: Final = TABLE.messages[TABLE.message_index["LeaseRequest"]].identifier
 _NEVER: Final = -1
 _TICKS_PER_MS: Final = 1_000_000 // TICK_NS
 
@@ -58,7 +61,7 @@ class CanopenHost(NodeHost, Protocol):
         """React to a commander whose heartbeat has stopped."""
 
     def heartbeat_back(self) -> None:
-        """Note that it is there again."""
+        """Note that it is there again, or that nobody waits for it any more."""
 
 
 class CanopenNode:
@@ -96,7 +99,7 @@ class CanopenNode:
         return int(self._controls["node_state"]) == NmtState.OPERATIONAL
 
     def start(self) -> None:
-        """Be as after booting, whatever somebody has set, without telling of a boot-up: the bench has a commander."""
+        """Be as after booting, whatever somebody has set, without telling of a boot-up: the bench changes hands."""
         if not self.operational or self.objects.parameters != DEFAULTS:
             self._restore()
 
@@ -113,15 +116,16 @@ class CanopenNode:
         """Take from the frames of ``peer`` what is the node's own business; return the others."""
         self.objects.peer = peer
         mine = self._own(block)
-        if mine.any():
-            for record in block[mine]:
-                identifier, data = int(record["id"]), payload(record)
-                self._handlers.get(identifier, self._on_heartbeat)(data)
-            block = block[~mine]
-        if block.size and not self.operational:
-            self.objects.refused[4] += block.size
-            return block[:0]
-        return block
+        own, block = block[mine], block[~mine]
+        for record in own[:_FRAMES_AT_ONCE]:
+            identifier, data = int(record["id"]), payload(record)
+            self._handlers.get(identifier, self._on_heartbeat)(data)
+        self.objects.refused[3] += max(0, own.size - _FRAMES_AT_ONCE)
+        if self.operational:
+            return block
+        asks = block["id"] == _LEASE_REQUEST  # the way back: whoever is given the bench starts the node
+        self.objects.refused[4] += int(block.size - asks.sum())
+        return block[asks]
 
     def decide(self, happened: Happened) -> None:
         """Do what the tick has found to be due."""
@@ -206,6 +210,7 @@ class CanopenNode:
             if expected is not None:
                 self._mine[expected] = True
             self._guarded, c["guard_due"] = expected, _NEVER
+            self._host.heartbeat_back()
         produced = parameters[SYNC_COB_ID, 0] & SYNC_PRODUCED
         ticks = parameters[SYNC_PERIOD, 0] // 1000 * _TICKS_PER_MS if produced else 0
         if not ticks:

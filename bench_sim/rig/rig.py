@@ -314,7 +314,7 @@ class Rig:
         self.emergencies.report(Reason.HEARTBEAT_LOST)
 
     def heartbeat_back(self) -> None:
-        """Note that it is there again; a fault stays until it is reset."""
+        """Note that it is there again, or not expected any more; a fault stays until it is reset."""
         if self.state not in FAULTS:
             self.emergencies.settle(Reason.HEARTBEAT_LOST)
 
@@ -402,8 +402,7 @@ class Rig:
         """Begin anew with whoever commands next, and tell everybody on the bus who that is."""
         self._decoder.forget()
         self.registers.drop_staged()
-        if self.held:
-            self.node.start()
+        self.node.start()
         self._tell(self._lease_row)
 
     def _tell(self, rows: npt.NDArray[np.int64]) -> None:

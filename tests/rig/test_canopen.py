@@ -193,6 +193,28 @@ def test_a_heartbeat_is_lost_to_the_tick(armed) -> None:
     assert (states["FAULT_REACTION"], states["FAULT_HOLD"]) == (50, 51)
 
 
+def test_a_guard_ends_with_the_lease(armed) -> None:
+    master = guard(armed)
+    armed.rig.receive(frame(0x77F, b"\x05"), armed.peer)
+    armed.beat(2, control_enable=0, control_hold=0, control_active=0)
+    assert armed.ask(b"\x06\0\0\0\0")[0] == 6
+    master.wait(1000)
+    assert master.of(EMERGENCY) == []
+    assert number(master.upload(0x1016, 1)) == 0
+
+
+def test_a_stopped_node_can_still_be_asked_for_the_bench_on_can(commander) -> None:
+    """Else a stranger's NMT command would keep a commander away that has only CAN."""
+    master = Master(commander.rig)
+    commander.wait(500)
+    master.nmt(STOP)
+    commander.values[TABLE.index["lease.nonce"]] = 77
+    commander.rig.receive(commander.frames("LeaseRequest"), commander.peer)
+    commander.wait(200)
+    assert commander.read("lease.nonce") == 77 and commander.read("rig.lease") != 0
+    assert master.messages == PERIODIC
+
+
 @pytest.mark.parametrize(("behaviour", "state"), [(0, 127), (1, 5), (2, 4)])
 def test_what_becomes_of_the_node_is_its_error_behaviour(master: Master, behaviour: int, state: int) -> None:
     """Without a commander no fault of the bench: an emergency message, and its end with the next heartbeat."""
@@ -234,6 +256,15 @@ def test_a_flood_of_syncs_sends_every_sample_once(master: Master) -> None:
     master.wait(4)
     master.rig.receive(join([frame(SYNC, b"")] * 3000), "flood")
     assert (master.wait(5)["id"] == 0x181).sum() == 1
+
+
+def test_of_a_flood_few_frames_are_looked_at_and_all_are_counted(armed) -> None:
+    """Each costs some microseconds between two ticks."""
+    stranger = Master(armed.rig, "can:4711")
+    armed.rig.receive(np.repeat(frame(NMT, b"\x02\x01"), 20_000), stranger.peer)
+    armed.beat(5)
+    assert armed.state == "ACTIVE"
+    assert [number(stranger.upload(0x2000, sub)) for sub in (1, 3)] == [32, 19_968]
 
 
 def test_the_rig_can_be_the_one_that_sends_sync(master: Master) -> None:
