@@ -29,7 +29,7 @@ _DIRECTION: Final = FaultChoice("direction", (FROM_RIG, TO_RIG, BOTH), "which wa
 _MESSAGE: Final = FaultChoice(
     "message", (ALL, *(message.name for message in TABLE.messages)), "which frames", ALL
 )
-_SEED: Final = FaultNumber("seed", "1", 0, 2**31, "draws the frames", 0, whole=True)
+_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the frames", 0, whole=True)
 
 
 def _chance(percent: float) -> FaultNumber:

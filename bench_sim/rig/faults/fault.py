@@ -54,7 +54,7 @@ class FaultNumber:
         if self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND):
             return f"up to the range {self.unit}, either way"
         unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.low:g} to {self.high:g}{unit}"
+        return f"{self.low:g} to {self.high:.12g}{unit}"
 
     @property
     def usual(self) -> str:
@@ -80,7 +80,8 @@ class FaultNumber:
         except ParameterError as error:
             raise FaultError(str(error)) from None
         # As people write it: 0.3 bar is not exactly 0.3 times 100 000 Pa.
-        if not low * factor * (1 - 1e-12) - 1e-300 <= value <= high * factor * (1 + 1e-12) + 1e-300:
+        slack = 1e-12 * max(abs(low), abs(high)) * factor
+        if not low * factor - slack <= value <= high * factor + slack:
             span = f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}")
             raise FaultError(f"{self.name} = {text} is outside {span}")
         if self.whole and value != round(value):

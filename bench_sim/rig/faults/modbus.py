@@ -19,7 +19,7 @@ from bench_sim.rig.faults.modbus_filter import (
 from bench_sim.rig.faults.schedule import Mend
 
 _REQUESTS: Final = FaultChoice("requests", (READS, WRITES, ALL), "which requests", ALL)
-_SEED: Final = FaultNumber("seed", "1", 0, 2**31, "draws the requests", 0, whole=True)
+_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the requests", 0, whole=True)
 _CHANCE: Final = FaultNumber("probability", "%", 0.01, 100, "of each request", 100)
 _WHICH: Final = (_CHANCE, _REQUESTS, _SEED)
 

@@ -21,7 +21,7 @@ from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Mend
 
 _SENSOR: Final = FaultChoice("sensor", tuple(signal.name for signal in MEASUREMENTS), "whose reading")
-_SEED: Final = FaultNumber("seed", "1", 0, 2**31, "draws the samples", 0, whole=True)
+_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the samples", 0, whole=True)
 _WIDE: Final = math.inf  # of a sensor: its own range bounds it
 LOW, HIGH, NOTHING = "low", "high", "nothing"
 
