@@ -5,6 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bench_protocol.canopen import NmtState
 from bench_protocol.frames import frame, join
@@ -12,6 +14,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import mm
 from bench_protocol.words import LimitKind
 from bench_sim.rig.limits import Limit, LimitAction
+from bench_sim.rig.node_objects import DEFAULTS
 from bench_sim.rig.rig import Rig
 from bench_sim.rig.tick import FRAMES_PER_TICK_MAX
 from tests.rig.conftest import Commander
@@ -151,6 +154,39 @@ def test_commands_to_a_stopped_node_are_counted_and_move_nothing(commander) -> N
     commander.beat(5, control_enable=1)
     stranger.nmt(START)
     assert number(stranger.upload(0x2000, 4)) >= 5
+
+
+strange_frames = st.lists(
+    st.tuples(
+        st.sampled_from([NMT, SYNC, EMERGENCY, RESPONSE, REQUEST, HEARTBEAT, 0x77F, 0x7E5]),
+        st.binary(max_size=8),
+    ),
+    min_size=1,
+    max_size=20,
+)
+
+
+@pytest.fixture(scope="module")
+def moving(parameters) -> Commander:
+    """A bench in motion."""
+    commander = Commander(Rig(parameters, seed=1))
+    commander.arm()
+    return commander
+
+
+@settings(max_examples=60, deadline=None)
+@given(strange_frames)
+def test_nothing_that_a_stranger_says_disturbs_who_holds_the_bench(
+    moving: Commander, said: list[tuple[int, bytes]]
+) -> None:
+    moving.rig.receive(join([frame(identifier, data) for identifier, data in said]), "can:4711")
+    before = dict(moving.rig.node.objects.parameters)
+    moving.beat(3)
+    assert moving.state == "ACTIVE"
+    assert moving.rig.node.objects.parameters == before == DEFAULTS
+    moving.rig.receive(moving.frames(), moving.peer)
+    master = Master(moving.rig)
+    assert {0x181, 0x282} <= set(master.wait(20)["id"].tolist()), "its PDOs flow"
 
 
 # -- the commander's heartbeat -----------------------------------------------------------------------------------
