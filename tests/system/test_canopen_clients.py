@@ -15,6 +15,7 @@ from canopen.sdo import SdoAbortedError
 
 from bench_protocol.canopen import NODE
 from bench_protocol.table import TABLE
+from drivers.errors import RigFault
 
 ROOT = Path(__file__).parents[2]
 GENERATED = files("bench_protocol") / "generated"
@@ -135,6 +136,29 @@ def test_emergencies_arrive_and_stay_readable(node, site, eventually) -> None:
     assert (told.code, told.register) == (0xFF02, 0x81)
     assert node.sdo["Error register"].raw == 0x81
     assert node.sdo["Pre-defined error field"][1].raw & 0xFFFF == 0xFF02
+
+
+@on_real_wires
+def test_the_bench_holds_when_the_guarded_heartbeat_of_its_commander_stops(node, network, site) -> None:
+    with site.bench() as bench:
+        bench.arm()
+        with pytest.raises(SdoAbortedError) as refused:
+            node.sdo["Consumer heartbeat time"][1].raw = 0x7F << 16 | 400
+        assert refused.value.code == 0x08000022, "not without the token"
+        node.sdo["Token"].raw = int(bench.rig.lease)
+        node.sdo["Consumer heartbeat time"][1].raw = 0x7F << 16 | 400
+        beating = network.send_periodic(0x77F, b"\x05", 0.05)
+        bench.wait(0.8)
+        node.nmt.state = "STOPPED"
+        bench.wait(0.1)
+        assert bench.rig.state == "ACTIVE", "an NMT command has no token either"
+        beating.stop()
+        with pytest.raises(RigFault, match="heartbeat lost"):
+            bench.wait(2)
+        with bench.despite_faults():
+            bench.wait_for(lambda: bench.rig.state == "FAULT_HOLD", within=0.2)
+        bench.reset()
+        assert bench.rig.state == "HOLD"
 
 
 @pytest.mark.parametrize("site", ["tcp"], indirect=True)
