@@ -106,16 +106,17 @@ def _in_words(error: str, content: dict[str, Any]) -> str:
     keys = [key for key in place.rstrip("`").split(".") if key]
     what: Any = content
     for key in keys:
-        # Of a list, msgspec does not say which of its tables: `faults[...]`.
-        what = what.get(key) if isinstance(what, dict) else None
+        name, _, place = key.rstrip("]").partition("[")
+        what = what[name][int(place)] if place else what[name]
     tables: dict[str, type[msgspec.Struct]] = {
         "can": Can,
         "modbus": Modbus,
         "simulation": Simulation,
         "simulation.can": SimulatedCan,
-        "simulation.faults[...]": FaultEntry,
+        "simulation.faults": FaultEntry,
     }
-    table = next((tables[".".join(keys[:n])] for n in (2, 1) if ".".join(keys[:n]) in tables), RigFile)
+    path = re.sub(r"\[\d+\]", "", ".".join(keys)).split(".")
+    table = next((tables[".".join(path[:n])] for n in (2, 1) if ".".join(path[:n]) in tables), RigFile)
     fields = {field.encode_name: field.type for field in msgspec.structs.fields(table)}
     if unknown := re.fullmatch("Object contains unknown field `(.*)`", said):
         near = get_close_matches(unknown[1], fields, n=1)
@@ -125,5 +126,4 @@ def _in_words(error: str, content: dict[str, Any]) -> str:
         return f"the key {'.'.join([*keys, missing[1]])} is missing"
     if said.startswith("Invalid enum value"):
         said = f"one of {', '.join(fields[keys[-1]].__args__)} is right"
-    value = "" if what is None else f" = {what!r}"
-    return f"{'.'.join(keys)}{value}: {said[0].lower()}{said[1:]}".replace("`", "")
+    return f"{'.'.join(keys)} = {what!r}: {said[0].lower()}{said[1:]}".replace("`", "")

@@ -215,6 +215,18 @@ def start_rig(rig_file) -> Iterator[Callable[..., RigProcess]]:
             rig.stop()
 
 
+@pytest.fixture(scope="module")
+def shared_rig(rig_file) -> Iterator[RigProcess]:
+    """A running rig that all tests of a file share."""
+    rig = RigProcess(*ANYWHERE, rig_file=rig_file)
+    try:
+        yield rig
+    finally:
+        complaints = rig.stop()
+    assert complaints == "", "the rig complained"
+    assert rig.process.returncode == 0
+
+
 TRANSPORTS = ("memory", "tcp", pytest.param("socketcan", marks=pytest.mark.vcan))
 
 

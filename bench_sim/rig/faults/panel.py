@@ -57,7 +57,7 @@ class FaultPanel:
     @property
     def time(self) -> float:
         """The rig's time in s."""
-        return round(self.points.schedule.tick * TICK, 3)
+        return round(self.points.schedule.tick * TICK, 6)
 
     @property
     def active(self) -> tuple[ActiveFault, ...]:
@@ -86,7 +86,7 @@ class FaultPanel:
         if lasting is not None:
             end = schedule.tick + max(1, round(lasting / TICK))
             mends.append(schedule.at(end, lambda: self._off(label)))
-            until = round(end * TICK, 3)
+            until = round(end * TICK, 6)
         self._on[label] = active = ActiveFault(label, fault, given, self.time, until, tuple(mends))
         return active
 
