@@ -54,16 +54,18 @@ def simulated_parameters(simulation: Simulation) -> "Parameters":
 def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
     """Return the simulated rig, not yet running, with the faults that are asked for.
 
-    Raises ParameterError as `simulated_parameters` does, and FaultError.
+    Raises ParameterError as `simulated_parameters` does, FaultError, and ValueError for a limit that does not fit.
     """
     from bench_sim.parameters.effects import with_effects
     from bench_sim.parameters.model_file import load_effects
+    from bench_sim.rig.limit_table import limits_of
     from bench_sim.rig.rig import Rig
 
     parameters = simulated_parameters(simulation)
     if simulation.sealed:
         parameters = with_effects(parameters, load_effects(Path(simulation.sealed)))
-    rig = Rig(parameters, seed=simulation.seed if seed is None else seed)
+    limits = limits_of(simulation.limits)
+    rig = Rig(parameters, seed=simulation.seed if seed is None else seed, limits=limits)
     for planned in planned_faults(simulation):
         rig.faults.plan(planned)
     return rig

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from bench_records.check_table import bar_drawing, check_rows
 from bench_records.circumstances import circumstances
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
+from bench_records.incident import incident_of
 from bench_records.layout import REPORT, RESULT
 from bench_records.record import Record, read
 from bench_records.result import CheckVerdict, Outcome, Result, conclude, read_result
@@ -50,6 +51,7 @@ def render(record: Record, result: Result) -> str:
         groups=curve_groups(result.curves),
         timing=_timing(result),
         story=first_trip(record),
+        incident=incident_of(record),
         events=event_rows(record),
         hidden_events=max(0, len(tabled_events(record)) - EVENT_ROWS),
         facts=_facts(record.meta, result),

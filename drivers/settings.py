@@ -74,6 +74,10 @@ class Settings:
             and self._table[register.signal].kind is kind
         }
 
+    def read_file(self, file: int, record: int, count: int) -> list[int]:
+        """Return ``count`` registers of a file from ``record`` on (Modbus function 20)."""
+        return self._port.read_file(file, record, count)
+
     # -- settings ------------------------------------------------------------------------------------------------
 
     def number(self, name: str, value: float | str) -> float:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.units import bar
 from bench_protocol.words import SIDES
+from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.plan import Part, Plan
@@ -46,6 +47,7 @@ def execute(
     comes out again, once everything is written, and says what the springs hold; the report is made of the directory by
     ``bench_records.report``.
     """
+    from bench_records.incident import write_incident
     from bench_records.junit import write_junit
     from bench_records.layout import phases_of
     from bench_records.result import conclude
@@ -53,7 +55,7 @@ def execute(
     start = bench.clock.now()
     recording = begin_recording(bench.table, bench.clock, directory, {"plan": plan.name, **(meta or {})})
     run = Run(bench, recording, watcher or Nobody(), plan.lasts)
-    before = lateness(bench)
+    before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, interrupted = _attempt(run, "set-up", plan.setup)
         if not first:
@@ -64,6 +66,7 @@ def execute(
         for told in filter(None, (left, strangers)):
             run.say(told)
         punctuality = timing(before, lateness(bench))
+        incident = incident_since(bench, known)
     run.progress(1.0)
 
     result = conclude(
@@ -78,6 +81,9 @@ def execute(
         seed=seed,
         timing=punctuality,
     )
+    if incident is not None:
+        channels = {name: incident.values(name) for name in incident.channels}
+        write_incident(directory, incident.story, incident.times, channels)
     result.write(directory)
     write_junit(result, directory)
     if interrupted or again:

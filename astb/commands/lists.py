@@ -1,4 +1,4 @@
-"""`astb plans`, `astb effects` and `astb signals`: what there is."""
+"""`astb plans`, `astb effects`, `astb limits` and `astb signals`: what there is."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from astb.commands.options import RIG_OPTION, read_rig
 from astb.exit_codes import misuse
 
 if TYPE_CHECKING:
@@ -33,6 +34,24 @@ def effects_command() -> None:
             low, high, typical = (f"{value / one.scale:g}" for value in (one.low, one.high, one.typical))
             unit = "" if one.display == "1" else f" {one.display}"
             click.echo(f"    {one.name:<26} {low} to {high}{unit}, typically {typical}")
+
+
+@click.command("limits")
+@RIG_OPTION
+def limits_command(rig_path: Path | None) -> None:
+    """List the limit detectors of a simulated rig: what trips when, and what happens then."""
+    from bench_sim.rig.limit_table import limits_of, listed
+
+    rig, path = read_rig(rig_path)
+    try:
+        limits = limits_of(rig.simulation.limits if rig.simulation else ())
+    except ValueError as error:
+        misuse(f"{path}: {error}")
+    for signal, kind, at, lasting, hysteresis, latch, action in listed(limits):
+        after = f"for {lasting}" if lasting != "0 ms" else "at once"
+        click.echo(
+            f"{signal:<28} {kind:<8} {at:<16} {after:<11} → {action:<13} {latch:<12} {hysteresis}".rstrip()
+        )
 
 
 @click.command("signals")

@@ -102,6 +102,7 @@ CONTROLS: Final = np.dtype(
         ("engaged", "<i8"),  # 1: the actuators hold or move
         ("shut_in", "<i8"),  # 1: the actuators stay shut in, with or without pressure
         ("grip", "<i8"),  # `safe_position.Grip`
+        ("lowering", "<i8", (2,)),  # 1: this vertical actuator sets down what hangs on it
         ("air", "<i8"),  # `AirSupply`
         ("control", "<i8", (3,)),  # control mode by actuator
         ("goal", "<f8", (TARGETS,)),

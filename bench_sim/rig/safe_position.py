@@ -46,9 +46,8 @@ def keep_grip(c: Any, values: Any) -> None:
                 empty = False
         if not empty:
             c.grip = Grip.SHUT.value
-        elif (
-            values[Sensor.VERTICAL_LEFT_FORCE] < -SET_DOWN or values[Sensor.VERTICAL_RIGHT_FORCE] < -SET_DOWN
-        ):
-            c.grip = Grip.LOWERING.value
         else:
-            c.grip = Grip.OPEN.value
+            # Each by itself: one that stands on its spring already would press it down by the way of the other.
+            c.lowering[0] = values[Sensor.VERTICAL_LEFT_FORCE] < -SET_DOWN
+            c.lowering[1] = values[Sensor.VERTICAL_RIGHT_FORCE] < -SET_DOWN
+            c.grip = Grip.LOWERING.value if c.lowering[0] or c.lowering[1] else Grip.OPEN.value

@@ -168,7 +168,7 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
             u[mode] = float(c.control[actuator]) if c.engaged != 0 else 0.0
             u[command] = c.setpoint[actuator] + c.offset[actuator]
         else:
-            lowering = c.grip == Grip.LOWERING and actuator != Target.LATERAL
+            lowering = c.grip == Grip.LOWERING and actuator != Target.LATERAL and c.lowering[actuator] != 0
             u[mode] = float(Mode.SHUT_IN.value)
             u[command] = -LOWERING_SPEED if lowering else 0.0
     for axis in range(len(PLATFORM_AXES)):

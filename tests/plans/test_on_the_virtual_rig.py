@@ -2,6 +2,8 @@
 
 from html import unescape
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from bench_protocol.units import bar, mm
@@ -45,6 +47,7 @@ def test_a_tight_spring_passes_the_leak_down(bench_run):
     run = bench_run("leak_down")
     assert run.result.verdict is Outcome.PASS
     assert run.result.duration < BUDGET["leak_down"]
+    assert not (run.directory / "black_box.txt").exists(), "nothing happened"
     # The mass balance is good for a tenth of a per cent a minute though the pressure falls by 4 % meanwhile.
     assert max(abs(one.number) for one in run.result.checks) < 0.001
 
@@ -99,6 +102,18 @@ def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
     assert run.pressure < 0.5 * bar  # the stop itself has let the air off
     told = [(event.kind, event.text) for event in read(run.directory).events]
     assert ("state", "rig.state: ESTOP") in told
+    # What the black box kept was fetched over Modbus, into the run's directory and its report.
+    story = (run.directory / "black_box.txt").read_text(encoding="utf-8")
+    assert story.splitlines()[0].endswith("emergency stop pressed")
+    assert "emergency stop pressed: ACTIVE → ESTOP" in story
+    kept = pq.read_table(run.directory / "black_box.parquet")
+    times, pressure = (np.array(kept[name]) for name in ("time_s", "left.bellows_pressure"))
+    assert (times[0], times[-1], times.size) == (-10.0, 10.0, 4001)
+    assert pressure[2000] > 2 * bar > 0.5 * bar > pressure[-1], "let off in the ten seconds after it"
+    page = unescape(write_report(run.directory).read_text(encoding="utf-8"))
+    assert "What the black box kept" in page
+    assert story.splitlines()[0] in page
+    assert page.count("around the incident") == 1
 
 
 def test_a_cut_bus_blocks_as_the_links_fault_and_the_rig_unloads_by_itself(bench_run):

@@ -114,3 +114,17 @@ def test_an_emergency_stop_during_a_fault_is_told(held_down) -> None:
     held_down.wait(10)
     assert held_down.read("emergency.code") == 0xFF02
     assert TABLE["rig.reason"].choices[int(held_down.read("rig.reason"))] == "emergency stop"
+
+
+def test_a_bolster_that_hangs_on_one_side_is_not_pressed_down_on_the_other(armed) -> None:
+    """The one that stood already went down with the other, at 40 mm/s, and pressed its spring with 198 kN."""
+    armed.hold_height()
+    up = armed.read("vertical_left.displacement") + 110 * mm
+    armed.beat(60, vertical_left_displacement_setpoint=up)
+    lose_can(armed)
+    pressed = []
+    for _ in range(80):
+        armed.wait(50)
+        pressed.append(armed.read("vertical_right.force"))
+    assert is_safe(armed), told(armed)
+    assert max(pressed) < 20 * kN

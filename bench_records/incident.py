@@ -1,0 +1,71 @@
+"""What the rig's black box kept of an incident, beside the record of the run: a story in words, and its samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from bench_records.layout import RecordError
+from bench_records.record import Record
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+
+STORY = "black_box.txt"
+SAMPLES = "black_box.parquet"
+_TIME = "time_s"
+#: What is drawn of an incident whose story begins with no signal.
+_ELSE = ("left.bellows_pressure", "right.bellows_pressure")
+
+
+def write_incident(
+    directory: Path | str, story: str, times: Numbers, channels: Mapping[str, Numbers]
+) -> None:
+    """Keep an incident in ``directory``: ``times`` in s seen from it, ``channels`` in SI by signal, NaN for no reading.
+
+    Raises RecordError for a disk that fails.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        (Path(directory) / STORY).write_text(story, encoding="utf-8")
+        pq.write_table(pa.table({_TIME: times, **channels}), Path(directory) / SAMPLES)
+    except OSError as error:
+        raise RecordError(f"{directory} cannot take the black box: {error.strerror}") from None
+
+
+class IncidentTold(NamedTuple):
+    """An incident as a report shows it."""
+
+    story: str
+    drawing: str
+
+
+def incident_of(record: Record) -> IncidentTold | None:
+    """Return what the black box kept during the run, with a drawing of what tripped; None if nothing happened."""
+    import pyarrow.parquet as pq
+
+    from bench_records.layout import as_array
+    from bench_records.report_plots import Line, time_panel
+
+    directory = record.path.parent
+    if not (directory / STORY).exists():
+        return None
+    story = (directory / STORY).read_text(encoding="utf-8")
+    table = pq.read_table(directory / SAMPLES)
+    cause = story.split(" ", 1)[-1]
+    known = [name for name in table.column_names if name in record.signals and record.signals[name].quantity]
+    named = [name for name in known if cause.startswith(name.replace(".", " ").replace("_", " "))]
+    names = [name for name in named or _ELSE if name in known]
+    if not names:
+        return IncidentTold(story, "")
+    signal, times = record.signals[names[0]], as_array(table[_TIME])
+    lines = [Line(record.signals[name].title, times, as_array(table[name]) / signal.scale) for name in names]
+    span = (float(times[0]), float(times[-1]))
+    title = f"{signal.quantity} around the incident"
+    return IncidentTold(story, time_panel("black-box", title, signal.unit, lines, [], span, [0.0]))

@@ -1,0 +1,41 @@
+"""The rig's black box, as a plan fetches it: the incident that it keeps, when one has been added since."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.black_box import Incident, read_head, read_incident
+from bench_protocol.modbus import FILE_READ_MAX
+from bench_protocol.units import s
+from drivers.errors import BenchError
+
+if TYPE_CHECKING:
+    from drivers.bench import Bench
+
+#: The rig records ten seconds beyond the incident.
+_RECORDED_WITHIN: Final = 12 * s
+_LOOK: Final = 0.5 * s
+
+
+def last_incident(bench: Bench) -> int:
+    """Return the number of the incident that the black box keeps; 0 if there is none, or no black box."""
+    try:
+        return read_head(bench.settings.read_file).number
+    except (BenchError, ValueError):
+        return 0
+
+
+def incident_since(bench: Bench, number: int) -> Incident | None:
+    """Return the incident that came after that with ``number``, once it is complete; None if there was none.
+
+    Waits for one that is being recorded. A rig without a black box, or one that is gone, has none to give.
+    """
+    read = bench.settings.read_file
+    try:
+        with bench.despite_faults():
+            deadline = bench.now + _RECORDED_WITHIN
+            while (head := read_head(read)).recording and bench.now < deadline:
+                bench.wait(_LOOK)
+        return read_incident(read, FILE_READ_MAX) if head.number not in (0, number) else None
+    except (BenchError, ValueError):
+        return None
