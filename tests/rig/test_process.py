@@ -188,7 +188,7 @@ def test_virtual_time_does_not_wait() -> None:
 def test_whatever_the_tick_contains_lets_it_be_compiled_anew() -> None:
     """numba's cache looks at one file only: a module that is missing here would run as it was yesterday."""
     ours = {
-        value.__module__.removeprefix("bench_sim.rig.")
+        value.__module__.removeprefix("bench_sim.rig.").replace(".", "/")
         for value in vars(tick).values()
         if getattr(value, "__module__", "").startswith("bench_sim.rig.")
     }
