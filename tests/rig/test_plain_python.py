@@ -33,7 +33,19 @@ commander.apply(
     air_left_mode=AIR_MODES.index("fill"), air_left_target=1e5,
 )
 assert commander.coil("program_run")[0] == 5
-commander.beat(8)
+commander.beat(4)
+for name, values in (
+    ("bias", '"sensor": "left.height", "value": "1 mm"'),
+    ("noise", '"sensor": "right.height", "value": "0.1 mm"'),
+    ("spike", '"sensor": "left.bellows_pressure", "value": "0.1 bar", "rate": "50 Hz"'),
+    ("stuck", '"sensor": "lateral.force"'),
+    ("drift", '"sensor": "load_cell.1", "value": "1 kN/s"'),
+    ("broken_wire", '"sensor": "load_cell.6", "reads": "nothing"'),
+    ("seized_actuator", '"actuator": "lateral"'),
+):
+    order = '{"do": "on", "name": "%s", "values": {%s}}' % (name, values)
+    assert b"error" not in commander.rig.order(order.encode()), name
+commander.beat(4)
 commander.rig.press_estop()
 commander.wait(20)
 print(commander.state, b"".join(sent).hex())

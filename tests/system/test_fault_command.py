@@ -270,6 +270,7 @@ for = "3 s"
 """
 
 
+@pytest.mark.slow
 def test_a_rig_file_breaks_its_rig_whose_socket_goes_with_it(start_rig, tmp_path, cli):
     (tmp_path / "rig.toml").write_text(FILE)
     rig = start_rig("--can", "tcp", "--can-port", "0", "--modbus-port", "0", file=tmp_path / "rig.toml")

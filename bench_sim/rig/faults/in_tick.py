@@ -88,7 +88,7 @@ def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
                 reading += one.value * (tick - one.start) * TICK
             elif kind == DisturbanceKind.NOISE:
                 reading += one.value * normal(one.seed, tick, sensor)
-            elif scramble(scramble(one.seed + sensor) ^ tick) < one.chance * _WORDS:
+            elif scramble(scramble(int(one.seed) + int(sensor)) ^ int(tick)) < one.chance * _WORDS:
                 reading += one.value
             readings[sensor] = min(max(reading, par.sensor_low[sensor]), par.sensor_high[sensor])
 

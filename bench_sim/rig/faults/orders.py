@@ -7,7 +7,8 @@
 The answer has a key ``error``, and nothing has changed, where an order is not understood or not allowed.
 """
 
-from typing import Any, Literal
+from contextlib import AbstractContextManager
+from typing import Any, Final, Literal
 
 import msgspec
 
@@ -35,16 +36,18 @@ def read_time(name: str, text: str | None) -> float | None:
         raise FaultError(str(error)) from None
 
 
-def obey(panel: FaultPanel, line: bytes) -> bytes:
-    """Carry out the order in ``line`` and return the answer, a line as well; never raises."""
+def obey(panel: FaultPanel, line: bytes, lock: AbstractContextManager[object]) -> bytes:
+    """Carry out the order in ``line`` under the rig's ``lock``; return the answer, a line as well. Never raises."""
     try:
         order = msgspec.json.decode(line, type=Order)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return _line({"error": f"the order is not understood: {error}"})
     try:
-        return _line(_carry_out(panel, order))
+        with lock:
+            answer = _carry_out(panel, order)
     except FaultError as error:
-        return _line({"error": str(error)})
+        answer = {"error": str(error)}
+    return _line(answer)
 
 
 def told(fault: Fault) -> dict[str, Any]:
@@ -61,6 +64,9 @@ def told(fault: Fault) -> dict[str, Any]:
     }
 
 
+_CATALOGUE: Final = [told(fault) for fault in FAULTS.values()]
+
+
 def _carry_out(panel: FaultPanel, order: Order) -> dict[str, Any]:
     if order.do == "on":
         active = panel.on(order.name, order.values, read_time("for", order.lasting))
@@ -73,7 +79,7 @@ def _carry_out(panel: FaultPanel, order: Order) -> dict[str, Any]:
         raise FaultError("list takes no name")
     return {
         "time": panel.time,
-        "faults": [told(fault) for fault in FAULTS.values()],
+        "faults": _CATALOGUE,
         "on": [active.told() for active in panel.active],
     }
 
