@@ -16,7 +16,7 @@ from bench_protocol.rates import TICK_RATE, TICK_RATE_VARIABLE, TICK_RATES
 if TYPE_CHECKING:
     import threading
 
-    from astb.rig_file import Simulation
+    from astb.rig_file import RigFile, Simulation
     from bench_sim.rig.capture import Capture
     from bench_sim.rig.rig import Rig
 
@@ -73,18 +73,13 @@ def rig_command(
     """
     import threading
 
-    if tick_rate is not None and int(tick_rate) != TICK_RATE:
-        _begin_anew(tick_rate)
-
+    _at_tick_rate(tick_rate)
     from astb.session import build_rig, bus_stages
     from bench_sim.rig.pacing import Late
     from bench_sim.rig.process import run_rig
 
     rig, path = read_rig(rig_path)
-    if rig.simulation is None:
-        misuse(f"rig file {path} describes a real rig (no [simulation] table): there is nothing to simulate")
-    rig = simulated(rig, path, model, effects, sealed)
-    simulation = _at_bit_rate(rig.simulation, bit_rate)
+    simulation = _at_bit_rate(simulated(_simulated_only(rig, path), path, model, effects, sealed), bit_rate)
     try:
         bench = build_rig(simulation, seed)
         stages = bus_stages(bench, simulation)
@@ -119,10 +114,18 @@ def _say_ready(can: str, modbus: str, control: str) -> None:
     click.echo(f"ready can={can} modbus={modbus} control={control}")
 
 
-def _at_bit_rate(simulation: "Simulation | None", bit_rate: str | None) -> "Simulation":
-    """Return the simulation with the bit rate of the option, if there is one."""
+def _simulated_only(rig: "RigFile", path: Path) -> "RigFile":
+    """Return ``rig``, which must be a simulated one."""
+    if rig.simulation is None:
+        misuse(f"rig file {path} describes a real rig (no [simulation] table): there is nothing to simulate")
+    return rig
+
+
+def _at_bit_rate(rig: "RigFile", bit_rate: str | None) -> "Simulation":
+    """Return the simulation of ``rig`` with the bit rate of the option, if there is one."""
     from msgspec.structs import replace
 
+    simulation = rig.simulation
     assert simulation is not None
     return replace(simulation, can=replace(simulation.can, bit_rate=bit_rate)) if bit_rate else simulation
 
@@ -160,7 +163,9 @@ def _when_stdin_ends(call: Callable[[], object]) -> None:
     call()
 
 
-def _begin_anew(tick_rate: str) -> None:
-    """Start this command again with another tick: it is built into what the rig compiles."""
+def _at_tick_rate(tick_rate: str | None) -> None:
+    """Go on with this tick; it is built into what the rig compiles, so that another one starts the command again."""
+    if tick_rate is None or int(tick_rate) == TICK_RATE:
+        return
     environment = os.environ | {TICK_RATE_VARIABLE: tick_rate}
     os.execve(sys.executable, [sys.executable, "-m", "astb", *sys.argv[1:]], environment)

@@ -40,7 +40,7 @@ from bench_protocol.object_dictionary import (
 )
 from bench_protocol.sdo import SdoServer
 from bench_protocol.table import TABLE
-from bench_sim.rig.controls import FAST, TICK_NS, Happened
+from bench_sim.rig.controls import FAST, MEDIUM, SLOW, TICK_NS, Happened
 from bench_sim.rig.node_objects import DEFAULTS, TPDOS, NodeHost, NodeObjects, consumed
 
 #: A client waits for each answer; one that does not, or floods the bus, must not keep the rig from its ticks.
@@ -184,9 +184,12 @@ class CanopenNode:
 
     def _plan(self) -> None:
         """Let the tick send what is due by time; what waits for SYNC, or for the node to be started, it leaves out."""
-        for rows, all_rows in self._timed:
+        for (rows, all_rows), period in zip(self._timed, (FAST, MEDIUM, SLOW), strict=True):
             timed = [self._transmission_type(row) in EVENT_DRIVEN for row in all_rows.tolist()]
+            waited = rows < 0
             rows[:] = np.where(timed, all_rows, -1) if self.operational else -1
+            # Counters tell the sampling instant: what was not sent meanwhile is missing from them.
+            self._encoder.counters[rows[waited & (rows >= 0)]] = int(self._controls["tick"]) // period % 256
 
     def _transmission_type(self, row: int) -> int:
         """Return how the TPDO with this message leaves; 0 if it does not."""
