@@ -64,6 +64,10 @@ bench: $(READY)  ## measure speed and lateness, each beside a control of the sam
 fuzz: $(READY)  ## two million changed inputs for every decoder and every door (ARGS="modbus can-door --count 100000")
 	$(BIN)/python -m tests.fuzz $(ARGS)
 
+.PHONY: soak
+soak: $(READY)  ## a rig at full rate for half an hour, with faults on and off (ARGS="--minutes 5")
+	$(BIN)/python -m benchmarks.soak $(ARGS)
+
 .PHONY: benchmark-diagnosis
 benchmark-diagnosis: $(READY)  ## hide, diagnose and judge many times (ARGS="--cases 100"); resumes where it stopped
 	$(BIN)/python -m benchmarks.diagnosis $(ARGS)
