@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.can_codec import Encoder
+from bench_protocol.canopen import SERVICE_RATE_MAX
 from bench_protocol.frames import FRAME, Block, frame, join
 from bench_protocol.messages import Message
 from bench_protocol.table import TABLE
@@ -154,13 +155,13 @@ def test_no_message_of_the_table_waits_longer_than_the_analysis_of_response_time
 
 def test_the_load_is_what_the_table_says() -> None:
     """With every stuff bit, the frames of the table take the fraction of 500 kbit/s that the table promises."""
-    pace, messages = Pace(BIT_RATE, stuffing="worst"), [m for m in TABLE.messages if m.rate]
-    for message in messages:
-        count = int(2.5 * message.rate)
-        block = np.zeros(count, FRAME)
-        block["id"], block["length"] = message.identifier, 8
-        block["time"] = np.arange(count) * NS / message.rate
-        pace.incoming(block, message.name, 0)
+    pace = Pace(BIT_RATE, stuffing="worst")
+    rates = {message.identifier: message.rate for message in TABLE.messages if message.rate}
+    for identifier, rate in {**rates, 0x7FF: SERVICE_RATE_MAX}.items():
+        block = np.zeros(int(2.5 * rate), FRAME)
+        block["id"], block["length"] = identifier, 8
+        block["time"] = np.arange(block.size) * NS / rate
+        pace.incoming(block, f"{identifier:x}", 0)
     for now in range(0, 2_400_000_000, 1_000_000):
         list(pace.due(now))
     assert pace.load == pytest.approx(TABLE.bus_load, rel=0.005)
