@@ -95,6 +95,7 @@ CONTROLS: Final = np.dtype(
         ("asked_token", "<i8"),
         ("write_deadline", "<i8"),  # tick by which the holder of the lease must have written, -1 for never
         ("fault_tick", "<i8"),  # tick at which a fault on purpose begins or ends, -1 for never
+        ("refitted", "<i8"),  # 1: plates or pipes have been changed since the last tick
         ("armed", "<i8"),  # 1: the watchdog is watching
         ("late", "<i8"),  # 1: already reported
         ("lost", "<i8"),

@@ -360,6 +360,7 @@ class Rig:
             return False  # a mode must not change under a running program
         if not self.fittings.change(settings, engaged=bool(c["engaged"] or c["grip"] != Grip.OPEN)):
             return False
+        c["refitted"] = 1
         for k, side in enumerate(SIDES):
             c["air_mode"][k] = settings[f"air.{side}_mode"]
             c["air_target"][k] = settings[f"air.{side}_target"]

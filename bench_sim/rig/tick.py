@@ -354,6 +354,9 @@ def run_ticks(
         happened |= _generate(c)
         _drive(c, u, values[Sensor.LEFT_AUXILIARY_PRESSURE], values[Sensor.RIGHT_AUXILIARY_PRESSURE])
         hold_inputs(sampling.faults, u)
+        if c.refitted != 0:
+            scheme = step_scheme(par, TICK)
+            c.refitted = 0
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
         if c.tick % FAST == 0:
             observe(x, mem, u, par, work[0], algebraic, ideal)

@@ -15,6 +15,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import BenchState
 from bench_sim.model.compiled import OF_THE_TICK
+from bench_sim.model.layout import State
 from bench_sim.rig import tick
 from bench_sim.rig.controls import FAST, TICK_NS
 from bench_sim.rig.pacing import Late, Pacing, count_lateness
@@ -130,6 +131,20 @@ def test_python_acts_between_two_ticks(make_rig) -> None:
     emergency = block[block["id"] == 0x081]
     assert emergency.size == 1
     assert abs(int(emergency["time"][0]) - int(sampling_times(block)[-1])) < 0.1 * NS
+
+
+@pytest.mark.real_time
+def test_a_pipe_that_is_fitted_meanwhile_is_computed_from_the_next_tick_on(make_rig) -> None:
+    """How a step is divided, and which states it has, depends on the pipes."""
+    rig = make_rig()
+    with ticking(rig) as running:
+        running.wait(20 * ms)
+        assert rig.apply(rig.registers.active | {"rig.pipe": 1.0})
+        with rig.lock:
+            rig.plant.state[State.AUXILIARY_MASS] *= 1.01
+        running.wait(50 * ms)
+        with rig.lock:
+            assert rig.plant.state[State.PIPE_FLOW] != 0.0
 
 
 @pytest.mark.real_time
