@@ -62,7 +62,7 @@ def test_an_honest_answer(judged, kind, condition, seed):
 
 def test_lost_frames_do_not_keep_a_bench_from_being_screened(tmp_path):
     """Every tenth reading is missing, now and then enough in a row to leave a gap; commands arrive."""
-    truth = draw(14, "single", "frames lost")
+    truth = draw(17, "single", "frames lost")
     measure(truth, tmp_path, stretches=1)
     record = read(tmp_path)
     assert all(

@@ -2,6 +2,7 @@
 
 import math
 import re
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,7 @@ from bench_protocol.words import STATES
 from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome, read_result
-from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, RigFault
+from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, Refused, RigFault
 from test_plans.analysis import NotMeasured
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -28,7 +29,7 @@ class FakeBench:
     def __init__(self):
         self.clock, self.table = VirtualClock(), TABLE
         self.receiver = SimpleNamespace(sink=None)
-        self.settings = SimpleNamespace(snapshot=self.snapshot, in_force=dict)
+        self.settings = SimpleNamespace(snapshot=self.snapshot, in_force=dict, read_file=self.read_file)
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
         self.pressures = {}
@@ -39,6 +40,16 @@ class FakeBench:
         if self.dead:
             raise LinkLost("nobody answers")
         return dict(self.counters)
+
+    @property
+    def now(self):
+        return self.clock.now() / 1e9
+
+    def despite_faults(self):
+        return nullcontext()
+
+    def read_file(self, file, record, count):
+        raise Refused("this rig has no black box", 1)
 
     def wait(self, seconds):
         self.clock.sleep_until(self.clock.now() + round(seconds * 1e9))

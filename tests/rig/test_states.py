@@ -8,13 +8,15 @@ from bench_protocol.words import BenchState, Reason
 from bench_sim.rig.states import (
     COMMAND_VALID,
     ESTOP_RELEASED,
+    MAINS,
     TRANSITIONS,
     Event,
     StateMachine,
 )
 
-YES = {COMMAND_VALID: lambda: True, ESTOP_RELEASED: lambda: True}
-NO = {COMMAND_VALID: lambda: False, ESTOP_RELEASED: lambda: False}
+CONDITIONS = (COMMAND_VALID, ESTOP_RELEASED, MAINS)
+YES = {condition: lambda: True for condition in CONDITIONS}
+NO = {condition: lambda: False for condition in CONDITIONS}
 ROWS = {(row.source, row.event): row for row in TRANSITIONS}
 
 
