@@ -70,6 +70,22 @@ def test_a_bolster_that_hangs_on_the_actuators_is_set_down(armed) -> None:
     assert -np.diff(heights).min() / 0.1 < 300 * mm, "mm/s: it sinks, and does not fall"
 
 
+def test_a_bolster_that_is_lifted_by_force_is_caught_above_its_limit(armed) -> None:
+    """Pulled up with 20 kN a side and hardly a load it is fast: it goes past its 90 mm until the actuators shut."""
+    armed.beat(2, **{f"{name}_force_setpoint": -20 * kN for name in VERTICAL})
+    armed.apply(vertical_control=CONTROL_MODES.index("force"))
+    armed.beat(32)
+    LOSSES["go_silent"](armed)
+    heights = []
+    for _ in range(40):
+        samples = armed.decoder.decode(armed.rig.run(50))
+        heights += samples.values[samples.signals == TABLE.index["left.height"]].tolist()
+    assert armed.state in ("FAULT_HOLD", "FAULT_DISABLED")
+    assert max(heights) < 110 * mm, "a limit that looks ahead would do better"
+    way_down(armed)
+    way_back(armed)
+
+
 def test_a_standing_limit_lets_the_bench_come_back(held_down) -> None:
     """Past the height's limit in control of force: the trip holds and vents; reset and arming do not trip again."""
     force = CONTROL_MODES.index("force")
