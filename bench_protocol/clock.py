@@ -172,9 +172,3 @@ def hurry_process() -> None:
     sys.setswitchinterval(_SWITCH_INTERVAL)
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, _NICE)
-
-
-def relax() -> None:
-    """Give this thread back to the ordinary scheduler."""
-    with contextlib.suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

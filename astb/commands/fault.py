@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import click
 
-from astb.commands.options import RIG_OPTION, read_rig
+from astb.commands.options import RIG_OPTION, pairs, read_rig
 from astb.exit_codes import blocked, misuse
 
 _PORT: Final = click.option(
@@ -54,7 +54,11 @@ def on_command(
     name: str, values: tuple[str, ...], lasting: str | None, rig_path: Path | None, modbus_port: int | None
 ) -> None:
     """Switch the fault NAME on, or change it: astb fault on leak side=left area=2mm2."""
-    order: dict[str, Any] = {"do": "on", "name": name, "values": _pairs(values)}
+    order: dict[str, Any] = {
+        "do": "on",
+        "name": name,
+        "values": pairs(values, "is no KEY=VALUE, such as area=2mm2"),
+    }
     if lasting is not None:
         order["for"] = lasting
     for active in _ask(rig_path, modbus_port, order)["on"]:
@@ -69,18 +73,6 @@ def off_command(name: str, rig_path: Path | None, modbus_port: int | None) -> No
     """Switch off the fault NAME (leak, or leak.left alone), or all."""
     off = _ask(rig_path, modbus_port, {"do": "off", "name": name})["off"]
     click.echo(f"off: {', '.join(off)}" if off else "no fault was on")
-
-
-def _pairs(values: tuple[str, ...]) -> dict[str, str]:
-    pairs: dict[str, str] = {}
-    for text in values:
-        key, equals, value = text.partition("=")
-        if not equals:
-            misuse(f"{text} is no KEY=VALUE, such as area=2mm2")
-        if key in pairs:
-            misuse(f"{key} is given twice")
-        pairs[key] = value
-    return pairs
 
 
 def _ask(rig_path: Path | None, modbus_port: int | None, order: dict[str, Any]) -> Any:

@@ -1,6 +1,6 @@
 """The options that several commands have, and the rig that they describe."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -70,14 +70,9 @@ def simulated(
             f"rig file {path} describes a real rig (no [simulation] table): --model, --effect and --sealed are for "
             "simulated ones"
         )
-    given: dict[str, str] = {}
-    for text in effects:
-        name, equals, value = text.partition("=")
-        if not equals:
-            misuse(f"--effect {text} has no amplitude: NAME=VALUE would be right, such as leak.left=0.2mm2")
-        if name in given:
-            misuse(f"--effect {name} is given twice")
-        given[name] = value
+    given = pairs(
+        effects, "has no amplitude: NAME=VALUE would be right, such as leak.left=0.2mm2", option="--effect "
+    )
     return replace(
         rig,
         simulation=replace(
@@ -87,3 +82,16 @@ def simulated(
             sealed=sealed or rig.simulation.sealed,
         ),
     )
+
+
+def pairs(texts: Iterable[str], wrong: str, *, option: str = "") -> dict[str, str]:
+    """Return the values of ``NAME=VALUE`` by name; ends the command over one that is ``wrong`` or given twice."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            misuse(f"{option}{text} {wrong}")
+        if name in found:
+            misuse(f"{option}{name} is given twice")
+        found[name] = value
+    return found

@@ -12,19 +12,17 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import NOBODY, Decoder, Tally, decode_into
 from bench_protocol.frames import FRAME, Block
-from bench_protocol.rates import DISABLE_AFTER, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.words import ACTUATORS, PLATFORM_AXES
 from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import Mode
-from bench_sim.rig.controls import SLEW_TICKS, TICK_NS, ControlBit, Happened, Target
+from bench_sim.rig.controls import LOST_TICKS, SLEW_TICKS, TICK_NS, ControlBit, Happened, Target
 from bench_sim.rig.ring import Ring, take
 from bench_sim.rig.setpoints import frames_of_setpoints, outside, ranges
 
 #: Frames that are taken in one tick, and that wait at most: a flood beyond loses the oldest.
 _FRAMES_MAX: Final = 1024
 _WAITING_MAX: Final = 65_536
-_LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
 _CONTROL_ROW: Final = TABLE.index["control.enable"]
 #: The bits of the Control message stand in its fields and in the table in one order.
 _CONTROL_BITS: Final = len(ControlBit)
@@ -187,7 +185,7 @@ def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: 
     tally = receiving.tally
     for k in range(block.size):
         block[k].time = c.tick * TICK_NS
-    heard = c.commander < 0 or c.commander == sender or c.tick - c.command_tick >= _LOST_TICKS
+    heard = c.commander < 0 or c.commander == sender or c.tick - c.command_tick >= LOST_TICKS
     strangers = tally[Tally.STRANGE]
     count = decode_into(
         block,

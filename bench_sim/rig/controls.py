@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
+from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, HOLD_AFTER, SLOW_RATE, TICK
 from bench_protocol.table_signals import COUNT_MAX
 from bench_protocol.units import NS
 
@@ -16,6 +16,9 @@ TICK_MODULUS: Final = int(COUNT_MAX) + 1
 FAST: Final = round(1.0 / (FAST_RATE * TICK))
 MEDIUM: Final = round(1.0 / (COMMAND_RATE * TICK))
 SLOW: Final = round(1.0 / (SLOW_RATE * TICK))
+#: Ticks without a valid command after which they count as late, and as lost.
+LATE_TICKS: Final = round(HOLD_AFTER / TICK)
+LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
 #: Set-points arrive at COMMAND_RATE; the rig draws a straight line to each within one such period.
 SLEW_TICKS: Final = MEDIUM
 

@@ -8,13 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.e2e import token_mark
-from bench_protocol.rates import DISABLE_AFTER, TICK
+from bench_protocol.rates import TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms
-from bench_sim.rig.controls import Happened
+from bench_sim.rig.controls import LOST_TICKS, Happened
 from bench_sim.rig.peers import is_can, port_of
 
-_LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
 _LEASE_ROW: Final = TABLE.index["rig.lease"]
 _HOLDER_ROW: Final = TABLE.index["rig.holder"]
 _NONCE_ROW: Final = TABLE.index["lease.nonce"]
@@ -81,7 +80,7 @@ class Lease:
     def commands(self, peer: str) -> bool:
         """Return whether ``peer`` is a connection of the holder, who is commanding on CAN."""
         c = self._controls
-        return self.holds(peer) and c["commander"] >= 0 and c["tick"] - c["command_tick"] < _LOST_TICKS
+        return self.holds(peer) and c["commander"] >= 0 and c["tick"] - c["command_tick"] < LOST_TICKS
 
     def refuse(self, peer: str, identifier: int = 0) -> None:
         """Count what only the holder may ask for: a Modbus request of ``peer``, or its frame with ``identifier``."""

@@ -16,7 +16,7 @@ from bench_sim.model.compiled import compiled
 _CLOCK_MONOTONIC: Final = 1
 _ABSOLUTE: Final = 1  # TIMER_ABSTIME
 _SECOND: Final = int(NS)
-#: Addresses of the work space that the calls need: a struct timespec, and the count that rings a bell.
+#: 64-bit words of the work space that clock and sleep need: a struct timespec.
 SPEC_WORDS: Final = 2
 
 _INT: Final = ctypes.c_int, types.int32

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.can_codec import encode_into
-from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER, TICK
+from bench_protocol.rates import TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mbar
 from bench_protocol.words import (
@@ -34,6 +34,8 @@ from bench_sim.rig.black_box import Tape, write_sample
 from bench_sim.rig.commands import Incoming, take_waiting
 from bench_sim.rig.controls import (
     FAST,
+    LATE_TICKS,
+    LOST_TICKS,
     MEDIUM,
     SLOW,
     TARGETS,
@@ -62,8 +64,6 @@ from bench_sim.rig.system_calls import (
 #: All messages at once, and a heartbeat.
 FRAMES_PER_TICK_MAX: Final = 1 + sum(message.from_rig and message.rate > 0 for message in TABLE.messages)
 
-_LATE_TICKS: Final = round(HOLD_AFTER / TICK)
-_LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
 
 #: The pressure controller opens a service valve fully at this error, and not at all within the dead zone.
 _FULL_OPENING: Final = 0.15 * bar
@@ -201,15 +201,15 @@ def _watch(c: Any) -> int:
     silence = c.tick - c.command_tick
     if c.tick == c.write_deadline:
         happened |= Happened.WRITES_LOST.value
-    if c.expiring != 0 and silence >= _LOST_TICKS and c.tick - c.granted >= _LOST_TICKS:
+    if c.expiring != 0 and silence >= LOST_TICKS and c.tick - c.granted >= LOST_TICKS:
         c.expiring = 0
         happened |= Happened.LEASE_LOST.value
     if c.armed == 0:
         return happened
-    if silence >= _LATE_TICKS and c.late == 0:
+    if silence >= LATE_TICKS and c.late == 0:
         c.late = 1
         happened |= Happened.COMMAND_LATE.value
-    if silence >= _LOST_TICKS and c.lost == 0:
+    if silence >= LOST_TICKS and c.lost == 0:
         c.lost = 1
         happened |= Happened.COMMAND_LOST.value
     return happened
