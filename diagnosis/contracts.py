@@ -6,9 +6,9 @@ Shapes: n samples, c channels, p parameters. All values are SI. Times are second
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, Protocol
+from typing import Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,3 +193,23 @@ class Simulator(Protocol):
     def surfaces(self) -> tuple[Surface, ...]: ...
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """One call of `Simulator.run`."""
+
+    experiment: Experiment
+    parameters: Mapping[str, float]
+    effects: Effects
+
+
+@runtime_checkable
+class BatchSimulator(Protocol):
+    """What a simulator may offer beside ``run``: many jobs in one call, which share what they have in common.
+
+    Outputs come in the order of the jobs, as they are done: nothing says that all of them fit into memory. They are
+    those of ``run`` to within the rounding of the arithmetic. It may be called from several threads at once.
+    """
+
+    def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]: ...

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeVar
+from math import ceil
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.contracts import Array, DiagnosisError, MeasuredRun, Simulator
+from diagnosis.contracts import Array, BatchSimulator, DiagnosisError, Job, MeasuredRun, Simulator
 from diagnosis.engine.fitting.point import Point, neighbour, opposite
 
 Quotients = NDArray[np.float32]
-Job = TypeVar("Job")
-Done = TypeVar("Done")
+#: Most jobs that a simulator is given at once, so that the last batches still keep all workers busy.
+BATCH: Final = 128
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,9 @@ class Replay:
 
     def predictions(self, point: Point) -> list[Array]:
         """Simulate every run at a point."""
-        return self._all(self._simulate, [(r, point) for r in range(len(self.runs))])
+        found: dict[int, Array] = {}
+        self._simulate([(r, point) for r in range(len(self.runs))], found.__setitem__)
+        return [found[r] for r in range(len(self.runs))]
 
     def residuals(self, predictions: Sequence[Array]) -> list[Array]:
         """Return measured minus predicted, (n, c) of each run; NaN where nothing counts."""
@@ -87,27 +90,48 @@ class Replay:
             for predicted, own in zip(predictions, steps, strict=True)
         ]
 
-        def differ(job: tuple[int, int]) -> None:
-            r, k = job
-            to, distance = steps[r][k]
-            blocks[r][k] = (self._simulate((r, to)) - predictions[r]) / distance
+        jobs = [(r, k) for r, own in enumerate(steps) for k in range(len(own))]
 
-        self._all(differ, [(r, k) for r, own in enumerate(steps) for k in range(len(own))])
+        def divide(i: int, outputs: Array) -> None:
+            r, k = jobs[i]
+            blocks[r][k] = (outputs - predictions[r]) / steps[r][k][1]
+
+        self._simulate([(r, steps[r][k][0]) for r, k in jobs], divide)
         return blocks
 
-    def _all(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
-        """Do all jobs; what comes back has their order."""
-        if self.workers <= 1 or len(jobs) < 2:
-            return [work(job) for job in jobs]
-        with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(work, jobs))
+    def _simulate(self, places: Sequence[tuple[int, Point]], use: Callable[[int, Array], None]) -> None:
+        """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""
+        jobs = [self._job(self.runs[r], point) for r, point in places]
+        size = max(1, min(BATCH, ceil(len(jobs) / self.workers)))
+        if not isinstance(self.simulator, BatchSimulator):
+            size = 1
 
-    def _simulate(self, job: tuple[int, Point]) -> Array:
-        run, point = self.runs[job[0]], job[1]
-        outputs = self.simulator.run(run.experiment, point.parameters(run.experiment.name), point.effects())
+        def work(start: int) -> None:
+            for i, outputs in enumerate(self._outputs(jobs[start : start + size]), start):
+                self._check(self.runs[places[i][0]], outputs)
+                use(i, outputs)
+
+        starts = range(0, len(jobs), size)
+        if self.workers <= 1 or len(starts) < 2:
+            for start in starts:
+                work(start)
+            return
+        with ThreadPoolExecutor(self.workers) as pool:
+            for _ in pool.map(work, starts):
+                pass
+
+    def _outputs(self, jobs: Sequence[Job]) -> Iterator[Array]:
+        if isinstance(self.simulator, BatchSimulator):
+            return self.simulator.run_many(jobs)
+        return (self.simulator.run(job.experiment, job.parameters, job.effects) for job in jobs)
+
+    @staticmethod
+    def _job(run: MeasuredRun, point: Point) -> Job:
+        return Job(run.experiment, point.parameters(run.experiment.name), point.effects())
+
+    def _check(self, run: MeasuredRun, outputs: Array) -> None:
         if outputs.shape != run.outputs.shape:
             raise DiagnosisError(
                 f"{self.simulator.name} returned outputs of shape {outputs.shape} for the run {run.experiment.name}, "
                 f"which has {run.outputs.shape}: one row per sample and one column per channel are right"
             )
-        return outputs
