@@ -46,7 +46,10 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Nuisance(Parameter):
-    """A parameter of the base model that is refitted with every candidate; ``per_run``: each run has its own."""
+    """A parameter of the base model that is refitted with every candidate.
+
+    ``per_run``: each run has its own, such as the state it starts from; runs that are parts of one record share it.
+    """
 
     per_run: bool = False
 
@@ -124,6 +127,13 @@ class Experiment:
     inputs: Mapping[str, Array]
     settings: Mapping[str, float] = field(default_factory=dict)  #: constants of this run, e.g. the preload
     minutes: float = 0.0  #: what the run costs on the rig
+    #: The record that this is a part of, replayed from where all of its parts begin; "": a record of its own.
+    source: str = ""
+
+    @property
+    def record(self) -> str:
+        """The record whose nuisances are those of this run."""
+        return self.source or self.name
 
     @property
     def step(self) -> float:

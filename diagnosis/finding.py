@@ -285,7 +285,10 @@ class Unknown(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Models(msgspec.Struct, frozen=True, kw_only=True):
-    """Both models with SI values, ready to be loaded: shared parameters, those of each run, and the effects."""
+    """Both models with SI values, ready to be loaded: shared parameters, those of each run, and the effects.
+
+    Report runs are among the runs. Parts of one record are one run here, under the name of the record.
+    """
 
     before: dict[str, float]
     after: dict[str, float]

@@ -51,7 +51,7 @@ class LinearisedBase:
     def absorbed(self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]) -> Array:
         """Return how far the k base parameters would move to imitate each of m ``effects`` (k, m), in their spreads."""
         projection = self._linearisation.project(self._whitened(self._columns(run, effects)))
-        shared = [i for i, c in enumerate(self._point.coordinates) if not c.run]
+        shared = [i for i, c in enumerate(self._point.coordinates) if not c.record]
         found: Array = projection.regression[shared]
         return found
 

@@ -24,7 +24,7 @@ from diagnosis.engine.noise import quietest, white
 
 def fit_base_model(replay: Replay) -> Point:
     """Return the base model at its best fit under white noise, to be near before anything is judged."""
-    point = base_point(replay.simulator.nuisances, replay.names)
+    point = base_point(replay.simulator.nuisances, replay.records)
     residuals = replay.residuals(replay.predictions(point))
     deviations = []
     for i, channel in enumerate(replay.simulator.channels):

@@ -106,7 +106,7 @@ def _finding(
         threshold=first.threshold,
         alpha=config.alpha,
         provenance=_provenance(data, extended, config),
-        models=models(base, extended),
+        models=models(base, extended, gain),
         ambiguous_with=others,
         scores=scores(found),
         gains=gain.gains,

@@ -37,6 +37,9 @@ class Comparison:
     gains: list[Gain] = field(default_factory=list)
     coverage: list[Coverage] = field(default_factory=list)
     traces: list[Trace] = field(default_factory=list)
+    #: Nuisances of the report runs in SI, before and after, by record and name.
+    before_runs: dict[str, dict[str, float]] = field(default_factory=dict)
+    after_runs: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,14 +63,11 @@ def compare(
 ) -> Comparison:
     """Compare two fitted models on the report runs; ``noise`` (c,) is what noise alone leaves in each channel.
 
-    Each run finds its own nuisances (an initial pressure); shared ones stay as they were fitted.
+    Each new record finds its own nuisances (an initial pressure); shared ones stay as they were fitted.
     """
     channels = after.replay.simulator.channels
-    arms = _Arms(
-        tuple(runs),
-        (predict(before, runs, fixed=True).outputs, predict(after, runs, fixed=True).outputs),
-        noise,
-    )
+    forecasts = predict(before, runs, fixed=True), predict(after, runs, fixed=True)
+    arms = _Arms(tuple(runs), (forecasts[0].outputs, forecasts[1].outputs), noise)
     errors = (arms.errors(0), arms.errors(1))
     rng = np.random.default_rng(seed)
     gains = [
@@ -87,7 +87,10 @@ def compare(
                 rng,
             )
         )
-    return Comparison(gains, _coverage(errors, noise), _traces(channels, arms, errors, gains[1:]))
+    starts = [_of_records(forecast.linearisation.point) for forecast in forecasts]
+    return Comparison(
+        gains, _coverage(errors, noise), _traces(channels, arms, errors, gains[1:]), starts[0], starts[1]
+    )
 
 
 def _gain(
@@ -223,7 +226,7 @@ def shifts(before: FittedModel, after: FittedModel) -> list[Shift]:
                 sd_before=_width(coordinate, before.point.numbers[i], deviations[0][i]),
                 sd_after=_width(coordinate, after.point.numbers[j], deviations[1][j]),
                 sigmas=number(move / deviations[0][i]) if deviations[0][i] > 0.0 else None,
-                run=coordinate.run,
+                run=coordinate.record,
             )
         )
     return sorted(found, key=lambda shift: -abs(shift.sigmas or 0.0))
@@ -238,8 +241,8 @@ def _width(coordinate: Coordinate, value: float, deviation: float) -> float | No
     return number(size * coordinate.scale * float(deviation) / coordinate.parameter.scale)
 
 
-def models(before: FittedModel, after: FittedModel) -> Models:
-    """Both models with their SI values."""
+def models(before: FittedModel, after: FittedModel, reported: Comparison) -> Models:
+    """Both models with their SI values, and what the runs that were reported on found for themselves."""
     return Models(
         before=_shared(before.point),
         after=_shared(after.point),
@@ -247,8 +250,8 @@ def models(before: FittedModel, after: FittedModel) -> Models:
             owner: {name: float(value) for name, value in values.items()}
             for owner, values in after.point.effects().items()
         },
-        before_runs=_of_runs(before.point),
-        after_runs=_of_runs(after.point),
+        before_runs=reported.before_runs | _of_records(before.point),
+        after_runs=reported.after_runs | _of_records(after.point),
     )
 
 
@@ -257,13 +260,13 @@ def _shared(point: Point) -> dict[str, float]:
     return {
         c.parameter.name: float(v)
         for c, v in zip(point.coordinates, values, strict=True)
-        if not c.owner and not c.run
+        if not c.owner and not c.record
     }
 
 
-def _of_runs(point: Point) -> dict[str, dict[str, float]]:
-    runs: dict[str, dict[str, float]] = {}
+def _of_records(point: Point) -> dict[str, dict[str, float]]:
+    records: dict[str, dict[str, float]] = {}
     for coordinate, value in zip(point.coordinates, point.values(), strict=True):
-        if coordinate.run:
-            runs.setdefault(coordinate.run, {})[coordinate.parameter.name] = float(value)
-    return runs
+        if coordinate.record:
+            records.setdefault(coordinate.record, {})[coordinate.parameter.name] = float(value)
+    return records

@@ -44,13 +44,15 @@ def leftover_noise(replay: Replay, around: Footprints, extra: Sequence[Quotients
         errors = np.concatenate([r[m[:, i], i] for r, m in zip(residuals, masks, strict=True)])
         deviations.append(max(float(np.sqrt(np.mean(errors**2))), quietest(channel), 1e-150))
     whiten = filters(white(deviations), replay.runs)
-    linear = from_quotients(replay.names, point, whiten, residuals, around.parameter_columns)
+    linear = from_quotients(replay, point, whiten, residuals, around.parameter_columns)
     projection = linear.project([f.single(x) for f, x in zip(whiten, extra, strict=True)])
     amplitudes = _estimated(projection)
     numbers = linear.step() - projection.regression @ amplitudes
     leftovers = [
-        residual - np.tensordot(numbers[point.places_of(name)], x, 1) - np.tensordot(amplitudes, y, 1)
-        for name, residual, x, y in zip(replay.names, residuals, around.parameter_columns, extra, strict=True)
+        residual - np.tensordot(numbers[point.places_of(record)], x, 1) - np.tensordot(amplitudes, y, 1)
+        for record, residual, x, y in zip(
+            replay.records, residuals, around.parameter_columns, extra, strict=True
+        )
     ]
     spent = len(numbers) + int(np.linalg.matrix_rank(projection.cosines))
     return estimate(channels, leftovers, masks, spent=spent)

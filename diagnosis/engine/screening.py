@@ -132,7 +132,7 @@ def fit_and_screen(
     columns = [f.single(x) for f, x in zip(whiten, extra, strict=True)]
     del extra  # the largest array of a diagnosis, not needed unwhitened any more
     residuals = replay.residuals(around.predictions)
-    known = from_quotients(replay.names, start, whiten, residuals, around.parameter_columns)
+    known = from_quotients(replay, start, whiten, residuals, around.parameter_columns)
     model = fit(replay, noise, start, known)
     inflation = overdispersion(model.linearisation, columns)
     noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)

@@ -86,7 +86,7 @@ def _with_select(
 ) -> ScreenedModel:
     """Fit and screen the model on the fit runs and the select runs together."""
     there = replay.of(select)
-    point = around.point.with_runs(there.names)
+    point = around.point.with_records(there.records)
     further = with_surfaces(there, footprints(there, point, around.candidates))
     both = replay.of((*replay.runs, *select))
     return fit_and_screen(both, joined(around, further), alpha=config.alpha, seed=config.seed)

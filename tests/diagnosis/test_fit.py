@@ -1,7 +1,7 @@
 """Fits of models that are linear and Gaussian, where everything has a closed form, and of an oscillator that is not."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -152,6 +152,34 @@ def test_workers_do_not_change_a_bit(laboratory):
     assert np.array_equal(models[0].point.numbers, models[1].point.numbers)
 
 
+def test_parts_of_one_record_share_its_nuisances_whatever_they_are_for(laboratory):
+    lab = laboratory(samples=400)
+    whole = lab.measure(5).of("fit")[0]
+    half = np.arange(400) < 200
+    parts = [
+        replace(
+            whole,
+            experiment=replace(whole.experiment, name=f"part {k}", source=whole.experiment.name),
+            scored=scored,
+        )
+        for k, scored in enumerate((half, ~half))
+    ]
+    noise = white([c.noise for c in lab.simulator.channels])
+    fits = [
+        fit(replay, noise, base_point(lab.simulator.nuisances, replay.records))
+        for replay in (Replay(lab.simulator, (whole,), 1), Replay(lab.simulator, tuple(parts), 1))
+    ]
+    one, cut = (model.point for model in fits)
+    assert cut.coordinates == one.coordinates
+    assert cut.numbers == pytest.approx(one.numbers, abs=1e-6)
+    assert fits[1].penalised_chi2 == pytest.approx(fits[0].penalised_chi2, rel=1e-9)
+    # A part that was not fitted finds no start of its own: what the fit knows of it is all there is.
+    first = fit(Replay(lab.simulator, parts[:1], 1), noise, base_point(lab.simulator.nuisances, ["slow"]))
+    there = predict(first, parts[1:], fixed=True).linearisation.point
+    assert there.coordinates == first.point.coordinates
+    assert there.numbers == pytest.approx(first.point.numbers, abs=1e-3)
+
+
 def test_a_model_that_fails_at_its_start_is_named():
     class Broken(Straight):
         def run(self, experiment, parameters, effects):
@@ -159,6 +187,17 @@ def test_a_model_that_fails_at_its_start_is_named():
 
     replay = Replay(Broken(), (measured("one", 1),), 1)
     with pytest.raises(DiagnosisError, match=r"line returns NaN or infinity for the run one at .*slope"):
+        fit(replay, white(SD), base_point(Straight().nuisances, replay.names))
+
+
+def test_a_model_that_raises_says_where_and_at_which_parameters():
+    class Fragile(Straight):
+        def run(self, experiment, parameters, effects):
+            return np.ones((N, 2)) / (1 // int(2.0 - parameters["slope"]))
+
+    replay = Replay(Fragile(), (measured("one", 1),), 1)
+    said = r"line failed in the run one at slope = 1.003 V/s.*ZeroDivisionError: .*\(test_fit\.py, line \d+\)"
+    with pytest.raises(DiagnosisError, match=said):
         fit(replay, white(SD), base_point(Straight().nuisances, replay.names))
 
 

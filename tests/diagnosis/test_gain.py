@@ -8,7 +8,7 @@ import pytest
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
-from diagnosis.engine.gain import compare, models, shifts
+from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.noise import white
 
 TRUTH = {"cubic": {"amplitude": 1.5e6}}
@@ -41,6 +41,18 @@ def test_a_right_extension_explains_all_that_can_be_explained(right):
         assert gain.noise_ratio == pytest.approx(1.0, abs=0.05)
         assert gain.noise_ratio_before > 1.5
     assert [g.channel for g in right[3].gains] == ["all", "displacement", "force"]
+
+
+def test_the_start_of_a_report_run_can_be_looked_up(right):
+    data, base, extended, reported = right
+    (run,) = data.of("report")
+    both = models(base, extended, reported)
+    for starts in (both.before_runs, both.after_runs):
+        assert starts.keys() == {run.experiment.name, *base.replay.names}
+    predicted = extended.replay.simulator.run(
+        run.experiment, both.after | both.after_runs["report"], both.effects
+    )
+    assert np.std(run.outputs - predicted, axis=0) == pytest.approx(noise_of(data), rel=0.1)
 
 
 def test_rmse_is_in_the_unit_that_people_read(right):
@@ -102,7 +114,7 @@ def test_parameters_shift_by_more_than_the_base_model_believed(right):
 
 def test_both_models_can_be_run_again(right):
     _, base, extended, _ = right
-    both = models(base, extended)
+    both = models(base, extended, Comparison())
     run = extended.replay.runs[0]
     parameters = both.after | both.after_runs[run.experiment.name]
     again = extended.replay.simulator.run(run.experiment, parameters, both.effects)

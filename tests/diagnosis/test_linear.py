@@ -15,7 +15,7 @@ def problem(rng, samples=40, channels=3):
     coordinates = (
         Coordinate(Parameter("free", "1", 0.0, np.inf, step=0.01)),
         Coordinate(Parameter("known", "1", 0.0, 1.0)),
-        *(Coordinate(Parameter("start", "1", 0.0, 2.0), run=run) for run in RUNS),
+        *(Coordinate(Parameter("start", "1", 0.0, 2.0), record=run) for run in RUNS),
     )
     point = Point(coordinates, rng.standard_normal(4))
     blocks, full = [], []

@@ -108,7 +108,7 @@ def test_the_base_parameters_are_biased_without_the_effect_and_right_with_it(lab
         return [
             abs(model.point.values()[i] - truth[c.parameter.name]) / model.deviation(c)
             for i, c in enumerate(model.point.coordinates)
-            if not c.owner and not c.run
+            if not c.owner and not c.record
         ]
 
     assert max(off(result.model)) < 4.0

@@ -22,7 +22,7 @@ def linearise(
     central: bool = False,
 ) -> Linearisation:
     """Linearise a model; where ``known`` (whitened alike) has the columns of a run's nuisances, they are shared."""
-    nuisances, effects = zip(*(_parted(point, run) for run in replay.names), strict=True)
+    nuisances, effects = zip(*(_parted(point, record) for record in replay.records), strict=True)
     shared = [
         _shared(known, run, [point.coordinates[i] for i in places])
         for run, places in zip(replay.names, nuisances, strict=True)
@@ -44,7 +44,7 @@ def linearise(
 
 
 def from_quotients(
-    names: Sequence[str],
+    replay: Replay,
     point: Point,
     whiten: Sequence[Filter],
     residuals: Sequence[Array],
@@ -52,18 +52,19 @@ def from_quotients(
 ) -> Linearisation:
     """Linearise a model whose quotients (k, n, c) by run are there already, under the priors of its parameters."""
     blocks = []
-    for name, filter_, residual, columns in zip(names, whiten, residuals, quotients, strict=True):
-        white, order = filter_(columns), point.places_of(name)
+    for run, filter_, residual, columns in zip(replay.runs, whiten, residuals, quotients, strict=True):
+        record = run.experiment.record
+        white, order = filter_(columns), point.places_of(record)
         parts = tuple(
-            (places, Columns(white[[i in places for i in order]])) for places in _parted(point, name)
+            (places, Columns(white[[i in places for i in order]])) for places in _parted(point, record)
         )
-        blocks.append(Block(name, filter_(residual), parts))
+        blocks.append(Block(run.experiment.name, filter_(residual), parts))
     return Linearisation(point, prior_of(point), tuple(blocks))
 
 
-def _parted(point: Point, run: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the places of what a run depends on: of the nuisances, and of the effects' own numbers."""
-    places = point.places_of(run)
+def _parted(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the places of what a record's runs depend on: of the nuisances, and of the effects' own numbers."""
+    places = point.places_of(record)
     owned = [bool(point.coordinates[i].owner) for i in places]
     return (
         tuple(i for i, effect in zip(places, owned, strict=True) if not effect),

@@ -13,7 +13,7 @@ from diagnosis.contracts import Array, DiagnosisError, Hypothesis, Nuisance, Par
 
 @dataclass(frozen=True, slots=True)
 class Coordinate:
-    """One free number: a nuisance, or a parameter of an effect or a surface (``owner``), of one run if ``run`` is set.
+    """One free number: a nuisance, or a parameter of an effect or a surface (``owner``); of one ``record`` if set.
 
     The engine counts it from its nominal value in units of its prior spread, so that all numbers are of one size;
     ``penalised``: the prior counts as an observation.
@@ -21,14 +21,14 @@ class Coordinate:
 
     parameter: Parameter
     owner: str = ""
-    run: str = ""
+    record: str = ""
     penalised: bool = True
 
     @property
     def label(self) -> str:
-        """Return the name for people: ``effect.parameter`` or ``parameter [run]``."""
+        """Return the name for people: ``effect.parameter`` or ``parameter [record]``."""
         name = f"{self.owner}.{self.parameter.name}" if self.owner else self.parameter.name
-        return f"{name} [{self.run}]" if self.run else name
+        return f"{name} [{self.record}]" if self.record else name
 
     @property
     def scale(self) -> float:
@@ -95,10 +95,10 @@ class Point:
         """Return the values (k,) in their own units."""
         return np.array([c.to_value(u) for c, u in zip(self.coordinates, self.numbers, strict=True)])
 
-    def parameters(self, run: str) -> dict[str, float]:
-        """Return every nuisance of one run."""
+    def parameters(self, record: str) -> dict[str, float]:
+        """Return every nuisance of one record."""
         pairs = zip(self.coordinates, self.numbers, strict=True)
-        return {c.parameter.name: c.to_value(u) for c, u in pairs if not c.owner and c.run in {"", run}}
+        return {c.parameter.name: c.to_value(u) for c, u in pairs if not c.owner and c.record in {"", record}}
 
     def effects(self) -> dict[str, dict[str, float]]:
         """Return the values of every effect and surface, by name and parameter."""
@@ -110,9 +110,9 @@ class Point:
                 )
         return effects
 
-    def places_of(self, run: str) -> list[int]:
-        """Return the places of the coordinates that one run depends on."""
-        return [i for i, c in enumerate(self.coordinates) if c.run in {"", run}]
+    def places_of(self, record: str) -> list[int]:
+        """Return the places of the coordinates that the runs of one record depend on."""
+        return [i for i, c in enumerate(self.coordinates) if c.record in {"", record}]
 
     def place(self, coordinate: Coordinate) -> int:
         """Return where a coordinate stands."""
@@ -129,12 +129,14 @@ class Point:
         numbers = [c.to_number(v) for c, v in zip(further, values, strict=True)]
         return Point((*self.coordinates, *further), np.concatenate((self.numbers, numbers)))
 
-    def with_runs(self, runs: Iterable[str]) -> Point:
-        """Return the point with the nuisances of further runs, at their nominal values."""
+    def with_records(self, records: Iterable[str]) -> Point:
+        """Return the point with the nuisances of those records that it does not know, at their nominal values."""
+        known = {c.record for c in self.coordinates}
         fresh = [
-            Coordinate(parameter, run=run)
-            for parameter in dict.fromkeys(c.parameter for c in self.coordinates if c.run)
-            for run in runs
+            Coordinate(parameter, record=record)
+            for parameter in dict.fromkeys(c.parameter for c in self.coordinates if c.record)
+            for record in dict.fromkeys(records)
+            if record not in known
         ]
         return self.extended(fresh, [c.parameter.nominal for c in fresh])
 
@@ -150,13 +152,13 @@ class Point:
         return Point(tuple(self.coordinates[i] for i in keep), self.numbers[keep])
 
 
-def base_point(nuisances: Iterable[Nuisance], runs: Iterable[str]) -> Point:
-    """Return the base model at its nominal values; a nuisance ``per_run`` has a coordinate in each run."""
-    names = tuple(runs)
+def base_point(nuisances: Iterable[Nuisance], records: Iterable[str]) -> Point:
+    """Return the base model at its nominal values; a nuisance ``per_run`` has a coordinate in each record."""
+    names = tuple(dict.fromkeys(records))
     coordinates = tuple(
-        Coordinate(nuisance, run=run)
+        Coordinate(nuisance, record=record)
         for nuisance in nuisances
-        for run in (names if nuisance.per_run else ("",))
+        for record in (names if nuisance.per_run else ("",))
     )
     return Point(coordinates, np.zeros(len(coordinates)))
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, BatchSimulator, DiagnosisError, Job, MeasuredRun, Simulator
 from diagnosis.engine.fitting.point import Point, neighbour, opposite
+from diagnosis.engine.simulation import checked, simulate
 
 Quotients = NDArray[np.float32]
 #: Most jobs that a simulator is given at once, so that the last batches still keep all workers busy.
@@ -43,6 +44,11 @@ class Replay:
         """Names of the runs."""
         return tuple(run.experiment.name for run in self.runs)
 
+    @property
+    def records(self) -> tuple[str, ...]:
+        """The record of each run: runs that are parts of one share its nuisances."""
+        return tuple(run.experiment.record for run in self.runs)
+
     def of(self, runs: Iterable[MeasuredRun]) -> Replay:
         """Return the same simulator on other runs."""
         return Replay(self.simulator, tuple(runs), self.workers)
@@ -72,7 +78,7 @@ class Replay:
 
         Differences are one-sided; ``central`` ones cost twice as much and have no error of first order.
         """
-        wanted = [point.places_of(name) for name in self.names] if places is None else places
+        wanted = [point.places_of(record) for record in self.records] if places is None else places
         steps = {i: neighbour(point, i) for i in sorted({i for own in wanted for i in own})}
         ahead = self.differences(predictions, [[steps[i] for i in own] for own in wanted])
         if not central:
@@ -108,7 +114,6 @@ class Replay:
 
         def work(start: int) -> None:
             for i, outputs in enumerate(self._outputs(jobs[start : start + size]), start):
-                self._check(self.runs[places[i][0]], outputs)
                 use(i, outputs)
 
         starts = range(0, len(jobs), size)
@@ -122,16 +127,12 @@ class Replay:
 
     def _outputs(self, jobs: Sequence[Job]) -> Iterator[Array]:
         if isinstance(self.simulator, BatchSimulator):
-            return self.simulator.run_many(jobs)
-        return (self.simulator.run(job.experiment, job.parameters, job.effects) for job in jobs)
+            for job, outputs in zip(jobs, self.simulator.run_many(jobs), strict=True):
+                yield checked(self.simulator, job, outputs)
+        else:
+            for job in jobs:
+                yield simulate(self.simulator, job)
 
     @staticmethod
     def _job(run: MeasuredRun, point: Point) -> Job:
-        return Job(run.experiment, point.parameters(run.experiment.name), point.effects())
-
-    def _check(self, run: MeasuredRun, outputs: Array) -> None:
-        if outputs.shape != run.outputs.shape:
-            raise DiagnosisError(
-                f"{self.simulator.name} returned outputs of shape {outputs.shape} for the run {run.experiment.name}, "
-                f"which has {run.outputs.shape}: one row per sample and one column per channel are right"
-            )
+        return Job(run.experiment, point.parameters(run.experiment.record), point.effects())

@@ -1,0 +1,70 @@
+"""One run of a simulator: its outputs, or an error that says at which parameters it has none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from traceback import extract_tb
+from typing import Final
+
+from diagnosis.contracts import Array, DiagnosisError, Effects, Job, Parameter, Simulator
+
+#: So many parameters are told with an error, those first that are not at their nominal values.
+_TOLD: Final = 12
+
+
+def simulate(simulator: Simulator, job: Job) -> Array:
+    """Return the outputs (n, c) of a run.
+
+    DiagnosisError where the simulator raises anything, with the line that did, or returns another shape.
+    """
+    try:
+        outputs = simulator.run(job.experiment, job.parameters, job.effects)
+    except DiagnosisError:
+        raise
+    except Exception as error:  # it may be anybody's code
+        place = extract_tb(error.__traceback__)[-1]
+        raise DiagnosisError(
+            f"{simulator.name} failed in the run {job.experiment.name} at "
+            f"{described(simulator, job.parameters, job.effects)}: {type(error).__name__}: {error} "
+            f"({place.filename.rpartition('/')[2]}, line {place.lineno})"
+        ) from error
+    return checked(simulator, job, outputs)
+
+
+def checked(simulator: Simulator, job: Job, outputs: Array) -> Array:
+    """Return the outputs of a run; DiagnosisError where they have not one row per sample and one column per channel."""
+    right = (len(job.experiment.time), len(simulator.channels))
+    shape = getattr(outputs, "shape", None)
+    if shape != right:
+        what = f"{type(outputs).__name__} is no array" if shape is None else f"outputs have the shape {shape}"
+        raise DiagnosisError(
+            f"{simulator.name}: in the run {job.experiment.name} its {what}; right would be {right}: one row per "
+            "sample and one column per channel"
+        )
+    return outputs
+
+
+def described(simulator: Simulator, parameters: Mapping[str, float], effects: Effects) -> str:
+    """Return parameters and effects in words, with their units; those at their nominal values last."""
+    nominal = {parameter.name: parameter for parameter in simulator.nuisances}
+    moved = [name for name, one in nominal.items() if parameters.get(name, one.nominal) != one.nominal]
+    names = [*moved, *(name for name in nominal if name not in moved)]
+    told = [*_effects(simulator, effects)] + [
+        _valued(name, parameters.get(name, nominal[name].nominal), nominal[name].unit) for name in names
+    ]
+    return ", ".join(told[:_TOLD]) + (", …" if len(told) > _TOLD else "")
+
+
+def _effects(simulator: Simulator, effects: Effects) -> Iterator[str]:
+    known: dict[str, tuple[Parameter, ...]] = {
+        **{name: effect.parameters for name, effect in simulator.catalogue.items()},
+        **{surface.name: surface.coefficients for surface in simulator.surfaces},
+    }
+    for name, values in effects.items():
+        units = {parameter.name: parameter.unit for parameter in known.get(name, ())}
+        for parameter, value in values.items():
+            yield _valued(f"{name}.{parameter}", value, units.get(parameter, ""))
+
+
+def _valued(name: str, value: float, unit: str) -> str:
+    return f"{name} = {value:.6g} {'' if unit == '1' else unit}".rstrip()
