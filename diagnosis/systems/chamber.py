@@ -11,7 +11,6 @@ from math import ceil
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench_sim.model.compiled import compiled, compiled_entry
 from diagnosis.contracts import (
@@ -172,12 +171,8 @@ def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mappin
     return {"clock": clock}
 
 
-def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
-    return np.zeros(len(clock), dtype=np.bool_)  # its pressure falls all the time
-
-
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
-    """The pressure where a run begins, by a straight line through the first samples: it may be falling fast."""
+    """The pressure where a record begins, by a straight line through the first samples: it may be falling fast."""
     pressure = measured["pressure"][:_FIRST]
     known = np.flatnonzero(np.isfinite(pressure))
     if len(known) < 2:
@@ -214,6 +209,5 @@ CHAMBER: Final = System(
     ),
     simulator=_simulator,
     prepare=_prepare,
-    rest=_rest,
     begin=_begin,
 )

@@ -55,7 +55,7 @@ class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     strokes: int = 2
     length: str | None = None
     skip: int = 0
-    lead: str = "0 s"
+    lead: str | None = None
     role: list[RoleRule] = []
 
 

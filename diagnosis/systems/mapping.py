@@ -81,12 +81,12 @@ def _read_file(
     inputs = system.prepare(step, from_start, measured)
     rest = system.rest(step, from_start, measured)
     outputs = np.column_stack([values[channel.name] for channel in channels])
-    lead = round(difference(mapping.runs.lead, "s", f"{where}: runs.lead") / step)
+    lead = _lead(mapping, system, where, step)
     runs = []
     for number, (start, stop) in enumerate(_pieces(mapping, system, driven, len(grid), step, where), 1):
         if number <= mapping.runs.skip:
             continue
-        first = max(start - lead, 0)
+        first = 0 if lead is None else max(start - lead, 0)
         part = slice(first, stop)
         scored = np.arange(first, stop) >= start
         experiment = Experiment(
@@ -96,6 +96,7 @@ def _read_file(
             settings=dict(settings)
             | dict(system.begin({name: array[part] for name, array in measured.items()})),
             minutes=(stop - first) * step / 60.0,
+            source=path.stem,
         )
         role = _role(path, number, mapping.runs.role, where)
         runs.append(MeasuredRun(experiment, outputs[part], scored, rest[part] & scored, role))
@@ -105,6 +106,19 @@ def _read_file(
             f"runs.skip = {mapping.runs.skip} in {where}"
         )
     return runs
+
+
+def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:
+    """Return how many samples before a run its replay begins; None: with the file."""
+    lead = mapping.runs.lead
+    if system.forgets:
+        return 0 if lead is None else round(difference(lead, "s", f"{where}: runs.lead") / step)
+    if lead is not None:
+        raise DiagnosisError(
+            f"{where}: runs.lead = {lead!r}: every run of {system.name} is replayed from the start of its file, which "
+            "all runs of the file share; leave runs.lead out"
+        )
+    return None
 
 
 def _in_si(values: Array, column: Column, signal: SystemSignal, ambient: float, where: str) -> Array:

@@ -171,4 +171,5 @@ PISTON: Final = System(
     simulator=_simulator,
     prepare=_prepare,
     rest=_rest,
+    forgets=True,
 )

@@ -58,11 +58,18 @@ class System:
     #: (settings in SI, measured channels) -> the simulator of exactly these channels
     simulator: Callable[[Mapping[str, float], tuple[Channel, ...]], Simulator]
     #: (step in s, seconds since the start of the file (n,), inputs and outputs (n,) by name) -> inputs of the simulator
-    prepare: Callable[[float, Array, Mapping[str, Array]], Mapping[str, Array]]
+    prepare: Callable[[float, Array, Mapping[str, Array]], Mapping[str, Array]] = (
+        lambda step, clock, measured: measured
+    )
     #: the same arguments -> (n,) stretches without motion, which show the noise alone
-    rest: Callable[[float, Array, Mapping[str, Array]], NDArray[np.bool_]]
-    #: what one run measured (n,) by name -> settings that only this run has
+    rest: Callable[[float, Array, Mapping[str, Array]], NDArray[np.bool_]] = lambda step, clock, measured: (
+        np.zeros(len(clock), dtype=np.bool_)
+    )
+    #: what one record measured (n,) by name -> settings that only its runs have
     begin: Callable[[Mapping[str, Array]], Mapping[str, float]] = lambda measured: {}
+    #: Whether the state at the start of a replay is soon forgotten, so that a run may be replayed from a little before
+    #: it. Else all runs of a file are replayed from its start, which they share.
+    forgets: bool = False
 
     @property
     def signals(self) -> Mapping[str, SystemSignal]:

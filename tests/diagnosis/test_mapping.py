@@ -191,6 +191,39 @@ def test_strokes_become_runs_with_a_lead_and_a_role(tmp_path: Path) -> None:
         assert abs(travelled.sum()) < 1e-3 < np.abs(travelled).sum()
 
 
+CHAMBER = """
+system = "chamber"
+[time]
+column = "t"
+unit = "ms"
+[columns]
+pressure = { column = "p", unit = "bar", reading = "gauge" }
+[settings]
+volume = "1 litre"
+[runs]
+cut = "time"
+length = "3 s"
+"""
+
+
+def test_runs_of_what_does_not_forget_begin_with_their_file_and_share_its_start(tmp_path: Path) -> None:
+    mapping = tmp_path / "chamber.toml"
+    mapping.write_text(CHAMBER, encoding="utf-8")
+    paths = [write_csv(tmp_path / name) for name in ("a.csv", "b.csv")]
+    _, dataset = read_mapped(paths, mapping)
+    assert [run.experiment.record for run in dataset.runs] == ["a"] * 4 + ["b"] * 4
+    for run in dataset.runs:
+        assert run.experiment.inputs["clock"][0] == 0.0
+        assert (
+            run.experiment.settings["start_pressure"] == dataset.runs[0].experiment.settings["start_pressure"]
+        )
+    scored = np.array([np.pad(run.scored, (0, 1200 - len(run.scored))) for run in dataset.runs[:4]])
+    assert (scored.sum(axis=0) == 1).all()  # every sample counts once
+    mapping.write_text(CHAMBER + 'lead = "2 s"', encoding="utf-8")
+    with pytest.raises(DiagnosisError, match=r"replayed from the start of its file.* leave runs.lead out"):
+        read_mapped(paths, mapping)
+
+
 def test_the_digest_sees_data_and_map(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "a.csv")
     digests = {read_mapped([path], write_map(tmp_path, rest=rest))[1].digest for rest in ("", "# another")}
