@@ -101,12 +101,18 @@ WORTH_NEW_COLUMNS: Final = 1.0
 BROYDEN_SHARE: Final = 0.01
 #: Part of the largest eigenvalue below which one is rounding: some hundred times the precision of a double.
 EIGENVALUE_FLOOR: Final = 1e-13
+#: Part of the square of a column that must be left after a projection: difference quotients, kept in single precision,
+#: are right to about four digits.
+VISIBLE_PART: Final = 1e-8
+#: Ridge of a projection, in parts of the largest eigenvalue: directions that the model hardly has take nothing out that
+#: rounding alone could put there.
+RIDGE: Final = 1e-10
 #: Weight of what a fit knows of parameters that a prediction holds fixed.
 FIXED_WEIGHT: Final = 1e4
 #: Weight of a prior that says nothing, per square of the parameter's scale: it makes the evidence finite.
 FLAT_WEIGHT: Final = 1e-6
 
-# -- step 3, the noise: noise.py, noise_estimate.py --------------------------------------------------------------------
+# -- step 3, the noise: noise.py, noise_estimate.py, whitening.py ------------------------------------------------------
 
 #: Highest order of the autoregression; BIC takes fewer.
 AR_ORDER: Final = 10

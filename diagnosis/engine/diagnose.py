@@ -5,11 +5,11 @@ with its theory of operation at the head; levels and limits of all of them stand
 
     1  residual           residual/panel.py
     2  base parameters    base_model.py, by fitting/
-    3  noise              noise_estimate.py, noise.py
+    3  noise              noise_estimate.py, noise.py, whitening.py
     4  footprint, score   footprints.py, screening.py
     5  threshold          threshold.py
     6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py
-    7  what has no name   unknown.py, doubt.py
+    7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py; then confusability.py (what was not seen) and next_run.py (what would decide)
     9  gain               gain.py
 

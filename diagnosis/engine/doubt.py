@@ -26,8 +26,8 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.fitting.point import surface_coordinates
 from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.search_state import Accepted
-from diagnosis.engine.unknown import Omnibus
 
 
 def doubtful(
@@ -49,10 +49,9 @@ def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
     linearisation = model.linearisation
     place = next(i for i, c in enumerate(linearisation.point.coordinates) if c.owner == effect)
     variance = linearisation.covariance()[place, place]
-    projection = linearisation.project(test.columns)
-    imitation = projection.regression[place]
+    imitation = test.projection.regression[place]
     ridge = np.eye(len(test.start)) / WIDER_SURFACE**2
-    more = imitation @ inverse(projection.information + ridge) @ imitation
+    more = imitation @ inverse(test.projection.information + ridge) @ imitation
     return bool(variance < (1.0 - IMITATED_INFORMATION) * (variance + more))
 
 

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from diagnosis.contracts import Array, Hypothesis, Surface
+from diagnosis.engine.columns import Columns
 from diagnosis.engine.fitting.point import (
     Coordinate,
     Point,
@@ -26,7 +27,7 @@ from diagnosis.engine.fitting.point import (
     neighbour,
     surface_coordinates,
 )
-from diagnosis.engine.fitting.replay import Quotients, Replay
+from diagnosis.engine.fitting.replay import Replay
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprints:
-    """Difference quotients (k, n, c) of each run around a ``point``, per engine unit, neither whitened nor projected.
+    """Difference quotients of each run around a ``point``, per engine unit, neither whitened nor projected.
 
     ``parameter_columns`` are those of the point's own numbers, ``candidate_columns`` those of the ``candidates``,
     ``surface_columns`` those of the coefficients of each surface.
@@ -56,10 +57,15 @@ class Footprints:
 
     point: Point
     predictions: tuple[Array, ...]
-    parameter_columns: tuple[Quotients, ...]
+    parameter_columns: tuple[Columns, ...]
     candidates: tuple[Candidate, ...]
-    candidate_columns: tuple[Quotients, ...]
-    surface_columns: tuple[tuple[Quotients, ...], ...] = ()
+    candidate_columns: tuple[Columns, ...]
+    surface_columns: tuple[tuple[Columns, ...], ...] = ()
+
+    @property
+    def looked_for(self) -> tuple[tuple[Columns, ...], ...]:
+        """Return for each run the columns of everything that may be missing: candidates, then the surfaces."""
+        return tuple(zip(self.candidate_columns, *self.surface_columns, strict=True))
 
 
 def candidates(effects: Sequence[Hypothesis]) -> tuple[Candidate, ...]:

@@ -35,7 +35,8 @@ from diagnosis.engine.config import (
 )
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.predict import Prediction
-from diagnosis.engine.noise import Noise, filters
+from diagnosis.engine.noise import Noise
+from diagnosis.engine.whitening import filters
 
 
 def unfit(model: FittedModel, effect: str, base: FittedModel) -> str:
@@ -119,7 +120,7 @@ def explains_too_little(
         replay, old, new = base.replay, base.predictions, model.predictions
     else:
         replay, old, new = before.replay, before.outputs, after.outputs
-    footprint = [f(b - a) for f, a, b in zip(filters(base.noise, replay.runs), old, new, strict=True)]
+    footprint = [f.spread(b - a) for f, a, b in zip(filters(base.noise, replay.runs), old, new, strict=True)]
     channel = int(np.argmax(sum(np.sum(p**2, axis=0) for p in footprint)))
     square0, square1 = (_mean_square(replay.runs, outputs, channel) for outputs in (old, new))
     explainable = square0 - FLOOR_SLACK * floors[channel] ** 2

@@ -27,7 +27,7 @@ from diagnosis.engine.config import MOST_REFERENCES, SEPARABLE, WORTH_A_REFERENC
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
 from diagnosis.engine.fitting.predict import Prediction, predict
-from diagnosis.engine.noise import filters
+from diagnosis.engine.whitening import filters
 from diagnosis.finding import NextRun, NextSensor, number
 
 
@@ -152,7 +152,7 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
 
 
 def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
-    """What the effects of the first model that the second lacks change in the outputs: whitened (n, c) of each run."""
+    """What the effects of the first model that the second lacks change in the outputs: whitened (N,) of each run."""
     point = first.point
     numbers = point.numbers.copy()
     own = set(first.effects) - set(second.effects)
@@ -176,7 +176,7 @@ def _unexplained(
     """The squared norm of a footprint after the free coordinates have taken up what they can."""
     mixed, own = np.zeros(len(free)), 0.0
     for block, values in zip(linearisation.blocks, footprint, strict=True):
-        mixed[block.places] += block.against(values.reshape(1, -1))[:, 0]
+        mixed[block.places] += block.times(values)
         own += float(np.vdot(values, values))
     information = linearisation.information[np.ix_(free, free)]
     return max(own - float(mixed[free] @ solve(information, mixed[free])), 0.0)

@@ -1,29 +1,25 @@
-"""Step 3, noise: an autoregression for each channel, and the filter that whitens residuals and footprints alike.
+"""Step 3, noise: an autoregression for each channel.
 
 Theory of operation
 -------------------
 Of what no model explains (`noise_estimate.py`), the autocovariances at lags 0…p are taken over pairs of samples that
 were both measured in the same run. Yule and Walker's equations make an autoregression of them, of an order p ≤ 10 by
-BIC. Whitening predicts each sample from those of its predecessors that were measured and divides the error by its
-standard deviation. So it is white whatever is missing, and a run's first samples count as much as its last. Without
-it, noise with AR(1) coefficients of 0.3, 0.6 and 0.9 gives a test at 1 % false alarms of 9, 35 and 61 %.
+BIC. It is what whitens residuals and footprints (`whitening.py`). Without that, noise with AR(1) coefficients of 0.3,
+0.6 and 0.9 gives a test at 1 % false alarms of 9, 35 and 61 %.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.contracts import Array, Channel, MeasuredRun
-from diagnosis.engine.config import AR_ORDER, BRIDGED_GAP, LEAST_OF_DATA_SHEET, PAIRS_PER_ORDER
+from diagnosis.contracts import Array, Channel
+from diagnosis.engine.config import AR_ORDER, LEAST_OF_DATA_SHEET, PAIRS_PER_ORDER
 
 Mask = NDArray[np.bool_]
-Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,28 +67,6 @@ class ChannelNoise:
         return np.array(extended)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Filter:
-    """What whitens one run: a sparse matrix (n c, n c) that weighs each sample and its channel's predecessors."""
-
-    matrix: Any
-
-    def __call__(self, values: NDArray[np.floating]) -> Array:
-        """Whiten (n, c) or (k, n, c); what does not count becomes 0."""
-        return self._whiten(values, np.empty(values.shape))
-
-    def single(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Whiten (k, n, c) and keep single precision, for columns that are too many for double."""
-        return self._whiten(values, np.empty_like(values))
-
-    def _whiten(self, values: NDArray[np.floating], white: Any) -> Any:
-        size = self.matrix.shape[0]
-        count = values.size // size
-        for row, to in zip(values.reshape(count, size), white.reshape(count, size), strict=True):
-            to[:] = self.matrix @ row.astype(np.float64, copy=False)
-        return white
-
-
 @dataclass(frozen=True, slots=True)
 class Noise:
     """The noise of every channel.
@@ -103,26 +77,6 @@ class Noise:
 
     channels: tuple[ChannelNoise, ...]
     dispersion: float = 1.0
-
-    def filter(self, counted: Mask) -> Filter:
-        """Return the whitening filter of a run in which the samples ``counted`` (n, c) count."""
-        return _filter(self.channels, counted.shape, counted.tobytes())
-
-
-@lru_cache(maxsize=32)  # every fit under the same noise whitens the same runs
-def _filter(channels: tuple[ChannelNoise, ...], shape: tuple[int, int], mask: bytes) -> Filter:
-    from scipy.sparse import csr_array
-
-    n, width = shape
-    counted = np.frombuffer(mask, dtype=bool).reshape(shape)
-    rows, columns, entries = [], [], []
-    for i, channel in enumerate(channels):
-        at, past, weights = _whitener(channel, counted[:, i])
-        rows.append(at * width + i)
-        columns.append(past * width + i)
-        entries.append(weights)
-    places = np.concatenate(rows), np.concatenate(columns)
-    return Filter(csr_array((np.concatenate(entries), places), shape=(n * width, n * width)))
 
 
 def white(deviations: Sequence[float]) -> Noise:
@@ -185,25 +139,3 @@ def _autoregression(
         if criterion < best:
             best, order = criterion, p
     return ChannelNoise(tuple(float(value) for value in covariance[: order + 1]))
-
-
-def _whitener(noise: ChannelNoise, counted: Mask) -> tuple[Places, Places, Array]:
-    """Return which samples (m,) of a channel weigh which others (m,) by how much (m,), to whiten it."""
-    lags = noise.order
-    lags += BRIDGED_GAP if lags and not counted.all() else 0
-    rows = np.flatnonzero(counted)
-    places = rows[:, None] - np.arange(lags + 1)
-    past = counted[places[:, 1:]] & (places[:, 1:] >= 0)
-    codes, first, which = np.unique(past @ (1 << np.arange(lags)), return_index=True, return_inverse=True)
-    table = np.empty((len(codes), lags + 1))
-    for i, row in enumerate(first):
-        weights, variance = noise.predictor(past[row])
-        table[i] = np.concatenate(([1.0], -weights)) / np.sqrt(variance)
-    entries = table[which.ravel()]
-    used = entries != 0.0
-    return np.broadcast_to(rows[:, None], places.shape)[used], places[used], entries[used]
-
-
-def filters(noise: Noise, runs: Iterable[MeasuredRun]) -> tuple[Filter, ...]:
-    """Return the whitening filter of every run."""
-    return tuple(noise.filter(run.counted) for run in runs)

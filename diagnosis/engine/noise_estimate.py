@@ -23,16 +23,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.contracts import Array
-from diagnosis.engine.config import DISPERSION_BLOCKS
-from diagnosis.engine.fitting.linear import Linearisation, Projection, solve
+from diagnosis.engine.columns import Columns, packing_of
+from diagnosis.engine.config import DISPERSION_BLOCKS, VISIBLE_PART
+from diagnosis.engine.fitting.linear import Linearisation, Projection
 from diagnosis.engine.fitting.linearise import from_quotients
-from diagnosis.engine.fitting.replay import Quotients, Replay
+from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints
-from diagnosis.engine.noise import Noise, estimate, filters, quietest, white
+from diagnosis.engine.noise import Noise, estimate, quietest, white
+from diagnosis.engine.whitening import filters
 
 
-def leftover_noise(replay: Replay, around: Footprints, extra: Sequence[Quotients]) -> Noise:
-    """Return the noise that a linear fit leaves of the model's own columns and of ``extra`` ones (m, n, c) by run.
+def leftover_noise(replay: Replay, around: Footprints) -> Noise:
+    """Return the noise that a linear fit leaves of the model's own columns and of everything that is looked for.
 
     The fit weighs each channel by the root mean square of its errors, since the noise is not known yet.
     """
@@ -45,47 +47,49 @@ def leftover_noise(replay: Replay, around: Footprints, extra: Sequence[Quotients
         deviations.append(max(float(np.sqrt(np.mean(errors**2))), quietest(channel), 1e-150))
     whiten = filters(white(deviations), replay.runs)
     linear = from_quotients(replay, point, whiten, residuals, around.parameter_columns)
-    projection = linear.project([f.single(x) for f, x in zip(whiten, extra, strict=True)])
-    amplitudes = _estimated(projection)
+    projection = linear.project(
+        f.columns(parts, np.float32) for f, parts in zip(whiten, around.looked_for, strict=True)
+    )
+    amplitudes = projection.estimate
     numbers = linear.step() - projection.regression @ amplitudes
-    leftovers = [
-        residual - np.tensordot(numbers[point.places_of(record)], x, 1) - np.tensordot(amplitudes, y, 1)
-        for record, residual, x, y in zip(
-            replay.records, residuals, around.parameter_columns, extra, strict=True
-        )
-    ]
-    spent = len(numbers) + int(np.linalg.matrix_rank(projection.cosines))
+    leftovers = []
+    for run, residual, own, parts in zip(
+        replay.runs, residuals, around.parameter_columns, around.looked_for, strict=True
+    ):
+        packing, ends = packing_of(run), np.cumsum([part.size for part in parts])[:-1]
+        explained = own.along(numbers[point.places_of(run.experiment.record)])
+        for part, mine in zip(parts, np.split(amplitudes, ends), strict=True):
+            explained += part.along(mine)
+        leftovers.append(residual - packing.spread(explained))
+    spent = len(numbers) + int(np.linalg.matrix_rank(projection.cosines, tol=VISIBLE_PART))
     return estimate(channels, leftovers, masks, spent=spent)
 
 
-def overdispersion(linearisation: Linearisation, columns: Sequence[Quotients]) -> Array:
-    """Return by how much the scores of columns (m, n, c) scatter more than whitened noise allows (m,), at least 1.
+def overdispersion(
+    linearisation: Linearisation,
+    columns: Sequence[Columns],
+    projection: Projection,
+    directions: Array | None = None,
+) -> Array:
+    """Return by how much the scores of columns scatter more than whitened noise allows (m,), at least 1.
 
-    What the columns explain together counts as no error, so that an effect does not hide itself.
+    ``projection`` is that of the ``columns`` of each run. Of sums of them it is told if each has its coefficients in a
+    row of ``directions`` (v, m). What the columns explain together counts as no error, so that an effect does not hide
+    itself.
     """
-    projection = linearisation.project(columns)
-    explained = _estimated(projection)
+    directions = np.eye(columns[0].size) if directions is None else directions
+    seen = projection.along(directions)
+    explained = directions.T @ seen.estimate
     imitated = projection.regression @ explained
-    length = max(1, sum(len(block.residual) for block in linearisation.blocks) // DISPERSION_BLOCKS)
-    squares, count = np.zeros(len(explained)), 0
+    length = max(1, sum(len(block.packing.counted) for block in linearisation.blocks) // DISPERSION_BLOCKS)
+    squares, count = np.zeros(len(directions)), 0
     for block, extra in zip(linearisation.blocks, columns, strict=True):
-        error = block.residual - np.tensordot(explained, extra, 1) + block.along(imitated)
-        for start in range(0, len(error), length):
-            inside = slice(start, start + length)
-            part = error[inside].ravel()
-            score = extra[:, inside].reshape(len(explained), part.size) @ part
-            own = [x.values[:, inside].reshape(len(places), part.size) @ part for places, x in block.parts]
-            score -= np.concatenate(own) @ projection.regression[block.places]
-            squares += score**2
-            count += 1
-    expected = projection.norm**2
-    ratio = np.divide(squares, expected, out=np.ones_like(squares), where=projection.norm > 0.0)
+        error = block.residual - extra.along(explained) + block.along(imitated)
+        stretches = block.packing.blocks(length)
+        own = np.concatenate([x.by_block(error, stretches) for _, x in block.parts])
+        score = extra.by_block(error, stretches) - projection.regression[block.places].T @ own
+        squares += np.sum((directions @ score) ** 2, axis=1)
+        count += stretches.shape[1] - 1
+    expected = seen.norm**2
+    ratio = np.divide(squares, expected, out=np.ones_like(squares), where=seen.norm > 0.0)
     return np.maximum(ratio * count / max(count - 1, 1), 1.0)
-
-
-def _estimated(projection: Projection) -> Array:
-    """Return the least-squares amplitudes (m,) of all projected columns together; 0 for an invisible one."""
-    seen = projection.norm > 0.0
-    amplitudes = np.zeros(len(seen))
-    amplitudes[seen] = solve(projection.information[np.ix_(seen, seen)], projection.score[seen])
-    return amplitudes

@@ -19,34 +19,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.engine.config import FIT_STEPS
 from diagnosis.engine.fitting.fit import FittedModel, fit
-from diagnosis.engine.fitting.linear import Linearisation, Projection
+from diagnosis.engine.fitting.linear import Projection
 from diagnosis.engine.fitting.linearise import from_quotients
 from diagnosis.engine.fitting.point import Point
-from diagnosis.engine.fitting.replay import Quotients, Replay
+from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Candidate, Footprints
-from diagnosis.engine.noise import filters
 from diagnosis.engine.noise_estimate import leftover_noise, overdispersion
+from diagnosis.engine.omnibus import Omnibus, score_tests
 from diagnosis.engine.threshold import threshold
+from diagnosis.engine.whitening import filters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Screening:
     """Scores of all candidates m against a fitted model.
 
-    ``columns`` (m, n, c) of each run are whitened and not projected; ``inflation`` (m,) says how much more a score
-    scatters than whitened noise would let it.
+    ``inflation`` (m,) says how much more a score scatters than whitened noise would let it.
     """
 
     candidates: tuple[Candidate, ...]
     projection: Projection
-    columns: tuple[Quotients, ...]
     inflation: Array
     threshold: float
 
@@ -108,11 +106,11 @@ class Screening:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScreenedModel:
-    """A model fitted under its noise, the scores of all candidates, and each surface's columns (m, n, c) by run."""
+    """A model fitted under its noise, the scores of all candidates, and the test of each surface."""
 
     model: FittedModel
     screening: Screening
-    surface_columns: tuple[tuple[Quotients, ...], ...]
+    tests: tuple[Omnibus, ...]
 
 
 def signs(effects: Sequence[Hypothesis], scores: Array) -> Array:
@@ -125,50 +123,24 @@ def fit_and_screen(
     replay: Replay, around: Footprints, *, alpha: float, seed: int, steps: int = FIT_STEPS
 ) -> ScreenedModel:
     """Estimate the noise around a model, fit the model under it, and score every candidate against it."""
-    start = around.point
-    extra = [np.concatenate(x) for x in zip(around.candidate_columns, *around.surface_columns, strict=True)]
-    noise = leftover_noise(replay, around, extra)
+    count = len(around.candidates)
+    noise = leftover_noise(replay, around)
     whiten = filters(noise, replay.runs)
-    columns = [f.single(x) for f, x in zip(whiten, extra, strict=True)]
-    del extra  # the largest array of a diagnosis, not needed unwhitened any more
+    columns = [f.columns(parts, np.float32) for f, parts in zip(whiten, around.looked_for, strict=True)]
     residuals = replay.residuals(around.predictions)
-    known = from_quotients(replay, start, whiten, residuals, around.parameter_columns)
-    model = fit(replay, noise, start, known)
-    inflation = overdispersion(model.linearisation, columns)
+    known = from_quotients(replay, around.point, whiten, residuals, around.parameter_columns)
+    model = fit(replay, noise, around.point, known)
+    inflation = overdispersion(model.linearisation, columns, model.linearisation.project(columns))
     noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
     model = fit(replay, noise, model.point, model.linearisation, steps=steps)
-    count = len(around.candidates)
-    ends = np.cumsum([count, *(len(surface[0]) for surface in around.surface_columns)])
+    projection = model.linearisation.project(columns)
+    surfaces = replay.simulator.surfaces if around.surface_columns else ()
+    mine = projection.of(slice(count))
+    one_sided = np.array([c.effect.one_sided for c in around.candidates], dtype=bool)
     return ScreenedModel(
         model,
-        screened(
-            model.linearisation,
-            around.candidates,
-            [x[:count] for x in columns],
-            inflation[:count],
-            alpha=alpha,
-            seed=seed,
+        Screening(
+            around.candidates, mine, inflation[:count], threshold(mine.cosines, one_sided, alpha, seed)
         ),
-        tuple(tuple(x[a:b] for x in columns) for a, b in pairwise(ends)),
-    )
-
-
-def screened(
-    linearisation: Linearisation,
-    candidates: Sequence[Candidate],
-    columns: Sequence[Quotients],
-    inflation: Array,
-    *,
-    alpha: float,
-    seed: int,
-) -> Screening:
-    """Score candidates by their whitened columns (m, n, c) of each run."""
-    projection = linearisation.project(columns)
-    one_sided = np.array([c.effect.one_sided for c in candidates], dtype=bool)
-    return Screening(
-        tuple(candidates),
-        projection,
-        tuple(columns),
-        inflation,
-        threshold(projection.cosines, one_sided, alpha, seed),
+        score_tests(model.linearisation, surfaces, columns, projection, count),
     )

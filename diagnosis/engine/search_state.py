@@ -89,10 +89,9 @@ class SearchState:
 
     def after(self, trials: tuple[Trial, ...]) -> SearchState:
         """Return the state after the trials of a forward step."""
-        screening = replace(self.current.screening, columns=())  # too large to be kept for every step
         return replace(
             self,
-            steps=(*self.steps, ForwardStep(self.current.effects, screening, trials)),
+            steps=(*self.steps, ForwardStep(self.current.effects, self.current.screening, trials)),
             last_fit={**self.last_fit, **{trial.effect: trial.point for trial in trials}},
         )
 

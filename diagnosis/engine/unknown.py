@@ -1,10 +1,10 @@
-"""Step 7, what has no name: a test on a surface over two states, and that surface fitted inside the model.
+"""Step 7, what has no name: a surface over two states that the test sees clearly, fitted inside the model.
 
 Theory of operation
 -------------------
 Whatever the catalogue lacks is still a force, a flow or a heat that depends on states: a smooth surface over two of
 them, a sum of basis functions, stands for all of it. It is tested like a candidate, by the scores of its coefficients
-together (`score_test`). The whole surface sees everything and nothing well. Most of what has no name depends on one
+together (`omnibus.py`). The whole surface sees everything and nothing well. Most of what has no name depends on one
 state alone, a stop or a one-way damper, and is clearer among the few functions of that state. So each state is tested
 alone as well, and the clearest view counts, its p-value multiplied by the number of views.
 
@@ -17,7 +17,7 @@ is told as a surface, with the range that the runs visited and with what it rese
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,59 +31,14 @@ from diagnosis.engine.config import (
     Config,
 )
 from diagnosis.engine.fitting.fit import FittedModel, fit
-from diagnosis.engine.fitting.linear import Linearisation, Prior, prior_of, solve
+from diagnosis.engine.fitting.linear import Prior, prior_of
 from diagnosis.engine.fitting.point import Point, surface_coordinates
 from diagnosis.engine.fitting.predict import predict
-from diagnosis.engine.fitting.replay import Quotients
-from diagnosis.engine.noise_estimate import overdispersion
-from diagnosis.engine.p_values import bonferroni, p_of_chi2
+from diagnosis.engine.omnibus import Omnibus
+from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.screening import ScreenedModel, Screening
 from diagnosis.engine.search_state import Accepted
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Omnibus:
-    """The score test of one surface: χ² of its coefficients together, or of the sums along one coordinate.
-
-    ``p`` is the chance of one as large in any of these views. ``start`` (m,) are the coefficients that the score
-    estimates, in units of their prior spread.
-    """
-
-    surface: Surface
-    columns: tuple[Quotients, ...]
-    statistic: float
-    freedom: int
-    p: float
-    start: Array
-
-
-def score_test(linearisation: Linearisation, surface: Surface, columns: Sequence[Quotients]) -> Omnibus:
-    """χ² = sᵀ G⁺ s of the projected scores s, in the directions that the data would show.
-
-    G is the Gram matrix per prior spread: where one of its eigenvalues is below 1, a surface as large as is believed
-    stays under the noise, and looking there would only add chance. χ² counts as much less as scores scatter more than
-    the noise allows (Rao and Scott). Of all views, the one with the smallest p-value counts.
-    """
-    projection = linearisation.project(columns)
-    seen = []
-    for view in _views(surface):
-        values, vectors = np.linalg.eigh(view @ projection.information @ view.T)
-        shown = values > 1.0
-        along = vectors[:, shown].T @ view @ projection.score
-        scatter = overdispersion(linearisation, [np.tensordot(view, c, 1).astype(c.dtype) for c in columns])
-        statistic = float(np.sum(along**2 / values[shown]) / np.mean(scatter))
-        freedom = int(shown.sum())
-        seen.append((p_of_chi2(statistic, freedom), statistic, freedom))
-    p, statistic, freedom = min(seen, key=lambda view: view[0])
-    return Omnibus(
-        surface=surface,
-        columns=tuple(columns),
-        statistic=statistic,
-        freedom=freedom,
-        p=bonferroni(p, len(seen)),
-        start=solve(projection.information + np.eye(len(surface.coefficients)), projection.score),
-    )
 
 
 def clear_surfaces(
@@ -94,28 +49,14 @@ def clear_surfaces(
     How clear they are is what the model says that saw fit runs and select runs ``together``; what their fit starts from
     is what the fit runs say.
     """
-    surfaces = screened.model.replay.simulator.surfaces
     # The gain in log predictive density is NaN, and counts as none, where there are no select runs.
     explained = sum(one.lambda_**2 + max(0.0, 2.0 * one.lpd_gain) for one in accepted)
     tests = []
-    for surface, columns, all_columns in zip(
-        surfaces, screened.surface_columns, together.surface_columns, strict=True
-    ):
-        seen = score_test(together.model.linearisation, surface, all_columns)
-        p = bonferroni(seen.p, len(surfaces))
+    for test, seen in zip(screened.tests, together.tests, strict=True):
+        p = bonferroni(seen.p, len(screened.tests))
         if p < config.alpha_unknown and seen.statistic - seen.freedom > REMAINDER * explained:
-            test = score_test(screened.model.linearisation, surface, columns)
             tests.append(replace(test, statistic=seen.statistic, freedom=seen.freedom, p=p))
     return sorted(tests, key=lambda test: (test.p, -test.statistic))
-
-
-def _views(surface: Surface) -> list[Array]:
-    """Orthonormal directions (k, m) of all m coefficients, then of what depends on one coordinate alone."""
-    views = [np.eye(len(surface.coefficients))]
-    for axis in np.array(surface.centres).T:
-        alone = (axis == np.unique(axis)[:, np.newaxis]).astype(np.float64)
-        views.append(alone / np.linalg.norm(alone, axis=1, keepdims=True))
-    return views
 
 
 def explain(
@@ -135,7 +76,7 @@ def explain(
     places = [fitted.point.place(c) for c in coordinates]
     deviations = np.sqrt(np.maximum(np.diagonal(fitted.covariance())[places], 0.0))
     regions = _regions(test.surface, fitted.point.numbers[places], deviations)
-    nearest = resemblance(model.linearisation, test, screening)
+    nearest = resemblance(test, screening)
     unknown = Unknown(
         surface=test.surface.name,
         title=test.surface.title,
@@ -171,18 +112,10 @@ def _effects_fixed(model: FittedModel, start: Point) -> Prior:
     return prior
 
 
-def resemblance(
-    linearisation: Linearisation, test: Omnibus, screening: Screening, most: int = 3
-) -> list[Nearest]:
+def resemblance(test: Omnibus, screening: Screening, most: int = 3) -> list[Nearest]:
     """The named effects whose footprint is most like that of the surface, by the cosine after projection."""
-    together = [
-        np.concatenate((named, np.tensordot(test.start, unnamed, 1)[np.newaxis]))
-        for named, unnamed in zip(screening.columns, test.columns, strict=True)
-    ]
-    projection = linearisation.project(together)
-    cosines = np.abs(projection.cosines[-1, :-1])
     best: dict[str, float] = {}
-    for candidate, cosine in zip(screening.candidates, cosines, strict=True):
+    for candidate, cosine in zip(screening.candidates, np.abs(test.cosines), strict=True):
         best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), float(cosine))
     ranked = sorted(best.items(), key=lambda item: -item[1])[:most]
     return [Nearest(effect=name, cosine=number(cosine)) for name, cosine in ranked]

@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 The search has named what it could. The simulator's surfaces now stand for everything that the catalogue lacks: the
-noise is estimated once more without what they explain, and they are tested (`unknown.py`) on the fit runs and the
+noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
 select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest
 surface makes superfluous leave the model (`doubt.py`), and the test is made anew without them. Then the surface is
 fitted.

@@ -3,11 +3,29 @@
 import numpy as np
 import pytest
 
-from diagnosis.contracts import Parameter
-from diagnosis.engine.fitting.linear import Block, Columns, Linearisation, Prior, inverse, prior_of, solve
+from diagnosis.contracts import Experiment, MeasuredRun, Parameter
+from diagnosis.engine.columns import Columns, Trace, packing_of
+from diagnosis.engine.fitting.linear import Block, Linearisation, Prior, inverse, prior_of, solve
 from diagnosis.engine.fitting.point import Coordinate, Point
 
 RUNS = ("a", "b")
+
+
+def packing(samples, channels):
+    return packing_of(
+        MeasuredRun(
+            Experiment("run", np.arange(float(samples)), {}),
+            np.zeros((samples, channels)),
+            np.ones(samples, bool),
+            np.zeros(samples, bool),
+        )
+    )
+
+
+def packed(columns):
+    """Columns (k, n, c) in double precision, every channel of them."""
+    rows = np.arange(len(columns))
+    return Columns(len(columns), [Trace(rows, columns[:, :, c]) for c in range(columns.shape[2])])
 
 
 def problem(rng, samples=40, channels=3):
@@ -22,13 +40,13 @@ def problem(rng, samples=40, channels=3):
     for run in RUNS:
         places = tuple(point.places_of(run))
         columns = rng.standard_normal((3, samples, channels))
-        parts = (places[:1], Columns(columns[:1])), (places[1:], Columns(columns[1:]))
-        blocks.append(Block(run, rng.standard_normal((samples, channels)), parts))
+        parts = (places[:1], packed(columns[:1])), (places[1:], packed(columns[1:]))
+        blocks.append(Block(run, packing(samples, channels), rng.standard_normal(samples * channels), parts))
         wide = np.zeros((samples * channels, 4))
-        wide[:, places] = columns.reshape(3, -1).T
+        wide[:, places] = columns.transpose(0, 2, 1).reshape(3, -1).T
         full.append(wide)
     here = Linearisation(point, prior_of(point), tuple(blocks))
-    return here, np.vstack(full), np.concatenate([b.residual.ravel() for b in blocks])
+    return here, np.vstack(full), np.concatenate([b.residual for b in blocks])
 
 
 def stacked(here, X, r):
@@ -56,11 +74,11 @@ def test_projection_is_the_residual_of_a_regression_on_all_columns():
     rng = np.random.default_rng(3)
     here, X, r = problem(rng)
     extra = [rng.standard_normal((5, 40, 3)) for _ in RUNS]
-    S = np.vstack([e.reshape(5, -1).T for e in extra])
+    S = np.vstack([e.transpose(0, 2, 1).reshape(5, -1).T for e in extra])
     X, r = stacked(here, X, r)
     S = np.vstack((S, np.zeros((4, 5))))
     left = S - X @ np.linalg.lstsq(X, S, rcond=None)[0]
-    projection = here.project(extra)
+    projection = here.project([packed(e) for e in extra])
     assert projection.information == pytest.approx(left.T @ left, rel=1e-9, abs=1e-9)
     assert projection.score == pytest.approx(left.T @ r, rel=1e-9, abs=1e-9)
     assert projection.z == pytest.approx(left.T @ r / np.linalg.norm(left, axis=0), rel=1e-9)
@@ -70,11 +88,13 @@ def test_a_column_that_the_model_imitates_exactly_has_no_score():
     rng = np.random.default_rng(4)
     here, _, _ = problem(rng)
     # The unbelieved shared column and nothing else: nothing of it is left.
-    extra = [3.0 * b.parts[0][1].values for b in here.blocks]
+    extra = [
+        Columns(1, [Trace(t.rows, 3.0 * t.values) for t in block.parts[0][1].traces]) for block in here.blocks
+    ]
     projection = here.project(extra)
     assert projection.norm == pytest.approx([0.0])
     assert projection.z == pytest.approx([0.0])
-    assert projection.raw[0] > 1.0
+    assert projection.gram[0, 0] > 1.0
 
 
 def test_a_step_stays_in_range_and_the_others_make_the_best_of_it():
@@ -84,7 +104,18 @@ def test_a_step_stays_in_range_and_the_others_make_the_best_of_it():
     coordinates = tuple(Coordinate(Parameter(n, "1", 0.0, 1.0, -0.7, 0.8), penalised=False) for n in "abc")
     point = Point(coordinates, np.zeros(3))
     prior = Prior(np.zeros(3), np.zeros((3, 3)))
-    here = Linearisation(point, prior, (Block("a", r[:, None], (((0, 1, 2), Columns(X.T[:, :, None])),)),))
+    here = Linearisation(
+        point,
+        prior,
+        (
+            Block(
+                "a",
+                packing(200, 1),
+                r,
+                (((0, 1, 2), packed(X.T[:, :, None])), ((), packed(X.T[:0, :, None]))),
+            ),
+        ),
+    )
     from scipy.optimize import lsq_linear
 
     assert here.step() == pytest.approx(lsq_linear(X, r, (-0.7, 0.8), tol=1e-12).x, abs=1e-6)
@@ -111,5 +142,5 @@ def test_scales_of_columns_do_not_matter():
 def test_what_the_columns_make_is_their_product_with_the_numbers():
     here, X, _ = problem(np.random.default_rng(7))
     numbers = np.array([0.3, -1.0, 2.0, 0.7])
-    made = np.concatenate([block.along(numbers).ravel() for block in here.blocks])
+    made = np.concatenate([block.along(numbers) for block in here.blocks])
     assert made == pytest.approx(X @ numbers)

@@ -5,14 +5,23 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from diagnosis.contracts import Channel
+from diagnosis.contracts import Channel, Experiment, MeasuredRun
+from diagnosis.engine.columns import columns_of, packing_of
 from diagnosis.engine.config import AR_ORDER
 from diagnosis.engine.noise import ChannelNoise, Noise, estimate, white
+from diagnosis.engine.whitening import filter_of
 
 
 def covariance(noise, n):
     """The autocovariances up to lag n − 1 of an autoregression, by its own recursion."""
     return noise._extended(n - 1) if noise.order else np.r_[noise.autocovariance[0], np.zeros(n - 1)]
+
+
+def packing(counted):
+    """How a run in which these samples (n, c) count is packed."""
+    time = np.arange(len(counted), dtype=float)
+    outputs = np.where(counted, 0.0, np.nan)
+    return packing_of(MeasuredRun(Experiment("run", time, {}), outputs, time >= 0.0, time < 0.0))
 
 
 def ar1(colour, deviation=1.0):
@@ -22,7 +31,8 @@ def ar1(colour, deviation=1.0):
 def filtered(noise, counted):
     """The whitening matrix (n, n) of one channel, from the filter's answer to every unit vector."""
     n = len(counted)
-    return Noise((noise,)).filter(counted[:, None])(np.eye(n)[:, :, None])[:, :, 0].T
+    whiten = filter_of(Noise((noise,)), packing(counted[:, None]))
+    return np.column_stack([whiten.spread(unit[:, None])[:, 0] for unit in np.eye(n)])
 
 
 @pytest.mark.parametrize(
@@ -50,7 +60,7 @@ def test_what_is_missing_may_be_nan():
     noise, counted = Noise((ar1(0.6),)), np.ones((50, 1), bool)
     counted[20:23] = False
     values = np.where(counted, 1.0, np.nan)
-    assert np.isfinite(noise.filter(counted)(values)).all()
+    assert np.isfinite(filter_of(noise, packing(counted))(values)).all()
 
 
 def test_an_autoregression_is_found_again_across_runs_and_gaps():
@@ -62,7 +72,7 @@ def test_an_autoregression_is_found_again_across_runs_and_gaps():
     assert coefficients[:2] == pytest.approx([1.2, -0.5], abs=0.06)
     assert variance == pytest.approx(1.0, rel=0.03)
     for run, mask in zip(runs, masks, strict=True):
-        white = noise.filter(mask)(run)[:, 0]
+        white = filter_of(noise, packing(mask)).spread(run)[:, 0]
         kept = white[mask[:, 0]]
         assert np.mean(kept**2) == pytest.approx(1.0, abs=0.06)
         assert all(abs(np.mean(white[k:] * white[:-k])) < 0.05 for k in range(1, 11))
@@ -106,8 +116,9 @@ def test_no_channel_is_quieter_than_its_resolution():
 def test_one_column_is_whitened_like_many():
     rng = np.random.default_rng(6)
     values = rng.standard_normal((3, 80, 2))
-    apply = Noise((ar1(0.5), white([2.0]).channels[0])).filter(np.ones((80, 2), bool))
-    assert apply(values)[1] == pytest.approx(apply(values[1]))
+    apply = filter_of(Noise((ar1(0.5), white([2.0]).channels[0])), packing(np.ones((80, 2), bool)))
+    columns = apply.columns([columns_of(apply.packing, values)])
+    assert columns.along(np.array([0.0, 1.0, 0.0])) == pytest.approx(apply(values[1]), abs=1e-6)
 
 
 @pytest.mark.parametrize("colour", [0.3, 0.6, 0.9])
@@ -117,7 +128,7 @@ def test_the_order_never_exceeds_what_is_allowed_and_whitens(colour):
     counted = np.ones((20000, 1), bool)
     noise = estimate([Channel("y", "m")], [error], [counted])
     assert noise.channels[0].order <= AR_ORDER
-    e = noise.filter(counted)(error)[:, 0]
+    e = filter_of(noise, packing(counted))(error)
     lags = [float(np.mean(e[k:] * e[:-k])) for k in range(1, 21)]
     assert np.mean(e**2) == pytest.approx(1.0, abs=0.04)
     assert np.sum(np.square(lags)) * len(e) < 45.3  # χ²₂₀ at 0.1 %

@@ -10,6 +10,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import candidates, footprints
 from diagnosis.engine.screening import fit_and_screen, signs
 from diagnosis.engine.threshold import threshold
+from diagnosis.engine.whitening import filters
 
 
 def test_threshold_of_independent_scores_is_that_of_the_largest_of_them():
@@ -96,6 +97,6 @@ def test_a_fit_starts_near_its_end(laboratory):
     start = found.screening.start(found.model.point, i)
     replay = found.model.replay
     errors = replay.residuals(replay.predictions(start))
-    whiten = [found.model.noise.filter(np.ones_like(e, bool)) for e in errors]
+    whiten = filters(found.model.noise, replay.runs)
     cost = sum(np.sum(f(e) ** 2) for f, e in zip(whiten, errors, strict=True))
     assert cost < found.model.linearisation.chi2

@@ -14,7 +14,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import candidates, footprints, with_surfaces
 from diagnosis.engine.noise import white
 from diagnosis.engine.screening import fit_and_screen
-from diagnosis.engine.unknown import explain, score_test
+from diagnosis.engine.unknown import explain
 
 
 def fitted(laboratory, surface, seed, effects=None, **noise):
@@ -27,8 +27,7 @@ def fitted(laboratory, surface, seed, effects=None, **noise):
     )
     around = with_surfaces(replay, footprints(replay, near.point, entries))
     screened = fit_and_screen(replay, around, alpha=0.01, seed=0)
-    test = score_test(screened.model.linearisation, surface, screened.surface_columns[0])
-    return data, screened.model, screened.screening, test
+    return data, screened.model, screened.screening, screened.tests[0]
 
 
 STOP = {"stop": {"amplitude": 300.0, "gap": 0.012}}

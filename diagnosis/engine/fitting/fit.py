@@ -38,11 +38,12 @@ from diagnosis.engine.config import (
     ROUGH_OPTIMUM,
     WORTH_NEW_COLUMNS,
 )
-from diagnosis.engine.fitting.linear import Block, Columns, Linearisation, Prior, prior_of
+from diagnosis.engine.fitting.linear import Block, Linearisation, Prior, prior_of
 from diagnosis.engine.fitting.linearise import linearise
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.replay import Replay
-from diagnosis.engine.noise import Filter, Noise, filters
+from diagnosis.engine.noise import Noise
+from diagnosis.engine.whitening import Filter, filters
 
 
 class ColumnSource(IntEnum):
@@ -213,8 +214,8 @@ def _follow(
         square = float(mine @ mine)
         if square > BROYDEN_SHARE * float(moved @ moved) and np.isfinite(white).all():
             surprise = block.residual - white - block.along(moved)
-            columns = Columns(columns.values + surprise * (mine / square)[:, None, None])
-        blocks.append(Block(block.run, white, ((common, nuisances), (own, columns))))
+            columns = columns.plus(surprise, mine / square)
+        blocks.append(Block(block.run, block.packing, white, ((common, nuisances), (own, columns))))
     return Linearisation(trial, old.prior, tuple(blocks))
 
 

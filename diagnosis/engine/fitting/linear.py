@@ -2,47 +2,36 @@
 
 The unknown step δ minimises Σ|r − X δ|² + (u + δ − m)ᵀ W (u + δ − m), where u are the numbers of the point, m their
 prior mean and W its precision: a prior is one more observation. Columns of one run's own nuisances live in that run's
-block only. Columns (k, n, c) are kept one after the other, each as the samples (n, c) of a run.
+block only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.contracts import Array
-from diagnosis.engine.config import EIGENVALUE_FLOOR
+from diagnosis.engine.columns import Columns, Packing
+from diagnosis.engine.config import EIGENVALUE_FLOOR, RIDGE, VISIBLE_PART
 from diagnosis.engine.fitting.point import Point
 
-
-class Columns:
-    """Whitened sensitivities (k, n, c) of one run, with their inner products; many linearisations may share them."""
-
-    def __init__(self, values: Array) -> None:
-        self.values = values
-        self.flat: Array = values.reshape(len(values), values.shape[1] * values.shape[2])
-
-    @cached_property
-    def gram(self) -> Array:
-        """Inner products (k, k)."""
-        return self.flat @ self.flat.T
+#: Columns with the coordinates of the point that they belong to.
+Part = tuple[tuple[int, ...], Columns]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """One run, whitened: residual (n, c) and sensitivities, all 0 where nothing counts.
+    """One run, whitened: residual (N,) and sensitivities, of the samples that count.
 
-    ``parts`` are columns with the coordinates of the point they belong to: those that many models share, then those
-    that are the model's own.
+    ``parts`` are the columns that many models share, then those that are the model's own.
     """
 
     run: str
+    packing: Packing
     residual: Array
-    parts: tuple[tuple[tuple[int, ...], Columns], ...]
+    parts: tuple[Part, Part]
 
     @property
     def places(self) -> list[int]:
@@ -52,37 +41,76 @@ class Block:
     @property
     def gram(self) -> Array:
         """Inner products (k, k) of all columns."""
-        columns = [columns for _, columns in self.parts]
-        return np.block([[a.gram if a is b else a.flat @ b.flat.T for b in columns] for a in columns])
+        (_, shared), (_, own) = self.parts
+        mixed = shared.against(own)
+        return np.block([[shared.gram, mixed], [mixed.T, own.gram]])
 
-    def against(self, values: Array) -> Array:
-        """Return the inner products (k, m) of all columns with m further ones (m, n c)."""
-        return np.concatenate([columns.flat @ values.T for _, columns in self.parts])
+    def against(self, further: Columns) -> Array:
+        """Return the inner products (k, m) of all columns with m further ones."""
+        return np.concatenate([columns.against(further) for _, columns in self.parts])
+
+    def times(self, samples: Array) -> Array:
+        """Return the inner products (k,) of all columns with packed samples (N,)."""
+        return np.concatenate([columns.times(samples) for _, columns in self.parts])
 
     def along(self, numbers: Array) -> Array:
-        """Return the sum (n, c) of all columns, each times the number of its coordinate of the point."""
-        made = sum(numbers[list(places)] @ columns.flat for places, columns in self.parts)
-        return np.asarray(made).reshape(self.residual.shape)
+        """Return the sum (N,) of all columns, each times the number of its coordinate of the point."""
+        return np.asarray(sum(columns.along(numbers[list(places)]) for places, columns in self.parts))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection:
     """Extra columns after everything that the linearisation can explain has been taken out of them.
 
-    ``information`` (m, m) are their inner products, ``score`` (m,) those with the residual, ``raw`` (m,) their norms
-    before the projection, ``regression`` (k, m) the coefficients with which the coordinates imitate them best.
+    ``information`` (m, m) are their inner products, ``score`` (m,) those with the residual, ``gram`` (m, m) their inner
+    products before the projection, ``regression`` (k, m) the coefficients with which the coordinates imitate them best.
     """
 
     information: Array
     score: Array
-    raw: Array
+    gram: Array
     regression: Array
+
+    def along(self, directions: Array) -> Projection:
+        """Return that of sums of the columns, each with its coefficients in a row of ``directions`` (v, m)."""
+        return Projection(
+            directions @ self.information @ directions.T,
+            directions @ self.score,
+            directions @ self.gram @ directions.T,
+            self.regression @ directions.T,
+        )
+
+    def of(self, inside: slice) -> Projection:
+        """Return that of some of the columns."""
+        return Projection(
+            self.information[inside, inside],
+            self.score[inside],
+            self.gram[inside, inside],
+            self.regression[:, inside],
+        )
+
+    @property
+    def raw(self) -> Array:
+        """Norms (m,) before the projection."""
+        return np.sqrt(np.diagonal(self.gram))
 
     @property
     def norm(self) -> Array:
-        """Norms |s| (m,); 0 where nothing but rounding is left of a column."""
+        """Norms |s| (m,); 0 where no more is left of a column than it may be wrong by."""
         square = np.diagonal(self.information)
-        return np.sqrt(np.where(square > 1e-10 * self.raw**2, square, 0.0))
+        return np.sqrt(np.where(square > VISIBLE_PART * np.diagonal(self.gram), square, 0.0))
+
+    @property
+    def estimate(self) -> Array:
+        """Least-squares amplitudes (m,) of all columns together; 0 for an invisible one.
+
+        Many columns are alike. What they may be wrong by is the ridge: sums of which no more is left stay 0.
+        """
+        seen = self.norm > 0.0
+        ridge = VISIBLE_PART * np.diagonal(self.gram)[seen]
+        amplitudes = np.zeros(len(seen))
+        amplitudes[seen] = solve(self.information[np.ix_(seen, seen)] + np.diag(ridge), self.score[seen])
+        return amplitudes
 
     @property
     def z(self) -> Array:
@@ -130,7 +158,7 @@ class Linearisation:
         gradient = -self.prior.precision @ (self.point.numbers - self.prior.mean)
         for block in self.blocks:
             information[np.ix_(block.places, block.places)] += block.gram
-            gradient[block.places] += block.against(block.residual.reshape(1, -1))[:, 0]
+            gradient[block.places] += block.times(block.residual)
         object.__setattr__(self, "information", information)
         object.__setattr__(self, "gradient", gradient)
 
@@ -172,29 +200,33 @@ class Linearisation:
         """Return the covariance (k, k) of the numbers by Laplace's approximation."""
         return inverse(self.information)
 
-    def project(self, extra: Sequence[NDArray[np.floating]]) -> Projection:
-        """Project whitened columns (m, n, c) of each run onto what no coordinate can imitate."""
-        size, width = len(self.point.numbers), len(extra[0])
-        mixed, own, score = np.zeros((size, width)), np.zeros((width, width)), np.zeros(width)
+    def project(self, extra: Iterable[Columns]) -> Projection:
+        """Project whitened columns of each run onto what no coordinate can imitate."""
+        size = len(self.point.numbers)
+        mixed, own, score = np.zeros((size, 1)), np.zeros((1, 1)), np.zeros(1)
         for block, further in zip(self.blocks, extra, strict=True):
-            columns = further.reshape(width, block.residual.size).astype(np.float64, copy=False)
-            mixed[block.places] += block.against(columns)
-            own += columns @ columns.T
-            score += columns @ block.residual.ravel()
-        regression = solve(self.information, mixed)
+            of_run = np.zeros((size, further.size))
+            of_run[block.places] = block.against(further)
+            mixed = mixed + of_run
+            own = own + further.gram
+            score = score + further.times(block.residual)
+        regression = solve(self.information, mixed, RIDGE)
         return Projection(
             own - mixed.T @ regression,
             score - regression.T @ self.gradient,
-            np.sqrt(np.diagonal(own)),
+            own,
             regression,
         )
 
 
-def solve(gram: Array, right: Array) -> Array:
-    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0."""
+def solve(gram: Array, right: Array, ridge: float = 0.0) -> Array:
+    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0.
+
+    A ``ridge`` is added to each of its eigenvalues.
+    """
     scale, values, vectors = _spectrum(gram)
     keep = values > EIGENVALUE_FLOOR * values.max(initial=0.0)
-    basis = vectors[:, keep] / np.sqrt(values[keep])
+    basis = vectors[:, keep] / np.sqrt(values[keep] + ridge)
     return (scale * (basis @ (basis.T @ (scale * right.T).T)).T).T
 
 

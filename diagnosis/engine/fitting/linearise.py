@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from diagnosis.contracts import Array
-from diagnosis.engine.fitting.linear import Block, Columns, Linearisation, Prior, prior_of
+from diagnosis.engine.columns import Columns
+from diagnosis.engine.fitting.linear import Block, Linearisation, Prior, prior_of
 from diagnosis.engine.fitting.point import Coordinate, Point
-from diagnosis.engine.fitting.replay import Quotients, Replay
-from diagnosis.engine.noise import Filter
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.whitening import Filter
 
 
 def linearise(
@@ -35,11 +36,11 @@ def linearise(
     residuals = replay.residuals(predictions)
     blocks = []
     for r, filter_ in enumerate(whiten):
-        white, columns = filter_(quotients[r]), shared[r]
-        count = len(white) - len(effects[r])
-        of_nuisances = Columns(white[:count]) if columns is None else columns
-        parts = (nuisances[r], of_nuisances), (effects[r], Columns(white[count:]))
-        blocks.append(Block(replay.names[r], filter_(residuals[r]), parts))
+        white, columns = filter_.columns([quotients[r]]), shared[r]
+        count = white.size - len(effects[r])
+        of_nuisances = white.chosen(range(count)) if columns is None else columns
+        parts = (nuisances[r], of_nuisances), (effects[r], white.chosen(range(count, white.size)))
+        blocks.append(Block(replay.names[r], filter_.packing, filter_(residuals[r]), parts))
     return Linearisation(point, prior, tuple(blocks))
 
 
@@ -48,17 +49,19 @@ def from_quotients(
     point: Point,
     whiten: Sequence[Filter],
     residuals: Sequence[Array],
-    quotients: Sequence[Quotients],
+    quotients: Sequence[Columns],
 ) -> Linearisation:
-    """Linearise a model whose quotients (k, n, c) by run are there already, under the priors of its parameters."""
+    """Linearise a model whose quotients by run are there already, under the priors of its parameters."""
     blocks = []
     for run, filter_, residual, columns in zip(replay.runs, whiten, residuals, quotients, strict=True):
         record = run.experiment.record
-        white, order = filter_(columns), point.places_of(record)
-        parts = tuple(
-            (places, Columns(white[[i in places for i in order]])) for places in _parted(point, record)
+        white, order = filter_.columns([columns]), point.places_of(record)
+        shared, own = _parted(point, record)
+        parts = (
+            (shared, white.chosen([order.index(i) for i in shared])),
+            (own, white.chosen([order.index(i) for i in own])),
         )
-        blocks.append(Block(run.experiment.name, filter_(residual), parts))
+        blocks.append(Block(run.experiment.name, filter_.packing, filter_(residual), parts))
     return Linearisation(point, prior_of(point), tuple(blocks))
 
 

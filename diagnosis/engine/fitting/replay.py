@@ -9,13 +9,12 @@ from math import ceil
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, BatchSimulator, DiagnosisError, Job, MeasuredRun, Simulator
+from diagnosis.engine.columns import Columns, ColumnsInWork, mean, packing_of
 from diagnosis.engine.fitting.point import Point, neighbour, opposite
 from diagnosis.engine.simulation import checked, simulate
 
-Quotients = NDArray[np.float32]
 #: Most jobs that a simulator is given at once, so that the last batches still keep all workers busy.
 BATCH: Final = 128
 
@@ -24,8 +23,8 @@ BATCH: Final = 128
 class Replay:
     """A simulator with the runs it replays. ``workers`` threads share the simulations; the order is always the same.
 
-    Everything is told run by run: predictions are (n, c), sensitivities (k, n, c) to what that run depends on. Those
-    are differences, which single precision holds to far more digits than they are right.
+    Everything is told run by run: predictions are (n, c), sensitivities the packed columns of what that run depends on.
+    Those are differences, which single precision holds to far more digits than they are right.
     """
 
     simulator: Simulator
@@ -73,8 +72,8 @@ class Replay:
         places: Sequence[Sequence[int]] | None = None,
         *,
         central: bool = False,
-    ) -> list[Quotients]:
-        """Return ∂y/∂u (k, n, c) of each run to its coordinates at ``places``, or to all that it depends on.
+    ) -> list[Columns]:
+        """Return ∂y/∂u of each run to its coordinates at ``places``, or to all that it depends on.
 
         Differences are one-sided; ``central`` ones cost twice as much and have no error of first order.
         """
@@ -85,25 +84,24 @@ class Replay:
             return ahead
         back = {i: opposite(point, to, distance) for i, (to, distance) in steps.items()}
         behind = self.differences(predictions, [[back[i] for i in own] for own in wanted])
-        return [np.float32(0.5) * (a + b) for a, b in zip(ahead, behind, strict=True)]
+        return [mean(a, b) for a, b in zip(ahead, behind, strict=True)]
 
     def differences(
         self, predictions: Sequence[Array], steps: Sequence[Sequence[tuple[Point, float]]]
-    ) -> list[Quotients]:
-        """Return the difference quotients (k, n, c) of each run to its own k points at signed distances."""
-        blocks = [
-            np.empty((len(own), *predicted.shape), np.float32)
-            for predicted, own in zip(predictions, steps, strict=True)
+    ) -> list[Columns]:
+        """Return the difference quotients of each run to its own k points at signed distances."""
+        columns = [
+            ColumnsInWork(packing_of(run), len(own)) for run, own in zip(self.runs, steps, strict=True)
         ]
 
         jobs = [(r, k) for r, own in enumerate(steps) for k in range(len(own))]
 
         def divide(i: int, outputs: Array) -> None:
             r, k = jobs[i]
-            blocks[r][k] = (outputs - predictions[r]) / steps[r][k][1]
+            columns[r].put(k, (outputs - predictions[r]) / steps[r][k][1])
 
         self._simulate([(r, steps[r][k][0]) for r, k in jobs], divide)
-        return blocks
+        return [of_run.done() for of_run in columns]
 
     def _simulate(self, places: Sequence[tuple[int, Point]], use: Callable[[int, Array], None]) -> None:
         """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""

@@ -55,7 +55,13 @@ def panel(model: FittedModel, *, seed: int = 0, alpha: float = 0.01) -> list[Pan
     ``significant``: false among those are at most a part ``alpha``, by Benjamini and Hochberg (1995).
     """
     runs = [
-        residuals_of(run.experiment, model.replay.simulator.channels, run.outputs, predicted, block.residual)
+        residuals_of(
+            run.experiment,
+            model.replay.simulator.channels,
+            run.outputs,
+            predicted,
+            block.packing.spread(block.residual),
+        )
         for run, predicted, block in zip(
             model.replay.runs, model.predictions, model.linearisation.blocks, strict=True
         )

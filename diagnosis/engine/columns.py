@@ -1,0 +1,216 @@
+"""Columns of a linear model on one run: of the samples that count only, channel after channel, without empty rows.
+
+Theory of operation
+-------------------
+About half of all samples are missing or do not count, and most columns move few channels: the zero of a sensor moves
+its own, a leak on the left nothing on the right. So the samples that count are packed one channel after the other
+(`Packing`), and each channel keeps those columns only that move it at all (`Trace`). Inner products are sums over
+channels; they are made in double precision, whatever precision the columns are kept in, and kept as long as both
+columns are, since many linearisations share them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.contracts import Array, MeasuredRun
+from diagnosis.engine.kernels import block_products
+
+Floats = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packing:
+    """Where the N samples ``counted`` (n, c) of a run lie once they are packed: channel after channel, each in time.
+
+    ``places`` (N,) are those in the flattened outputs, ``bounds`` (c + 1,) the ends of the channels among the packed.
+    """
+
+    counted: Mask
+    places: Places
+    bounds: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number N of samples that count."""
+        return self.bounds[-1]
+
+    def channel(self, c: int) -> slice:
+        """Return where the samples of one channel lie."""
+        return slice(self.bounds[c], self.bounds[c + 1])
+
+    def pack(self, values: Floats) -> Floats:
+        """Return the samples that count (N,) of (n, c)."""
+        return values.ravel()[self.places]
+
+    def spread(self, packed: Array) -> Array:
+        """Return packed samples (N,) in their places (n, c); 0 where nothing counts."""
+        values = np.zeros(self.counted.size)
+        values[self.places] = packed
+        return values.reshape(self.counted.shape)
+
+    def blocks(self, length: int) -> Places:
+        """Return where the samples of each stretch of so many instants end, in each channel (c, b + 1)."""
+        ends = np.minimum(np.arange(0, len(self.counted) + length, length), len(self.counted))
+        before = np.concatenate(
+            (np.zeros((1, self.counted.shape[1]), np.intp), np.cumsum(self.counted, axis=0))
+        )
+        return np.ascontiguousarray(before[ends].T)
+
+
+def packing_of(run: MeasuredRun) -> Packing:
+    """Return how the samples of a run that count are packed."""
+    counted = run.counted
+    return _packing(counted.shape, counted.tobytes())
+
+
+@lru_cache(maxsize=16)  # every model looks at the same few runs
+def _packing(shape: tuple[int, int], mask: bytes) -> Packing:
+    counted = np.frombuffer(mask, dtype=bool).reshape(shape)
+    channel, sample = np.nonzero(counted.T)
+    bounds = np.concatenate(([0], np.cumsum(counted.sum(axis=0))))
+    return Packing(counted, sample * shape[1] + channel, tuple(bounds.tolist()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """One channel of some columns: ``values`` (m, N) of those ``rows`` (m,) that move it."""
+
+    rows: Places
+    values: Floats
+
+    @property
+    def double(self) -> Array:
+        """The values in double precision."""
+        return self.values.astype(np.float64, copy=False)
+
+
+class Columns:
+    """Sensitivities of one run to so many (``size``) numbers, as the traces of its channels; never changed."""
+
+    def __init__(self, size: int, traces: Sequence[Trace]) -> None:
+        self.size = size
+        self.traces = tuple(traces)
+        self._products: WeakKeyDictionary[Columns, Array] = WeakKeyDictionary()
+
+    @cached_property
+    def gram(self) -> Array:
+        """Inner products (k, k)."""
+        gram = np.zeros((self.size, self.size))
+        for trace in self.traces:
+            if len(trace.rows):
+                values = trace.double
+                gram[np.ix_(trace.rows, trace.rows)] += values @ values.T
+        return gram
+
+    def against(self, other: Columns) -> Array:
+        """Return the inner products (k, m) with m further columns."""
+        known = self._products.get(other)
+        if known is None:
+            known = np.zeros((self.size, other.size))
+            for mine, theirs in zip(self.traces, other.traces, strict=True):
+                if len(mine.rows) and len(theirs.rows):
+                    known[np.ix_(mine.rows, theirs.rows)] += mine.double @ theirs.double.T
+            self._products[other] = known
+        return known
+
+    def times(self, packed: Array) -> Array:
+        """Return the inner products (k,) with packed samples (N,)."""
+        made = np.zeros(self.size)
+        start = 0
+        for trace in self.traces:
+            stop = start + trace.values.shape[1]
+            if len(trace.rows):
+                made[trace.rows] += trace.double @ packed[start:stop]
+            start = stop
+        return made
+
+    def by_block(self, packed: Array, blocks: Places) -> Array:
+        """Return the inner products (k, b) with the samples of each block, told by channel (`Packing.blocks`)."""
+        made = np.zeros((self.size, blocks.shape[1] - 1))
+        start = 0
+        for trace, edges in zip(self.traces, blocks, strict=True):
+            stop = start + trace.values.shape[1]
+            products = np.empty((len(trace.rows), made.shape[1]))
+            block_products(trace.values, packed[start:stop], edges, products)
+            made[trace.rows] += products
+            start = stop
+        return made
+
+    def along(self, numbers: Array) -> Array:
+        """Return the sum (N,) of all columns, each times its number."""
+        return np.concatenate([numbers[trace.rows] @ trace.double for trace in self.traces])
+
+    def plus(self, packed: Array, numbers: Array) -> Columns:
+        """Return the columns with packed samples (N,) added to each, times its number."""
+        traces, start = [], 0
+        for trace in self.traces:
+            stop = start + trace.values.shape[1]
+            values = np.outer(numbers, packed[start:stop])
+            values[trace.rows] += trace.values
+            traces.append(Trace(np.arange(self.size), values))
+            start = stop
+        return Columns(self.size, traces)
+
+    def chosen(self, places: Sequence[int]) -> Columns:
+        """Return some of the columns, in the order of their ``places``."""
+        order = np.full(self.size, -1)
+        order[list(places)] = np.arange(len(places))
+        traces = []
+        for trace in self.traces:
+            inside = order[trace.rows] >= 0
+            traces.append(Trace(order[trace.rows[inside]], trace.values[inside]))
+        return Columns(len(places), traces)
+
+
+class ColumnsInWork:
+    """Columns of one run that are made one by one, in any order and by several threads."""
+
+    def __init__(self, packing: Packing, size: int) -> None:
+        self._packing = packing
+        self._rows: list[Floats | None] = [None] * size
+
+    def put(self, place: int, values: Array) -> None:
+        """Keep the column at a place, of which ``values`` (n, c) are all samples, in single precision."""
+        self._rows[place] = self._packing.pack(values).astype(np.float32)
+
+    def done(self) -> Columns:
+        """Return the columns, all of which have been put."""
+        rows, traces = self._rows, []
+        for c in range(self._packing.counted.shape[1]):
+            inside = self._packing.channel(c)
+            moved = [k for k, row in enumerate(rows) if row is not None and row[inside].any()]
+            values = np.empty((len(moved), inside.stop - inside.start), np.float32)
+            for to, k in zip(values, moved, strict=True):
+                to[:] = rows[k][inside]  # type: ignore[index]
+            traces.append(Trace(np.array(moved, dtype=np.intp), values))
+        self._rows = []
+        return Columns(len(rows), traces)
+
+
+def columns_of(packing: Packing, values: Floats) -> Columns:
+    """Return columns (k, n, c) packed."""
+    work = ColumnsInWork(packing, len(values))
+    for k, row in enumerate(values):
+        work.put(k, row)
+    return work.done()
+
+
+def mean(first: Columns, second: Columns) -> Columns:
+    """Return the mean of two sets of the same columns."""
+    traces = []
+    for a, b in zip(first.traces, second.traces, strict=True):
+        rows = np.union1d(a.rows, b.rows)
+        values = np.zeros((len(rows), a.values.shape[1]), a.values.dtype)
+        for one in (a, b):
+            values[np.searchsorted(rows, one.rows)] += 0.5 * one.values
+        traces.append(Trace(rows, values))
+    return Columns(first.size, traces)

@@ -1,0 +1,50 @@
+"""The loops over all samples that numpy has no word for, compiled; they release the interpreter."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True)
+def filter_rows(values: Any, starts: Any, which: Any, weights: Any, reach: Any, out: Any) -> None:
+    """Filter each row of ``values`` (m, n): in stretches, each with a row of ``weights`` of so many predecessors.
+
+    The inner loops run along time, so that they are vectorised.
+    """
+    line = np.empty(values.shape[1])
+    for k in range(values.shape[0]):
+        row = values[k]
+        for s in range(len(which)):
+            weight, start, stop = weights[which[s]], starts[s], starts[s + 1]
+            for i in range(start, stop):
+                line[i] = weight[0] * row[i]
+            for j in range(1, reach[which[s]] + 1):
+                w = weight[j]
+                for i in range(start, stop):
+                    line[i] += w * row[i - j]
+        out[k] = line
+
+
+@numba.njit(cache=True, nogil=True)
+def block_products(values: Any, samples: Any, edges: Any, out: Any) -> None:
+    """Write the inner products (m, b) of each row (n,) of ``values`` with ``samples`` (n,), between ``edges`` (b + 1,).
+
+    Four sums at a time, which a processor makes at once, in double precision.
+    """
+    for k in range(values.shape[0]):
+        row = values[k]
+        for b in range(len(edges) - 1):
+            start, stop = edges[b], edges[b + 1]
+            even = start + (stop - start) // 4 * 4
+            s0 = s1 = s2 = s3 = 0.0
+            for i in range(start, even, 4):
+                s0 += row[i] * samples[i]
+                s1 += row[i + 1] * samples[i + 1]
+                s2 += row[i + 2] * samples[i + 2]
+                s3 += row[i + 3] * samples[i + 3]
+            for i in range(even, stop):
+                s0 += row[i] * samples[i]
+            out[k, b] = (s0 + s1) + (s2 + s3)

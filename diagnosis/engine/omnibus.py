@@ -1,0 +1,105 @@
+"""Step 7, what has no name: the score test of a smooth surface over two states, as a whole and along each of them.
+
+Theory of operation
+-------------------
+The coefficients of a surface are tested together, like one candidate with many amplitudes: χ² = sᵀ G⁺ s of their
+projected scores s, in the directions that the data would show. G is their Gram matrix per prior spread: where one of
+its eigenvalues is below 1, a surface as large as is believed stays under the noise, and looking there would only add
+chance. χ² counts as much less as scores scatter more than the noise allows (Rao and Scott). Of all views, the one with
+the smallest p-value counts, multiplied by their number. What is made of the test stands in `unknown.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.contracts import Array, Surface
+from diagnosis.engine.columns import Columns
+from diagnosis.engine.fitting.linear import Linearisation, Projection, solve
+from diagnosis.engine.noise_estimate import overdispersion
+from diagnosis.engine.p_values import bonferroni, p_of_chi2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Omnibus:
+    """The score test of one surface: χ² of its coefficients together, or of the sums along one coordinate.
+
+    ``p`` is the chance of one as large in any of these views. ``projection`` is that of the columns of its m
+    coefficients, ``start`` (m,) what the score estimates of them, in units of their prior spread, and ``cosines`` those
+    between what that makes and each candidate.
+    """
+
+    surface: Surface
+    projection: Projection
+    statistic: float
+    freedom: int
+    p: float
+    start: Array
+    cosines: Array
+
+
+def score_tests(
+    linearisation: Linearisation,
+    surfaces: Sequence[Surface],
+    columns: Sequence[Columns],
+    projection: Projection,
+    candidates: int,
+) -> tuple[Omnibus, ...]:
+    """Test every surface.
+
+    The whitened ``columns`` of each run, and their ``projection``, are those of so many ``candidates``, then of the
+    surfaces.
+    """
+    tests, start = [], candidates
+    for surface in surfaces:
+        inside = slice(start, start + len(surface.coefficients))
+        own = [of_run.chosen(range(inside.start, inside.stop)) for of_run in columns]
+        tests.append(_score_test(linearisation, surface, own, projection, candidates, inside))
+        start = inside.stop
+    return tuple(tests)
+
+
+def _score_test(
+    linearisation: Linearisation,
+    surface: Surface,
+    columns: Sequence[Columns],
+    everything: Projection,
+    candidates: int,
+    inside: slice,
+) -> Omnibus:
+    projection = everything.of(inside)
+    seen = []
+    for view in _views(surface):
+        values, vectors = np.linalg.eigh(view @ projection.information @ view.T)
+        shown = values > 1.0
+        along = vectors[:, shown].T @ view @ projection.score
+        scatter = overdispersion(linearisation, columns, projection, view)
+        statistic = float(np.sum(along**2 / values[shown]) / np.mean(scatter))
+        freedom = int(shown.sum())
+        seen.append((p_of_chi2(statistic, freedom), statistic, freedom))
+    p, statistic, freedom = min(seen, key=lambda view: view[0])
+    start = solve(projection.information + np.eye(len(surface.coefficients)), projection.score)
+    directions = np.zeros((candidates + 1, len(everything.score)))
+    directions[:-1, :candidates] = np.eye(candidates)
+    directions[-1, inside] = start
+    return Omnibus(
+        surface=surface,
+        projection=projection,
+        statistic=statistic,
+        freedom=freedom,
+        p=bonferroni(p, len(seen)),
+        start=start,
+        cosines=everything.along(directions).cosines[-1, :-1],
+    )
+
+
+def _views(surface: Surface) -> list[Array]:
+    """Orthonormal directions (k, m) of all m coefficients, then of what depends on one coordinate alone."""
+    views = [np.eye(len(surface.coefficients))]
+    for axis in np.array(surface.centres).T:
+        alone = (axis == np.unique(axis)[:, np.newaxis]).astype(np.float64)
+        views.append(alone / np.linalg.norm(alone, axis=1, keepdims=True))
+    return views
