@@ -5,7 +5,7 @@ ARGS ?=
 BIN := .venv/bin
 READY := .venv/.ready
 PYTEST := $(BIN)/python -m pytest
-COMPILE := $(BIN)/python -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation())'
+COMPILE := $(BIN)/python -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation()); import drivers.beat'
 
 # Tests, benchmarks and diagnoses use the cores themselves: threads of the algebra library would be in their way.
 export OPENBLAS_NUM_THREADS ?= 1

@@ -1,4 +1,4 @@
-"""Calls of compiled functions without numba's look at every argument."""
+"""How functions are compiled and called: a cache that knows all sources, calls without a look at every argument."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -7,6 +7,25 @@ from typing import Any
 
 import numba
 import numpy as np
+
+
+def cached(function: Callable[..., Any], digest: str, **options: Any) -> Any:
+    """Return ``function`` compiled when it is first called, and cached as long as ``digest`` stays.
+
+    numba's cache looks at the file of the outermost function only and would run yesterday's orifice in today's
+    kernel: ``digest`` is that of all sources which the function may contain.
+    """
+    dispatcher = numba.njit(cache=True, **options)(function)
+    cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if cache_file is not None:
+        cache_file._source_stamp = (cache_file._source_stamp, digest)
+    return dispatcher
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays."""
+    options: dict[str, Any] = {"_nrt": False}
+    return numba.njit(cache=True, forceinline=True, **options)(function)
 
 
 def bind(function: Any, *arguments: Any) -> Callable[..., Any]:

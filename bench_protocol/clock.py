@@ -82,6 +82,10 @@ class RealClock:
         elapsed = time.monotonic_ns() - self._origin
         return elapsed if self._scale == 1.0 else int(elapsed * self._scale)
 
+    def monotonic(self, instant: int) -> int:
+        """Return when ``instant`` (ns of this clock) is by the machine's monotonic clock (ns)."""
+        return self._origin + (instant if self._scale == 1.0 else round(instant / self._scale))
+
     def sleep_until(self, deadline: int) -> None:
         while (remaining := deadline - self.now()) > 0:
             time.sleep(remaining / self._scale / NS)

@@ -19,6 +19,7 @@ NAMES: Final = (
     "lateness",
     "can_trip",
     "modbus_trip",
+    "commander_beats",
     "codec",
     "time_to_safe",
     "diagnosis_duration",

@@ -21,6 +21,7 @@ from bench_protocol.frames import EXTENDED_ID_MAX, FRAME, LENGTH_MAX, STANDARD_I
 from bench_protocol.socketcand import iterate
 from drivers.errors import LinkLost
 from drivers.hub_bus import HubBus
+from drivers.wire import Wire
 
 OnFrames = Callable[[Block], None]
 OnLost = Callable[[str], None]
@@ -52,6 +53,10 @@ _RECORD: Final = struct.Struct("<qIBB8s")
 class CanPort(Protocol):
     """What the drivers need of a CAN bus."""
 
+    @property
+    def wire(self) -> Wire | None:
+        """Where compiled code may write frames itself; None where only ``send`` can."""
+
     def send(self, block: Block) -> None:
         """Put the frames on the bus in order; raises LinkLost if there is no bus any more."""
 
@@ -70,6 +75,7 @@ class _Receiver(Protocol):
 
     #: Frames the operating system had to throw away because nobody fetched them.
     overflows: int
+    wire: Wire | None
 
     def receive(self, timeout: float) -> Block:
         """Return what has come, waiting at most ``timeout`` s for the first frame; raises when the bus is lost."""
@@ -83,6 +89,7 @@ class _HubReceiver:
     overflows = 0
 
     def __init__(self, bus: HubBus) -> None:
+        self.wire: Wire | None = bus.wire
         self.receive: Callable[[float], Block] = bus.recv_block
         self.send: Callable[[Block], None] = bus.send_block
 
@@ -91,6 +98,7 @@ class _MessageReceiver:
     """Any other python-can bus, message by message."""
 
     overflows = 0
+    wire: Wire | None = None
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
@@ -124,6 +132,7 @@ class _SocketCanReceiver:
 
     def __init__(self, bus: can.BusABC, sock: socket.socket) -> None:
         self.overflows = 0
+        self.wire: Wire | None = Wire.on(sock.fileno(), lines=False)
         self._bus = bus
         self._socket = sock
         _enlarge(sock)
@@ -199,6 +208,11 @@ class PythonCanPort:
         """Frames the kernel has thrown away since the port was opened; 0 on buses that cannot tell."""
         return self._receiver.overflows
 
+    @property
+    def wire(self) -> Wire | None:
+        """Where compiled code may write frames itself; None where only ``send`` can."""
+        return self._receiver.wire
+
     def send(self, block: Block) -> None:
         """Put the frames on the bus in order; raises LinkLost if there is no bus any more."""
         if self._lost:
@@ -228,6 +242,8 @@ class PythonCanPort:
             self._bus.shutdown()  # which wakes the receiver; other buses are shut down only when nobody reads
         if threading.current_thread() is not self._thread:
             self._thread.join()
+        if self.wire is not None:
+            self.wire.cut()
         self._bus.shutdown()
         self._lost = self._lost or f"{self.description} was closed"
 

@@ -11,7 +11,6 @@ import contextlib
 import logging
 import select
 import socket
-import threading
 from collections import deque
 from typing import Final
 
@@ -20,6 +19,7 @@ from can.typechecking import CanFilters
 
 from bench_protocol import socketcand
 from bench_protocol.frames import Block, frame, join
+from drivers.wire import Wire
 
 _LOG: Final = logging.getLogger(__name__)
 _READ_SIZE: Final = 1 << 18
@@ -56,7 +56,6 @@ class HubBus(can.BusABC):
         self._parser = socketcand.Parser(sender=f"the server of {self._where}")
         self._blocks: deque[Block] = deque()
         self._lost = ""
-        self._send_lock = threading.Lock()
         try:
             hello = socketcand.open_bytes(channel)
             self._socket = socket.create_connection((host, int(port)), timeout=timeout)
@@ -70,6 +69,8 @@ class HubBus(can.BusABC):
             )
             raise can.CanInitializationError(f"cannot open {self._where}: {reason}", error.errno) from None
         try:
+            #: Where others may write lines, each whole.
+            self.wire = Wire.on(self._socket.fileno(), lines=True)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
             waiting: deque[socketcand.Event] = deque()
@@ -124,9 +125,11 @@ class HubBus(can.BusABC):
         Raises can.CanOperationError if the server is gone or has not taken the frames within the bus's timeout.
         """
         lines = socketcand.send_bytes(block)
-        with self._send_lock:
+        with self.wire.gate:
             if self._lost:
                 raise can.CanOperationError(self._lost)
+            if not self.wire.usable:
+                raise can.CanOperationError(self._lose("who wrote there before could not send its frames"))
             try:
                 self._socket.sendall(lines)
             except OSError as error:
@@ -234,6 +237,7 @@ class HubBus(can.BusABC):
         self._lose("this bus was closed")
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)  # wakes the receiving thread, which close() would not
+        self.wire.cut()
         self._socket.close()
 
 

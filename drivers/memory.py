@@ -13,10 +13,13 @@ from drivers.errors import LinkLost
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort, OnFrames, OnLost
+    from drivers.wire import Wire
 
 
 class InMemoryCan:
     """A ``CanPort`` whose far end is two functions: ``send`` calls the one given, ``deliver`` plays the bus."""
+
+    wire: Wire | None = None
 
     def __init__(self, send: OnFrames) -> None:
         self._send = send
@@ -110,6 +113,8 @@ class FaultyCan:
 
     ``outward`` are the faults of the frames that we send, where they differ from the ``faults`` of those received.
     """
+
+    wire: Wire | None = None  # what writes past it would meet no mishap
 
     def __init__(self, port: CanPort, faults: Faults, seed: int, *, outward: Faults | None = None) -> None:
         sent = outward or faults

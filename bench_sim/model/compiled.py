@@ -5,8 +5,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
-from numba import njit
-
+from bench_protocol.binding import cached
 from bench_protocol.rates import TICK_RATE
 
 #: The modules of the rig that the compiled tick contains beside its own.
@@ -21,7 +20,6 @@ OF_THE_TICK = (
     "ring",
     "safe_position",
     "setpoints",
-    "system_calls",
 )
 
 
@@ -42,13 +40,7 @@ _DIGEST = _source_digest()
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    dispatcher = njit(cache=True, fastmath=False, error_model="numpy", **options)(function)
-    # numba's cache looks at the file of the outermost function only and would run yesterday's
-    # orifice in today's kernel: stamp every entry with all sources that it may contain.
-    cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    if cache_file is not None:
-        cache_file._source_stamp = (cache_file._source_stamp, _DIGEST)
-    return dispatcher
+    return cached(function, _DIGEST, fastmath=False, error_model="numpy", **options)
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -10,11 +10,11 @@ import numpy.typing as npt
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import Block, copied
 from bench_protocol.rates import LATENESS_BINS
+from bench_protocol.system_calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import TICK_NS, Happened
-from bench_sim.rig.system_calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
 
 #: After a stall this long the readers get this much time first.
 _STALL: Final = round(20 * ms * NS)

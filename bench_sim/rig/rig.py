@@ -11,6 +11,7 @@ from bench_protocol import modbus
 from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, copied, join
+from bench_protocol.gate import Gate
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, SIDES, BenchState, Reason
@@ -27,7 +28,6 @@ from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.orders import obey
 from bench_sim.rig.faults.panel import FaultPanel
 from bench_sim.rig.fittings import Fittings
-from bench_sim.rig.gate import Gate
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors

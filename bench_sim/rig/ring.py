@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.frames import FRAME, Block
+from bench_protocol.system_calls import enter_gate, leave_gate
 from bench_sim.model.compiled import compiled, compiled_entry
-from bench_sim.rig.system_calls import enter_gate, leave_gate
 
 _WRITTEN: Final = 0
 _READ: Final = 1

@@ -12,6 +12,14 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import encode_into
 from bench_protocol.rates import TICK
+from bench_protocol.system_calls import (
+    enter_gate,
+    enter_interpreter,
+    leave_gate,
+    leave_interpreter,
+    ring_bell,
+    unlock_mutex,
+)
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mbar
 from bench_protocol.words import (
@@ -52,14 +60,6 @@ from bench_sim.rig.pacing import Pacing, await_tick, count_lateness, put_off
 from bench_sim.rig.ring import Ring, push
 from bench_sim.rig.safe_position import LOWERING_SPEED, Grip, keep_grip
 from bench_sim.rig.setpoints import travel
-from bench_sim.rig.system_calls import (
-    enter_gate,
-    enter_interpreter,
-    leave_gate,
-    leave_interpreter,
-    ring_bell,
-    unlock_mutex,
-)
 
 #: All messages at once, and a heartbeat.
 FRAMES_PER_TICK_MAX: Final = 1 + sum(message.from_rig and message.rate > 0 for message in TABLE.messages)

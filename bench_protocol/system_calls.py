@@ -1,4 +1,4 @@
-"""The calls of the operating system and of the interpreter that the compiled tick makes: sleep, clock, lock, bell.
+"""The calls of the operating system and of the interpreter that compiled loops make: sleep, clock, lock, bell.
 
 Compiled code finds them by their names in the running process; addresses are plain integers. With
 ``NUMBA_DISABLE_JIT=1`` the same functions are called through ctypes. Linux on 64 bits.
@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from numba import config, types
 
+from bench_protocol.binding import inlined
 from bench_protocol.units import NS
-from bench_sim.model.compiled import compiled
 
 _CLOCK_MONOTONIC: Final = 1
 _ABSOLUTE: Final = 1  # TIMER_ABSTIME
@@ -19,11 +19,11 @@ _SECOND: Final = int(NS)
 #: 64-bit words of the work space that clock and sleep need: a struct timespec.
 SPEC_WORDS: Final = 2
 
-_INT: Final = ctypes.c_int, types.int32
-_ADDRESS: Final = ctypes.c_ssize_t, types.intp
+INT: Final = ctypes.c_int, types.int32
+ADDRESS: Final = ctypes.c_ssize_t, types.intp
 
 
-def _external(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
+def external(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
     """Return the C function ``name``; each type is a pair, for ctypes and for numba."""
     if not config.DISABLE_JIT:  # type: ignore[attr-defined]
         return types.ExternalFunction(name, result[1](*(one[1] for one in arguments)))
@@ -33,12 +33,12 @@ def _external(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
     return function
 
 
-_clock_nanosleep: Final = _external("clock_nanosleep", _INT, _INT, _INT, _ADDRESS, _ADDRESS)
-_clock_gettime: Final = _external("clock_gettime", _INT, _INT, _ADDRESS)
-_write: Final = _external("write", _ADDRESS, _INT, _ADDRESS, _ADDRESS)
-_try_mutex: Final = _external("pthread_mutex_trylock", _INT, _ADDRESS)
-lock_mutex: Final = _external("pthread_mutex_lock", _INT, _ADDRESS)
-unlock_mutex: Final = _external("pthread_mutex_unlock", _INT, _ADDRESS)
+_clock_nanosleep: Final = external("clock_nanosleep", INT, INT, INT, ADDRESS, ADDRESS)
+_clock_gettime: Final = external("clock_gettime", INT, INT, ADDRESS)
+_write: Final = external("write", ADDRESS, INT, ADDRESS, ADDRESS)
+_try_mutex: Final = external("pthread_mutex_trylock", INT, ADDRESS)
+lock_mutex: Final = external("pthread_mutex_lock", INT, ADDRESS)
+unlock_mutex: Final = external("pthread_mutex_unlock", INT, ADDRESS)
 
 if config.DISABLE_JIT:  # type: ignore[attr-defined]
 
@@ -52,11 +52,11 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]
 
 else:
     #: Gives the interpreter to other threads; what it returns is for `enter_interpreter`.
-    leave_interpreter = _external("PyEval_SaveThread", _ADDRESS)
-    enter_interpreter = _external("PyEval_RestoreThread", (None, types.void), _ADDRESS)
+    leave_interpreter = external("PyEval_SaveThread", ADDRESS)
+    enter_interpreter = external("PyEval_RestoreThread", (None, types.void), ADDRESS)
 
 
-@compiled
+@inlined
 def enter_gate(gate: int) -> int:
     """Lock the mutex at address ``gate``, from a thread that has the interpreter; what it returns is for `leave_gate`.
 
@@ -69,7 +69,7 @@ def enter_gate(gate: int) -> int:
     return thread
 
 
-@compiled
+@inlined
 def leave_gate(gate: int, thread: int) -> None:
     """Unlock the mutex and take the interpreter back, if it was let go."""
     unlock_mutex(gate)
@@ -77,14 +77,14 @@ def leave_gate(gate: int, thread: int) -> None:
         enter_interpreter(thread)
 
 
-@compiled
+@inlined
 def now(spec: Any) -> int:
     """Return the monotonic time in ns; ``spec``: int64[2]."""
     _clock_gettime(_CLOCK_MONOTONIC, spec.ctypes.data)
     return spec[0] * _SECOND + spec[1]
 
 
-@compiled
+@inlined
 def sleep_until(deadline: int, spec: Any) -> None:
     """Return at ``deadline`` (monotonic, ns), or at once if it has passed; a signal does not cut it short."""
     spec[0], spec[1] = deadline // _SECOND, deadline % _SECOND
@@ -92,7 +92,7 @@ def sleep_until(deadline: int, spec: Any) -> None:
         pass
 
 
-@compiled
+@inlined
 def ring_bell(descriptor: int, one: Any) -> None:
     """Wake whoever waits for the eventfd ``descriptor``; ``one``: uint64[1] with a 1 in it."""
     _write(descriptor, one.ctypes.data, 8)

@@ -1,0 +1,313 @@
+"""The beat of the command stream, compiled: ramps, frames, and their bytes on the wire without the interpreter.
+
+A plan computes, and whatever computes holds the interpreter: 47 ms and more in one call of a C library. The rig takes
+100 ms of silence for the loss of its commander. So in real time the beat neither needs the interpreter nor waits for
+it: it sleeps, moves the set-points, encodes and writes to the socket in compiled code.
+
+It does so for a plan that lives. Python gives it a number of beats in advance and renews them all the time; when they
+are used up, because the interpreter has been stuck for that long, nothing more is sent and the rig does what is right.
+In virtual time, and on buses that only Python can write to, the same functions make each block.
+"""
+
+import math
+from collections.abc import Callable
+from hashlib import sha256
+from importlib.resources import files
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.binding import bind, cached, inlined
+from bench_protocol.can_codec import Encoder, encode_into
+from bench_protocol.frames import FRAME, LENGTH_MAX, Block
+from bench_protocol.system_calls import (
+    ADDRESS,
+    INT,
+    SPEC_WORDS,
+    enter_gate,
+    external,
+    leave_gate,
+    lock_mutex,
+    now,
+    sleep_until,
+    unlock_mutex,
+)
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, ms
+
+RAMP: Final = np.dtype(
+    [
+        ("moving", "<i8"),
+        ("start", "<f8"),
+        ("end", "<f8"),
+        ("step", "<f8"),  # SI per beat, with its sign
+        ("beats", "<i8"),  # since the start
+    ]
+)
+COUNTS: Final = np.dtype(
+    [
+        ("sent", "<i8"),  # blocks
+        ("granted", "<i8"),  # blocks that may be sent in all without a further word from Python
+        ("withheld", "<i8"),  # beats that were not granted
+        ("stop", "<i8"),  # 1: come back before the next beat
+        ("latest", "<i8"),  # ns that the most belated beat was late
+    ]
+)
+
+#: How long the beat waits for room in a socket, ns.
+_PATIENCE: Final = round(200 * ms * NS)
+_NAP: Final = round(1 * ms * NS)
+
+# sys/socket.h, poll.h, errno.h of Linux.
+_QUIETLY: Final = 0x4000 | 0x40  # MSG_NOSIGNAL | MSG_DONTWAIT
+_POLLOUT: Final = 4
+_EBADF, _EAGAIN, _EINTR, _ENOBUFS, _ETIMEDOUT = 9, 11, 4, 105, 110
+#: A struct can_frame, and the longest line of socketcand: ``< send 12345678 8 00 11 22 33 44 55 66 77 >``.
+_CAN_FRAME: Final = 16
+_LINE: Final = 44
+_EXTENDED_FLAG: Final = 0x8000_0000
+
+_send: Final = external("send", ADDRESS, INT, ADDRESS, ADDRESS, INT)
+_poll: Final = external("poll", INT, ADDRESS, ADDRESS, INT)
+_errno_location: Final = external("__errno_location", ADDRESS)
+_copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
+
+
+class Beat(NamedTuple):
+    """What a beat reads and writes.
+
+    Set-points are changed in compiled code that holds the gate: Python, once it has the gate, may have to wait for the
+    interpreter, and the beat with it. A single number can be read, and ``granted`` and ``stop`` be written, without.
+    """
+
+    values: npt.NDArray[np.float64]  #: set-points (SI) by table row
+    ramps: npt.NDArray[np.void]  #: `RAMP` by table row
+    rows: npt.NDArray[np.int64]  #: of the messages that go out
+    messages: npt.NDArray[np.void]
+    fields: npt.NDArray[np.void]
+    counters: npt.NDArray[np.int64]
+    frames: Block
+    text: npt.NDArray[np.uint8]  #: the same frames as they travel
+    counts: npt.NDArray[np.void]  #: one `COUNTS`
+    work: npt.NDArray[np.int64]  #: work space of the system calls
+
+    @classmethod
+    def of(cls, encoder: Encoder, rows: npt.NDArray[np.int64], signals: int) -> "Beat":
+        """Return a beat of the messages ``rows`` of ``encoder``; none of the ``signals`` of its table has a value."""
+        return cls(
+            np.full(signals, np.nan),
+            np.zeros(signals, RAMP),
+            rows,
+            encoder.layout.messages,
+            encoder.layout.fields,
+            encoder.counters,
+            np.zeros(rows.size, FRAME),
+            np.zeros(_LINE * rows.size, np.uint8),
+            np.zeros(1, COUNTS),
+            np.zeros(SPEC_WORDS, np.int64),
+        )
+
+
+def _digest() -> str:
+    digest = sha256()
+    for source in sorted(files("bench_protocol").iterdir(), key=lambda entry: entry.name):
+        if source.name.endswith(".py"):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+_DIGEST: Final = _digest()
+
+
+def _entry(function: Callable[..., Any]) -> Any:
+    return cached(function, _DIGEST, nogil=True)
+
+
+@inlined
+def _advance(values: Any, ramps: Any) -> None:
+    """Move every set-point that is on its way by one beat; the last beat brings it to its end exactly."""
+    for row in range(ramps.size):
+        ramp = ramps[row]
+        if ramp.moving == 0:
+            continue
+        ramp.beats += 1
+        value = ramp.start + ramp.beats * ramp.step
+        if ramp.step == 0.0 or (value - ramp.end) * ramp.step >= 0.0:
+            value = ramp.end
+            ramp.moving = 0
+        values[row] = value
+
+
+@_entry
+def change(beat: Any, gate: int, rows: Any, values: Any) -> None:
+    """Let the set-points ``rows`` be ``values`` (SI) from the next beat on, together; ``gate``: its address."""
+    thread = enter_gate(gate)
+    for k in range(rows.size):
+        beat.ramps[rows[k]].moving = 0
+        beat.values[rows[k]] = values[k]
+    leave_gate(gate, thread)
+
+
+@_entry
+def depart(beat: Any, gate: int, rows: Any, ends: Any, pace: float) -> float:
+    """Start ramps from where the set-points ``rows`` are to ``ends``, with ``pace`` (SI per beat).
+
+    Return how many beats the longest takes; NaN, and nothing changes, if a set-point has no value to start from.
+    """
+    thread = enter_gate(gate)
+    longest = 0.0
+    for k in range(rows.size):
+        longest = max(longest, math.ceil(abs(ends[k] - beat.values[rows[k]]) / pace))
+        if math.isnan(beat.values[rows[k]]):
+            longest = math.nan
+            break
+    for k in range(0 if math.isnan(longest) else rows.size):
+        ramp = beat.ramps[rows[k]]
+        ramp.start = beat.values[rows[k]]
+        ramp.end = ends[k]
+        ramp.step = math.copysign(pace, ramp.end - ramp.start)
+        ramp.beats = 0
+        ramp.moving = 1
+    leave_gate(gate, thread)
+    return longest
+
+
+@_entry
+def stay(beat: Any, gate: int) -> None:
+    """End all ramps where they are."""
+    thread = enter_gate(gate)
+    for row in range(beat.ramps.size):
+        beat.ramps[row].moving = 0
+    leave_gate(gate, thread)
+
+
+@_entry
+def make_block(beat: Any, time: int) -> None:
+    """Advance by one beat and encode its frames, stamped ``time`` (ns)."""
+    _advance(beat.values, beat.ramps)
+    encode_into(beat.values, beat.rows, time, beat.messages, beat.fields, beat.counters, beat.frames, 0)
+
+
+@inlined
+def _hex(text: Any, place: int, number: int, digits: int, ten: int) -> int:
+    """Write a number in so many hexadecimal ``digits``, of which ``ten`` is the first letter."""
+    for k in range(digits):
+        digit = (number >> (4 * (digits - 1 - k))) & 0xF
+        text[place + k] = 48 + digit if digit < 10 else ten + digit - 10
+    return place + digits
+
+
+@inlined
+def _write_line(record: Any, text: Any, place: int) -> int:
+    """Write ``< send 204 8 00 11 >`` and return the place behind it."""
+    for k, character in enumerate((60, 32, 115, 101, 110, 100, 32)):
+        text[place + k] = character
+    place = _hex(text, place + 7, np.int64(record.id), 8 if record.extended != 0 else 3, 65)
+    text[place], text[place + 1] = 32, 48 + record.length
+    place += 2
+    for k in range(record.length):
+        text[place] = 32
+        place = _hex(text, place + 1, np.int64(record["data"][k]), 2, 97)
+    text[place], text[place + 1] = 32, 62
+    return place + 2
+
+
+@inlined
+def _write_frame(record: Any, text: Any, place: int) -> int:
+    """Write a struct can_frame, little-endian, and return the place behind it."""
+    word = np.int64(record.id) | (_EXTENDED_FLAG if record.extended != 0 else 0)
+    for k in range(4):
+        text[place + k] = (word >> (8 * k)) & 0xFF
+        text[place + 4 + k] = 0
+    text[place + 4] = record.length
+    for k in range(LENGTH_MAX):
+        text[place + 8 + k] = record["data"][k] if k < record.length else 0
+    return place + _CAN_FRAME
+
+
+@_entry
+def write_text(frames: Any, text: Any, lines: bool) -> int:
+    """Write ``frames`` as they travel and return how many bytes they are."""
+    place = 0
+    for record in frames:
+        place = _write_line(record, text, place) if lines else _write_frame(record, text, place)
+    return place
+
+
+@inlined
+def _send_all(descriptor: int, address: int, size: int, work: Any) -> int:
+    """Send ``size`` bytes, waiting for room if need be; return 0 or the number of the error."""
+    if descriptor < 0:
+        return _EBADF
+    deadline = now(work) + _PATIENCE
+    while size > 0:
+        sent = _send(descriptor, address, size, _QUIETLY)
+        if sent >= 0:
+            address += sent
+            size -= sent
+            continue
+        work[0] = 0
+        _copy(work.ctypes.data, _errno_location(), 4)
+        error = work[0]
+        if error not in (_EAGAIN, _EINTR, _ENOBUFS):
+            return error
+        instant = now(work)
+        if instant > deadline:
+            return _ETIMEDOUT
+        if error == _ENOBUFS:  # the queue of an interface: poll() knows nothing of it
+            sleep_until(instant + _NAP, work)
+        elif error == _EAGAIN:
+            work[0] = descriptor | _POLLOUT << 32
+            _poll(work.ctypes.data, 1, 10)
+    return 0
+
+
+@_entry
+def keep_beating(beat: Any, gate: int, wire: Any, door: int, lines: bool, start: int, period: int) -> int:
+    """Send a block at each ``start + k period`` (monotonic, ns), k = 1, 2, …; return 0 when stopped, else an errno.
+
+    ``gate`` and ``door`` are the addresses of the gates of the beat and of the ``wire`` (1,), a descriptor.
+    """
+    counts = beat.counts[0]
+    due = start
+    while True:
+        due += period
+        sleep_until(due, beat.work)
+        lock_mutex(gate)
+        counts.latest = max(counts.latest, now(beat.work) - due)
+        go = counts.stop == 0 and counts.sent < counts.granted
+        size = 0
+        if go:
+            counts.sent += 1
+            make_block(beat, 0)
+            size = write_text(beat.frames, beat.text, lines)
+        elif counts.stop == 0:
+            counts.withheld += 1
+        stop = counts.stop != 0
+        unlock_mutex(gate)
+        if stop:
+            return 0
+        if not go:
+            continue
+        piece = size if lines else _CAN_FRAME
+        lock_mutex(door)
+        error = 0
+        for first in range(0, size, piece):
+            if error == 0:
+                error = _send_all(wire[0], beat.text.ctypes.data + first, piece, beat.work)
+        unlock_mutex(door)
+        if error != 0:
+            return error
+
+
+_BEAT: Final = Beat.of(Encoder(TABLE), np.zeros(0, np.int64), 0)
+_ROWS: Final = np.zeros(0, np.int64)
+set_values: Final = bind(change, _BEAT, 0, _ROWS, _BEAT.values)
+start_ramps: Final = bind(depart, _BEAT, 0, _ROWS, _BEAT.values, 0.0)
+end_ramps: Final = bind(stay, _BEAT, 0)
+next_block: Final = bind(make_block, _BEAT, 0)
+frames_to_text: Final = bind(write_text, _BEAT.frames, _BEAT.text, True)
+run_beats: Final = bind(keep_beating, _BEAT, 0, np.zeros(1, np.int64), 0, True, 0, 0)
+#: With ``NUMBA_DISABLE_JIT=1`` no beat can do without the interpreter.
+COMPILED: Final = hasattr(keep_beating, "get_overload")
