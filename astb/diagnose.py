@@ -28,10 +28,14 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is to be diagnosed: data, the map of foreign files, the model in doubt, and the candidates (None: all)."""
+    """What is to be diagnosed: data, the map of foreign files, the model in doubt, and the candidates (None: all).
+
+    ``simulator`` is one of the user's own, "package.module:factory", in place of the bench and its ``model``.
+    """
 
     data: Sequence[Path]
     map_path: Path | None
+    simulator: str | None
     model: str
     effects: str | None
     seed: int
@@ -52,7 +56,7 @@ def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
     clear_results(out)
     with progress_bar(console) as progress:
         progress("read the data", 0.0)
-        simulator, dataset = read_data(request.data, request.map_path, parameters)
+        simulator, dataset = read_data(request.data, request.map_path, parameters, request.simulator)
         config = Config(
             seed=request.seed, effects=chosen_effects(request.effects, simulator, parameters.effects)
         )
@@ -97,7 +101,12 @@ def clear_results(out: Path) -> None:
 
 @contextmanager
 def progress_bar(console: "Console") -> Iterator[Progress]:
-    """Show how far a diagnosis is, while the block lasts."""
+    """Show how far a diagnosis is, while the block lasts: in plain lines where there is no terminal."""
+    if not console.is_terminal:
+        yield lambda text, done: console.print(
+            f"{done:4.0%} {text}", highlight=False, markup=False, soft_wrap=True
+        )
+        return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (
@@ -113,18 +122,18 @@ def progress_bar(console: "Console") -> Iterator[Progress]:
 
 
 def read_data(
-    paths: Sequence[Path], map_path: Path | None, parameters: "Parameters"
+    paths: Sequence[Path], map_path: Path | None, parameters: "Parameters", own: str | None = None
 ) -> tuple[Simulator, Dataset]:
-    """Return the system and its measured runs: records of the bench, or any files that a map explains.
+    """Return the system and its measured runs: records of the bench, or files for a map or a simulator of one's own.
 
     Of the bench's runs, `with_roles` says which choose models and tell the gain.
 
     DiagnosisError or RecordError, which name the file and what would be right.
     """
-    if map_path is not None:
+    if map_path is not None or own is not None:
         from diagnosis.systems.mapping import read_mapped
 
-        return read_mapped(paths, map_path)
+        return read_mapped(paths, map_path, own)
     for path in paths:
         if not path.is_dir():
             raise DiagnosisError(

@@ -30,18 +30,29 @@ _RESULT_OPTION: Final = click.option(
     type=click.Path(path_type=Path, dir_okay=False),
     help="What the columns of CSV, Parquet or MDF 4 files are (TOML).",
 )
+@click.option(
+    "--simulator",
+    metavar="MODULE:FACTORY",
+    help="One of your own, such as my_oscillator:Oscillator, in place of the bench.",
+)
 @_MODEL_OPTION
 @click.option("--effects", metavar="NAME,...", help="Only these of the catalogue.  [default: all]")
 @click.option("--seed", type=SEED, default=1, show_default=True, help="Of everything that is drawn.")
 @_RESULT_OPTION
 def diagnose_command(
-    data: tuple[Path, ...], map_path: Path | None, model: str, effects: str | None, seed: int, out: Path
+    data: tuple[Path, ...],
+    map_path: Path | None,
+    simulator: str | None,
+    model: str,
+    effects: str | None,
+    seed: int,
+    out: Path,
 ) -> None:
     """Find what a model gets wrong, name the cause, add it, and measure the gain.
 
-    DATA are directories that `astb run screening` has written, or any files that --map explains. Writes
-    DIR/finding.json, report.html and, for the bench, extended.toml: a model that `astb run --model` takes. Ends with 0
-    whatever the verdict, 2 for misuse.
+    DATA are directories that `astb run screening` has written, or any files that --map explains; files whose columns
+    are named like the signals of a --simulator need no map. Writes DIR/finding.json, report.html and, for the bench,
+    extended.toml: a model that `astb run --model` takes. Ends with 0 whatever the verdict, 2 for misuse.
     """
     _keep_algebra_to_one_core()
     from rich.console import Console
@@ -50,7 +61,9 @@ def diagnose_command(
     from bench_records.layout import RecordError
 
     try:
-        finding = diagnose_data(Request(data, map_path, model, effects, seed), out, Console(stderr=True))
+        finding = diagnose_data(
+            Request(data, map_path, simulator, model, effects, seed), out, Console(stderr=True)
+        )
     except (ValueError, RecordError) as error:
         misuse(error)
     show(finding, out, Console())

@@ -64,7 +64,7 @@ def diagnose(
     replay = Replay(model, data.of("fit"), config.workers)
 
     found = search(replay, data.of("select"), hypotheses, config, tell)  # steps 2 to 6
-    tell("looking for what has no name", 0.85)
+    tell("looking for what has no name", 0.91)
     judgement = judge(found, hypotheses, config)  # steps 7 and 8
     tell("measuring the gain", 0.92)
     return _finding(data, judgement, hypotheses, config, menu)  # steps 1 and 9

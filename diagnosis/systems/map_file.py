@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 
 from bench_sim.parameters import ParameterError, load
 from diagnosis.contracts import Channel, DiagnosisError, Role
 from diagnosis.systems.chamber import CHAMBER
+from diagnosis.systems.own_simulator import load_system
 from diagnosis.systems.piston import PISTON
-from diagnosis.systems.system import System, conversion, difference, quantity
-from diagnosis.systems.tables import ColumnName, FileFormat, Source
+from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
+from diagnosis.systems.tables import ColumnName, FileFormat, Source, column_names
+
+_BUILT_IN: Final = (PISTON, CHAMBER)
+_SYSTEMS: Final = ", ".join(("air_spring", *(system.name for system in _BUILT_IN)))
 
 
 class TimeColumn(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -62,7 +66,8 @@ class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole map file."""
 
-    system: str
+    system: str | None = None
+    simulator: str | None = None  #: of the user's own, "package.module:factory", which may lie beside the map
     parameters: str = "astb"  #: set of the air springs: a name, or a file beside the map
     columns: dict[str, Column]
     time: TimeColumn = TimeColumn()
@@ -71,8 +76,8 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     runs: Runs = Runs()
 
 
-def read_map(map_path: Path) -> tuple[Map, System]:
-    """Return the map and the system that it is for."""
+def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:
+    """Return the map and the system that it is for: the ``simulator`` of the user's own if one is given."""
     try:
         with map_path.open("rb") as file:
             mapping = msgspec.convert(tomllib.load(file), Map)
@@ -80,11 +85,42 @@ def read_map(map_path: Path) -> tuple[Map, System]:
         raise DiagnosisError(f"{map_path}: cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeError, msgspec.ValidationError) as error:
         raise DiagnosisError(f"{map_path}: {error}") from None
+    named = [name for name in (mapping.system, mapping.simulator, simulator) if name is not None]
+    if len(named) != 1:
+        raise DiagnosisError(
+            f"{map_path}: {' and '.join(named) or 'nothing'} is named to be diagnosed; right would be either "
+            f"system = one of {_SYSTEMS}, or a simulator of your own"
+        )
+    if simulator is not None:
+        return mapping, load_system(simulator, Path.cwd())
+    if mapping.simulator is not None:
+        return mapping, load_system(mapping.simulator, map_path.parent)
     return mapping, _system(mapping, map_path)
 
 
+def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
+    """Return the map of files with columns named like the signals of a ``simulator``, in SI, beside ``time`` in s.
+
+    Outputs that the ``first`` of the files does not have were not measured.
+    """
+    system = load_system(simulator, Path.cwd())
+    there = column_names(first, FileFormat())
+    columns = {
+        signal.name: Column(column=signal.name, unit=signal.unit, reading=_reading(signal))
+        for signal in system.signals.values()
+        if signal.required or signal.name in there
+    }
+    return Map(simulator=simulator, columns=columns), system
+
+
+def _reading(signal: SystemSignal) -> Literal["gauge", "absolute"] | None:
+    if signal.unit != "Pa":
+        return None
+    return "gauge" if signal.gauge else "absolute"
+
+
 def _system(mapping: Map, where: Path) -> System:
-    known = {system.name: system for system in (PISTON, CHAMBER)}
+    known = {system.name: system for system in _BUILT_IN}
     if mapping.system == "air_spring":
         # Loading the model of the bench takes a second, which the other systems are spared.
         from diagnosis.systems.air_spring_files import air_spring_system
@@ -96,7 +132,7 @@ def _system(mapping: Map, where: Path) -> System:
             raise DiagnosisError(f"{where}: parameters: {error}") from None
     if mapping.system not in known:
         raise DiagnosisError(
-            f'{where}: system = "{mapping.system}" is unknown; right would be one of air_spring, {", ".join(known)}'
+            f'{where}: system = "{mapping.system}" is unknown; right would be one of {_SYSTEMS}'
         )
     return known[mapping.system]
 
@@ -157,4 +193,9 @@ def channels_of(mapping: Map, system: System, where: Path) -> tuple[Channel, ...
                 for name, text in (("noise", column.noise), ("resolution", column.resolution))
             )
             channels.append(signal.channel(noise, resolution))
+    if not channels:
+        raise DiagnosisError(
+            f"{where}: no column holds what {system.name} predicts; right would be at least one of "
+            + ", ".join(signal.name for signal in system.outputs)
+        )
     return tuple(channels)

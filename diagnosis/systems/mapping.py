@@ -21,8 +21,9 @@ from diagnosis.contracts import (
     Role,
     Simulator,
 )
+from diagnosis.engine.contract_check import check_contract
 from diagnosis.systems.cutting import bridge, pieces_by_length, pieces_by_reversals, resample
-from diagnosis.systems.map_file import Column, Map, RoleRule, channels_of, read_map, settings_of
+from diagnosis.systems.map_file import Column, Map, RoleRule, channels_of, plain_map, read_map, settings_of
 from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
 from diagnosis.systems.tables import read_columns
 
@@ -30,28 +31,55 @@ from diagnosis.systems.tables import read_columns
 _STANDARD_ATMOSPHERE: Final = 101_325.0
 
 
-def read_mapped(paths: Sequence[Path], map_path: Path) -> tuple[Simulator, Dataset]:
-    """Return the simulator that the map names and the runs in ``paths``, in SI on an equidistant grid.
+def read_mapped(
+    paths: Sequence[Path], map_path: Path | None, own: str | None = None
+) -> tuple[Simulator, Dataset]:
+    """Return the simulator and the runs in ``paths``, in SI on an equidistant grid.
 
-    Outputs that the map does not give are no channels of either. In a gap outputs are NaN and inputs are straight
-    lines. DiagnosisError names file, key, value with its unit, and what would be right.
+    The map names the simulator, or ``own`` does, "package.module:factory". Without a map columns are named like its
+    signals. A simulator of the user's own is checked against its contract on the shortest run. Outputs that were not
+    measured are no channels of the dataset. In a gap outputs are NaN and inputs are straight lines. DiagnosisError
+    names file, key, value with its unit, and what would be right.
     """
-    mapping, system = read_map(map_path)
     if not paths:
-        raise DiagnosisError(f"{map_path}: no data files were given")
-    settings = settings_of(mapping, system, map_path)
-    channels = channels_of(mapping, system, map_path)
-    simulator = system.simulator(settings, channels)
-    channels = tuple(
-        replace(own, noise=given.noise or own.noise, resolution=given.resolution or own.resolution)
-        for own, given in zip(simulator.channels, channels, strict=True)
-    )
-    digest = hashlib.sha256(map_path.read_bytes())
+        raise DiagnosisError(f"{map_path or own}: no data files were given")
+    where = map_path or paths[0]
+    if map_path is not None:
+        mapping, system = read_map(map_path, own)
+    elif own is not None:
+        mapping, system = plain_map(paths[0], own)
+    else:
+        raise DiagnosisError(f"{where}: neither a map nor a simulator says what its columns are")
+    settings, given = settings_of(mapping, system, where), channels_of(mapping, system, where)
+    simulator = system.simulator(settings, given)
+    channels = _described(simulator, given, where)
+    digest = hashlib.sha256(map_path.read_bytes() if map_path is not None else b"")
     runs: list[MeasuredRun] = []
     for path in paths:
-        runs += _read_file(path, mapping, system, settings, channels, map_path)
+        runs += _read_file(path, mapping, system, settings, channels, where)
         digest.update(path.read_bytes())
+    if own is not None or mapping.simulator is not None:
+        check_contract(simulator, min(runs, key=lambda run: len(run.outputs)).experiment)
     return simulator, Dataset(channels, tuple(runs), digest.hexdigest(), tuple(str(path) for path in paths))
+
+
+def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> tuple[Channel, ...]:
+    """Return the measured channels as the simulator knows them, with what the map knows better."""
+    known = {channel.name: channel for channel in simulator.channels}
+    for channel in given:
+        if channel.name not in known:
+            raise DiagnosisError(
+                f"{where}: {simulator.name} does not predict {channel.name}, which is one of its outputs; it predicts "
+                + ", ".join(known)
+            )
+    return tuple(
+        replace(
+            known[channel.name],
+            noise=channel.noise or known[channel.name].noise,
+            resolution=channel.resolution or known[channel.name].resolution,
+        )
+        for channel in given
+    )
 
 
 def _read_file(
@@ -161,7 +189,8 @@ def _clock(path: Path, columns: Mapping[str, Array], mapping: Map, where: Path) 
             f"time.step, time.start and time.end in {where}"
         )
     grid: Array = first + step * np.arange(int((last - first) / step + 1e-9) + 1, dtype=np.float64)
-    return time, grid, gap
+    # Rounding must not carry the last time past the last sample.
+    return time, np.minimum(grid, last), gap
 
 
 def _common(time: Array, columns: Mapping[str, Array]) -> tuple[float, float]:

@@ -1,13 +1,18 @@
-"""A smooth surface over two states, as a tensor product of B-splines: the form of an unknown term."""
+"""A smooth surface over two states, as a tensor product of B-splines: the form of an unknown term.
+
+`TensorSplines.value` is for states known before the simulation; inside of it, `spline_value` reads the `table`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
+from bench_sim.model.compiled import compiled
 from diagnosis.contracts import Array, Parameter, Surface
 
 
@@ -33,6 +38,41 @@ class SplineAxis:
         u = np.clip(u, 0.0, len(self.knots) - 1 - 1e-12)
         away = np.abs(u[:, np.newaxis] - (np.arange(len(self.knots) + 1) - 0.5))
         return np.where(away < 0.5, 0.75 - away**2, 0.5 * np.clip(1.5 - away, 0.0, None) ** 2)
+
+
+class SplineTable(NamedTuple):
+    """A surface with its coefficients (rows, columns), to be evaluated one point at a time; without rows it is 0."""
+
+    first_low: float
+    first_spacing: float
+    second_low: float
+    second_spacing: float
+    coefficients: Array
+
+
+@compiled
+def _weights(x: float, low: float, spacing: float, intervals: int) -> tuple[int, float, float, float]:
+    """First index and values of the three quadratic B-splines that are not 0 at ``x``."""
+    u = min(max((x - low) / spacing, 0.0), float(intervals))
+    i = min(int(u), intervals - 1)
+    t = u - i
+    return i, 0.5 * (1.0 - t) ** 2, 0.5 + t * (1.0 - t), 0.5 * t * t
+
+
+@compiled
+def spline_value(table: SplineTable, first: float, second: float) -> float:
+    """Return a surface at one point; it may be called from compiled functions and from plain Python."""
+    rows, columns = table.coefficients.shape
+    if rows == 0:
+        return 0.0
+    i, a0, a1, a2 = _weights(first, table.first_low, table.first_spacing, rows - 2)
+    j, b0, b1, b2 = _weights(second, table.second_low, table.second_spacing, columns - 2)
+    c = table.coefficients
+    return (
+        a0 * (b0 * c[i, j] + b1 * c[i, j + 1] + b2 * c[i, j + 2])
+        + a1 * (b0 * c[i + 1, j] + b1 * c[i + 1, j + 1] + b2 * c[i + 1, j + 2])
+        + a2 * (b0 * c[i + 2, j] + b1 * c[i + 2, j + 1] + b2 * c[i + 2, j + 2])
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +108,15 @@ class TensorSplines:
     def value(self, states: Mapping[str, Array], coefficients: Mapping[str, float]) -> Array:
         """Return the surface (n,) along the ``states`` (n,); a coefficient that is missing is 0."""
         rows, columns = (axis.basis(states[axis.state]) for axis in (self.first, self.second))
-        grid = np.array(
-            [
-                [coefficients.get(f"c_{i}_{j}", 0.0) for j in range(columns.shape[1])]
-                for i in range(rows.shape[1])
-            ]
-        )
-        return np.sum((rows @ grid) * columns, axis=1)
+        return np.sum((rows @ self._grid(coefficients)) * columns, axis=1)
+
+    def table(self, coefficients: Mapping[str, float] | None) -> SplineTable:
+        """Return the surface as `spline_value` takes it; None: it is absent."""
+        grid = np.zeros((0, len(self.second.knots) + 1)) if coefficients is None else self._grid(coefficients)
+        (x, to_x), (y, to_y) = self.first.knots[:2], self.second.knots[:2]
+        return SplineTable(float(x), float(to_x - x), float(y), float(to_y - y), grid)
+
+    def _grid(self, coefficients: Mapping[str, float]) -> Array:
+        """Return the coefficients (rows, columns); what is missing is 0."""
+        rows, columns = (range(len(axis.knots) + 1) for axis in (self.first, self.second))
+        return np.array([[coefficients.get(f"c_{i}_{j}", 0.0) for j in columns] for i in rows])

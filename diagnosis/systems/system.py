@@ -79,6 +79,8 @@ class System:
 
 def conversion(unit: str, si: str, where: str) -> tuple[float, float]:
     """Return (factor, zero) with SI = factor·value + zero; DiagnosisError if ``unit`` is no unit of ``si``."""
+    if unit == si:
+        return 1.0, 0.0
     found = UNITS.get(unit)
     if found is None or found[0] != si:
         known = ", ".join(sorted(name for name, (base, _, _) in UNITS.items() if base == si))

@@ -48,6 +48,24 @@ def read_columns(path: Path, form: FileFormat, wanted: Mapping[str, Source]) -> 
 
     DiagnosisError names file, key and column, and the columns that are there.
     """
+    kind = _kind(path, form)
+    if kind == "mdf":
+        return _read_mdf(path, wanted)
+    frame = _read_csv(path, form) if kind == "csv" else _read_parquet(path)
+    return {key: _numbers(frame, source, f"{path}: {key}.column", form) for key, source in wanted.items()}
+
+
+def column_names(path: Path, form: FileFormat) -> tuple[str, ...]:
+    """Return the names of all columns of a file."""
+    kind = _kind(path, form)
+    if kind == "mdf":
+        with _mdf(path) as mdf:
+            return _channels(mdf)
+    frame = _read_csv(path, form, rows=0) if kind == "csv" else _read_parquet(path)
+    return tuple(str(name) for name in frame.columns)
+
+
+def _kind(path: Path, form: FileFormat) -> Literal["csv", "parquet", "mdf"]:
     kind = form.format or _SUFFIXES.get(path.suffix.lower())
     if not path.is_file():
         raise DiagnosisError(f"{path}: no such file")
@@ -55,13 +73,10 @@ def read_columns(path: Path, form: FileFormat, wanted: Mapping[str, Source]) -> 
         raise DiagnosisError(
             f'{path}: the suffix "{path.suffix}" says no format; give file.format = "csv", "parquet" or "mdf"'
         )
-    if kind == "mdf":
-        return _read_mdf(path, wanted)
-    frame = _read_csv(path, form) if kind == "csv" else _read_parquet(path)
-    return {key: _numbers(frame, source, f"{path}: {key}.column", form) for key, source in wanted.items()}
+    return kind
 
 
-def _read_csv(path: Path, form: FileFormat) -> Any:
+def _read_csv(path: Path, form: FileFormat, rows: int | None = None) -> Any:
     """Read a table as text: a point may be decimal in one column and separate thousands in the next."""
     import pandas as pd
 
@@ -74,6 +89,7 @@ def _read_csv(path: Path, form: FileFormat) -> Any:
             encoding=form.encoding,
             dtype=str,
             skipinitialspace=True,
+            nrows=rows,
         )
     except (ValueError, pd.errors.ParserError) as error:
         raise DiagnosisError(f"{path}: not a table as [file] describes it: {error}") from None
@@ -121,21 +137,28 @@ def _numbers(frame: Any, source: Source, where: str, form: FileFormat) -> Array:
     return np.asarray(series.to_numpy(dtype=np.float64, na_value=np.nan), dtype=np.float64)
 
 
-def _read_mdf(path: Path, wanted: Mapping[str, Source]) -> dict[str, Array]:
-    """Read channels by name on the union of their time stamps; the key ``time`` is the file's own clock."""
+def _mdf(path: Path) -> Any:
     try:
         from asammdf import MDF
     except ImportError:
         raise DiagnosisError(
             f"{path}: MDF files need asammdf, which is not installed: pip install 'astb[mdf]'"
         ) from None
-    channels = {key: source.column for key, source in wanted.items() if key != "time"}
     try:
-        mdf = MDF(path)
+        return MDF(path)
     except Exception as error:  # asammdf has an exception of its own and raises others, too
         raise DiagnosisError(f"{path}: not an MDF file: {error}") from None
-    with mdf:
-        available = sorted(name for name in mdf.channels_db if name not in mdf.masters_db)
+
+
+def _channels(mdf: Any) -> tuple[str, ...]:
+    return tuple(sorted(name for name in mdf.channels_db if name not in mdf.masters_db))
+
+
+def _read_mdf(path: Path, wanted: Mapping[str, Source]) -> dict[str, Array]:
+    """Read channels by name on the union of their time stamps; the key ``time`` is the file's own clock."""
+    channels = {key: source.column for key, source in wanted.items() if key != "time"}
+    with _mdf(path) as mdf:
+        available = _channels(mdf)
         for key, column in channels.items():
             if column not in mdf.channels_db:
                 raise DiagnosisError(

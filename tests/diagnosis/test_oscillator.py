@@ -85,7 +85,7 @@ def test_noise_remembers_as_much_as_it_is_told(coefficient):
 
 
 def test_the_how_to_runs_as_it_stands(tmp_path, monkeypatch, capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    *_, code = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(compile(code, str(PAGE), "exec"), {})
     assert "maxwell" in capsys.readouterr().out

@@ -1,0 +1,95 @@
+"""A simulator of the user's own, named as ``package.module:factory``, as a system that files can be mapped to."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from traceback import extract_tb
+from typing import Final, Protocol, runtime_checkable
+
+from diagnosis.contracts import DiagnosisError, Simulator
+from diagnosis.systems.system import System, SystemSignal
+
+
+@runtime_checkable
+class DrivenSimulator(Simulator, Protocol):
+    """A simulator that says what drives it: the names of its inputs with their SI units."""
+
+    @property
+    def inputs(self) -> Mapping[str, str]: ...
+
+
+#: What such a simulator has.
+_ATTRIBUTES: Final = ("name", "channels", "nuisances", "catalogue", "surfaces", "run", "inputs")
+_RIGHT: Final = 'right would be such as "my_oscillator:Oscillator", a class in the file my_oscillator.py'
+
+
+def load_system(name: str, folder: Path) -> System:
+    """Return the system that a factory makes; its module may lie in ``folder``.
+
+    The factory is a class or function without arguments. It returns a `System`, or a simulator with ``inputs``, whose
+    pressures are taken as gauge pressures and whose settings are its own. DiagnosisError says what is not there.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not module_name or not attribute:
+        raise DiagnosisError(f'simulator "{name}" names no factory of a module; {_RIGHT}')
+    place = str(folder.resolve())
+    if place not in sys.path:
+        sys.path.insert(0, place)
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            raise DiagnosisError(f'simulator "{name}": {module_name} needs {error.name}: {error}') from error
+        raise DiagnosisError(
+            f'simulator "{name}": there is no module {error.name} in {folder.resolve()} or among the installed '
+            f"packages; {_RIGHT}"
+        ) from None
+    except Exception as error:  # it may be anybody's code
+        raise _failed(name, error) from error
+    factory = getattr(module, attribute, None)
+    if not callable(factory):
+        near = get_close_matches(attribute, vars(module), n=1)
+        raise DiagnosisError(
+            f'simulator "{name}": {module_name} has no class or function {attribute}'
+            + (f"; {near[0]} would be near" if near else "")
+        )
+    try:
+        made = factory()
+    except DiagnosisError:
+        raise
+    except Exception as error:  # it may be anybody's code
+        raise _failed(name, error) from error
+    return made if isinstance(made, System) else _system(name, made)
+
+
+def _failed(name: str, error: Exception) -> DiagnosisError:
+    place = extract_tb(error.__traceback__)[-1]
+    where = f"{Path(place.filename).name}, line {place.lineno}"
+    return DiagnosisError(f'simulator "{name}" cannot be made: {type(error).__name__}: {error} ({where})')
+
+
+def _system(name: str, made: object) -> System:
+    missing = [one for one in _ATTRIBUTES if not hasattr(made, one)]
+    if missing or not isinstance(made, DrivenSimulator):
+        raise DiagnosisError(
+            f'simulator "{name}" made a {type(made).__name__} without {", ".join(missing)}; right would be a System, '
+            "or a simulator with inputs = {name: unit}"
+        )
+    if not made.channels:
+        raise DiagnosisError(f'simulator "{name}" predicts nothing: its channels are empty')
+    simulator: Simulator = made
+    return System(
+        name=made.name,
+        title=made.name,
+        inputs=tuple(SystemSignal(one, unit, one, gauge=unit == "Pa") for one, unit in made.inputs.items()),
+        outputs=tuple(
+            SystemSignal(one.name, one.unit, one.name, False, one.unit == "Pa", one.display, one.scale)
+            for one in made.channels
+        ),
+        settings=(),
+        simulator=lambda settings, channels: simulator,
+    )

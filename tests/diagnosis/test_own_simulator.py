@@ -1,0 +1,292 @@
+"""A simulator of one's own: the how-to as it is typed, its integrator and surfaces, and what is refused at once."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+
+from diagnosis.contracts import Channel, DiagnosisError, Experiment, Hypothesis, Nuisance, Parameter
+from diagnosis.engine.contract_check import check_contract
+from diagnosis.finding import Finding
+from diagnosis.systems.integration import integrate
+from diagnosis.systems.mapping import read_mapped
+from diagnosis.systems.oscillator import Oscillator, force_surface
+from diagnosis.systems.oscillator_specimen import Laboratory
+from diagnosis.systems.own_simulator import load_system
+from diagnosis.systems.splines import SplineAxis, TensorSplines, spline_value
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "how-to" / "diagnose-your-own-simulator.md"
+TIME = 0.01 * np.arange(300)
+PUSHED = Experiment("pushed", TIME, {"drive": np.sin(3.0 * TIME)})
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Path:
+    """A directory with the files of the page and a clone's `.venv`."""
+    for name, text in re.findall(r"`(\w+\.py)`:\n\n```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL):
+        (tmp_path / name).write_text(text)
+    folder = tmp_path / ".venv" / "bin"
+    folder.mkdir(parents=True)
+    for name, what in (("astb", "-m astb"), ("python", "")):
+        (folder / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {what} "$@"\n')
+        (folder / name).chmod(0o755)
+    return tmp_path
+
+
+def typed(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        ["bash", "-ec", command], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.slow
+def test_the_page_does_what_it_says(page: Path) -> None:
+    text = PAGE.read_text()
+    (commands,) = re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL)
+    assert len((page / "my_oscillator.py").read_text().splitlines()) < 60
+    done = typed(page, commands)
+    assert done.returncode == 0, done.stderr
+    (said,) = re.findall(r"```\n(The simulation lacks.*?)```", text, flags=re.DOTALL)
+    assert done.stdout == said
+    assert next(line.split(maxsplit=1)[1] for line in done.stderr.splitlines()) == "read the data"
+    finding = Finding.from_json((page / "runs" / "mine" / "finding.json").read_bytes())
+    (cause,) = finding.causes
+    assert cause.effect == "friction" and cause.parameters[0].value == pytest.approx(1.5, abs=0.02)
+    assert finding.models.after_runs.keys() == {*finding.provenance.fit, *finding.provenance.report}
+    refused = typed(
+        page, commands.replace("python measure.py", "python -c 0")
+        + "sed -i s/low=1.0/low=0.0/ my_oscillator.py\n"
+        + commands.splitlines()[1]
+    )  # fmt: skip
+    (error,) = re.findall(r"```\n(my oscillator: .*?)```", text, flags=re.DOTALL)
+    assert refused.returncode == 2
+    assert " ".join(error.split()) in refused.stderr
+
+
+# -- the integrator and the surface ------------------------------------------------------------------------------------
+
+
+def falling(state, inputs, p):
+    x, v = state
+    return v, inputs[0] - p[0] * x - p[1] * v * v
+
+
+@pytest.mark.parametrize(
+    "rates", [falling, pytest.param(njit(falling), marks=pytest.mark.slow)], ids=["plain", "compiled"]
+)
+def test_the_step_is_of_fourth_order_and_meets_an_independent_integrator(rates: Callable) -> None:
+    from scipy.integrate import solve_ivp
+
+    drive = np.interp(TIME, [0.0, 1.0, 3.0], [0.0, 2.0, -1.0])
+    truth = solve_ivp(
+        lambda t, y: falling(y, [np.interp(t, TIME, drive)], (40.0, 0.5)),
+        (0.0, TIME[-1]), (0.1, 0.0), t_eval=TIME, rtol=1e-11, atol=1e-13, max_step=0.01,
+    ).y.T  # fmt: skip
+    errors = [
+        np.abs(integrate(rates, (0.1, 0.0), (drive,), 0.01, (40.0, 0.5), parts=parts) - truth).max()
+        for parts in (1, 2)
+    ]
+    assert errors[0] < 1e-5
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_surface_is_the_same_inside_a_right_hand_side_and_over_states_that_are_known() -> None:
+    rng = np.random.default_rng(3)
+    axes = SplineAxis("x", "x", (-1.0, 0.0, 1.0, 2.0)), SplineAxis("v", "v", (0.0, 0.5, 1.0))
+    splines = TensorSplines("force", "a force", *axes, "N", 1.0, frozenset())
+    coefficients = {one.name: rng.standard_normal() for one in splines.surface.coefficients}
+    x, v = rng.uniform(-2.0, 3.0, 400), rng.uniform(-1.0, 2.0, 400)
+    table = splines.table(coefficients)
+    one_by_one = [spline_value(table, a, b) for a, b in zip(x, v, strict=True)]
+    assert one_by_one == pytest.approx(splines.value({"x": x, "v": v}, coefficients), abs=1e-10)
+    assert spline_value(splines.table(None), 0.3, 0.3) == 0.0
+
+
+# -- the contract ------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Scale:
+    """y = gain · drive + what an effect of amplitude ``a`` and shape ``s`` adds."""
+
+    term: Callable[[float, float, np.ndarray], np.ndarray]
+    low: float = -np.inf
+    name: str = "scale"
+    channels: tuple = (Channel("y", "V"),)
+    nuisances: tuple = (Nuisance("gain", "V/N", 1.0, 0.1),)
+    surfaces: tuple = ()
+    catalogue: dict = field(init=False)
+
+    def __post_init__(self) -> None:
+        shape = Parameter("s", "s", 1.0, 0.5, 0.1, 10.0)
+        amplitude = Parameter("a", "V", 0.0, 2.0, self.low)
+        self.catalogue = {"odd": Hypothesis("odd", "family", "odd", amplitude, (shape,), ((1.0,), (2.0,)))}
+
+    def run(self, experiment, parameters, effects):
+        drive = experiment.inputs["drive"]
+        y = parameters["gain"] * drive
+        if "odd" in effects:
+            y = y + self.term(effects["odd"]["a"], effects["odd"]["s"], drive)
+        return y[:, np.newaxis]
+
+
+def test_what_keeps_the_contract_passes() -> None:
+    check_contract(Scale(lambda a, s, u: a * np.tanh(u / s)), PUSHED)
+    check_contract(
+        replace(Oscillator(), surfaces=(force_surface(),)), Laboratory(samples=300).experiments()[1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("term", "low", "message"),
+    [
+        (lambda a, s, u: a * u + 1e-9, -np.inf, r"odd at a = 0 V, s = 1 changes the outputs by up to 1e-09; .* absent"),
+        (lambda a, s, u: np.sqrt(a) * u, 0.0, r"effect odd at a = 0.01 V and a = 0.02 V, s = 1 is not proportional"),
+        (lambda a, s, u: a * a * u, -np.inf, r"effect odd .* is not proportional"),
+        (lambda a, s, u: abs(a) * u, -np.inf, r"effect odd at a = -0.02 V and a = 0.02 V, s = 1 has a kink at 0"),
+        (lambda a, s, u: u * np.exp(-1.0 / max(a, 1e-3)) * (a > 0.0), 0.0, r"= 0.02 V, s = 1 changes nothing, but at"),
+        (lambda a, s, u: a / (10.0 - s) * u, -np.inf, r"odd.a = 2 V, odd.s = 10 s, gain = 1 V/N: ZeroDivisionError"),
+        (lambda a, s, u: a * u * np.log(s - 0.5), -np.inf, r"y is nan at 0 s .* at odd.a = 2 V, odd.s = 0.1 s"),
+        (lambda a, s, u: a * u[:7], -np.inf, r"failed in the run pushed at odd.a = 0 V.*ValueError.*broadcast"),
+        (lambda a, s, u: a * np.random.default_rng().standard_normal(300), -np.inf, r"is not proportional"),
+    ],
+    ids=["present", "root", "square", "kink", "flat", "zero division", "nan", "shape", "chance"],
+)  # fmt: skip
+def test_what_breaks_the_contract_is_named_with_its_parameters(term, low: float, message: str) -> None:
+    with pytest.raises(DiagnosisError, match=message):
+        check_contract(Scale(term, low), PUSHED)
+
+
+def test_a_base_model_that_fails_forgets_nothing_or_has_another_shape_is_refused() -> None:
+    plain = Scale(lambda a, s, u: a * u)
+    with pytest.raises(DiagnosisError, match=r"y is inf at .*gain = 0 V/N"):
+        check_contract(_Changed(plain, lambda y, p: y / p["gain"], nuisance_low=0.0), PUSHED)
+    with pytest.raises(DiagnosisError, match="other outputs when it was run again"):
+        calls = iter(range(1000))
+        check_contract(_Changed(plain, lambda y, p: y + next(calls)), PUSHED)
+    with pytest.raises(DiagnosisError, match=r"shape \(300,\); right would be \(300, 1\)"):
+        check_contract(_Changed(plain, lambda y, p: y[:, 0]), PUSHED)
+
+
+class _Changed:
+    def __init__(self, plain: Scale, change: Callable, nuisance_low: float = -np.inf) -> None:
+        self.plain, self.change = plain, change
+        self.name, self.channels, self.surfaces = plain.name, plain.channels, plain.surfaces
+        self.catalogue = plain.catalogue
+        self.nuisances = (replace(plain.nuisances[0], low=nuisance_low),)
+
+    def run(self, experiment, parameters, effects):
+        return self.change(self.plain.run(experiment, parameters, effects) + 1.0, parameters)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"amplitude": Parameter("a", "V", 1.0, 1.0)}, r"amplitude a has the nominal value 1 .* right would be .* 0"),
+        ({"grid": ((),)}, r"the point \(\) of its grid has 0 values; right would be one for each of its shapes \(s\)"),
+        ({"name": "other"}, r"effect odd calls itself 'other'"),
+        ({"amplitude": Parameter("a", "V", 0.0, 0.0)}, r"a has spread 0 and step 0 V; at least one"),
+    ],
+)  # fmt: skip
+def test_declarations_that_contradict_themselves_are_refused(change: dict, message: str) -> None:
+    model = Scale(lambda a, s, u: a * u)
+    model.catalogue = {"odd": replace(model.catalogue["odd"], **change)}
+    with pytest.raises(DiagnosisError, match=message):
+        check_contract(model, PUSHED)
+
+
+# -- the factory -------------------------------------------------------------------------------------------------------
+
+OWN = """
+import numpy as np
+from diagnosis.contracts import Channel, Nuisance
+class Gain:
+    name, catalogue, surfaces = "amplifier", {}, ()
+    inputs = {"drive": "V"}
+    channels = Channel("y", "V", noise=0.1), Channel("z", "V")
+    nuisances = (Nuisance("gain", "1", 2.0, 0.1),)
+    def run(self, experiment, parameters, effects):
+        y = parameters["gain"] * experiment.inputs["drive"]
+        return np.column_stack((y, -y))
+class Silent:
+    name = "silent"
+def broken():
+    return 1 / 0
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "amplifier_of_mine", raising=False)
+    (tmp_path / "amplifier_of_mine.py").write_text(OWN)
+    (tmp_path / "needs.py").write_text("import nowhere_to_be_found")
+    rows = [f"{t:.2f},{np.sin(t):.6f},{2.1 * np.sin(t):.6f}" for t in TIME]
+    (tmp_path / "a.csv").write_text("time,drive,y\n" + "\n".join(rows))
+    return tmp_path
+
+
+def test_columns_named_like_the_signals_need_no_map(own: Path) -> None:
+    simulator, dataset = read_mapped([own / "a.csv"], None, "amplifier_of_mine:Gain")
+    (run,) = dataset.runs
+    assert [(channel.name, channel.noise) for channel in dataset.channels] == [
+        ("y", 0.1)
+    ]  # z was not measured
+    assert simulator.run(run.experiment, {"gain": 2.1}, {})[:, :1] == pytest.approx(run.outputs, abs=2e-6)
+
+
+def test_a_map_may_name_the_simulator_beside_it(own: Path) -> None:
+    mapping = own / "map.toml"
+    columns = (
+        '[columns]\ndrive = {column = "drive", unit = "V"}\ny = {column = "y", unit = "V", noise = "0.2 V"}\n'
+    )
+    mapping.write_text('simulator = "amplifier_of_mine:Gain"\n' + columns)
+    _, dataset = read_mapped([own / "a.csv"], mapping)
+    assert [channel.noise for channel in dataset.channels] == [0.2]
+    with pytest.raises(DiagnosisError, match="amplifier_of_mine:Gain and other:one is named"):
+        read_mapped([own / "a.csv"], mapping, "other:one")
+    mapping.write_text(columns)
+    with pytest.raises(
+        DiagnosisError, match=r"nothing is named to be diagnosed; .* air_spring, piston, chamber"
+    ):
+        read_mapped([own / "a.csv"], mapping)
+    mapping.write_text(
+        'simulator = "amplifier_of_mine:Gain"\n[columns]\ndrive = {column = "drive", unit = "V"}'
+    )
+    with pytest.raises(DiagnosisError, match=r"no column holds what amplifier predicts; .* y, z"):
+        read_mapped([own / "a.csv"], mapping)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("amplifier_of_mine", "names no factory of a module; right would be such as"),
+        ("nothing_here:Gain", "there is no module nothing_here in "),
+        ("needs:Gain", "needs needs nowhere_to_be_found"),
+        ("amplifier_of_mine:Gian", "has no class or function Gian; Gain would be near"),
+        (
+            "amplifier_of_mine:broken",
+            r"ZeroDivisionError: division by zero \(amplifier_of_mine.py, line 15\)",
+        ),
+        (
+            "amplifier_of_mine:Silent",
+            "made a Silent without channels, nuisances, catalogue, surfaces, run, inputs",
+        ),
+    ],
+)
+def test_a_factory_that_makes_no_simulator_is_refused(own: Path, name: str, message: str) -> None:
+    with pytest.raises(DiagnosisError, match=message):
+        load_system(name, own)
