@@ -175,25 +175,27 @@ class ColumnsInWork:
     """Columns of one run that are made one by one, in any order and by several threads."""
 
     def __init__(self, packing: Packing, size: int) -> None:
-        self._packing = packing
-        self._rows: list[Floats | None] = [None] * size
+        self._packing, self._size = packing, size
+        self._rows: list[dict[int, Floats]] = [{} for _ in range(packing.counted.shape[1])]
 
     def put(self, place: int, values: Array) -> None:
         """Keep the column at a place, of which ``values`` (n, c) are all samples, in single precision."""
-        self._rows[place] = self._packing.pack(values).astype(np.float32)
+        packed = self._packing.pack(values).astype(np.float32)
+        for c, rows in enumerate(self._rows):
+            samples = packed[self._packing.channel(c)]
+            if samples.any():
+                rows[place] = samples.copy()
 
     def done(self) -> Columns:
         """Return the columns, all of which have been put."""
-        rows, traces = self._rows, []
-        for c in range(self._packing.counted.shape[1]):
-            inside = self._packing.channel(c)
-            moved = [k for k, row in enumerate(rows) if row is not None and row[inside].any()]
-            values = np.empty((len(moved), inside.stop - inside.start), np.float32)
-            for to, k in zip(values, moved, strict=True):
-                to[:] = rows[k][inside]  # type: ignore[index]
-            traces.append(Trace(np.array(moved, dtype=np.intp), values))
-        self._rows = []
-        return Columns(len(rows), traces)
+        traces = []
+        for c, rows in enumerate(self._rows):
+            inside, places = self._packing.channel(c), sorted(rows)
+            values = np.empty((len(places), inside.stop - inside.start), np.float32)
+            for to, place in zip(values, places, strict=True):
+                to[:] = rows.pop(place)
+            traces.append(Trace(np.array(places, dtype=np.intp), values))
+        return Columns(self._size, traces)
 
 
 def columns_of(packing: Packing, values: Floats) -> Columns:

@@ -32,6 +32,8 @@ class Config:
     lpd_loss: float = 3.0  #: step 6: what a cause may cost in log predictive density
     rough: float = 0.03  #: step 6: part of the λ found before that a further cause must exceed
     gain: float = 0.05  #: step 6: least part of the explainable RMSE that a cause must explain
+    with_panel: bool = True  #: step 1: whether the panel of tests is computed; no verdict depends on it
+    with_gain: bool = True  #: step 9: whether the report runs are opened; no verdict depends on them
 
 
 # -- step 1, the residual: residual/ -----------------------------------------------------------------------------------
@@ -104,9 +106,6 @@ EIGENVALUE_FLOOR: Final = 1e-13
 #: Part of the square of a column that must be left after a projection: difference quotients, kept in single precision,
 #: are right to about four digits.
 VISIBLE_PART: Final = 1e-8
-#: Ridge of a projection, in parts of the largest eigenvalue: directions that the model hardly has take nothing out that
-#: rounding alone could put there.
-RIDGE: Final = 1e-10
 #: Weight of what a fit knows of parameters that a prediction holds fixed.
 FIXED_WEIGHT: Final = 1e4
 #: Weight of a prior that says nothing, per square of the parameter's scale: it makes the evidence finite.
@@ -127,8 +126,11 @@ DISPERSION_BLOCKS: Final = 256
 
 # -- steps 4 and 5, scores and their threshold: footprints.py, screening.py, threshold.py ------------------------------
 
-#: Draws of the largest of all scores under chance: at α = 0.003 the quantile rests on 60 of them.
-THRESHOLD_DRAWS: Final = 20_000
+#: Draws of the largest of all scores under chance, in each of two rounds. All of the second are about as rare as what
+#: is looked for: the quantile scatters by 0.002, as it would with some five million plain draws.
+THRESHOLD_DRAWS: Final = 6_000
+#: The second round begins so far below the quantile of the first, which scatters by a fifth of it.
+THRESHOLD_MARGIN: Final = 0.1
 
 # -- step 6, fit and gates: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py -----------------------
 

@@ -91,12 +91,12 @@ def _finding(
     found, verdict, extended = judgement.found, judgement.verdict, judgement.model
     named = judgement.screened.model
     base = fit(extended.replay, extended.noise, without_effects(extended.point), named.linearisation)
-    tests = panel(base, seed=config.seed, alpha=PANEL_FDR)
+    tests = panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else []
     covariance = named.covariance()
     causes = [cause(a, hypotheses[a.effect], named.point, covariance) for a in found.accepted]
     others = rivals(found, hypotheses, config.ambiguous) if verdict is Verdict.AMBIGUOUS else []
     next_runs, next_sensors = _deciding(judgement, config, menu) if others else ([], [])
-    report = data.of("report")
+    report = data.of("report") if config.with_gain else ()
     gain = compare(base, extended, report, found.floors, seed=config.seed) if report else Comparison()
     first = found.steps[0].screening
     return Finding(

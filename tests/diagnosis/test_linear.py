@@ -97,6 +97,64 @@ def test_a_column_that_the_model_imitates_exactly_has_no_score():
     assert projection.gram[0, 0] > 1.0
 
 
+def shaken(rng, symmetric):
+    """The same matrix, each entry moved by up to 1e-10 of the root of both diagonal elements."""
+    noise = rng.uniform(-1e-10, 1e-10, symmetric.shape)
+    root = np.sqrt(np.diagonal(symmetric))
+    return symmetric + (noise + noise.T) / 2 * np.outer(root, root)
+
+
+class Shaken(Columns):
+    """Columns whose inner products are wrong in the tenth digit, as those of another order of summation are."""
+
+    def __init__(self, columns, rng, grams):
+        super().__init__(columns.size, columns.traces)
+        self.rng, self.grams = rng, grams
+
+    @property
+    def gram(self):
+        full = sum(t.values @ t.values.T for t in self.traces)
+        return shaken(self.rng, full) if self.grams else full
+
+    def against(self, other):
+        pairs = zip(self.traces, other.traces, strict=True)
+        both = np.hstack([np.concatenate((t.values, o.values)) for t, o in pairs])
+        return shaken(self.rng, both @ both.T)[: self.size, self.size :]
+
+
+@pytest.mark.parametrize("grams", [True, False])
+def test_rounding_moves_no_score(grams):
+    """Nuisances and candidates of which many are alike, to 1e-3, 1e-6 and the last digit: scores do not notice."""
+    rng = np.random.default_rng(8)
+    base = rng.standard_normal((6, 400, 1))
+    alike = 1e3 * (base + 1e-3 * rng.standard_normal((6, 400, 1)))
+    nuisances = np.concatenate((base, alike, base[:3] + base[3:], alike[:2] - 1e3 * base[:2]))
+    nuisances = np.concatenate((nuisances, base + 7e-7 * rng.standard_normal((6, 400, 1))))
+    unit = nuisances / np.linalg.norm(nuisances, axis=1, keepdims=True)
+    mixed = np.tensordot(rng.standard_normal((30, len(nuisances))), unit, 1)
+    own = mixed + 0.05 * rng.standard_normal((30, 400, 1)) * np.logspace(-2, 1, 30)[:, None, None]
+    footprints = np.concatenate((own, own[::2], own[:9] + own[9:18], mixed[:5]))
+    coordinates = tuple(
+        Coordinate(Parameter(f"n{i}", "1", 0.0, 1.0), penalised=False) for i in range(len(nuisances))
+    )
+    point, residual = Point(coordinates, np.zeros(len(coordinates))), rng.standard_normal(400)
+
+    def projected(wrap):
+        parts = (tuple(range(len(nuisances))), wrap(packed(nuisances))), ((), packed(nuisances[:0]))
+        block = Block("a", packing(400, 1), residual, parts)
+        prior = Prior(np.zeros(len(nuisances)), np.zeros((len(nuisances),) * 2))
+        return Linearisation(point, prior, (block,)).project([wrap(packed(footprints))])
+
+    exact = projected(lambda columns: columns)
+    assert np.count_nonzero(exact.norm) >= 45 and not exact.norm[-5:].any()
+    for seed in range(5):
+        other = projected(lambda columns, seed=seed: Shaken(columns, np.random.default_rng(seed), grams))
+        assert other.z == pytest.approx(exact.z, abs=0.02)
+        assert other.norm == pytest.approx(exact.norm, rel=0.01)
+        made = [p.estimate @ p.information @ p.estimate for p in (exact, other)]
+        assert made[1] == pytest.approx(made[0], abs=0.1)
+
+
 def test_a_step_stays_in_range_and_the_others_make_the_best_of_it():
     rng = np.random.default_rng(5)
     X = rng.standard_normal((200, 3)) @ np.array([[1.0, 0.9, 0.0], [0.0, 0.5, 0.3], [0.0, 0.0, 1.0]])

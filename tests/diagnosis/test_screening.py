@@ -13,20 +13,6 @@ from diagnosis.engine.threshold import threshold
 from diagnosis.engine.whitening import filters
 
 
-def test_threshold_of_independent_scores_is_that_of_the_largest_of_them():
-    m, alpha = 30, 0.01
-    exact = norm.isf(0.5 * (1.0 - (1.0 - alpha) ** (1.0 / m)))
-    assert threshold(np.eye(m), np.zeros(m, bool), alpha, 1) == pytest.approx(exact, abs=0.06)
-    one_sided = norm.isf(1.0 - (1.0 - alpha) ** (1.0 / m))
-    assert threshold(np.eye(m), np.ones(m, bool), alpha, 1) == pytest.approx(one_sided, abs=0.06)
-
-
-def test_threshold_of_identical_scores_is_that_of_one():
-    assert threshold(np.ones((40, 40)), np.zeros(40, bool), 0.01, 1) == pytest.approx(
-        norm.isf(0.005), abs=0.05
-    )
-
-
 def test_threshold_of_correlated_scores_against_brute_force():
     """Scores of random data on random columns, none of the formulas used."""
     rng = np.random.default_rng(2)
@@ -36,7 +22,20 @@ def test_threshold_of_correlated_scores_against_brute_force():
     z = rng.standard_normal((200_000, 50)) @ columns
     z[:, ~one_sided] = np.abs(z[:, ~one_sided])
     brute = np.quantile(z.max(axis=1), 0.99)
-    assert threshold(columns.T @ columns, one_sided, 0.01, 3) == pytest.approx(brute, abs=0.05)
+    assert threshold(columns.T @ columns, one_sided, 0.01, 3) == pytest.approx(brute, abs=0.02)
+
+
+@pytest.mark.parametrize("one_sided", [True, False])
+@pytest.mark.parametrize("alpha", [0.003, 0.05])
+def test_threshold_of_scores_that_are_all_alike_or_have_nothing_in_common(one_sided, alpha):
+    """Closed forms of 70 scores, to a hundredth of a standard deviation whatever the seed."""
+    sides = np.full(70, one_sided)
+    for cosines, independent in ((np.ones((70, 70)), 1), (np.eye(70), 70)):
+        single = -np.expm1(np.log1p(-alpha) / independent)
+        exact = norm.isf(single if one_sided else single / 2)
+        assert [threshold(cosines, sides, alpha, seed) for seed in range(3)] == pytest.approx(
+            [exact] * 3, abs=0.01
+        )
 
 
 def test_no_candidate_no_alarm():

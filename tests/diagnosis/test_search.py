@@ -128,6 +128,18 @@ def test_the_same_seed_says_the_same_whatever_the_workers(laboratory, oscillator
     assert findings[0] == findings[1]
 
 
+def test_panel_and_gain_can_be_left_out_and_change_no_verdict(laboratory):
+    lab = laboratory(samples=400)
+    data = lab.measure(14, {"coulomb": {"amplitude": 0.1}})
+    whole, short = (
+        diagnose(data, lab.simulator, Config(workers=1, with_panel=told, with_gain=told))
+        for told in (True, False)
+    )
+    assert whole.panel and whole.gains and whole.traces
+    assert not (short.panel or short.gains or short.coverage or short.traces)
+    assert (short.verdict, short.causes, short.scores) == (whole.verdict, whole.causes, whole.scores)
+
+
 def test_a_stop_is_in_no_catalogue_and_stays_unknown(laboratory, oscillator, force_surface):
     lab = laboratory(oscillator(surfaces=(force_surface,)), samples=800)
     finding = diagnose(lab.measure(15, {"stop": {"amplitude": 300.0, "gap": 0.02}}), lab.simulator, ONE)

@@ -14,7 +14,7 @@ import numpy as np
 
 from diagnosis.contracts import Array
 from diagnosis.engine.columns import Columns, Packing
-from diagnosis.engine.config import EIGENVALUE_FLOOR, RIDGE, VISIBLE_PART
+from diagnosis.engine.config import EIGENVALUE_FLOOR, VISIBLE_PART
 from diagnosis.engine.fitting.point import Point
 
 #: Columns with the coordinates of the point that they belong to.
@@ -210,7 +210,7 @@ class Linearisation:
             mixed = mixed + of_run
             own = own + further.gram
             score = score + further.times(block.residual)
-        regression = solve(self.information, mixed, RIDGE)
+        regression = solve(self.information, mixed)
         return Projection(
             own - mixed.T @ regression,
             score - regression.T @ self.gradient,
@@ -219,14 +219,11 @@ class Linearisation:
         )
 
 
-def solve(gram: Array, right: Array, ridge: float = 0.0) -> Array:
-    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0.
-
-    A ``ridge`` is added to each of its eigenvalues.
-    """
+def solve(gram: Array, right: Array) -> Array:
+    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0."""
     scale, values, vectors = _spectrum(gram)
     keep = values > EIGENVALUE_FLOOR * values.max(initial=0.0)
-    basis = vectors[:, keep] / np.sqrt(values[keep] + ridge)
+    basis = vectors[:, keep] / np.sqrt(values[keep])
     return (scale * (basis @ (basis.T @ (scale * right.T).T)).T).T
 
 
