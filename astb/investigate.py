@@ -27,6 +27,8 @@ LOG: Final = "investigation.json"
 LEAST_GAP: Final = 10.0
 #: Verdicts after which another run may tell more.
 UNDECIDED: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
+#: How often in a row a run is tried that the link or this machine blocks.
+ATTEMPTS: Final = 3
 #: How often the bench hears of its commander while a diagnosis computes.
 KEEP_ALIVE: Final = 1 * s
 
@@ -225,11 +227,14 @@ def _decide(
     display: ProgressDisplay,
 ) -> str:
     """Run and diagnose, each step into the ``log``, until nothing is left to be done; return why."""
+    from test_plans.execution import BY_THE_LINK
+
     records: list[Path] = []
+    attempts = 0
     programme, why = first, "to see what the model gets wrong"
     while True:
         display.say(f"{programme.name}: {why}")
-        name = f"{len(records) + 1:02d}-{programme.name}"
+        name = f"{len(log.steps) + 1:02d}-{programme.name}"
         result, directory = run_plan(programme_plan(programme), session, rig, out, name, display)
         step = InvestigationStep(
             plan=programme.name,
@@ -242,7 +247,17 @@ def _decide(
         log.write(out)
         # A check that failed is a reading like others: what is wrong with the bench may be what is looked for.
         if result.verdict is Outcome.BLOCKED:
-            return f"{programme.name} {result.verdict}: {result.reason}"
+            blocked = f"{programme.name} {result.verdict}: {result.reason}"
+            if not result.reason.startswith(BY_THE_LINK):
+                return blocked
+            attempts += 1
+            if attempts == ATTEMPTS:
+                return f"{blocked} ({attempts} times in a row)"
+            if lasts(programme) / minutes > log.budget - log.spent:
+                return f"{blocked}; the budget is spent: {log.budget - log.spent:.1f} min are left"
+            why = "once more, the link or this machine was what blocked it"
+            continue
+        attempts = 0
         records.append(directory)
         finding = _computed_while_connected(session, lambda: diagnose(records))
         log.steps[-1] = msgspec.structs.replace(

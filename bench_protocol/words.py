@@ -92,6 +92,11 @@ REASONS: Final = (
     "heartbeat lost",
 )
 assert len(REASONS) == len(Reason), "every reason has one text"
+#: Reasons that tell of the wires and of whoever commands, not of the bench.
+REASONS_OF_THE_LINK: Final = tuple(
+    REASONS[reason]
+    for reason in (Reason.COMMAND_LATE, Reason.COMMAND_LOST, Reason.DISCONNECTED, Reason.HEARTBEAT_LOST)
+)
 
 AirMode = Literal["hold", "level", "fill", "vent"]
 ControlMode = Literal["off", "force", "displacement"]

@@ -16,7 +16,11 @@ class BenchTimeout(BenchError):
 
 
 class RigFault(BenchError):
-    """The rig left the state that the plan needs; the message carries the rig's own reason."""
+    """The rig left the state that the plan needs; the message carries the rig's own reason, ``fault`` whose it is."""
+
+    def __init__(self, message: str, fault: Fault = "rig") -> None:
+        super().__init__(message)
+        self.fault = fault
 
 
 class Refused(BenchError):

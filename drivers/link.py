@@ -12,9 +12,9 @@ from bench_protocol.clock import Clock
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, minutes, ms, s
 from bench_protocol.wires import Table
-from bench_protocol.words import LIVE_STATES, STATES
+from bench_protocol.words import LIVE_STATES, REASONS_OF_THE_LINK, STATES
 from drivers.commander import BEAT, Commander
-from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, NotCommander, RigFault, Stale
+from drivers.errors import BenchError, BenchTimeout, Fault, LinkLost, Misuse, NotCommander, RigFault, Stale
 from drivers.reading import UNKNOWN, Readings, Sample
 from drivers.receiver import Capture, Receiver
 from drivers.settings import Settings
@@ -185,7 +185,9 @@ class Link:
             age = self.readings.sample("rig.state").age
             raise LinkLost(f"the rig is silent: no State message for {age:.2g} s, 50 a second are right")
         if state in DOWN_STATES:
-            raise RigFault(f"the rig left ACTIVE: {self.describe()}")
+            reason = self.readings.choice("rig.reason")
+            fault: Fault = "link" if reason in REASONS_OF_THE_LINK else "rig"
+            raise RigFault(f"the rig left ACTIVE: {self.describe()}", fault)
 
     @contextmanager
     def despite_faults(self) -> Iterator[None]:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Whose fault it is, in words.
 _WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan"}
+#: How the reason of a run begins that was blocked by the wires or by whoever commands, not by the bench.
+BY_THE_LINK: Final = f"{_WHOSE['link']}: "
 _STOPPED: Final = "stopped by the operator"
 
 

@@ -1,19 +1,21 @@
 """The closed loop: what is run next and why, on the virtual rig, with a diagnosis that says what it is told to say."""
 
 import json
+import math
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+import astb.run
 from astb.diagnose import read_data
 from astb.display import ProgressDisplay
 from astb.investigate import LEAST_GAP, LOG, choose, history, investigate
 from astb.menu import experiments, offers
 from astb.rig_file import RigFile, Simulation
 from astb.session import build_rig, virtual_session
-from bench_protocol.units import bar, minutes, mm, s
+from bench_protocol.units import NS, bar, minutes, mm, ms, s
 from bench_protocol.words import SIDES
 from bench_records.layout import RecordError
 from bench_records.record import read
@@ -186,6 +188,65 @@ def test_a_rig_that_breaks_ends_the_investigation_with_its_reason(tmp_path):
     assert [step.outcome for step in log.steps] == ["blocked"]
     assert json.loads((tmp_path / LOG).read_text())["ended"] == log.ended
     assert pressure < 0.5 * bar
+
+
+def silenced(monkeypatch, *runs):
+    """Let the commander fall silent for 150 ms in these runs, as on a machine that is busy with something else."""
+    import astb.investigate as module
+
+    count = iter(range(1, 100))
+
+    def run_plan(plan, session, *rest):
+        if next(count) in runs:
+            commander, clock = session.bench.commander, session.clock
+            falls = [clock.now() + round(25 * s * NS)]
+
+            def fall_silent():
+                if clock.now() >= falls[0] and session.bench.state == "ACTIVE":
+                    falls[0] = math.inf
+                    commander.stop()
+                    back.append(clock.every(round(150 * ms * NS), come_back))
+
+            def come_back():
+                back.pop().cancel()
+                commander.start()
+
+            back = []
+            watching = clock.every(round(10 * ms * NS), fall_silent)
+            try:
+                return astb.run.run_plan(plan, session, *rest)
+            finally:
+                watching.cancel()
+        return astb.run.run_plan(plan, session, *rest)
+
+    monkeypatch.setattr(module, "run_plan", run_plan)
+
+
+def test_a_run_that_the_link_blocked_is_done_again(tmp_path, monkeypatch):
+    silenced(monkeypatch, 1)
+    log, seen, _ = loop(tmp_path, [NAMED])
+    assert [step.outcome for step in log.steps] == ["blocked", "pass"]
+    assert "once more" in log.steps[1].why
+    assert seen == [["02-look"]], "what is diagnosed is the whole run alone"
+    assert log.ended == "a verdict was reached: named"
+
+
+def test_a_link_that_blocks_again_and_again_ends_the_investigation(tmp_path, monkeypatch):
+    silenced(monkeypatch, 1, 2, 3, 4)
+    log, seen, _ = loop(tmp_path, [NAMED])
+    assert seen == []
+    assert [step.outcome for step in log.steps] == ["blocked"] * 3
+    assert "look blocked: the link to the rig: the rig left ACTIVE" in log.ended
+    assert "command late" in log.ended
+    assert "3 times in a row" in log.ended
+
+
+def test_no_run_is_repeated_beyond_the_budget(tmp_path, monkeypatch):
+    silenced(monkeypatch, 1)
+    log, seen, _ = loop(tmp_path, [NAMED], budget=1.01 * lasts(LOOK) / minutes)
+    assert len(log.steps) == 1
+    assert seen == []
+    assert "the budget is spent" in log.ended
 
 
 def test_a_check_that_failed_is_no_reason_not_to_diagnose(tmp_path):
