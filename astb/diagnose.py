@@ -205,11 +205,13 @@ def chosen_effects(
 
 
 def show(finding: Finding, out: Path, console: "Console") -> None:
-    """Print the finding: its sentence, causes with intervals, rivals, the next run, and where the report is."""
+    """Print the finding: doubts, its sentence, causes with intervals, rivals, the next run, where the report is."""
 
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
+    for doubt in finding.doubts:
+        line(f"doubtful: {doubt}", "yellow")
     line(finding.sentence, "bold")
     line(f"  model: {finding.provenance.simulator}")
     for cause in finding.causes:

@@ -164,12 +164,16 @@ class MeasuredRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
-    """Measured runs with the same channels; ``digest`` is the hash of the files they came from."""
+    """Measured runs with the same channels; ``digest`` is the hash of the files they came from.
+
+    ``doubts`` are sentences on what of the data cannot be right: they are told before the verdict.
+    """
 
     channels: tuple[Channel, ...]
     runs: tuple[MeasuredRun, ...]
     digest: str = ""
     sources: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def of(self, *roles: Role) -> tuple[MeasuredRun, ...]:
         """Return the runs that have one of the roles."""

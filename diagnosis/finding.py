@@ -315,7 +315,8 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that a diagnosis concluded.
 
     ``threshold`` is the score that chance alone exceeds once in 1/``alpha`` diagnoses, all candidates together.
-    ``remains`` are sentences on what still is not explained.
+    ``remains`` are sentences on what still is not explained; ``doubts``, which come before the verdict, on what of data
+    or beliefs cannot be right.
     """
 
     verdict: Verdict
@@ -338,6 +339,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     unknowns: list[Unknown] = []
     remains: list[str] = []
     traces: list[Trace] = []
+    doubts: list[str] = []
 
     def __post_init__(self) -> None:
         named = self.verdict in {Verdict.NAMED, Verdict.REMAINDER, Verdict.AMBIGUOUS}

@@ -142,6 +142,8 @@ RANGE_CHI2: Final = 4.0
 STRAINED_PRIOR: Final = 4.0
 #: … and a cause is blamed for it if it asks for so many more than the model without it.
 FURTHER_STRAIN: Final = 1.0
+#: At so many of them whatever was named is doubted: it is told before the verdict.
+CONTRADICTED_PRIOR: Final = 10.0
 #: A noise floor is known to about a tenth.
 FLOOR_SLACK: Final = 1.1
 #: So many samples at rest in a row say how large the noise is.

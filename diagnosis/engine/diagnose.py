@@ -27,6 +27,7 @@ from itertools import combinations
 
 from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
 from diagnosis.engine.base_model import without_effects
+from diagnosis.engine.belief import contradicted
 from diagnosis.engine.config import NOISE_RATIO_TOLD, PANEL_FDR, Config
 from diagnosis.engine.confusability import confusability, unseen
 from diagnosis.engine.fitting.fit import FittedModel, fit
@@ -120,6 +121,7 @@ def _finding(
         unknowns=list(judgement.unknowns),
         remains=_remains(data, judgement, gain.gains),
         traces=gain.traces,
+        doubts=[*data.doubts, *contradicted(extended)],
     )
 
 

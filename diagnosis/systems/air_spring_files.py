@@ -96,10 +96,10 @@ def _settings(parameters: Parameters) -> tuple[SystemSetting, ...]:
     ambient = float(par.atmospheric_pressure)
     wall = float(settled_temperature(par))
     return (
-        SystemSetting("nominal_preload", "N", "load on a spring", 1e3, 1e6, preload),
-        SystemSetting("orifice_diameter", "m", "bore of the orifice", 1e-4, 0.2, bore),
-        SystemSetting("pipe_length", "m", "length of the pipe, 0 without", 0.0, 20.0, pipe),
-        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, ambient),
+        SystemSetting("nominal_preload", "N", "load on a spring", 1e3, 1e6, preload, True),
+        SystemSetting("orifice_diameter", "m", "bore of the orifice", 1e-4, 0.2, bore, True),
+        SystemSetting("pipe_length", "m", "length of the pipe, 0 without", 0.0, 20.0, pipe, True),
+        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, ambient, True),
         SystemSetting(
             "wall_temperature",
             "K",
@@ -107,6 +107,7 @@ def _settings(parameters: Parameters) -> tuple[SystemSetting, ...]:
             230.0,
             390.0,
             wall,
+            True,
         ),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import tomllib
 from pathlib import Path
 from typing import Final, Literal
@@ -63,6 +64,13 @@ class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     role: list[RoleRule] = []
 
 
+class FileRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[[file_settings]]``: what differs in the files that match; where two rules do, the later one counts."""
+
+    files: str
+    settings: dict[str, str]
+
+
 class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole map file."""
 
@@ -73,6 +81,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     time: TimeColumn = TimeColumn()
     file: FileFormat = FileFormat()
     settings: dict[str, str] = {}
+    file_settings: list[FileRule] = []
     runs: Runs = Runs()
 
 
@@ -137,17 +146,26 @@ def _system(mapping: Map, where: Path) -> System:
     return known[mapping.system]
 
 
-def settings_of(mapping: Map, system: System, where: Path) -> dict[str, float]:
-    """Return every setting of the system in SI, as the map gives it or by its default."""
+def settings_of(mapping: Map, system: System, where: Path, file: Path | None = None) -> dict[str, float]:
+    """Return every setting of the system in SI, for one ``file`` or for all, as the map gives it or by its default."""
     known = {setting.name: setting for setting in system.settings}
-    for name in mapping.settings:
+    own = [rule.settings for rule in mapping.file_settings if file and fnmatch.fnmatch(file.name, rule.files)]
+    for name in dict.fromkeys(name for rule in mapping.file_settings for name in rule.settings):
+        if name in known and not known[name].per_file:
+            able = ", ".join(one for one, setting in known.items() if setting.per_file)
+            raise DiagnosisError(
+                f"{where}: file_settings: {name} of {system.name} is the same for all files; what may differ is "
+                f"{able or 'nothing'}"
+            )
+    given = {name: text for rule in (mapping.settings, *own) for name, text in rule.items()}
+    for name in (*mapping.settings, *(name for rule in mapping.file_settings for name in rule.settings)):
         if name not in known:
             raise DiagnosisError(
-                f"{where}: settings.{name} is no setting of {system.name}; it has {', '.join(known)}"
+                f"{where}: settings.{name} is no setting of {system.name}; it has {', '.join(known) or 'none'}"
             )
     values: dict[str, float] = {}
     for name, setting in known.items():
-        text = mapping.settings.get(name)
+        text = given.get(name)
         if text is None:
             if setting.default is None:
                 raise DiagnosisError(

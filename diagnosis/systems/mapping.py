@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +23,7 @@ from diagnosis.contracts import (
 )
 from diagnosis.engine.contract_check import check_contract
 from diagnosis.systems.cutting import bridge, pieces_by_length, pieces_by_reversals, resample
+from diagnosis.systems.map_doubts import map_doubts
 from diagnosis.systems.map_file import Column, Map, RoleRule, channels_of, plain_map, read_map, settings_of
 from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
 from diagnosis.systems.tables import read_columns
@@ -50,17 +51,35 @@ def read_mapped(
         mapping, system = plain_map(paths[0], own)
     else:
         raise DiagnosisError(f"{where}: neither a map nor a simulator says what its columns are")
-    settings, given = settings_of(mapping, system, where), channels_of(mapping, system, where)
-    simulator = system.simulator(settings, given)
-    channels = _described(simulator, given, where)
-    digest = hashlib.sha256(map_path.read_bytes() if map_path is not None else b"")
-    runs: list[MeasuredRun] = []
-    for path in paths:
-        runs += _read_file(path, mapping, system, settings, channels, where)
-        digest.update(path.read_bytes())
+    given = channels_of(mapping, system, where)
+    simulator = system.simulator(settings_of(mapping, system, where), given)
+    reader = _Reader(mapping, system, _described(simulator, given, where), where)
+    sources = {"time": mapping.time} | dict(mapping.columns)
+    tables = [(path, read_columns(path, mapping.file, sources)) for path in paths]
+
+    def read(columns: Mapping[str, Column], records: Sequence[str]) -> list[MeasuredRun]:
+        wanted = [(path, table) for path, table in tables if path.stem in records]
+        return [run for path, table in wanted for run in reader.runs(path, table, columns)]
+
+    runs = tuple(read(mapping.columns, [path.stem for path in paths]))
+    _refuse_empty(runs, reader.channels, where)
     if own is not None or mapping.simulator is not None:
         check_contract(simulator, min(runs, key=lambda run: len(run.outputs)).experiment)
-    return simulator, Dataset(channels, tuple(runs), digest.hexdigest(), tuple(str(path) for path in paths))
+    digest = hashlib.sha256(map_path.read_bytes() if map_path is not None else b"")
+    for path in paths:
+        digest.update(path.read_bytes())
+    dataset = Dataset(reader.channels, runs, digest.hexdigest(), tuple(str(path) for path in paths))
+    doubts = map_doubts(mapping, system, simulator, dataset, reader.ambient(None), read)
+    return simulator, replace(dataset, doubts=tuple(doubts))
+
+
+def _refuse_empty(runs: Sequence[MeasuredRun], channels: Sequence[Channel], where: Path) -> None:
+    for c, channel in enumerate(channels):
+        if not any(np.isfinite(run.outputs[:, c]).any() for run in runs):
+            raise DiagnosisError(
+                f"{where}: columns.{channel.name} holds no number in any run; leave it out, or look at its column, "
+                "time.longest_gap and file.decimal"
+            )
 
 
 def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> tuple[Channel, ...]:
@@ -82,58 +101,71 @@ def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> t
     )
 
 
-def _read_file(
-    path: Path,
-    mapping: Map,
-    system: System,
-    settings: Mapping[str, float],
-    channels: tuple[Channel, ...],
-    where: Path,
-) -> list[MeasuredRun]:
-    signals = system.signals
-    ambient = settings.get("ambient_pressure", _STANDARD_ATMOSPHERE)
-    columns = read_columns(path, mapping.file, {"time": mapping.time} | dict(mapping.columns))
-    time, grid, longest_gap = _clock(path, columns, mapping, where)
-    values = {
-        name: resample(time, _in_si(columns[name], column, signals[name], ambient, f"{where}: columns.{name}"),
-                       grid, longest_gap)
-        for name, column in mapping.columns.items()
-    }  # fmt: skip
-    for signal in system.inputs:
-        if signal.name in values and not np.isfinite(values[signal.name]).any():
-            raise DiagnosisError(f"{path}: column {signal.name} has no numbers in the part that counts")
-    driven = {signal.name: bridge(values[signal.name]) for signal in system.inputs if signal.name in values}
-    step = float(grid[1] - grid[0])
-    from_start = grid - grid[0]
-    measured = driven | {channel.name: values[channel.name] for channel in channels}
-    inputs = system.prepare(step, from_start, measured)
-    rest = system.rest(step, from_start, measured)
-    outputs = np.column_stack([values[channel.name] for channel in channels])
-    lead = _lead(mapping, system, where, step)
-    runs = []
-    for number, (start, stop) in enumerate(_pieces(mapping, system, driven, len(grid), step, where), 1):
-        if number <= mapping.runs.skip:
-            continue
-        first = 0 if lead is None else max(start - lead, 0)
-        part = slice(first, stop)
-        scored = np.arange(first, stop) >= start
-        experiment = Experiment(
-            name=path.stem if mapping.runs.cut == "file" else f"{path.stem} {number}",
-            time=grid[first:stop] - grid[first],
-            inputs={name: array[part] for name, array in inputs.items()},
-            settings=dict(settings)
-            | dict(system.begin({name: array[part] for name, array in measured.items()})),
-            minutes=(stop - first) * step / 60.0,
-            source=path.stem,
-        )
-        role = _role(path, number, mapping.runs.role, where)
-        runs.append(MeasuredRun(experiment, outputs[part], scored, rest[part] & scored, role))
-    if not runs:
-        raise DiagnosisError(
-            f"{path}: no run is left of {from_start[-1]:.3g} s; look at runs.cut, runs.reversal, runs.length and "
-            f"runs.skip = {mapping.runs.skip} in {where}"
-        )
-    return runs
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Makes runs of the table of a file, as a map says; ``columns`` may be other ones than those of the map."""
+
+    mapping: Map
+    system: System
+    channels: tuple[Channel, ...]
+    where: Path
+
+    def ambient(self, path: Path | None) -> float:
+        """Return the pressure of the air around in Pa, for one file or for all."""
+        settings = settings_of(self.mapping, self.system, self.where, path)
+        return settings.get("ambient_pressure", _STANDARD_ATMOSPHERE)
+
+    def runs(
+        self, path: Path, table: Mapping[str, Array], columns: Mapping[str, Column]
+    ) -> list[MeasuredRun]:
+        mapping, system, where = self.mapping, self.system, self.where
+        grid, values = self._on_grid(path, table, columns)
+        step = float(grid[1] - grid[0])
+        driven = {one.name: bridge(values[one.name]) for one in system.inputs if one.name in values}
+        measured = driven | {channel.name: values[channel.name] for channel in self.channels}
+        inputs = system.prepare(step, grid - grid[0], measured)
+        rest = system.rest(step, grid - grid[0], measured)
+        outputs = np.column_stack([values[channel.name] for channel in self.channels])
+        settings = settings_of(mapping, system, where, path)
+        lead = _lead(mapping, system, where, step)
+        runs = []
+        for number, (start, stop) in enumerate(_pieces(mapping, system, driven, len(grid), step, where), 1):
+            if number <= mapping.runs.skip:
+                continue
+            first = 0 if lead is None else max(start - lead, 0)
+            part = slice(first, stop)
+            scored = np.arange(first, stop) >= start
+            experiment = Experiment(
+                name=path.stem if mapping.runs.cut == "file" else f"{path.stem} {number}",
+                time=grid[part] - grid[first],
+                inputs={name: array[part] for name, array in inputs.items()},
+                settings={**settings, **system.begin({name: one[part] for name, one in measured.items()})},
+                minutes=(stop - first) * step / 60.0,
+                source=path.stem,
+            )
+            role = _role(path, number, mapping.runs.role, where)
+            runs.append(MeasuredRun(experiment, outputs[part], scored, rest[part] & scored, role))
+        if not runs:
+            raise DiagnosisError(
+                f"{path}: no run is left of {grid[-1] - grid[0]:.3g} s; look at runs.cut, runs.reversal, runs.length "
+                f"and runs.skip = {mapping.runs.skip} in {where}"
+            )
+        return runs
+
+    def _on_grid(
+        self, path: Path, table: Mapping[str, Array], columns: Mapping[str, Column]
+    ) -> tuple[Array, dict[str, Array]]:
+        """Return the equidistant times (n,) and every signal there in SI, NaN in its gaps."""
+        signals, ambient = self.system.signals, self.ambient(path)
+        time, grid, longest_gap = _clock(path, table, self.mapping, self.where)
+        values = {}
+        for name, column in columns.items():
+            si = _in_si(table[name], column, signals[name], ambient, f"{self.where}: columns.{name}")
+            values[name] = resample(time, si, grid, longest_gap)
+        for signal in self.system.inputs:
+            if signal.name in values and not np.isfinite(values[signal.name]).any():
+                raise DiagnosisError(f"{path}: column {signal.name} has no numbers in the part that counts")
+        return grid, values
 
 
 def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:

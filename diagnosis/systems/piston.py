@@ -166,10 +166,11 @@ PISTON: Final = System(
         SystemSetting("bore", "m", "inner diameter", 1e-3, 1.0),
         SystemSetting("stroke_from", "m", "least displacement", -10.0, 10.0),
         SystemSetting("stroke_to", "m", "largest displacement", -10.0, 10.0),
-        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, default=101_325.0),
+        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, 101_325.0, True),
     ),
     simulator=_simulator,
     prepare=_prepare,
     rest=_rest,
     forgets=True,
+    passive=(("force", "displacement"),),
 )

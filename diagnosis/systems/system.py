@@ -44,6 +44,8 @@ class SystemSetting:
     low: float
     high: float
     default: float | None = None
+    #: Whether the simulator takes it from the settings of each experiment, so that it may differ from file to file.
+    per_file: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,8 @@ class System:
     #: Whether the state at the start of a replay is soon forgotten, so that a run may be replayed from a little before
     #: it. Else all runs of a file are replayed from its start, which they share.
     forgets: bool = False
+    #: Pairs (force, displacement) whose work ∮ F dx is not negative, whatever the system lacks.
+    passive: tuple[tuple[str, str], ...] = ()
 
     @property
     def signals(self) -> Mapping[str, SystemSignal]:

@@ -1,0 +1,209 @@
+"""What makes a map unlikely to be right, told before anything is concluded from it.
+
+Theory of operation
+-------------------
+A wrong sign or a gauge pressure read as absolute is an error that no candidate describes and that some imitate.
+Four things betray it, none of which needs a fit:
+
+* A column without a number in one of the files.
+* A pressure below that of the air around.
+* *Loop work.* Whatever holds a passive body takes work over a closed way, ∮ F dx ≥ 0. With the sign of F or x wrong it
+  gives work, cycle after cycle.
+* *Another reading fits far better.* The base model at its nominal values, whatever it lacks, predicts where an output
+  lies and which way it goes. Files are read again with one sign turned round, or with a pressure read the other way.
+  What takes three quarters of the power out of the error of an output is told; of its course alone, without its mean,
+  where the model is worse than a constant as the map stands.
+
+A doubt is no verdict: it is told with the finding, which comes nevertheless.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from diagnosis.contracts import Array, Dataset, DiagnosisError, Job, MeasuredRun, Simulator
+from diagnosis.engine.simulation import simulate
+from diagnosis.systems.cutting import pieces_by_reversals
+from diagnosis.systems.map_file import Column, Map
+from diagnosis.systems.system import System, SystemSignal
+
+#: Runs are simulated with other readings of so many of them.
+_RUNS: Final = 4
+#: A better reading leaves at most this part of an error's power.
+_BETTER: Final = 0.25
+#: Lower than this part of the pressure of the air around it, and longer than one sample in a hundred.
+_BELOW: Final = 0.05
+#: A loop goes there and back over at least this part of the whole way.
+_LOOP: Final = 0.2
+#: Loops needed, and the part of them that has to give work.
+_LOOPS, _GIVING = 3, 0.8
+#: Quantities whose sign is a convention of whoever mounted the sensor.
+_SIGNED: Final = ("N", "m", "rad", "m/s2")
+
+#: (columns by signal, names of records) -> the runs of these records, as the columns read them.
+Reading = Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]]
+
+
+def map_doubts(
+    mapping: Map, system: System, simulator: Simulator, dataset: Dataset, ambient: float, read: Reading
+) -> Iterator[str]:
+    """Yield sentences on what of a map cannot be right, with the key that is doubted.
+
+    ``dataset`` is what the map makes of the files, ``ambient`` the pressure of the air around in Pa.
+    """
+    channels, runs = [channel.name for channel in dataset.channels], dataset.runs
+    yield from _empty_columns(runs, channels)
+    yield from _below_ambient(runs, system, channels, ambient)
+    yield from _loop_work(runs, system, channels)
+    few = [runs[i] for i in sorted({round(i) for i in np.linspace(0, len(runs) - 1, _RUNS)})]
+    names = {run.experiment.name for run in few}
+    records = list(dict.fromkeys(run.experiment.record for run in few))
+    now = _errors(few, simulator, channels)
+
+    def otherwise(columns: Mapping[str, Column]) -> _Errors:
+        """Return the errors with other columns; infinite ones where nothing can be simulated with them."""
+        try:
+            found = read({**mapping.columns, **columns}, records)
+            return _errors([run for run in found if run.experiment.name in names], simulator, channels)
+        except DiagnosisError:
+            return _Errors(np.full_like(now.varied, np.inf), np.full_like(now.whole, np.inf))
+
+    for group in _signed_groups(mapping, system):
+        other = otherwise({name: _turned(mapping.columns[name]) for name in group})
+        wrong = (now.varied > 1.0) & (other.varied < _BETTER * now.varied)
+        for c in np.flatnonzero(wrong | (other.whole < _BETTER * now.whole))[:1]:
+            yield f"{_keys(group, 'sign')} may be wrong: {_nearer(now, other, c, channels[c])} with the other sign"
+    for group in _pressure_groups(mapping, system):
+        swapped = {name: _swapped(mapping.columns[name]) for name in group}
+        other = otherwise(swapped)
+        for c in np.flatnonzero(other.whole < _BETTER * now.whole)[:1]:
+            yield (
+                f'{_keys(group, "reading")} = "{mapping.columns[group[0]].reading}" may be wrong: '
+                f'{_nearer(now, other, c, channels[c])} with "{swapped[group[0]].reading}"'
+            )
+
+
+def _nearer(now: _Errors, other: _Errors, c: int, channel: str) -> str:
+    share = np.sqrt(min(other.whole[c] / now.whole[c], other.varied[c] / now.varied[c]))
+    return f"the simulation would miss {channel} by {share:.2g} of what it misses it by now"
+
+
+def _keys(group: Sequence[str], key: str) -> str:
+    return " and ".join(f"columns.{name}.{key}" for name in group)
+
+
+def _empty_columns(runs: Sequence[MeasuredRun], channels: Sequence[str]) -> Iterator[str]:
+    for c, name in enumerate(channels):
+        empty = dict.fromkeys(
+            run.experiment.record for run in runs if not np.isfinite(run.outputs[:, c]).any()
+        )
+        if empty:
+            yield f"columns.{name} has no number in {', '.join(empty)}: nothing is compared with it there"
+
+
+def _below_ambient(
+    runs: Sequence[MeasuredRun], system: System, channels: Sequence[str], ambient: float
+) -> Iterator[str]:
+    for name, signal in system.signals.items():
+        if signal.unit != "Pa":
+            continue
+        values = [_measured(run, name, channels) for run in runs]
+        known = np.concatenate([one[np.isfinite(one)] for one in values if one is not None] or [np.empty(0)])
+        if not known.size:
+            continue
+        lowest = float(np.quantile(known, 0.01)) + (0.0 if signal.gauge else -ambient)
+        if lowest < -_BELOW * ambient:
+            yield (
+                f"columns.{name}.reading may be wrong: it goes {-lowest / 1e5:.3g} bar below the pressure of the air "
+                f"around, {ambient / 1e5:.4g} bar"
+            )
+
+
+def _loop_work(runs: Sequence[MeasuredRun], system: System, channels: Sequence[str]) -> Iterator[str]:
+    for force, way in system.passive:
+        loops: list[float] = []
+        for run in runs:
+            f, x = _measured(run, force, channels), _measured(run, way, channels)
+            if f is not None and x is not None:
+                loops += _loops(f[run.scored], x[run.scored])
+        if len(loops) >= _LOOPS and np.mean(np.array(loops) < 0.0) >= _GIVING:
+            yield (
+                f"columns.{force}.sign or columns.{way}.sign may be wrong: a loop gives {-np.mean(loops):.3g} J of "
+                "work on average, where whatever is passive takes some"
+            )
+
+
+def _loops(force: Array, way: Array) -> list[float]:
+    """Return the work in J of each stroke there and back, closed by a straight line."""
+    known = np.isfinite(force)
+    force, way = force[known], way[known]
+    if len(way) < 2 or not np.ptp(way) > 0.0:
+        return []
+    pieces = pieces_by_reversals(way, _LOOP * float(np.ptp(way)), 2) or [(0, len(way))]
+    works = []
+    for start, stop in pieces:
+        f, x = np.append(force[start:stop], force[start]), np.append(way[start:stop], way[start])
+        works.append(float(np.sum(0.5 * (f[1:] + f[:-1]) * np.diff(x))))
+    return works
+
+
+def _measured(run: MeasuredRun, name: str, channels: Sequence[str]) -> Array | None:
+    if name in channels:
+        return run.outputs[:, list(channels).index(name)]
+    return run.experiment.inputs.get(name)
+
+
+class _Errors(NamedTuple):
+    """Powers (c,) of the errors of the nominal model."""
+
+    varied: Array  #: without their mean in each run, over the power of the signal
+    whole: Array  #: in the unit of the channel, squared
+
+
+def _errors(runs: Sequence[MeasuredRun], simulator: Simulator, channels: Sequence[str]) -> _Errors:
+    nominal = {nuisance.name: nuisance.nominal for nuisance in simulator.nuisances}
+    places = [[channel.name for channel in simulator.channels].index(name) for name in channels]
+    powers = np.zeros((3, len(channels)))
+    with np.errstate(all="ignore"):
+        for run in runs:
+            outputs = simulate(simulator, Job(run.experiment, nominal, {}))[:, places]
+            for c, known in enumerate(run.counted.T):
+                if known.any():
+                    seen = run.outputs[known, c]
+                    error = seen - outputs[known, c]
+                    powers[:, c] += np.var(error), np.var(seen), np.mean(error**2)
+        return _Errors(powers[0] / powers[1], powers[2])
+
+
+def _signed_groups(mapping: Map, system: System) -> list[tuple[str, ...]]:
+    """Return signals whose signs may be wrong: each alone, and all inputs of one unit together."""
+
+    def mapped(signals: Sequence[SystemSignal]) -> list[SystemSignal]:
+        return [one for one in signals if one.name in mapping.columns and one.unit in _SIGNED]
+
+    groups: list[tuple[str, ...]] = [(one.name,) for one in (*mapped(system.inputs), *mapped(system.outputs))]
+    for unit in _SIGNED:
+        together = tuple(one.name for one in mapped(system.inputs) if one.unit == unit)
+        if len(together) > 1:
+            groups.insert(0, together)
+    return groups
+
+
+def _pressure_groups(mapping: Map, system: System) -> list[tuple[str, ...]]:
+    """Return pressures that may be read wrongly: all together, and each alone."""
+    names = [
+        name for name, signal in system.signals.items() if signal.unit == "Pa" and name in mapping.columns
+    ]
+    return [tuple(names)] * (len(names) > 1) + [(name,) for name in names]
+
+
+def _turned(column: Column) -> Column:
+    return msgspec.structs.replace(column, sign=-1 if column.sign == 1 else 1)
+
+
+def _swapped(column: Column) -> Column:
+    return msgspec.structs.replace(column, reading="absolute" if column.reading == "gauge" else "gauge")

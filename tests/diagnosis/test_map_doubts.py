@@ -1,0 +1,70 @@
+"""Maps that cannot be right: every wrong sign and reading of measured data is doubted, the right maps are not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.contracts import DiagnosisError
+from diagnosis.systems.mapping import read_mapped
+
+TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
+DATA = TUTORIALS / "data" / "zillen"
+MAPS = {
+    name: (TUTORIALS / "maps" / f"{name}.toml").read_text(encoding="utf-8") for name in ("piston", "chamber")
+}
+TURN_X = ('displacement = { column = 5, unit = "mm"', 'displacement = { column = 5, unit = "mm", sign = -1')
+TURN_F = ('force = { column = 7, unit = "N"', 'force = { column = 7, unit = "N", sign = -1')
+ABSOLUTE = ('reading = "gauge"', 'reading = "absolute"')
+WORK = "columns.force.sign or columns.displacement.sign may be wrong: a loop gives"
+FORCE = "columns.force.sign may be wrong: the simulation would miss force by 0.0"
+PRESSURE = 'columns.pressure.reading = "absolute" may be wrong: the simulation would miss force by 0.1'
+BELOW = "columns.pressure.reading may be wrong: it goes 0.92"
+
+
+@pytest.mark.parametrize(
+    ("system", "data", "changes", "doubts"),
+    [
+        ("piston", "friction__PK_*", (), []),
+        ("piston", "friction__NAPN_*", (), []),
+        ("piston", "friction__O-ring_*", (), []),
+        ("chamber", "chamber__Aluminium*", (), []),
+        ("chamber", "chamber__Ultimaker*", (), []),
+        ("piston", "friction__PK_*", (TURN_X,), [WORK]),
+        ("piston", "friction__PK_*", (TURN_F,), [WORK, FORCE]),
+        ("piston", "friction__NAPN_*", (TURN_X, TURN_F), [FORCE]),
+        ("piston", "friction__NAPN_*", (ABSOLUTE,), [PRESSURE]),
+        ("chamber", "chamber__Ultimaker*", (ABSOLUTE,), [BELOW]),
+    ],
+)
+def test_what_cannot_be_right_is_doubted_and_nothing_else(
+    system: str, data: str, changes: tuple[tuple[str, str], ...], doubts: list[str], tmp_path: Path
+) -> None:
+    text = MAPS[system]
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(text, encoding="utf-8")
+    _, dataset = read_mapped(sorted(DATA.glob(data)), mapping)
+    assert len(dataset.doubts) == len(doubts), dataset.doubts
+    for said, start in zip(dataset.doubts, doubts, strict=True):
+        assert said.startswith(start)
+
+
+def test_a_column_without_numbers_is_doubted_in_one_file_and_refused_in_all(tmp_path: Path) -> None:
+    time = np.arange(0.0, 20.0, 0.1)
+    for name, there in (("a", True), ("b", False)):
+        rows = [f"{t:.1f},{7.0 - 0.01 * t},{290.0 if there else ''}" for t in time]
+        (tmp_path / f"{name}.csv").write_text("time,p,T\n" + "\n".join(rows), encoding="utf-8")
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(
+        'system = "chamber"\n[settings]\nvolume = "1 litre"\n[columns]\ntemperature = { column = "T", unit = "K" }\n'
+        'pressure = { column = "p", unit = "bar", reading = "gauge" }\n',
+        encoding="utf-8",
+    )
+    paths = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    _, dataset = read_mapped(paths, mapping)
+    assert dataset.doubts == ("columns.temperature has no number in b: nothing is compared with it there",)
+    with pytest.raises(DiagnosisError, match=r"columns.temperature holds no number in any run; leave it out"):
+        read_mapped(paths[1:], mapping)
