@@ -208,8 +208,8 @@ def compliance_matrix(
 
 
 @compiled
-def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
-    """Displacements of both springs, their bellows' share, and the state of the gas in the chambers.
+def displacements(x: Any, par: Any, out: Any) -> None:
+    """Displacements of both springs and their speeds.
 
     ζ_i = z_B + s_i b φ_B − z_P − s_i b φ_P,  y_i = y_B + e φ_B − y_P + h φ_P,  θ = φ_B − φ_P
     """
@@ -226,12 +226,11 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
         - x[State.PLATFORM_LATERAL_SPEED]
         + par.column_height * x[State.PLATFORM_ROLL_SPEED]
     )
-    ahead = t - mem.solved_time
-    kappa = par.heat_capacity_ratio
     for i in range(2):
         arm = (1.0 - 2.0 * i) * par.spring_half_spacing
-        zeta = x[State.BOLSTER_VERTICAL] - x[State.PLATFORM_VERTICAL] + arm * out[Algebraic.ROLL]
-        out[Algebraic.HEIGHT + i] = zeta
+        out[Algebraic.HEIGHT + i] = (
+            x[State.BOLSTER_VERTICAL] - x[State.PLATFORM_VERTICAL] + arm * out[Algebraic.ROLL]
+        )
         out[Algebraic.HEIGHT_SPEED + i] = (
             x[State.BOLSTER_VERTICAL_SPEED]
             - x[State.PLATFORM_VERTICAL_SPEED]
@@ -239,13 +238,22 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
         )
         out[Algebraic.LATERAL + i] = y
         out[Algebraic.LATERAL_SPEED + i] = y_speed
+
+
+@compiled
+def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
+    """Displacements of both springs, their bellows' share, and the state of the gas in the chambers."""
+    displacements(x, par, out)
+    ahead = t - mem.solved_time
+    kappa = par.heat_capacity_ratio
+    for i in range(2):
         share_with_emergency_spring(
             x,
             mem,
             par,
             i,
-            zeta + x[State.CREEP + i],
-            y,
+            out[Algebraic.HEIGHT + i] + x[State.CREEP + i],
+            out[Algebraic.LATERAL + i],
             mem.bellows_vertical[i] + ahead * mem.bellows_vertical_speed[i],
             mem.bellows_lateral[i] + ahead * mem.bellows_lateral_speed[i],
             out,

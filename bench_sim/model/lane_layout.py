@@ -1,0 +1,177 @@
+"""Where every number of eight springs in lock-step stands: one flat array, in which a row holds one number of each.
+
+A compiler turns a loop over the lanes into vector instructions when all that the loop touches lies at constant
+distances in one array: so every row is a constant, and there is no second array.
+"""
+
+from enum import IntEnum, auto
+from typing import Any, Final
+
+from bench_sim.model.layout import EXTRA_BRANCHES
+
+#: Springs that are integrated together: as many as the widest vectors of today's processors hold.
+LANES: Final = 8
+#: Friction elements that a lane may have beyond its own.
+LANE_FRICTIONS: Final = 3
+#: Coefficients of the polynomial that stands for a power.
+POWERS: Final = 19
+
+
+class _Rows(IntEnum):
+    """Rows in the order of their definition, by the place of their first lane."""
+
+    @staticmethod
+    def _generate_next_value_(name: str, start: int, count: int, last_values: list[Any]) -> int:
+        return LANES * count
+
+
+class LaneState(_Rows):
+    """The continuous states of a spring, as in `State`, within a block of them."""
+
+    MASS = auto()  #: bellows
+    ENERGY = auto()
+    AUXILIARY_MASS = auto()
+    AUXILIARY_ENERGY = auto()
+    WALL = auto()
+    AUXILIARY_WALL = auto()
+    CREEP = auto()
+    DASHPOT_Z = auto()
+    DASHPOT_Z_2 = auto()
+    DASHPOT_Z_3 = auto()
+    DASHPOT_Y = auto()
+    DASHPOT_Y_2 = auto()
+    DASHPOT_Y_3 = auto()
+    EXTRA = auto()  #: vertical and lateral dash-pot of each extra branch
+
+
+class Lane(_Rows):
+    """Everything else of a spring: what it is given, what follows, and what it is made of."""
+
+    # where the plates are
+    HEIGHT = auto()  #: and the next as in `Algebraic`
+    HEIGHT_SPEED = auto()
+    LATERAL = auto()
+    LATERAL_SPEED = auto()
+    OPENING = auto()  #: of the reservoir valve
+    SHIFT = auto()  #: m that this lane lies to the left of its course
+    # Newton's method
+    TRY_Z = auto()  #: m, where Newton's method looks at the bellows
+    TRY_Y = auto()
+    STEP_Z = auto()  #: m from there
+    STEP_Y = auto()
+    MOVING = auto()  #: 1 while Newton's method goes on, then 0
+    NOTED_Z = auto()  #: where the step began, with speed and half the acceleration
+    NOTED_Y = auto()
+    NOTED_Z_SPEED = auto()
+    NOTED_Y_SPEED = auto()
+    BEND_Z = auto()
+    BEND_Y = auto()
+    # friction and rubber
+    ORIGIN_Z = auto()  #: last reversal of the friction
+    LEVEL_Z = auto()
+    ORIGIN_Y = auto()
+    LEVEL_Y = auto()
+    MORE_Z = auto()  #: N and N/m of extra friction elements
+    MORE_Y = auto()
+    STIFFER_Z = auto()
+    STIFFER_Y = auto()
+    PULL_Z = auto()  #: Σ r w in m and Σ r w/τ in m/s over all dash-pots
+    PULL_Y = auto()
+    RATE_Z = auto()
+    RATE_Y = auto()
+    # what follows from state and plates
+    VOLUME = auto()  #: and the next as in `Algebraic`
+    AREA = auto()
+    LATERAL_AREA = auto()
+    PRESSURE = auto()
+    CONTACT = auto()
+    STACK_Z = auto()
+    STACK_Y = auto()
+    STIFFNESS_ZZ = auto()
+    STIFFNESS_ZY = auto()
+    STIFFNESS_YY = auto()
+    Z_PER_PRESSURE = auto()
+    Y_PER_PRESSURE = auto()
+    BELLOWS_Z = auto()
+    BELLOWS_Y = auto()
+    BELLOWS_Z_SPEED = auto()
+    BELLOWS_Y_SPEED = auto()
+    TEMPERATURE = auto()
+    AUXILIARY_PRESSURE = auto()
+    AUXILIARY_TEMPERATURE = auto()
+    HEATING = auto()  #: W into the bellows, without the work
+    DENSITY = auto()  #: where the heat's density factor is expanded, and that factor
+    DENSITY_FACTOR = auto()
+    AUXILIARY_DENSITY = auto()
+    AUXILIARY_DENSITY_FACTOR = auto()
+    # what the spring is made of
+    V_0 = auto()
+    A_0 = auto()
+    A_1 = auto()
+    KAPPA_0 = auto()
+    KAPPA_1 = auto()
+    PER_TRAVEL = auto()  #: 1/y_s of the membrane
+    SHELL_Z = auto()
+    SHELL_Y = auto()
+    RATIO = auto()
+    RATIO_2 = auto()
+    RATIO_3 = auto()
+    RATIOS = auto()  #: sum over all branches, extra ones too
+    SPEED = auto()  #: 1/τ
+    SPEED_2 = auto()
+    SPEED_3 = auto()
+    SPEEDS = auto()  #: sum of r/τ
+    FRICTION_Z = auto()
+    FRICTION_Z_SLOPE = auto()
+    FRICTION_Z_TRAVEL = auto()
+    FRICTION_Y = auto()
+    FRICTION_Y_SLOPE = auto()
+    FRICTION_Y_TRAVEL = auto()
+    SMALL_LOOP = auto()
+    CONTACT_HEIGHT = auto()
+    CONTACT_STIFFNESS = auto()
+    PRELOAD = auto()
+    GIVE_Z = auto()  #: compliance of the emergency spring, m/N
+    GIVE_Y = auto()
+    CREEP_GAIN = auto()
+    CREEP_RATE = auto()
+    STRETCH = auto()  #: C_V of the bellows
+    STRETCH_AT_0 = auto()
+    ATMOSPHERE = auto()
+    GAS_CONSTANT = auto()
+    HEAT_RATIO = auto()
+    AMBIENT = auto()
+    AUXILIARY_VOLUME = auto()
+    HEAT = auto()
+    AUXILIARY_HEAT = auto()
+    HEAT_EXPONENT = auto()
+    HEAT_DENSITY = auto()
+    WALL_RATE = auto()  #: 1/C_w, or 0
+    WALL_OUTER = auto()
+    ORIFICE = auto()  #: C_d A
+    ASYMMETRY = auto()
+    REYNOLDS = auto()
+    REYNOLDS_PER_FLOW = auto()  #: Re/G
+    LAMINAR = auto()
+    PSI_LAMINAR = auto()  #: ψ where the flow becomes linear
+    PSI_FACTOR = auto()  #: 2κ/(κ−1)
+    CRITICAL = auto()  #: pressure ratio of the choked nozzle
+    LEAK = auto()
+    LEAK_CRITICAL = auto()
+    LEAK_LAMINAR = auto()
+    POWER = auto()  #: coefficients of r^(1/κ) from the critical ratio to 1, the constant first
+
+
+EXTRA_RATIO: Final = Lane.POWER + LANES * POWERS
+EXTRA_SPEED: Final = EXTRA_RATIO + LANES * EXTRA_BRANCHES
+EXTRA_FRICTION: Final = EXTRA_SPEED + LANES * EXTRA_BRANCHES
+EXTRA_TRAVEL: Final = EXTRA_FRICTION + LANES * LANE_FRICTIONS
+EXTRA_LEVEL_Z: Final = EXTRA_TRAVEL + LANES * LANE_FRICTIONS
+EXTRA_LEVEL_Y: Final = EXTRA_LEVEL_Z + LANES * LANE_FRICTIONS
+_BLOCK: Final = LaneState.EXTRA + 2 * LANES * EXTRA_BRANCHES
+#: Blocks of states: where the slope is taken, the slope, the start of the step, the sum of its slopes.
+STAGE: Final = EXTRA_LEVEL_Y + LANES * LANE_FRICTIONS
+SLOPE: Final = STAGE + _BLOCK
+START: Final = SLOPE + _BLOCK
+SUM: Final = START + _BLOCK
+LENGTH: Final = SUM + _BLOCK

@@ -1,0 +1,337 @@
+"""What a spring of a lane is made of and where it begins: its column of `bench_sim.model.lane_layout`.
+
+The column holds everything that the integration of this spring depends on, beside its course and its surfaces: springs
+with equal columns on one course have one trajectory.
+"""
+
+from functools import lru_cache
+from math import pi
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.model.gas import keep_density
+from bench_sim.model.lane_layout import (
+    EXTRA_FRICTION,
+    EXTRA_RATIO,
+    EXTRA_SPEED,
+    EXTRA_TRAVEL,
+    LANE_FRICTIONS,
+    LANES,
+    LENGTH,
+    POWERS,
+    STAGE,
+    Lane,
+    LaneState,
+)
+from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, SIDES, State
+from bench_sim.model.orifice import AIR_VISCOSITY, effective_flow_area, nozzle_function
+from bench_sim.model.quantities import PARAMETERS
+from bench_sim.model.replay import settle
+
+#: Quantities that change a trajectory: the column holds them.
+_IN_COLUMN: Final = frozenset(
+    [
+        "gas_constant",
+        "heat_capacity_ratio",
+        "atmospheric_pressure",
+        "ambient_temperature",
+        "wall_temperature_offset",
+        "effective_area",
+        "effective_area_slope",
+        "bellows_volume",
+        "auxiliary_volume",
+        "membrane_length",
+        "membrane_length_slope",
+        "membrane_travel",
+        "bellows_heat_transfer",
+        "auxiliary_heat_transfer",
+        "heat_reference_density",
+        "heat_density_exponent",
+        "wall_heat_capacity",
+        "wall_outer_heat_transfer",
+        "orifice_diameter",
+        "discharge_coefficient",
+        "laminar_limit",
+        "leak_conductance",
+        "leak_critical_ratio",
+        "leak_laminar",
+        "shell_stiffness_vertical",
+        "shell_stiffness_lateral",
+        "maxwell_ratio",
+        "maxwell_time",
+        "friction_vertical",
+        "friction_lateral",
+        "friction_vertical_slope",
+        "friction_lateral_slope",
+        "friction_vertical_travel",
+        "friction_lateral_travel",
+        "friction_small_loop",
+        "nominal_preload",
+        "emergency_spring",
+        "emergency_stiffness_vertical",
+        "emergency_stiffness_lateral",
+        "contact_height",
+        "contact_stiffness",
+        "extra_branch_ratio",
+        "extra_branch_time",
+        "extra_friction",
+        "extra_friction_travel",
+        "creep_ratio",
+        "creep_time",
+        "bellows_compliance",
+        "orifice_reynolds",
+        "orifice_asymmetry",
+    ]
+)
+#: Surfaces, which stand beside the column.
+SURFACES: Final = (
+    "flow_surface",
+    "flow_surface_difference",
+    "flow_surface_pressure",
+    "heat_surface",
+    "heat_surface_pressure",
+    "heat_surface_temperature",
+)
+#: Quantities with which a lane cannot deal unless they are 0.
+_ABSENT: Final = ("pipe_length", "flow_inertance")
+#: Quantities of what an imposed motion leaves out, or of the readings alone.
+_ELSEWHERE: Final = frozenset(
+    [
+        "supply_temperature",
+        "supply_pressure",
+        "sawtooth_low",
+        "sawtooth_high",
+        "supply_sawtooth",
+        "sawtooth_decay_time",
+        "sawtooth_recharge_time",
+        "supply_lag",
+        "pipe_diameter",
+        "pipe_friction",
+        "leveling_deadband",
+        "leveling_hysteresis",
+        "leveling_range",
+        "lever_offset",
+        "leveling_lag",
+        "fill_conductance",
+        "exhaust_conductance",
+        "service_conductance",
+        "valve_critical_ratio",
+        "dpv_opening",
+        "dpv_reclosing",
+        "dpv_conductance",
+        "contact_loss",
+        "torsional_stiffness",
+        "torsional_stiffness_slope",
+        "column_height",
+        "coupling_angle",
+        "coupling_sign",
+        "bolster_mass",
+        "bolster_inertia",
+        "gravity",
+        "spring_half_spacing",
+        "centre_height",
+        "actuator_half_spacing",
+        "lateral_actuator_height",
+        "bump_stop_travel",
+        "bump_stop_force",
+        "actuator_frequency",
+        "actuator_damping",
+        "actuator_delay",
+        "actuator_stroke",
+        "actuator_speed_limit",
+        "actuator_force_limit",
+        "actuator_force_rate",
+        "actuator_unload_rate",
+        "actuator_relief_force",
+        "actuator_relief_flow",
+        "frame_stiffness",
+        "frame_damping",
+        "platform_frequency",
+        "platform_damping",
+        "load_cell_x",
+        "load_cell_y",
+        "load_cell_height",
+        "load_cell_crosstalk",
+        "platen_mass",
+        "force_latency",
+        "pressure_latency",
+        "pressure_clock_skew",
+        "pressure_hold",
+        "pressure_hold_period",
+        "extra_stop_stiffness",
+        "extra_stop_gap",
+        "dpv_leak",
+        "force_surface",
+        "force_surface_displacement",
+        "force_surface_speed",
+        "force_surface_unit_speed",
+        "sensor_gain",
+        "sensor_bias",
+        "sensor_drift",
+        "sensor_lag",
+        "sensor_noise",
+        "sensor_resolution",
+        "sensor_low",
+        "sensor_high",
+        "sensor_accuracy",
+    ]
+)
+_UNKNOWN: Final = set(PARAMETERS.names or ()) ^ {*_IN_COLUMN, *SURFACES, *_ABSENT, *_ELSEWHERE}
+assert not _UNKNOWN, f"what do lanes do with {', '.join(sorted(_UNKNOWN))}?"
+
+
+def has_lanes(par: Any) -> bool:
+    """Whether lanes can integrate a spring with these parameters; otherwise the scalar replay must."""
+    return (
+        par.emergency_spring != 0.0
+        and not any(par[name].any() for name in _ABSENT)
+        and not par.extra_friction[LANE_FRICTIONS:].any()
+    )
+
+
+@lru_cache(maxsize=8)
+def power_coefficients(kappa: float) -> NDArray[np.float64]:
+    """Return the polynomial (POWERS) of r^(1/κ) over −1 … 1, from the critical pressure ratio to 1."""
+    low = critical_ratio(kappa)
+    series = np.polynomial.Chebyshev.interpolate(lambda r: r ** (1.0 / kappa), POWERS - 1, domain=[low, 1.0])
+    return np.asarray(np.polynomial.chebyshev.cheb2poly(series.coef), dtype=np.float64)
+
+
+@compiled
+def critical_ratio(kappa: float) -> float:
+    """Pressure ratio below which a nozzle is choked."""
+    return (2.0 / (kappa + 1.0)) ** (kappa / (kappa - 1.0))
+
+
+@compiled
+def _fill_states(w: Any, i: int, x: Any, mem: Any) -> None:
+    """The states of side ``i`` and where the friction last turned."""
+    w[STAGE + LaneState.MASS] = x[State.BELLOWS_MASS + i]
+    w[STAGE + LaneState.ENERGY] = x[State.BELLOWS_ENERGY + i]
+    w[STAGE + LaneState.AUXILIARY_MASS] = x[State.AUXILIARY_MASS + i]
+    w[STAGE + LaneState.AUXILIARY_ENERGY] = x[State.AUXILIARY_ENERGY + i]
+    w[STAGE + LaneState.WALL] = x[State.BELLOWS_WALL + i]
+    w[STAGE + LaneState.AUXILIARY_WALL] = x[State.AUXILIARY_WALL + i]
+    w[STAGE + LaneState.CREEP] = x[State.CREEP + i]
+    for j in range(BRANCHES):
+        w[STAGE + LaneState.DASHPOT_Z + LANES * j] = x[State.VERTICAL_DASHPOT + i * BRANCHES + j]
+        w[STAGE + LaneState.DASHPOT_Y + LANES * j] = x[State.LATERAL_DASHPOT + i * BRANCHES + j]
+    for j in range(EXTRA_BRANCHES):
+        place = STAGE + LaneState.EXTRA + 2 * LANES * j
+        w[place] = x[State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + i]
+        w[place + LANES] = x[State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + i]
+    w[Lane.NOTED_Z] = mem.bellows_vertical[i]
+    w[Lane.NOTED_Y] = mem.bellows_lateral[i]
+    w[Lane.ORIGIN_Z] = mem.friction_origin[0, i]
+    w[Lane.ORIGIN_Y] = mem.friction_origin[1, i]
+
+
+@compiled
+def _fill_rubber(w: Any, i: int, par: Any) -> None:
+    """Stiffnesses, relaxation and friction of the rubber, emergency spring and contact."""
+    w[Lane.RATIOS] = 0.0
+    w[Lane.SPEEDS] = 0.0
+    for j in range(BRANCHES):
+        w[Lane.RATIO + LANES * j] = par.maxwell_ratio[j]
+        w[Lane.SPEED + LANES * j] = 1.0 / par.maxwell_time[j]
+        w[Lane.RATIOS] += par.maxwell_ratio[j]
+        w[Lane.SPEEDS] += par.maxwell_ratio[j] / par.maxwell_time[j]
+    for j in range(EXTRA_BRANCHES):
+        w[EXTRA_RATIO + LANES * j] = par.extra_branch_ratio[j]
+        w[EXTRA_SPEED + LANES * j] = 1.0 / par.extra_branch_time[j]
+        w[Lane.RATIOS] += par.extra_branch_ratio[j]
+        w[Lane.SPEEDS] += par.extra_branch_ratio[j] / par.extra_branch_time[j]
+    for e in range(LANE_FRICTIONS):
+        w[EXTRA_FRICTION + LANES * e] = par.extra_friction[e]
+        w[EXTRA_TRAVEL + LANES * e] = par.extra_friction_travel[e]
+    w[Lane.SHELL_Z] = par.shell_stiffness_vertical[i]
+    w[Lane.SHELL_Y] = par.shell_stiffness_lateral[i]
+    w[Lane.FRICTION_Z] = par.friction_vertical[i]
+    w[Lane.FRICTION_Z_SLOPE] = par.friction_vertical_slope[i]
+    w[Lane.FRICTION_Z_TRAVEL] = par.friction_vertical_travel[i]
+    w[Lane.FRICTION_Y] = par.friction_lateral[i]
+    w[Lane.FRICTION_Y_SLOPE] = par.friction_lateral_slope[i]
+    w[Lane.FRICTION_Y_TRAVEL] = par.friction_lateral_travel[i]
+    w[Lane.SMALL_LOOP] = par.friction_small_loop
+    w[Lane.CONTACT_HEIGHT] = par.contact_height
+    w[Lane.CONTACT_STIFFNESS] = par.contact_stiffness
+    w[Lane.PRELOAD] = par.nominal_preload[i]
+    w[Lane.GIVE_Z] = 1.0 / par.emergency_stiffness_vertical[i] if par.emergency_spring != 0.0 else 0.0
+    w[Lane.GIVE_Y] = 1.0 / par.emergency_stiffness_lateral[i] if par.emergency_spring != 0.0 else 0.0
+    w[Lane.CREEP_GAIN] = par.creep_ratio[i] / par.emergency_stiffness_vertical[i]
+    w[Lane.CREEP_RATE] = 1.0 / par.creep_time[i] if par.creep_ratio[i] != 0.0 else 0.0
+
+
+@compiled
+def _fill_gas(w: Any, i: int, par: Any) -> None:
+    """Volumes, areas and heat."""
+    w[Lane.V_0] = par.bellows_volume[i]
+    w[Lane.A_0] = par.effective_area[i]
+    w[Lane.A_1] = par.effective_area_slope[i]
+    w[Lane.KAPPA_0] = par.membrane_length[i]
+    w[Lane.KAPPA_1] = par.membrane_length_slope[i]
+    w[Lane.PER_TRAVEL] = 1.0 / par.membrane_travel[i]
+    w[Lane.STRETCH] = par.bellows_compliance[i]
+    w[Lane.STRETCH_AT_0] = -par.bellows_compliance[i] * (
+        par.nominal_preload[i] / par.effective_area[i] + par.atmospheric_pressure
+    )
+    w[Lane.ATMOSPHERE] = par.atmospheric_pressure
+    w[Lane.GAS_CONSTANT] = par.gas_constant
+    w[Lane.HEAT_RATIO] = par.heat_capacity_ratio
+    w[Lane.AMBIENT] = par.ambient_temperature
+    w[Lane.AUXILIARY_VOLUME] = par.auxiliary_volume[i]
+    w[Lane.HEAT] = par.bellows_heat_transfer[i]
+    w[Lane.AUXILIARY_HEAT] = par.auxiliary_heat_transfer[i]
+    w[Lane.HEAT_EXPONENT] = par.heat_density_exponent
+    w[Lane.HEAT_DENSITY] = par.heat_reference_density
+    C = par.wall_heat_capacity[i]
+    w[Lane.WALL_RATE] = 1.0 / C if C > 0.0 else 0.0
+    w[Lane.WALL_OUTER] = par.wall_outer_heat_transfer[i]
+
+
+@compiled
+def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
+    """Orifice and leaks."""
+    kappa = par.heat_capacity_ratio
+    w[Lane.ORIFICE] = effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
+    w[Lane.ASYMMETRY] = par.orifice_asymmetry[i]
+    w[Lane.REYNOLDS] = par.orifice_reynolds[i]
+    w[Lane.REYNOLDS_PER_FLOW] = 4.0 / (pi * par.orifice_diameter[i] * AIR_VISCOSITY)
+    w[Lane.LAMINAR] = par.laminar_limit
+    w[Lane.PSI_LAMINAR] = nozzle_function(par.laminar_limit, kappa)
+    w[Lane.PSI_FACTOR] = 2.0 * kappa / (kappa - 1.0)
+    w[Lane.CRITICAL] = critical_ratio(kappa)
+    w[Lane.LEAK] = par.leak_conductance[i]
+    w[Lane.LEAK_CRITICAL] = par.leak_critical_ratio
+    w[Lane.LEAK_LAMINAR] = par.leak_laminar[i]
+    for k in range(POWERS):
+        w[Lane.POWER + LANES * k] = powers[k]
+
+
+@compiled_entry
+def begin_springs(x: Any, memory: Any, parameters: Any, gas: Any, powers: Any, columns: Any) -> None:
+    """Settle both springs where bolster and platform stand in ``x``, and write their ``columns`` (SIDES, LENGTH/LANES).
+
+    ``memory`` and ``parameters`` are arrays of one, ``powers`` as of `power_coefficients`.
+    """
+    mem = memory[0]
+    par = parameters[0]
+    w = np.zeros(LENGTH)
+    out = np.zeros(ALGEBRAICS)
+    settle(x, mem, par, gas, out)
+    for i in range(SIDES):
+        _fill_states(w, i, x, mem)
+        _fill_rubber(w, i, par)
+        _fill_gas(w, i, par)
+        _fill_flow(w, i, par, powers)
+        keep_density(mem, par, i, x[State.BELLOWS_MASS + i] / out[Algebraic.VOLUME + i])
+        keep_density(mem, par, 2 + i, x[State.AUXILIARY_MASS + i] / par.auxiliary_volume[i])
+        w[Lane.DENSITY] = mem.heat_density[i]
+        w[Lane.DENSITY_FACTOR] = mem.heat_factor[i]
+        w[Lane.AUXILIARY_DENSITY] = mem.heat_density[2 + i]
+        w[Lane.AUXILIARY_DENSITY_FACTOR] = mem.heat_factor[2 + i]
+        columns[i] = w[::LANES]

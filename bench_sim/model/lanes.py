@@ -1,0 +1,293 @@
+"""Springs between plates that a motion moves, eight at a time in lock-step: their trajectories, step by step.
+
+Theory of operation
+-------------------
+In a replay left and right meet only in the readings (`bench_sim.model.replay`), unless air passes between them or in
+from a supply. So one spring is one lane, whichever side, run or parameters it belongs to, and what a spring has gone
+through is a `TRACE`: from it, the motion and the parameters every reading follows (`bench_sim.model.traces`).
+
+The method, its step and what happens once per step are those of the scalar replay (`bench_sim.model.runge_kutta`,
+`bench_sim.model.step_start`), which is the oracle: pressures agree to a thousandth of a pascal, the width that the
+scalar Newton's method leaves. Friction turns lane by lane, by the same function.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.compiled import compiled, compiled_parallel
+from bench_sim.model.gas import keep_density
+from bench_sim.model.lane_layout import (
+    EXTRA_FRICTION,
+    EXTRA_LEVEL_Y,
+    EXTRA_LEVEL_Z,
+    EXTRA_RATIO,
+    LANE_FRICTIONS,
+    LANES,
+    LENGTH,
+    SLOPE,
+    STAGE,
+    START,
+    SUM,
+    Lane,
+    LaneState,
+)
+from bench_sim.model.lane_slope import lane_slope
+from bench_sim.model.lane_start import SURFACES
+from bench_sim.model.layout import EXTRA_BRANCHES, STATES, TINY
+from bench_sim.model.quantities import MEMORY, PARAMETERS
+from bench_sim.model.rest import relax_rubber
+from bench_sim.model.rubber import turn_friction
+
+#: Columns of a trace: pressure and temperature of bellows and auxiliary chamber, force of bellows and emergency
+#: spring (vertical, lateral), compression of the contact. Its rows are the beginnings of the steps.
+TRACE: Final = 7
+
+
+class Course(NamedTuple):
+    """Where the plates of one spring go, in ``steps`` steps for each interval of the motion."""
+
+    step: float  #: s
+    places: NDArray[np.float64]  #: (2 rows − 1, 4) every half step: ζ and its speed, y and its speed
+    opening: NDArray[np.float64]  #: (rows,) of the reservoir valve during each step, 0 … 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaneSpring:
+    """One spring to be integrated: its column (`bench_sim.model.lane_start`), parameter record, side and course.
+
+    Its plate lies ``shift`` m to the left of the course.
+    """
+
+    column: NDArray[np.float64]
+    parameters: Any
+    side: int
+    course: Course
+    shift: float
+
+    @property
+    def key(self) -> tuple[int, float, bytes]:
+        """Equal for springs of one trajectory, as long as their course lives."""
+        surfaces = b"".join(self.parameters[name].tobytes() for name in SURFACES) if self.surfaced else b""
+        return id(self.course), self.shift, self.column.tobytes() + surfaces
+
+    @property
+    def surfaced(self) -> bool:
+        """Whether a surface takes part."""
+        return any(bool(self.parameters[name].any()) for name in ("flow_surface", "heat_surface"))
+
+
+@compiled
+def gather(w: Any, at: int, courses: Any, rows: Any) -> None:
+    """Put the plates of all lanes where they are at so many half steps; a lane that is through stands still."""
+    for i in range(LANES):
+        places = courses[i]
+        last = 2 * (rows[i] - 1)
+        k = min(at, last)
+        going = 1.0 if at <= last else 0.0
+        w[Lane.HEIGHT + i] = places[k, 0]
+        w[Lane.HEIGHT_SPEED + i] = going * places[k, 1]
+        w[Lane.LATERAL + i] = places[k, 2] + w[Lane.SHIFT + i]
+        w[Lane.LATERAL_SPEED + i] = going * places[k, 3]
+
+
+@compiled
+def note_friction(w: Any, i: int, side: int, mem: Any) -> None:
+    """Copy the friction of one lane from its memory, where it turns."""
+    w[Lane.ORIGIN_Z + i] = mem.friction_origin[0, side]
+    w[Lane.LEVEL_Z + i] = mem.friction_level[0, side]
+    w[Lane.ORIGIN_Y + i] = mem.friction_origin[1, side]
+    w[Lane.LEVEL_Y + i] = mem.friction_level[1, side]
+    for e in range(LANE_FRICTIONS):
+        w[EXTRA_LEVEL_Z + LANES * e + i] = mem.extra_friction_level[e, 0, side]
+        w[EXTRA_LEVEL_Y + LANES * e + i] = mem.extra_friction_level[e, 1, side]
+
+
+@compiled
+def note_motion(w: Any, sides: Any, memory: Any, parameters: Any, dt: float, turned: Any) -> bool:
+    """As `bench_sim.model.step_start.note_solution`: which lanes' friction ``turned``, and whether any did."""
+    found = False
+    for i in range(LANES):
+        side = sides[i]
+        mem = memory[i]
+        par = parameters[i]
+        z, z_speed = w[Lane.BELLOWS_Z + i], w[Lane.BELLOWS_Z_SPEED + i]
+        y, y_speed = w[Lane.BELLOWS_Y + i], w[Lane.BELLOWS_Y_SPEED + i]
+        travel_z, travel_y = par.friction_vertical_travel[side], par.friction_lateral_travel[side]
+        one = turn_friction(mem, par, 0, side, z, z_speed, w[Lane.NOTED_Z_SPEED + i], travel_z, dt)
+        other = turn_friction(mem, par, 1, side, y, y_speed, w[Lane.NOTED_Y_SPEED + i], travel_y, dt)
+        turned[i] = one or other
+        if turned[i]:
+            note_friction(w, i, side, mem)
+            found = True
+        w[Lane.NOTED_Z + i], w[Lane.NOTED_Z_SPEED + i] = z, z_speed
+        w[Lane.NOTED_Y + i], w[Lane.NOTED_Y_SPEED + i] = y, y_speed
+    return found
+
+
+@compiled
+def note_gas(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
+    """As `bench_sim.model.gas.note_densities`."""
+    for i in range(LANES):
+        side = sides[i]
+        mem = memory[i]
+        density = w[STAGE + LaneState.MASS + i] / w[Lane.VOLUME + i]
+        keep_density(mem, parameters[i], side, density)
+        density = w[STAGE + LaneState.AUXILIARY_MASS + i] / w[Lane.AUXILIARY_VOLUME + i]
+        keep_density(mem, parameters[i], 2 + side, density)
+        w[Lane.DENSITY + i] = mem.heat_density[side]
+        w[Lane.DENSITY_FACTOR + i] = mem.heat_factor[side]
+        w[Lane.AUXILIARY_DENSITY + i] = mem.heat_density[2 + side]
+        w[Lane.AUXILIARY_DENSITY_FACTOR + i] = mem.heat_factor[2 + side]
+
+
+@compiled
+def note_trace(w: Any, n: int, traces: Any) -> None:
+    """Write row n of all traces."""
+    for i in range(LANES):
+        traces[i, n, 0] = w[Lane.PRESSURE + i]
+        traces[i, n, 1] = w[Lane.TEMPERATURE + i]
+        traces[i, n, 2] = w[Lane.AUXILIARY_PRESSURE + i]
+        traces[i, n, 3] = w[Lane.AUXILIARY_TEMPERATURE + i]
+        traces[i, n, 4] = w[Lane.STACK_Z + i]
+        traces[i, n, 5] = w[Lane.STACK_Y + i]
+        traces[i, n, 6] = w[Lane.CONTACT + i]
+
+
+@compiled
+def recall(w: Any, sides: Any, memory: Any, scratch: Any) -> None:
+    """Let the memories of all lanes begin where their columns say."""
+    for i in range(LANES):
+        side = sides[i]
+        mem = memory[i]
+        relax_rubber(scratch, mem, side, w[Lane.NOTED_Z + i], w[Lane.NOTED_Y + i])
+        mem.friction_origin[0, side] = w[Lane.ORIGIN_Z + i]
+        mem.friction_origin[1, side] = w[Lane.ORIGIN_Y + i]
+        mem.heat_density[side] = w[Lane.DENSITY + i]
+        mem.heat_factor[side] = w[Lane.DENSITY_FACTOR + i]
+        mem.heat_density[2 + side] = w[Lane.AUXILIARY_DENSITY + i]
+        mem.heat_factor[2 + side] = w[Lane.AUXILIARY_DENSITY_FACTOR + i]
+
+
+@compiled
+def most(w: Any, row: int, count: int) -> int:
+    """How many of ``count`` rows are used by the lane that uses most of them."""
+    used = 0
+    for i in range(LANES):
+        own = 0
+        while own < count and w[row + LANES * own + i] != 0.0:
+            own += 1
+        used = max(used, own)
+    return used
+
+
+@compiled
+def stage(w: Any, size: int, weight: float, ahead: float) -> None:
+    """Add ``weight`` slopes to the sum, and go ``ahead`` s from the start of the step along the slope."""
+    for k in range(size):
+        w[SUM + k] += weight * w[SLOPE + k]
+        w[STAGE + k] = w[START + k] + ahead * w[SLOPE + k]
+
+
+@compiled
+def finish(w: Any, size: int, h: float) -> None:
+    """End a step of ``h`` s, and keep what the bellows' motion bends by, for the next guesses."""
+    for i in range(LANES):
+        z = (w[Lane.BELLOWS_Z + i] - w[Lane.NOTED_Z + i]) / h
+        y = (w[Lane.BELLOWS_Y + i] - w[Lane.NOTED_Y + i]) / h
+        w[Lane.BEND_Z + i] = (z - w[Lane.NOTED_Z_SPEED + i]) / h
+        w[Lane.BEND_Y + i] = (y - w[Lane.NOTED_Y_SPEED + i]) / h
+    for k in range(size):
+        new = w[START + k] + h / 6.0 * (w[SUM + k] + w[SLOPE + k])
+        new = new if abs(new) > TINY else 0.0
+        w[START + k] = new
+        w[STAGE + k] = new
+        w[SUM + k] = 0.0
+
+
+@compiled_parallel
+def integrate_lanes(
+    w: Any,
+    memory: Any,
+    parameters: Any,
+    sides: Any,
+    courses: Any,
+    openings: Any,
+    rows: Any,
+    dt: float,
+    surfaces: bool,
+    traces: Any,
+) -> None:
+    """Integrate all lanes to the end of the longest by steps of ``dt`` s; ``w`` (LENGTH) holds their columns.
+
+    Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE); ``courses``
+    and ``openings`` are tuples of what is in a `Course`.
+    """
+    saved = np.empty(LENGTH)
+    turned = np.zeros(LANES, np.bool_)
+    extra = most(w, EXTRA_RATIO, EXTRA_BRANCHES)
+    frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
+    size = LaneState.EXTRA + 2 * LANES * extra
+    recall(w, sides, memory, np.zeros(STATES))
+    for k in range(size):
+        w[START + k] = w[STAGE + k]
+    last = traces.shape[1] - 1
+    for n in range(last + 1):
+        gather(w, 2 * n, courses, rows)
+        for i in range(LANES):
+            w[Lane.OPENING + i] = openings[i][min(n, rows[i] - 1)]
+        since = dt if n > 0 else 0.0
+        lane_slope(w, since, extra, frictions, surfaces, parameters)
+        if note_motion(w, sides, memory, parameters, since, turned):
+            saved[:] = w
+            lane_slope(w, 0.0, extra, frictions, surfaces, parameters)
+            for i in range(LANES):
+                if not turned[i]:
+                    for k in range(i, LENGTH, LANES):
+                        w[k] = saved[k]
+        note_gas(w, sides, memory, parameters)
+        note_trace(w, n, traces)
+        if n == last:
+            break
+        stage(w, size, 1.0, 0.5 * dt)
+        gather(w, 2 * n + 1, courses, rows)
+        lane_slope(w, 0.5 * dt, extra, frictions, surfaces, parameters)
+        stage(w, size, 2.0, 0.5 * dt)
+        lane_slope(w, 0.5 * dt, extra, frictions, surfaces, parameters)
+        stage(w, size, 2.0, dt)
+        gather(w, 2 * n + 2, courses, rows)
+        lane_slope(w, dt, extra, frictions, surfaces, parameters)
+        finish(w, size, dt)
+
+
+def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]]:
+    """Return the trace (rows, TRACE) of each of at most LANES springs, all with one step; other threads run meanwhile.
+
+    Lanes that are left over repeat the last spring.
+    """
+    if not 0 < len(springs) <= LANES or len({spring.course.step for spring in springs}) > 1:
+        raise ValueError(
+            f"{len(springs)} springs with steps of {sorted({spring.course.step for spring in springs})} s: "
+            f"1 to {LANES} springs with one step go together"
+        )
+    filled = [*springs, *[springs[-1]] * (LANES - len(springs))]
+    rows = np.array([len(spring.course.opening) for spring in filled])
+    w = np.ascontiguousarray(np.column_stack([spring.column for spring in filled])).ravel()
+    w[Lane.SHIFT : Lane.SHIFT + LANES] = [spring.shift for spring in filled]
+    traces = np.empty((LANES, rows.max(), TRACE))
+    integrate_lanes(
+        w,
+        np.zeros(LANES, MEMORY).view(np.recarray),
+        np.array([spring.parameters for spring in filled], PARAMETERS).view(np.recarray),
+        np.array([spring.side for spring in filled]),
+        tuple(spring.course.places for spring in filled),
+        tuple(spring.course.opening for spring in filled),
+        rows,
+        filled[0].course.step,
+        any(spring.surfaced for spring in springs),
+        traces,
+    )
+    return [traces[k, : rows[k]] for k in range(len(springs))]

@@ -1,0 +1,172 @@
+"""What the sensors read of springs whose trajectories are known: nothing is integrated but the lags of the sensors."""
+
+from collections.abc import Sequence
+from math import ceil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
+from bench_sim.model.compiled import compiled, compiled_entry, compiled_parallel
+from bench_sim.model.lane_layout import LANES, LENGTH
+from bench_sim.model.lane_start import begin_springs, has_lanes, power_coefficients
+from bench_sim.model.lanes import Course, LaneSpring
+from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, State
+from bench_sim.model.quantities import MEMORY, PARAMETERS
+from bench_sim.model.replay import Gas, Motion, balance, place
+from bench_sim.model.rest import settle_sensors
+from bench_sim.model.sensors import follow, read_sensors, true_values
+from bench_sim.model.spring import displacements, spring_term
+
+
+@compiled_entry
+def follow_plates(motion: Any, parameters: Any, steps: int, places: Any) -> None:
+    """Write where the plates of both springs are every half step into ``places`` (SIDES, 2 rows − 1, 4)."""
+    par = parameters[0]
+    x = np.zeros(STATES)
+    out = np.zeros(ALGEBRAICS)
+    halves = 2 * steps
+    for k in range(places.shape[1]):
+        n = min(k // halves, motion.displacement.shape[0] - 2)
+        place(n, (k - n * halves) / halves, motion, x)
+        displacements(x, par, out)
+        for i in range(SIDES):
+            places[i, k, 0] = out[Algebraic.HEIGHT + i]
+            places[i, k, 1] = out[Algebraic.HEIGHT_SPEED + i]
+            places[i, k, 2] = out[Algebraic.LATERAL + i]
+            places[i, k, 3] = out[Algebraic.LATERAL_SPEED + i]
+
+
+@compiled
+def recollect(row: Any, i: int, out: Any) -> None:
+    """Put one row of a trace where the springs' algebra would have left it."""
+    out[Algebraic.PRESSURE + i] = row[0]
+    out[Algebraic.TEMPERATURE + i] = row[1]
+    out[Algebraic.AUXILIARY_PRESSURE + i] = row[2]
+    out[Algebraic.AUXILIARY_TEMPERATURE + i] = row[3]
+    out[Algebraic.STACK_VERTICAL + i] = row[4]
+    out[Algebraic.STACK_LATERAL + i] = row[5]
+    out[Algebraic.CONTACT + i] = row[6]
+
+
+@compiled_parallel
+def read_samples(
+    memory: Any, parameters: Any, motion: Any, supply: Any, left: Any, right: Any, steps: int, readings: Any
+) -> None:
+    """As `bench_sim.model.replay.replay_samples`, from the traces (rows, TRACE) of both springs."""
+    mem = memory[0]
+    par = parameters[0]
+    x = np.zeros(STATES)
+    dx = np.zeros(STATES)
+    out = np.zeros(ALGEBRAICS)
+    values = np.zeros(SENSORS)
+    ideal = np.zeros(SENSORS)
+    dt = motion.interval / steps
+    last = motion.displacement.shape[0] - 1
+    for row in range(left.shape[0]):
+        n = row // steps
+        k = row - n * steps
+        interval = min(n, last - 1)
+        part = k / steps if n < last else 1.0
+        place(interval, part, motion, x)
+        x[State.SUPPLY_LINE] = supply[n]
+        displacements(x, par, out)
+        recollect(left[row], 0, out)
+        recollect(right[row], 1, out)
+        for j in range(State.BOLSTER_LATERAL_SPEED, State.BOLSTER_ROLL_SPEED + 1):
+            dx[j] = 0.0
+        spring_term(par, out, dx)
+        balance(interval, part, motion, x, par, dx, out)
+        true_values(x, mem, par, out, values)
+        if k == 0:
+            if n == 0:
+                settle_sensors(mem, par, values, dt)
+            for j in range(SENSORS):
+                ideal[j] = values[j]
+            read_sensors(mem, par, ideal, n, readings[n])
+        follow(mem, par, values, dt)
+        mem.time += dt
+        mem.step += 1
+
+
+class TracedReplay:
+    """The replay of one ``motion`` in two stages: springs to be integrated in lanes, and readings from their traces.
+
+    What it is given is as for `bench_sim.model.replay.replay`; valves that let air in or from side to side must stay
+    shut. ``parameters`` say where the springs stand under the bolster.
+    """
+
+    def __init__(
+        self,
+        parameters: Any,
+        motion: Motion,
+        inputs: NDArray[np.float64],
+        supply: NDArray[np.float64],
+        *,
+        step: float,
+        start: float,
+    ) -> None:
+        self.motion = motion
+        self.supply = supply
+        self.start = start
+        self.steps = ceil(motion.interval / step - 1e-9)
+        self.geometry = _geometry(parameters)
+        rows = (len(motion.displacement) - 1) * self.steps + 1
+        places = np.empty((SIDES, 2 * rows - 1, 4))
+        follow_plates(motion, _one(parameters), self.steps, places)
+        self.courses = tuple(
+            Course(
+                motion.interval / self.steps,
+                places[i],
+                np.clip(np.repeat(inputs[:, Input.LEFT_RESERVOIR_VALVE + i], self.steps)[:rows], 0.0, 1.0),
+            )
+            for i in range(SIDES)
+        )
+
+    def fits(self, parameters: Any) -> bool:
+        """Whether lanes can integrate springs with these parameters on this motion."""
+        return has_lanes(parameters) and _geometry(parameters) == self.geometry
+
+    def springs(self, parameters: Any, gas: Gas, shift: float) -> tuple[LaneSpring, ...]:
+        """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion."""
+        x = np.zeros(STATES)
+        x[State.BOLSTER_LATERAL : State.BOLSTER_ROLL + 1] = self.motion.displacement[0, :3]
+        x[State.PLATFORM_LATERAL : State.PLATFORM_ROLL + 1] = self.motion.displacement[0, 3:]
+        x[State.BOLSTER_LATERAL] += shift
+        columns = np.empty((SIDES, LENGTH // LANES))
+        memory = np.zeros(1, MEMORY).view(np.recarray)
+        powers = power_coefficients(float(parameters.heat_capacity_ratio))
+        begin_springs(x, memory, _one(parameters), gas, powers, columns)
+        return tuple(LaneSpring(columns[i], parameters, i, self.courses[i], shift) for i in range(SIDES))
+
+    def readings(
+        self, parameters: Any, traces: Sequence[NDArray[np.float64]], shift: float
+    ) -> NDArray[np.float64]:
+        """Return what each sensor reads (n, SENSORS), from the traces (rows, TRACE) of both springs.
+
+        Between samples the supply line keeps its pressure. Other threads run meanwhile.
+        """
+        record = _one(parameters)
+        record.sensor_noise = 0.0
+        record.sensor_resolution = 0.0
+        memory = np.zeros(1, MEMORY).view(np.recarray)
+        memory.time = self.start
+        motion = self.motion
+        if shift:
+            motion = motion._replace(
+                displacement=motion.displacement + shift * np.eye(1, motion.displacement.shape[1])
+            )
+        readings = np.empty((len(motion.displacement), SENSORS))
+        read_samples(memory, record, motion, self.supply, *traces, self.steps, readings)
+        return readings
+
+
+def _one(parameters: Any) -> Any:
+    return np.array([parameters], PARAMETERS).view(np.recarray)
+
+
+def _geometry(parameters: Any) -> tuple[float, float, float]:
+    """What tells the places of the springs' plates from those of bolster and platform."""
+    par = parameters
+    return float(par.spring_half_spacing), float(par.centre_height), float(par.column_height)

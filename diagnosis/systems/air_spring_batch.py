@@ -1,0 +1,117 @@
+"""Many jobs of the bench at once: springs are integrated in lanes, and each only once however many jobs need it.
+
+Theory of operation
+-------------------
+The sides of the bench meet only in its readings, so a job that differs from another in one spring shares the other's
+trajectory, and one that differs in sensors alone, or in forces that follow from motion and pressure, shares both.
+What differs is not told by names: two springs are one if everything that their integration depends on is equal bit by
+bit (`bench_sim.model.lanes.LaneSpring.key`).
+"""
+
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from threading import Lock
+from typing import Any, Final
+
+from bench_sim.model.lane_layout import LANES
+from bench_sim.model.lanes import LaneSpring, integrate_springs
+from bench_sim.model.traces import TracedReplay
+from diagnosis.contracts import Array
+
+#: Trajectories of an experiment that are kept from one batch to the next: both sides at three points.
+_KEPT: Final = 6
+
+Key = tuple[int, float, bytes]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replayed:
+    """One replay of a run with one parameter record: its springs, or none where no lane can integrate them.
+
+    Then it is replayed ``alone``, which returns its readings (n, SENSORS).
+    """
+
+    traced: TracedReplay
+    kept: "KeptTraces"
+    record: Any
+    shift: float
+    springs: tuple[LaneSpring, ...]
+    alone: Callable[[], Array]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Of both springs."""
+        return tuple(spring.key for spring in self.springs)
+
+
+class KeptTraces:
+    """The trajectories of one experiment that were used last; several threads may ask."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._traces: OrderedDict[Key, Array] = OrderedDict()
+
+    def get(self, key: Key) -> Array | None:
+        """Return a trajectory that is kept."""
+        with self._lock:
+            if key in self._traces:
+                self._traces.move_to_end(key)
+            return self._traces.get(key)
+
+    def keep(self, key: Key, trace: Array) -> None:
+        """Keep a trajectory, and forget the one that was not used for longest."""
+        with self._lock:
+            self._traces[key] = trace
+            self._traces.move_to_end(key)
+            while len(self._traces) > _KEPT:
+                self._traces.popitem(last=False)
+
+
+def read_all(jobs: Sequence[Replayed]) -> Iterator[Array]:
+    """Yield the readings (n, SENSORS) of each job in order. Equal jobs are one object, and get one array."""
+    keys = {id(job): job.keys for job in jobs}
+    uses = Counter(key for job in jobs for key in keys[id(job)])
+    left = Counter(id(job) for job in jobs)
+    sole = Counter(id(job.traced) for job in jobs)
+    traces: dict[Key, Array] = {}
+    missing: dict[Key, tuple[LaneSpring, KeptTraces, bool]] = {}
+    for job in jobs:
+        for key, spring in zip(keys[id(job)], job.springs, strict=True):
+            if (found := job.kept.get(key)) is not None:
+                traces[key] = found
+            else:
+                missing[key] = spring, job.kept, uses[key] > 1 or sole[id(job.traced)] == 1
+    readings: dict[int, Array] = {}
+    for job in jobs:
+        mine = id(job)
+        if mine not in readings:
+            while any(key in missing for key in keys[mine]):
+                traces.update(_next_pack(missing))
+            readings[mine] = (
+                job.traced.readings(job.record, [traces[key] for key in keys[mine]], job.shift)
+                if job.springs
+                else job.alone()
+            )
+        yield readings[mine]
+        left[mine] -= 1
+        if not left[mine]:
+            del readings[mine]
+        for key in keys[mine]:
+            uses[key] -= 1
+            if not uses[key]:
+                del traces[key]
+
+
+def _next_pack(missing: dict[Key, tuple[LaneSpring, KeptTraces, bool]]) -> dict[Key, Array]:
+    """Integrate the springs that are needed next, as many as there are lanes, and take them from the ``missing``."""
+    first = next(iter(missing.values()))[0]
+    pack = [key for key, (spring, _, _) in missing.items() if spring.course.step == first.course.step][:LANES]
+    done = dict(zip(pack, integrate_springs([missing[key][0] for key in pack]), strict=True))
+    for key in pack:
+        _, kept, keep = missing.pop(key)
+        if keep:
+            # A copy: the lanes beside it need not live as long.
+            done[key] = done[key].copy()
+            kept.keep(key, done[key])
+    return done

@@ -1,0 +1,181 @@
+"""Many jobs in one call: the same outputs as one by one, and nothing integrated twice."""
+
+from types import MappingProxyType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bench_protocol.units import mm
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import load
+from diagnosis.contracts import BatchSimulator, Channel, Experiment, Job, MeasuredRun, Nuisance
+from diagnosis.engine.fitting.point import base_point
+from diagnosis.engine.fitting.replay import BATCH, Replay
+from diagnosis.systems import air_spring_batch
+from diagnosis.systems.air_spring import AirSpring
+
+
+def shaken(name, seconds=2.0, rate=1.0, inputs=None, **settings):
+    """Both springs shaken, each by its own motion."""
+    time = 5e-3 * np.arange(round(200 * seconds))
+    tau, fade = 2.0 * np.pi * rate * time, np.clip(2.0 * time, 0.0, 1.0)
+    motion = {
+        "left.height": fade * (3 * mm * np.sin(tau) + 1 * mm * np.sin(5.0 * tau)),
+        "right.height": fade * (3 * mm * np.sin(tau) - 2 * mm * np.sin(0.6 * tau)),
+        "shear": fade * 3 * mm * np.sin(0.9 * tau),
+    }
+    begin = {"left.bellows_pressure": 2.06e5, "right.bellows_pressure": 2.06e5, **settings}
+    return Experiment(name, time, motion | (inputs or {}), begin)
+
+
+@pytest.fixture(scope="module")
+def bench():
+    simulator = AirSpring(load("astb"), effects=CATALOGUE)
+    noise = np.array([np.hypot(c.noise, c.resolution / np.sqrt(12.0)) for c in simulator.channels])
+    return SimpleNamespace(simulator=simulator, noise=noise)
+
+
+@pytest.fixture
+def integrated(monkeypatch):
+    """Sides and parameter records of all springs that are integrated from here on."""
+    found = []
+    integrate = air_spring_batch.integrate_springs
+
+    def counted(springs):
+        found.extend(springs)
+        return integrate(springs)
+
+    monkeypatch.setattr(air_spring_batch, "integrate_springs", counted)
+    return found
+
+
+def everything(simulator, experiment):
+    """One job for each nuisance, each point of each effect's grid, and some of each surface's coefficients."""
+    yield "base", Job(experiment, {}, {})
+    for one in simulator.nuisances:
+        yield one.name, Job(experiment, {one.name: one.nominal + one.difference}, {})
+    for name, effect in simulator.catalogue.items():
+        for point in effect.grid:
+            values = {effect.amplitude.name: effect.amplitude.nominal + 0.3 * effect.amplitude.spread}
+            values |= {shape.name: value for shape, value in zip(effect.shapes, point, strict=True)}
+            yield name, Job(experiment, {}, {name: values})
+    for surface in simulator.surfaces:
+        for coefficient in surface.coefficients[1::5]:
+            yield surface.name, Job(experiment, {}, {surface.name: {coefficient.name: coefficient.spread}})
+
+
+def test_the_whole_catalogue_is_the_same_in_many_as_in_one(bench):
+    names, jobs = zip(*everything(bench.simulator, shaken("first", 1.2)), strict=True)
+    base = None
+    for name, job, outputs in zip(names, jobs, bench.simulator.run_many(jobs), strict=True):
+        alone = bench.simulator.run(job.experiment, job.parameters, job.effects)
+        base = alone if base is None else base
+        apart = np.abs(outputs - alone).max(axis=0) / bench.noise
+        moved = np.abs(alone - base).max(axis=0) / bench.noise
+        assert apart.max() < 1e-4 + 1e-5 * moved.max(), name
+
+
+@pytest.mark.parametrize(
+    ("inputs", "settings"),
+    [
+        ({"left.leveling": 1.0}, {}),
+        ({"dpv": 1.0}, {}),
+        ({}, {"pipe_length": 1.0}),
+    ],
+)
+def test_what_no_lane_can_do_is_replayed_as_ever(bench, integrated, inputs, settings):
+    experiment = shaken(
+        "odd", 0.5, inputs={name: np.full(100, value) for name, value in inputs.items()}, **settings
+    )
+    jobs = [
+        Job(experiment, {}, {}),
+        Job(experiment, {"load_cell.1.offset": 5.0}, {"leak.left": {"area": 1e-7}}),
+    ]
+    for job, outputs in zip(jobs, bench.simulator.run_many(jobs), strict=True):
+        assert np.array_equal(outputs, bench.simulator.run(job.experiment, job.parameters, job.effects))
+    assert not integrated
+
+
+def test_only_what_differs_is_integrated(bench, integrated):
+    one, other = shaken("one", 0.5), shaken("other", 0.5, 1.3)
+    base = [Job(one, {}, {}), Job(other, {}, {})]
+    assert len(list(bench.simulator.run_many(base))) == 2
+    assert [spring.side for spring in integrated] == [0, 1, 0, 1]
+    integrated.clear()
+    sensors = (
+        {"load_cell.1.offset": 3.0},
+        {"vertical_left.force.drag": 50.0},
+        {"vertical_left.displacement.seat": 1e-6},
+    )
+    effects = (
+        {"force_lag": {"lag": 1e-3}},
+        {"crosstalk": {"share": 0.01}},
+        {"force_surface": {"c_1_1": 20.0}},
+    )
+    jobs = [Job(one, parameters, {}) for parameters in sensors] + [
+        Job(other, {}, effect) for effect in effects
+    ]
+    assert len(list(bench.simulator.run_many(jobs))) == 6
+    assert not integrated
+    jobs = [Job(one, {"left.bellows_volume": 0.031}, {}), Job(one, {}, {"leak.right": {"area": 1e-7}})]
+    jobs += [jobs[0], Job(one, {"left.bellows_volume": 0.031}, {"force_gain": {"gain": 0.01}})]
+    first, _, third, _ = bench.simulator.run_many(jobs)
+    assert [spring.side for spring in integrated] == [0, 1]
+    assert np.array_equal(first, third)
+
+
+def test_outputs_do_not_depend_on_the_batch(bench):
+    """Bit for bit, so that a fit takes the same way however its jobs are shared out."""
+    names, jobs = zip(*everything(bench.simulator, shaken("batched", 0.5)), strict=True)
+    together = list(bench.simulator.run_many(jobs))
+    fresh = AirSpring(load("astb"), effects=CATALOGUE)
+    for k in range(0, len(jobs), 7):
+        (alone,) = fresh.run_many([jobs[k]])
+        assert np.array_equal(alone, together[k]), names[k]
+
+
+class Line:
+    """y = a t + b, one by one; it counts its calls."""
+
+    name = "line"
+    channels = (Channel("y", "1"),)
+    nuisances = (Nuisance("a", "1", 0.0, 1.0), Nuisance("b", "1", 0.0, 1.0, per_run=True))
+    catalogue = MappingProxyType({})
+    surfaces = ()
+
+    def __init__(self):
+        self.calls = []
+
+    def run(self, experiment, parameters, effects):
+        self.calls.append(1)
+        return (parameters["a"] * experiment.time + parameters["b"])[:, None]
+
+
+class ManyLines(Line):
+    def run_many(self, jobs):
+        self.calls.append(len(jobs))
+        return (Line().run(job.experiment, job.parameters, job.effects) for job in jobs)
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_a_replay_asks_for_many_where_it_can(workers):
+    time = np.linspace(0.0, 1.0, 11)
+    outputs = np.zeros((11, 1))
+    still = np.zeros(11, bool)
+    runs = tuple(MeasuredRun(Experiment(f"{k}", time, {}), outputs, ~still, still) for k in range(3))
+    one, many = Line(), ManyLines()
+    assert isinstance(many, BatchSimulator) and not isinstance(one, BatchSimulator)
+    point = base_point(Line.nuisances, ["0", "1", "2"])
+    point = point.at(np.array([1.0, 2.0, 3.0, 4.0]))
+    answers = []
+    for simulator in (one, many):
+        replay = Replay(simulator, runs, workers)
+        predictions = replay.predictions(point)
+        answers.append((predictions, replay.sensitivities(point, predictions)))
+    for got, expected in zip(answers[1][0], answers[0][0], strict=True):
+        assert np.array_equal(got, expected)
+    for got, expected in zip(answers[1][1], answers[0][1], strict=True):
+        assert np.array_equal(got, expected)
+        assert got[:, :, 0] == pytest.approx(np.vstack([time, np.ones(11)]), abs=1e-5)
+    assert sum(many.calls) == sum(one.calls) == 3 + 6
+    assert len(many.calls) == 2 * min(workers, 3) and max(many.calls) <= BATCH
