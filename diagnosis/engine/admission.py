@@ -24,7 +24,7 @@ from itertools import combinations
 from diagnosis.engine.config import COMPARABLE, PAIRED, SUBSTITUTE
 from diagnosis.engine.family import richer_members, richer_surcharge
 from diagnosis.engine.fitting.point import effect_coordinates
-from diagnosis.engine.gates import unfit, unphysical
+from diagnosis.engine.gates import unfit
 from diagnosis.engine.search_state import Problem, SearchState, Trial
 from diagnosis.engine.trials import (
     current_model,
@@ -81,8 +81,7 @@ def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -
         shapes = [second.point.effects()[two.name][shape.name] for shape in two.shapes]
         start = first.point.extended(effect_coordinates(two), (0.0, *shapes))
         model = refit(problem, start, current)
-        failed = unfit(model, two.name, current.model) or unphysical(model, one.name, current.model)
-        if failed or too_rough(problem, current, model):
+        if unfit(model, current.model) or too_rough(problem, current, model):
             continue
         prediction = predicted(problem, model, current.prediction)
         if not too_useless(problem, state, model, prediction):

@@ -37,6 +37,7 @@ from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
+from diagnosis.engine.search_state import Problem
 from diagnosis.engine.verdict import Judgement, judge
 from diagnosis.engine.wording import cause, rivals, scores, sentence
 from diagnosis.finding import Finding, Gain, NextRun, NextSensor, Provenance, Verdict
@@ -63,10 +64,11 @@ def diagnose(
         raise DiagnosisError("no run has the role 'fit': the parameters must be fitted to at least one")
     hypotheses = _chosen(model.catalogue, config)
     replay = Replay(model, data.of("fit"), config.workers)
+    problem = Problem(replay, data.of("select"), hypotheses, config)
 
-    found = search(replay, data.of("select"), hypotheses, config, tell)  # steps 2 to 6
+    found = search(problem, tell)  # steps 2 to 6
     tell("looking for what has no name", 0.91)
-    judgement = judge(found, hypotheses, config)  # steps 7 and 8
+    judgement = judge(problem, found)  # steps 7 and 8
     tell("measuring the gain", 0.92)
     return _finding(data, judgement, hypotheses, config, menu)  # steps 1 and 9
 

@@ -9,9 +9,13 @@ spring leaves. Whether the spring is a cause or a likeness is asked of both:
   (`_imitable`). A surface may then be larger than is believed.
 * Does the effect say anything beside the surface? The model with the surface is fitted with and without the effects. A
   true cause keeps a good part of its gain: it remembers what no surface does, or is right where no run has been yet.
+* Does the surface say what the effect says? Many a name is a surface itself, as dry friction is one over the speed, and
+  a surface with coefficients to spare follows it wherever it was fitted. That is imitation and no reason for doubt. So
+  the surface stands in for the names where they are both asked for the select runs *as they were fitted*: of what the
+  names foretell there, it must foretell a good part without them.
 
-Where a surface can do what effects do and they are worth next to nothing beside it, they are doubtful and leave the
-model. A surface never displaces a cause that it merely imitates: dry friction is a surface over the speed.
+Only where a surface can do what effects do, where they are worth next to nothing beside it, and where it foretells what
+they foretell, are they doubtful and leave the model. Else the name stays: a surface may take what no name explains.
 """
 
 from __future__ import annotations
@@ -21,7 +25,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.contracts import MeasuredRun
-from diagnosis.engine.config import GAIN_BESIDE_SURFACE, IMITATED_INFORMATION, WIDER_SURFACE, Config
+from diagnosis.engine.config import (
+    FORETOLD_BY_SURFACE,
+    GAIN_BESIDE_SURFACE,
+    IMITATED_INFORMATION,
+    WIDER_SURFACE,
+    Config,
+)
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.fitting.point import surface_coordinates
@@ -74,4 +84,20 @@ def _superfluous(
     if not select:
         return without.bic - with_.bic < max(config.ambiguous, part * sum(a.bic_gain for a in accepted))
     lost = predict(with_, select).lpd - predict(without, select).lpd
-    return lost < max(0.5 * config.ambiguous, part * sum(a.lpd_gain for a in accepted))
+    if lost >= max(0.5 * config.ambiguous, part * sum(a.lpd_gain for a in accepted)):
+        return False
+    return _foretells(without, model, accepted, select)
+
+
+def _foretells(
+    surface: FittedModel, names: FittedModel, accepted: Sequence[Accepted], select: Sequence[MeasuredRun]
+) -> bool:
+    """Return whether a surface in the place of the effects predicts a good part of what they do, both as fitted."""
+    point = names.point
+    for one in accepted:
+        point = point.without(one.effect)
+    neither = fit(names.replay, names.noise, point, names.linearisation)
+    nothing, by_names, by_surface = (
+        predict(model, select, fixed=True).lpd for model in (neither, names, surface)
+    )
+    return by_surface - nothing >= FORETOLD_BY_SURFACE * (by_names - nothing)

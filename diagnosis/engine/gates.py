@@ -7,8 +7,8 @@ Four gates stand between a good score and a name. Each returns why a model does 
 for people, or "" where it does.
 
 * `unfit`: the BIC must be better, that is the penalised χ² must fall by ln N for each further parameter;
-* `unphysical`: each parameter of the effect stays inside its range, and no base parameter has to move further than
-  its prior believes. A transducer 0.2 bar off zero is no explanation;
+* `unphysical`: each parameter of the effect stays inside its range and leaves those of the others inside theirs, and no
+  base parameter has to move further than its prior believes. A transducer 0.2 bar off zero is no explanation;
 * `merely_rough`: of a cause in plain view, no equation being exact, a small rest is left that noise would not leave.
   A further cause must explain more than such a rest;
 * `useless`: the select runs are predicted no worse by their log density, and a part of the explainable misfit goes
@@ -34,17 +34,18 @@ from diagnosis.engine.config import (
     Config,
 )
 from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.point import Coordinate
 from diagnosis.engine.fitting.predict import Prediction
 from diagnosis.engine.noise import Noise
 from diagnosis.engine.whitening import filters
 
 
-def unfit(model: FittedModel, effect: str, base: FittedModel) -> str:
+def unfit(model: FittedModel, base: FittedModel) -> str:
     """Return why the fit of a model with one more effect is no explanation, as a sentence; "" if it may be one."""
     gap = model.bic - base.bic
     if not gap < 0.0:
         return f"BIC is worse by {gap:.1f}" if model.converged else "comes nowhere near another cause"
-    return unphysical(model, effect, base)
+    return unphysical(model, base)
 
 
 def useless(
@@ -64,29 +65,47 @@ def useless(
     return explains_too_little(model, after, base, before, floors, config)
 
 
-def unphysical(model: FittedModel, effect: str, base: FittedModel) -> str:
-    """Return what is not physical in a fit: a number pushed out of its range, a belief strained; "" if nothing."""
-    fitted = model.linearisation
+def unphysical(model: FittedModel, base: FittedModel) -> str:
+    """Return what is not physical in a fit and was in that of ``base``; "" if nothing.
+
+    A number that the data push out of its range, of whichever effect: what enters may not make another impossible. Or a
+    belief that is strained further.
+    """
     strained = {c: abs(u) for c, u in zip(base.point.coordinates, base.point.numbers, strict=True)}
+    for coordinate, number in zip(model.point.coordinates, model.point.numbers, strict=True):
+        if coordinate.weight and abs(number) > max(
+            STRAINED_PRIOR, strained.get(coordinate, 0.0) + FURTHER_STRAIN
+        ):
+            value = _shown(coordinate, number)
+            return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from what is believed"
+    before = out_of_range(base)
+    return next((why for which, why in out_of_range(model).items() if which not in before), "")
+
+
+def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
+    """Return the numbers of effects that the data push out of their ranges, each with a sentence that says so."""
+    fitted = model.linearisation
+    found = {}
     for i, (coordinate, number) in enumerate(
         zip(fitted.point.coordinates, fitted.point.numbers, strict=True)
     ):
         low, high = coordinate.range
         push = fitted.gradient[i]
         outwards = (number <= low and push < 0.0) or (number >= high and push > 0.0)
-        value = f"{coordinate.to_value(number) / coordinate.parameter.scale:.4g} "
-        value += coordinate.parameter.display or coordinate.parameter.unit
         if (
-            coordinate.owner == effect
+            coordinate.owner
             and outwards
             and push**2 > RANGE_CHI2 * model.noise.dispersion * fitted.information[i, i]
         ):
-            return f"{coordinate.label} runs into the end of its range, {value}"
-        if coordinate.weight and abs(number) > max(
-            STRAINED_PRIOR, strained.get(coordinate, 0.0) + FURTHER_STRAIN
-        ):
-            return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from what is believed"
-    return ""
+            value = _shown(coordinate, number)
+            found[coordinate] = f"{coordinate.label} runs into the end of its range, {value}"
+    return found
+
+
+def _shown(coordinate: Coordinate, number: float) -> str:
+    """Return a number of a fit in the unit that people read."""
+    parameter = coordinate.parameter
+    return f"{coordinate.to_value(number) / parameter.scale:.4g} {parameter.display or parameter.unit}"
 
 
 def merely_rough(gained: float, explained: float, threshold: float, config: Config) -> str:

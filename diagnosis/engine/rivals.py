@@ -5,27 +5,35 @@ Theory of operation
 What entered first was the best alone. Beside a second cause, or under the noise that is estimated with it in the model,
 another may be better. So after each entry the alternatives of every accepted effect are fitted in its place: those
 which explained a good part when it entered, and those which it replaced itself. The best swap that lowers the BIC is
-made and the pass begins anew, under the noise of the new model. No set of effects is visited twice: under another
-noise, what went might look better again.
+made and the pass begins anew, under the noise of the new model.
+
+Under another noise, what went may look better again. Then the two sets of effects are compared, each under its own
+noise, by the likelihood of the measured samples with all constants (`_criterion`): χ² alone cannot compare two noises.
+The better one stays, so that the pass ends, and ends on the better of the two. In that currency the other one is its
+rival.
 
 What remains when no swap is better are the rivals of the verdict: physical models, each with its BIC (step 8).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from diagnosis.engine.config import RIVALS
+from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.search_state import Problem, SearchState, Trial
 from diagnosis.engine.trials import current_model, fit_physical
 
 
 def swap(problem: Problem, state: SearchState) -> SearchState:
     """Let better rivals in, and return the state with the rivals that remain of each accepted effect."""
-    visited = {frozenset(state.current.effects)}
+    visited: dict[frozenset[str], SearchState] = {}
     while True:
         current = state.current
         rivals = {old: _rivals(problem, state, old) for old in current.effects}
+        state = replace(state, rivals=rivals)
+        visited[frozenset(current.effects)] = state
         better = [
             (trial.bic, old, trial)
             for old, trials in rivals.items()
@@ -33,9 +41,8 @@ def swap(problem: Problem, state: SearchState) -> SearchState:
             if trial.bic < current.model.bic and frozenset(trial.point.owners) not in visited
         ]
         if not better:
-            return replace(state, rivals=rivals)
+            return _settled(visited, state)
         _, old, new = min(better, key=lambda swap: swap[0])
-        visited.add(frozenset(new.point.owners))
         alternatives = dict(state.alternatives)
         rest = (name for name in alternatives.pop(old) if name != new.effect)
         alternatives[new.effect] = (old, *rest)
@@ -44,6 +51,37 @@ def swap(problem: Problem, state: SearchState) -> SearchState:
             current=current_model(problem, new.point, current.explained_chi2),
             alternatives=alternatives,
         )
+
+
+def _settled(visited: dict[frozenset[str], SearchState], last: SearchState) -> SearchState:
+    """Return the best of the states that were visited, with the others among its rivals as far behind as they are."""
+    criteria = {effects: _criterion(state.current.model) for effects, state in visited.items()}
+    best = min(
+        visited.values(), key=lambda state: (criteria[frozenset(state.current.effects)], state is not last)
+    )
+    own = criteria[frozenset(best.current.effects)]
+
+    def compared(trial: Trial) -> Trial:
+        effects = frozenset(trial.point.owners)
+        if effects not in criteria or trial.bic >= best.current.model.bic:
+            return trial
+        return replace(trial, bic=best.current.model.bic + criteria[effects] - own)
+
+    rivals = {
+        old: tuple(sorted(map(compared, trials), key=lambda trial: trial.bic))
+        for old, trials in best.rivals.items()
+    }
+    return replace(best, rivals=rivals)
+
+
+def _criterion(model: FittedModel) -> float:
+    """Return the BIC of a model with what its own noise adds: ln of the variance of every sample, once whitened."""
+    constant = sum(
+        float(run.counted[:, i].sum()) * math.log(model.noise.dispersion * channel.innovation**2)
+        for run in model.replay.runs
+        for i, channel in enumerate(model.noise.channels)
+    )
+    return model.bic + constant
 
 
 def _rivals(problem: Problem, state: SearchState, old: str) -> tuple[Trial, ...]:

@@ -16,14 +16,11 @@ The result is the same for the same seed, however many workers there are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
-from diagnosis.contracts import Hypothesis, MeasuredRun
 from diagnosis.engine.admission import admit, choose, choose_pair
 from diagnosis.engine.backward import weigh
 from diagnosis.engine.base_model import fit_base_model
-from diagnosis.engine.config import Config
-from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gates import noise_floors
 from diagnosis.engine.rivals import swap
 from diagnosis.engine.search_state import Problem, SearchResult, SearchState, Trial
@@ -32,22 +29,15 @@ from diagnosis.engine.trials import current_model, fit_trials
 Progress = Callable[[str, float], None]
 
 
-def search(
-    replay: Replay,
-    select: tuple[MeasuredRun, ...],
-    hypotheses: Mapping[str, Hypothesis],
-    config: Config,
-    progress: Progress = lambda _text, _part: None,
-) -> SearchResult:
-    """Search a catalogue for the causes of what the base model leaves of the fit runs of ``replay``.
+def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> SearchResult:
+    """Search a catalogue for the causes of what the base model leaves of the fit runs.
 
-    ``select`` are the runs on which models are chosen, none if there are none; ``progress`` is told in words what is
-    done, and which part of the diagnosis lies behind.
+    ``progress`` is told in words what is done, and which part of the diagnosis lies behind.
     """
-    problem = Problem(replay, select, hypotheses, config)
+    replay, config = problem.replay, problem.config
     progress("fitting the base model", 0.0)
     current = current_model(problem, fit_base_model(replay))
-    floors = noise_floors(replay.simulator.channels, (*replay.runs, *select), current.model.noise)
+    floors = noise_floors(replay.simulator.channels, (*replay.runs, *problem.select), current.model.noise)
     state = SearchState(current, floors)
     while True:
         done = len(state.current.effects) / config.max_effects

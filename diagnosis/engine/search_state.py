@@ -86,6 +86,8 @@ class SearchState:
     alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     #: Physical models with another effect in the place of an accepted one, best first, under the present noise.
     rivals: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
+    #: Why effects left the model again after they had entered.
+    left: Mapping[str, str] = field(default_factory=dict)
 
     def after(self, trials: tuple[Trial, ...]) -> SearchState:
         """Return the state after the trials of a forward step."""
@@ -110,19 +112,25 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """All that the search found.
+    """All that the search found: its last state, and what each accepted effect is worth beside the others."""
 
-    ``screening`` holds the scores of what is not in the model, seen against it; ``footprints`` those scores came from;
-    ``floors`` (c,) is what noise alone leaves.
-    """
-
-    steps: tuple[ForwardStep, ...]
+    state: SearchState
     accepted: tuple[Accepted, ...]
-    model: FittedModel
-    prediction: Prediction | None
-    screening: Screening
-    footprints: Footprints
-    floors: Array
+
+    @property
+    def steps(self) -> tuple[ForwardStep, ...]:
+        """The forward steps, the first against the base model alone."""
+        return self.state.steps
+
+    @property
+    def model(self) -> FittedModel:
+        """The accepted effects in the base model."""
+        return self.state.current.model
+
+    @property
+    def floors(self) -> Array:
+        """What noise alone leaves in each channel (c,), as a standard deviation."""
+        return self.state.floors
 
     def ambiguous(self, gap: float) -> list[tuple[Accepted, Trial]]:
         """Return accepted effects with each rival that comes within a BIC gap of them."""

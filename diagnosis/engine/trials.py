@@ -62,11 +62,11 @@ def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     trials: list[Trial] = []
     for name in sorted(fits, key=lambda name: fits[name].bic + surcharge[name]):
         model, prediction = fits[name], None
-        failed = unfit(model, name, current.model) or too_rough(problem, current, model)
+        failed = unfit(model, current.model) or too_rough(problem, current, model)
         if not failed and all(trial.failed for trial in trials):
             prediction = predicted(problem, model, current.prediction)
             failed = too_useless(problem, state, model, prediction)
-        physical = not unphysical(model, name, current.model)
+        physical = not unphysical(model, current.model)
         trials.append(trial_of(name, model, prediction, failed, physical, surcharge[name]))
     return tuple(trials)
 
@@ -90,7 +90,7 @@ def fit_physical(
     """Fit and predict a model of which nothing is asked but that it is physical."""
     model = refit(problem, start, current, target)
     prediction = predicted(problem, model, current.prediction)
-    failed = unphysical(model, effect, current.model)
+    failed = unphysical(model, current.model)
     surcharge = richer_surcharge(problem, effect, model, current)
     return trial_of(effect, model, prediction, failed, surcharge=surcharge)
 

@@ -5,8 +5,8 @@ Theory of operation
 The search has named what it could. The simulator's surfaces now stand for everything that the catalogue lacks: the
 noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
 select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest
-surface makes superfluous leave the model (`doubt.py`), and the test is made anew without them. Then the surface is
-fitted.
+surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates; what remains
+passes all gates again (`backward.py`), and the test is made anew without them. Then the surface is fitted.
 
 The verdict follows from what remains, and none is forced:
 
@@ -19,18 +19,20 @@ The verdict follows from what remains, and none is forced:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from diagnosis.contracts import Hypothesis, MeasuredRun
+from diagnosis.contracts import MeasuredRun
+from diagnosis.engine.backward import dismissed, weigh
 from diagnosis.engine.config import REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
 from diagnosis.engine.doubt import doubtful
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.replay import Replay
-from diagnosis.engine.footprints import Footprints, candidates, footprints, joined, with_surfaces
+from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
+from diagnosis.engine.gates import out_of_range
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
-from diagnosis.engine.search_state import SearchResult
-from diagnosis.engine.unknown import clear_surfaces, explain
+from diagnosis.engine.search_state import Problem, SearchResult
+from diagnosis.engine.unknown import Omnibus, clear_surfaces, explain
 from diagnosis.finding import Unknown, Verdict
 
 
@@ -49,29 +51,24 @@ class Judgement:
     unknowns: tuple[Unknown, ...]
 
 
-def judge(found: SearchResult, hypotheses: Mapping[str, Hypothesis], config: Config) -> Judgement:
+def judge(problem: Problem, found: SearchResult) -> Judgement:
     """Judge what the search found, and what the simulator's surfaces see beyond it."""
-    select = found.prediction.replay.runs if found.prediction else ()
-    replay = found.model.replay
+    replay, select, config = problem.replay, problem.select, problem.config
     if not replay.simulator.surfaces:
-        screened = ScreenedModel(found.model, found.screening, ())
-        return Judgement(_verdict(found, found.screening, (), config), found, screened, found.model, ())
-    around = with_surfaces(replay, found.footprints)
+        current = found.state.current
+        screened = ScreenedModel(current.model, current.screening, ())
+        return Judgement(_verdict(found, current.screening, (), config), found, screened, found.model, ())
     while True:
+        around = with_surfaces(replay, found.state.current.footprints)
         screened = fit_and_screen(
             replay, around, alpha=config.alpha, seed=config.seed, steps=REPORTED_FIT_STEPS
         )
         together = _with_select(around, replay, select, config) if select else screened
         clear = clear_surfaces(found.accepted, screened, together, config)
-        gone = doubtful(screened.model, clear[0], found.accepted, select, config) if clear else ()
+        gone = _leaving(problem, found, screened.model, clear)
         if not gone:
             break
-        found = replace(found, accepted=tuple(one for one in found.accepted if one.effect not in gone))
-        point = around.point
-        for name in gone:
-            point = point.without(name)
-        rest = candidates([effect for name, effect in hypotheses.items() if name not in point.owners])
-        around = with_surfaces(replay, footprints(replay, point, rest))
+        found = weigh(problem, dismissed(problem, found.state, gone))
     model = screened.model
     unknowns: tuple[Unknown, ...] = ()
     if clear:
@@ -79,6 +76,19 @@ def judge(found: SearchResult, hypotheses: Mapping[str, Hypothesis], config: Con
         unknowns = (unknown,) if unknown.kept or clear[0].p < UNKEPT_SURFACE_P else ()
     verdict = _verdict(found, screened.screening, unknowns, config)
     return Judgement(verdict, found, screened, model, unknowns)
+
+
+def _leaving(
+    problem: Problem, found: SearchResult, model: FittedModel, clear: Sequence[Omnibus]
+) -> dict[str, str]:
+    """Return the accepted effects that must leave the final model, with the reason of each."""
+    if impossible := out_of_range(model):
+        least = min(found.accepted, key=lambda one: one.bic_gain)
+        return {least.effect: next(iter(impossible.values()))}
+    if not clear:
+        return {}
+    likenesses = doubtful(model, clear[0], found.accepted, problem.select, problem.config)
+    return dict.fromkeys(likenesses, f"is not needed beside {clear[0].surface.title}")
 
 
 def _with_select(

@@ -39,7 +39,8 @@ def _presliding() -> Parameter:
 
 
 def _share() -> Parameter:
-    return Parameter("pressure_share", "1", 0.7, 0.4, low=0.0, high=1.3, step=0.01, display="%", scale=0.01)
+    # Above 1 the friction would be negative without pressure: no seal drives its piston.
+    return Parameter("pressure_share", "1", 0.7, 0.4, low=0.0, high=1.0, step=0.01, display="%", scale=0.01)
 
 
 def _lag() -> Parameter:

@@ -23,6 +23,7 @@ from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
 from diagnosis.engine.search import search
+from diagnosis.engine.search_state import Problem
 
 N = 60
 SD = (0.5, 2.0)
@@ -212,7 +213,7 @@ def test_the_whole_search_is_right_about_a_line():
     from diagnosis.engine.config import Config
 
     replay = Replay(Straight(), tuple(data), 1)
-    result = search(replay, select, Straight().catalogue, Config())
+    result = search(Problem(replay, select, Straight().catalogue, Config()))
     assert [a.effect for a in result.accepted] == ["bend"]
     found = result.model.point.effects()["bend"]["amplitude"]
     sd = result.model.deviation(result.model.point.coordinates[-1])

@@ -13,6 +13,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import search as search_for
+from diagnosis.engine.search_state import Problem
 from diagnosis.finding import Verdict
 
 ONE = Config(workers=1)
@@ -21,7 +22,7 @@ ONE = Config(workers=1)
 def search(lab, data, config=ONE):
     data, simulator = measured_channels(data, lab.simulator)
     replay = Replay(simulator, data.of("fit"), config.workers)
-    return search_for(replay, data.of("select"), simulator.catalogue, config)
+    return search_for(Problem(replay, data.of("select"), simulator.catalogue, config))
 
 
 def named(result):
@@ -270,5 +271,5 @@ def test_false_alarms(laboratory, conditions, most):
     alarms = 0
     for seed in range(300):
         result = search(lab, lab.measure(5000 + seed, **conditions))
-        alarms += bool(result.accepted) or bool(result.screening.exceeding)
+        alarms += bool(result.accepted) or bool(result.state.current.screening.exceeding)
     assert alarms <= most
