@@ -46,7 +46,8 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
 
     ``strength`` is λ, the norm of its footprint in standard deviations of the noise after the base model was refitted;
     ``score`` is z. ``bic_gain`` (of the fit runs) and ``lpd_gain`` (log predictive density of the select runs) say how
-    much better the model is with it.
+    much better the model is with it; ``gained`` is the part of the explainable squared error on unseen runs
+    that goes with it, all channels together.
     """
 
     effect: str
@@ -57,6 +58,7 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     score: float | None
     bic_gain: float | None
     lpd_gain: float | None
+    gained: float | None = None
     equation: str = ""
     source: str = ""
 

@@ -184,6 +184,14 @@ IMITATED_INFORMATION: Final = 0.9
 WIDER_SURFACE: Final = 10.0
 #: So many times the noise on the report runs are worth a sentence.
 NOISE_RATIO_TOLD: Final = 1.2
+#: A model that leaves more than so many times the noise on unseen runs lacks something beside what was named …
+REMAINDER_RATIO: Final = 2.0
+#: … and if more than this part of the error is left, what was named is a relative of the cause.
+RELATIVE: Final = 0.5
+#: A cause that takes less than this part of the error on unseen runs away gains nothing there worth telling …
+GAINS_NOTHING: Final = 0.01
+#: … and less than this part is told as what it is.
+GAINS_LITTLE: Final = 0.1
 
 # -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
 

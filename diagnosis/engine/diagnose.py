@@ -11,7 +11,7 @@ with its theory of operation at the head; levels and limits of all of them stand
     6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py
     7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py; then confusability.py (what was not seen) and next_run.py (what would decide)
-    9  gain               gain.py
+    9  gain               before.py, gain.py, remainder.py
 
 `diagnose` takes them in this order but for the first. The panel of step 1 looks at the base model in units of the
 noise, and the noise is known for good only when step 7 has been taken: the panel is computed then. Nothing depends on
@@ -27,20 +27,23 @@ from itertools import combinations
 
 from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Hypothesis, Simulator
 from diagnosis.engine.base_model import without_effects
+from diagnosis.engine.before import best_before
 from diagnosis.engine.belief import contradicted
 from diagnosis.engine.config import NOISE_RATIO_TOLD, PANEL_FDR, Config
 from diagnosis.engine.confusability import confusability, unseen
 from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.next_run import rank, sensors
+from diagnosis.engine.remainder import Remainder, held_back, remainder
 from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem
-from diagnosis.engine.verdict import Judgement, judge
+from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, rivals, scores, sentence
-from diagnosis.finding import Finding, Gain, NextRun, NextSensor, Provenance, Verdict
+from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
 
 
 def diagnose(
@@ -91,37 +94,43 @@ def _finding(
     menu: Sequence[Experiment],
 ) -> Finding:
     """Compare both models and put everything that was concluded into the finding."""
-    found, verdict, extended = judgement.found, judgement.verdict, judgement.model
-    named = judgement.screened.model
+    found, extended, named = judgement.found, judgement.model, judgement.screened.model
+    around = found.state.current.footprints
     base = fit(extended.replay, extended.noise, without_effects(extended.point), named.linearisation)
     tests = panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else []
+    role, runs = held_back(data)
+    after = predict(extended, runs, fixed=True)
+    best, before = best_before(base, around, runs, found.floors) if extended.effects else (base, after)
+    left = remainder(role, before, after, extended, [one.effect for one in found.accepted], found.floors)
+    verdict = final(judgement.verdict, left)
+    told = config.with_gain and role == "report"
+    gain = compare(before, after, found.floors, seed=config.seed) if told else Comparison()
     covariance = named.covariance()
-    causes = [cause(a, hypotheses[a.effect], named.point, covariance) for a in found.accepted]
+    accepted = [cause(a, hypotheses[a.effect], named.point, covariance, left) for a in found.accepted]
+    causes = [] if verdict is Verdict.UNRESOLVED else accepted
     others = rivals(found, hypotheses, config.ambiguous) if verdict is Verdict.AMBIGUOUS else []
     next_runs, next_sensors = _deciding(judgement, config, menu) if others else ([], [])
-    report = data.of("report") if config.with_gain else ()
-    gain = compare(base, extended, report, found.floors, seed=config.seed) if report else Comparison()
     first = found.steps[0].screening
     return Finding(
         verdict=verdict,
-        sentence=sentence(verdict, causes, others, judgement.unknowns, found),
+        sentence=sentence(verdict, accepted, others, judgement.unknowns, found, left),
         causes=causes,
         threshold=first.threshold,
         alpha=config.alpha,
         provenance=_provenance(data, extended, config),
-        models=models(base, extended, gain),
+        models=models(best, extended, gain),
         ambiguous_with=others,
         scores=scores(found),
         gains=gain.gains,
         coverage=gain.coverage,
-        not_seen=unseen(judgement.screened.screening, named.linearisation, [c.effect for c in causes]),
+        not_seen=unseen(judgement.screened.screening, named.linearisation, [c.effect for c in accepted]),
         next_runs=next_runs,
         next_sensors=next_sensors,
-        shifts=shifts(base, extended),
+        shifts=shifts(best, extended),
         panel=tests,
         confusability=confusability(first),
         unknowns=list(judgement.unknowns),
-        remains=_remains(data, judgement, gain.gains),
+        remains=_remains(data, judgement, left),
         traces=gain.traces,
         doubts=[*data.doubts, *contradicted(extended)],
     )
@@ -145,7 +154,7 @@ def _deciding(
     return rank((model, *others), menu) if menu else [], ranked
 
 
-def _remains(data: Dataset, judgement: Judgement, gains: Sequence[Gain]) -> list[str]:
+def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
     """Return sentences on what is still not explained, or could not be checked."""
     screening = judgement.screened.screening
     sentences = [
@@ -162,10 +171,9 @@ def _remains(data: Dataset, judgement: Judgement, gains: Sequence[Gain]) -> list
         sentences.append(
             "The fit of the last model did not come to rest; its intervals are not to be trusted."
         )
-    ratio = gains[0].noise_ratio if gains else None
-    if ratio is not None and ratio > NOISE_RATIO_TOLD:
+    if left.after > NOISE_RATIO_TOLD:
         sentences.append(
-            f"On the report runs {ratio:.2g} times the noise is left: not all that is wrong there was found."
+            f"On the {left.role} runs {left.after:.2g} times the noise is left: not all that is wrong there was found."
         )
     if not data.of("select"):
         sentences.append(

@@ -2,11 +2,11 @@
 
 Theory of operation
 -------------------
-Both models are tuned: the base model with all its parameters at their best, and the extended one. Both predict the
-report runs with what they learnt from the fit runs; only what belongs to a run alone (an initial pressure) is found
-anew. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² − floor²): what noise
-alone leaves, no model can explain. Its interval comes from a bootstrap of runs, or of blocks of runs where there are
-few.
+Both models are tuned: the base model with all its parameters at their best (`before.py`), and the extended one. Both
+predict the report runs with what they learnt from the fit runs; only what belongs to a run alone (an initial pressure)
+is found anew. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² − floor²): what
+noise alone leaves, no model can explain. Its interval comes from a bootstrap of runs, or of blocks of runs where there
+are few.
 
 Beside it stand the coverage of the predictions, the curves to look at, and the shift of each base parameter in the
 standard deviations that the base model claimed: with the structure left wrong, those claims are wrong as well.
@@ -23,7 +23,7 @@ from diagnosis.contracts import Array, Channel, MeasuredRun
 from diagnosis.engine.config import BOOTSTRAP_BLOCKS, BOOTSTRAPS, COVERAGE_LEVELS, EXPLAINABLE, LEAST_RUNS
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate, Point
-from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.fitting.predict import Prediction
 from diagnosis.finding import Coverage, Gain, Models, Shift, Trace, number, numbers
 
 #: Channels that are drawn, bins and points of their drawings.
@@ -58,16 +58,11 @@ class _Arms:
         ]
 
 
-def compare(
-    before: FittedModel, after: FittedModel, runs: Sequence[MeasuredRun], noise: Array, *, seed: int = 0
-) -> Comparison:
-    """Compare two fitted models on the report runs; ``noise`` (c,) is what noise alone leaves in each channel.
-
-    Each new record finds its own nuisances (an initial pressure); shared ones stay as they were fitted.
-    """
-    channels = after.replay.simulator.channels
-    forecasts = predict(before, runs, fixed=True), predict(after, runs, fixed=True)
-    arms = _Arms(tuple(runs), (forecasts[0].outputs, forecasts[1].outputs), noise)
+def compare(before: Prediction, after: Prediction, noise: Array, *, seed: int = 0) -> Comparison:
+    """Compare two predictions of the same runs; ``noise`` (c,) is what noise alone leaves in each channel."""
+    runs, channels = after.replay.runs, after.replay.simulator.channels
+    forecasts = before, after
+    arms = _Arms(runs, (forecasts[0].outputs, forecasts[1].outputs), noise)
     errors = (arms.errors(0), arms.errors(1))
     rng = np.random.default_rng(seed)
     gains = [

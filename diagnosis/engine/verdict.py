@@ -15,6 +15,9 @@ The verdict follows from what remains, and none is forced:
 * causes, and a surface or a score that is more than a small part of what they explain: `named + unexplained
   remainder`;
 * else `named`.
+
+What is left on unseen runs may still lower it (`final`, from `remainder.py`): a plain `named` is for what reaches the
+noise, and what leaves most of the error in every channel is not named at all.
 """
 
 from __future__ import annotations
@@ -30,9 +33,11 @@ from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
 from diagnosis.engine.gates import out_of_range
+from diagnosis.engine.omnibus import Omnibus
+from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
-from diagnosis.engine.unknown import Omnibus, clear_surfaces, explain
+from diagnosis.engine.unknown import clear_surfaces, explain
 from diagnosis.finding import Unknown, Verdict
 
 
@@ -100,6 +105,13 @@ def _with_select(
     further = with_surfaces(there, footprints(there, point, around.candidates))
     both = replay.of((*replay.runs, *select))
     return fit_and_screen(both, joined(around, further), alpha=config.alpha, seed=config.seed)
+
+
+def final(verdict: Verdict, left: Remainder) -> Verdict:
+    """Return the verdict in the light of what is left on runs that nothing was fitted to."""
+    if verdict in {Verdict.NAMED, Verdict.REMAINDER} and left.relative:
+        return Verdict.UNRESOLVED
+    return Verdict.REMAINDER if verdict is Verdict.NAMED and left.large else verdict
 
 
 def _verdict(

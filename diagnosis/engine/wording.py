@@ -8,7 +8,9 @@ from typing import Final
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
+from diagnosis.engine.config import GAINS_LITTLE, GAINS_NOTHING
 from diagnosis.engine.fitting.point import Point, effect_coordinates
+from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import Screening
 from diagnosis.engine.search_state import Accepted, SearchResult
 from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, estimate, number
@@ -34,7 +36,7 @@ def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estim
     return found
 
 
-def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Array) -> Cause:
+def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Array, left: Remainder) -> Cause:
     """Return an accepted effect as the finding has it."""
     return Cause(
         effect=effect.name,
@@ -45,6 +47,7 @@ def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Arra
         score=number(accepted.score),
         bic_gain=number(accepted.bic_gain),
         lpd_gain=number(accepted.lpd_gain),
+        gained=number(left.gained(effect.name)),
         equation=effect.equation,
         source=effect.source,
     )
@@ -107,22 +110,59 @@ def sentence(
     others: Sequence[Rival],
     unknowns: Sequence[Unknown],
     found: SearchResult,
+    left: Remainder,
 ) -> str:
-    """Say the verdict in one or two sentences, for whoever reads nothing else."""
-    trials = found.steps[-1].trials
-    near = f"{trials[0].effect} comes nearest but {trials[0].failed}." if trials and trials[0].failed else ""
-    return (
-        SENTENCES[verdict]
-        .format(
-            causes=" and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes),
-            rivals=" or ".join(
-                f"{r.title} ({_size(r.parameters)}) instead of {r.instead_of}" for r in others
-            ),
-            unknown=" ".join(u.sentence for u in unknowns),
-            near=near,
-        )
-        .strip()
+    """Say the verdict in a few sentences, for whoever reads nothing else: what it is, what it gains, what is left."""
+    said = SENTENCES[verdict].format(
+        causes=" and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes),
+        rivals=" or ".join(f"{r.title} ({_size(r.parameters)}) instead of {r.instead_of}" for r in others),
+        unknown=" ".join(u.sentence for u in unknowns),
+        near=_nearest(causes, found),
     )
+    parts = [said.strip()]
+    if causes or unknowns:
+        parts.append(_gained(left))
+    if verdict is not Verdict.UNRESOLVED:
+        parts += [_worth(one) for one in causes]
+    return " ".join(part for part in parts if part)
+
+
+def _nearest(causes: Sequence[Cause], found: SearchResult) -> str:
+    """Say what comes nearest where nothing is named: a relative of the cause, or a trial that failed."""
+    if causes:
+        names = " and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes)
+        many = len(causes) > 1
+        return (
+            f"Nearest {'come' if many else 'comes'} {names}, but most of the error is left: the cause may be a "
+            f"relative of {'theirs' if many else 'it'} that was not looked for."
+        )
+    trials = found.steps[-1].trials
+    return f"{trials[0].effect} comes nearest but {trials[0].failed}." if trials and trials[0].failed else ""
+
+
+def _gained(left: Remainder) -> str:
+    """Say how large the error was and is, in words, where that is worth a sentence."""
+    if not left.after > 0.0:
+        return ""
+    what = {
+        "report": "On runs that nothing was fitted to",
+        "select": "On the runs that chose it",
+        "fit": "On the runs that were fitted",
+    }[left.role]
+    change = f"the error falls from {left.before:.3g} to {left.after:.3g} times the noise"
+    if left.after > 0.995 * left.before:
+        change = f"the error stays at {left.after:.3g} times the noise"
+    return f"{what}, {change}{': not all that is wrong was found' if left.large else ''}."
+
+
+def _worth(one: Cause) -> str:
+    """Say of a cause that it explains nothing, or little, of the error on unseen runs; "" if it does."""
+    if one.gained is None or one.gained >= GAINS_LITTLE:
+        return ""
+    title = one.title[:1].upper() + one.title[1:]
+    if one.gained < GAINS_NOTHING:
+        return f"{title} gains nothing there."
+    return f"{title} explains only {100.0 * one.gained:.2g} % of it."
 
 
 def _size(parameters: Sequence[Estimate]) -> str:

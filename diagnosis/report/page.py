@@ -87,7 +87,7 @@ def _summary(finding: Finding) -> dict[str, Any]:
         "tone": TONES[finding.verdict],
         "headline": HEADLINES[finding.verdict],
         "overall": next((gain for gain in finding.gains if gain.channel == "all"), None),
-        "extended": bool(finding.causes) or any(unknown.kept for unknown in finding.unknowns),
+        "extended": bool(finding.models.effects),
         "gain_drawing": drawings.gain_rows("gains", finding.gains),
         "curves": [
             Curves(t, drawings.trace_curves(f"trace{i}", t), drawings.trace_errors(f"error{i}", t))

@@ -7,6 +7,7 @@ import pytest
 
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
+from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.noise import white
@@ -28,10 +29,15 @@ def noise_of(data):
     return np.array([c.noise for c in data.channels])
 
 
+def compared(base, extended, data, seed=0):
+    before, after = (predict(model, data.of("report"), fixed=True) for model in (base, extended))
+    return compare(before, after, noise_of(data), seed=seed)
+
+
 @pytest.fixture(scope="module")
 def right(laboratory):
     data, base, extended = arms(laboratory, 1, "cubic", 1e6)
-    return data, base, extended, compare(base, extended, data.of("report"), noise_of(data))
+    return data, base, extended, compared(base, extended, data)
 
 
 def test_a_right_extension_explains_all_that_can_be_explained(right):
@@ -72,13 +78,13 @@ def test_predictions_cover_what_they_should(right):
 
 def test_a_wrong_extension_gains_less(laboratory, right):
     data, base, extended = arms(laboratory, 1, "drift", 0.01)
-    wrong = compare(base, extended, data.of("report"), noise_of(data)).gains[0]
+    wrong = compared(base, extended, data).gains[0]
     assert wrong.fraction < 0.5 < right[3].gains[0].fraction
 
 
 def test_nothing_to_explain_is_no_fraction(laboratory):
     data, base, extended = arms(laboratory, 1, "cubic", 0.0, truth=None)
-    gain = compare(base, extended, data.of("report"), noise_of(data)).gains[0]
+    gain = compared(base, extended, data).gains[0]
     assert gain.fraction is None and gain.noise_ratio == pytest.approx(1.0, abs=0.05)
 
 
@@ -87,7 +93,7 @@ def test_the_bootstrap_interval_holds_the_truth(laboratory):
     inside = 0
     for seed in range(10):
         data, base, extended = arms(laboratory, seed, "cubic", 1e6)
-        gain = compare(base, extended, data.of("report"), noise_of(data), seed=seed).gains[0]
+        gain = compared(base, extended, data, seed=seed).gains[0]
         inside += gain.fraction_low - 0.01 <= 1.0 <= gain.fraction_high + 0.01
     assert inside >= 8
 
