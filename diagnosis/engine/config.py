@@ -175,9 +175,6 @@ UNKEPT_SURFACE_P: Final = 1e-6
 #: Part of what a cause gains that it must still gain beside a surface which imitates it. A stop that was called a cubic
 #: spring kept a hundredth, measured friction under its right name three to seven.
 GAIN_BESIDE_SURFACE: Final = 0.02
-#: Part of what named causes foretell of the select runs, as fitted, that a surface must foretell in their place. A stop
-#: that was called a cubic spring was foretold to 80 % and more, friction measured at other pressures not at all.
-FORETOLD_BY_SURFACE: Final = 0.5
 #: Part of the information on an amplitude that a surface must take away to imitate the effect.
 IMITATED_INFORMATION: Final = 0.9
 #: Beside a cause, a surface may be so many times as large as is believed.

@@ -11,11 +11,11 @@ spring leaves. Whether the spring is a cause or a likeness is asked of both:
   true cause keeps a good part of its gain: it remembers what no surface does, or is right where no run has been yet.
 * Does the surface say what the effect says? Many a name is a surface itself, as dry friction is one over the speed, and
   a surface with coefficients to spare follows it wherever it was fitted. That is imitation and no reason for doubt. So
-  the surface stands in for the names where they are both asked for the select runs *as they were fitted*: of what the
-  names foretell there, it must foretell a good part without them.
+  the surface is asked for the select runs *as it was fitted*, without the names: it must foretell them better than a
+  model with neither does. What is no model of the next run is no cause of this one.
 
-Only where a surface can do what effects do, where they are worth next to nothing beside it, and where it foretells what
-they foretell, are they doubtful and leave the model. Else the name stays: a surface may take what no name explains.
+Only where a surface can do what effects do, where they are worth next to nothing beside it, and where it foretells
+something itself, are they doubtful and leave the model. Else the name stays: a surface may take what no name explains.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ import numpy as np
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.config import (
-    FORETOLD_BY_SURFACE,
     GAIN_BESIDE_SURFACE,
     IMITATED_INFORMATION,
     WIDER_SURFACE,
@@ -34,7 +33,7 @@ from diagnosis.engine.config import (
 )
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import inverse
-from diagnosis.engine.fitting.point import surface_coordinates
+from diagnosis.engine.fitting.point import Point, surface_coordinates
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.search_state import Accepted
@@ -86,18 +85,10 @@ def _superfluous(
     lost = predict(with_, select).lpd - predict(without, select).lpd
     if lost >= max(0.5 * config.ambiguous, part * sum(a.lpd_gain for a in accepted)):
         return False
-    return _foretells(without, model, accepted, select)
+    return _foretells(without, alone.without(test.surface.name), select)
 
 
-def _foretells(
-    surface: FittedModel, names: FittedModel, accepted: Sequence[Accepted], select: Sequence[MeasuredRun]
-) -> bool:
-    """Return whether a surface in the place of the effects predicts a good part of what they do, both as fitted."""
-    point = names.point
-    for one in accepted:
-        point = point.without(one.effect)
-    neither = fit(names.replay, names.noise, point, names.linearisation)
-    nothing, by_names, by_surface = (
-        predict(model, select, fixed=True).lpd for model in (neither, names, surface)
-    )
-    return by_surface - nothing >= FORETOLD_BY_SURFACE * (by_names - nothing)
+def _foretells(surface: FittedModel, neither: Point, select: Sequence[MeasuredRun]) -> bool:
+    """Return whether a fitted surface predicts the select runs, as fitted, better than a model without it."""
+    nothing = fit(surface.replay, surface.noise, neither, surface.linearisation)
+    return predict(surface, select, fixed=True).lpd > predict(nothing, select, fixed=True).lpd

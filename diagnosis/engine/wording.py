@@ -120,7 +120,7 @@ def sentence(
         near=_nearest(causes, found),
     )
     parts = [said.strip()]
-    if causes or unknowns:
+    if causes or unknowns or left.large:
         parts.append(_gained(left))
     if verdict is not Verdict.UNRESOLVED:
         parts += [_worth(one) for one in causes]

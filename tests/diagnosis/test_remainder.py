@@ -1,0 +1,75 @@
+"""What is left on unseen runs lowers the verdict, and is told in words."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diagnosis.contracts import Channel, Experiment, MeasuredRun
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
+from diagnosis.engine.remainder import Remainder, held_back
+from diagnosis.engine.verdict import final
+from diagnosis.finding import Verdict
+
+
+def left(before=20.0, after=1.1, part=0.05, **without):
+    return Remainder("report", before, after, part, without)
+
+
+def test_a_plain_name_is_for_what_reaches_the_noise():
+    assert final(Verdict.NAMED, left(after=1.9)) is Verdict.NAMED
+    assert final(Verdict.NAMED, left(after=2.1)) is Verdict.REMAINDER
+    assert final(Verdict.AMBIGUOUS, left(after=9.0)) is Verdict.AMBIGUOUS
+    assert final(Verdict.NO_EFFECT, left(after=9.0, part=1.0)) is Verdict.NO_EFFECT
+
+
+def test_what_leaves_most_of_the_error_in_every_channel_is_not_named():
+    assert final(Verdict.NAMED, left(after=11.0, part=0.55)) is Verdict.UNRESOLVED
+    assert final(Verdict.REMAINDER, left(after=11.0, part=0.55)) is Verdict.UNRESOLVED
+    # Little is left in absolute terms: a small effect in noise is no relative.
+    assert final(Verdict.NAMED, left(before=1.3, after=1.2, part=0.8)) is Verdict.NAMED
+    assert final(Verdict.NAMED, left(after=1.0, part=math.nan)) is Verdict.NAMED
+
+
+def test_what_a_cause_gains_is_a_part_of_what_can_be_explained():
+    found = left(before=5.0, after=2.0, lag=3.0, drift=2.0, leak=1.0)
+    assert found.gained("lag") == pytest.approx((9.0 - 4.0) / 8.0)
+    assert found.gained("drift") == 0.0
+    assert math.isnan(found.gained("leak"))
+
+
+def test_the_remainder_is_measured_where_the_fit_has_seen_least():
+    from dataclasses import replace
+
+    from diagnosis.contracts import Dataset
+
+    time = np.arange(4.0)
+    run = MeasuredRun(Experiment("a", time, {}), np.zeros((4, 1)), time < 9.0, time > 9.0)
+    data = Dataset((Channel("F", "N"),), (run, replace(run, role="select")))
+    assert held_back(data)[0] == "select"
+    assert held_back(replace(data, runs=(run,)))[0] == "fit"
+
+
+def test_hysteresis_that_nobody_looks_for_becomes_no_maxwell_branch(laboratory):
+    """Friction in plain view and a catalogue of relatives: no plain name, and the sentence says what is left."""
+    lab = laboratory(samples=400)
+    data = lab.measure(31, {"coulomb": {"amplitude": 3.0}})
+    finding = diagnose(data, lab.simulator, Config(workers=1, effects=("maxwell",)))
+    assert finding.verdict in {Verdict.UNRESOLVED, Verdict.REMAINDER}
+    assert finding.gains[0].noise_ratio > 2.0
+    assert f" {finding.gains[0].noise_ratio:.3g} times the noise" in finding.sentence
+
+
+def test_what_was_gained_is_told_in_the_sentence(laboratory):
+    lab = laboratory(samples=600)
+    finding = diagnose(
+        lab.measure(32, {"cubic": {"amplitude": 1e6}}),
+        lab.simulator,
+        Config(workers=1, effects=("cubic", "lag")),
+    )
+    gain = finding.gains[0]
+    told = f"the error falls from {gain.noise_ratio_before:.3g} to {gain.noise_ratio:.3g} times the noise"
+    assert finding.verdict is Verdict.NAMED
+    assert told in finding.sentence
+    assert finding.causes[0].gained == pytest.approx(gain.fraction, abs=0.02)
