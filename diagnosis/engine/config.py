@@ -33,7 +33,7 @@ class Config:
     rough: float = 0.03  #: step 6: part of the λ found before that a further cause must exceed
     gain: float = 0.05  #: step 6: least part of the explainable RMSE that a cause must explain
     with_panel: bool = True  #: step 1: whether the panel of tests is computed; no verdict depends on it
-    with_gain: bool = True  #: step 9: whether the report runs are opened; no verdict depends on them
+    with_gain: bool = True  #: step 9: whether the gain is told in numbers and curves; the verdict is the same
 
 
 # -- step 1, the residual: residual/ -----------------------------------------------------------------------------------
