@@ -6,8 +6,8 @@ from typing import Final
 import click
 from rich.console import Console
 
-from benchmarks.diagnosis.campaign import cases, done, file_of, nulls, run
-from benchmarks.diagnosis.ground_truth import CONDITIONS
+from benchmarks.diagnosis.campaign import Case, cases, done, file_of, nulls, run, siblings
+from benchmarks.diagnosis.ground_truth import NOISES
 from benchmarks.diagnosis.judge import Judged
 
 SYSTEMS: Final = ("oscillator", "bench")
@@ -15,22 +15,37 @@ SYSTEMS: Final = ("oscillator", "bench")
 CHEAP: Final = 800
 NULLS: Final = 500
 COLOURED_NULLS: Final = 200
+SIBLINGS: Final = 400
+#: What a bench is asked, beside its ordinary cases.
+BENCH_NULLS: Final = 80
+BENCH_SIBLINGS: Final = 200
+
+
+def wanted(system: str, count: int, white: int, coloured: int, of_another_form: int) -> list[Case]:
+    """Return the cases of a system, kinds and conditions in turn: whenever a campaign stops, it has some of each."""
+    lists = [
+        cases(system, count),
+        nulls(system, white, "white"),
+        *(nulls(system, coloured, noise) for noise in NOISES[1:]),
+        siblings(system, of_another_form),
+    ]
+    total = sum(len(one) for one in lists)
+    places = [(k * total / len(one), case) for one in lists for k, case in enumerate(one)]
+    return [case for _, case in sorted(places, key=lambda place: place[0])]
 
 
 @click.command()
-@click.option("--cases", "count", default=40, show_default=True, help="Sealed cases on the bench.")
+@click.option("--cases", "count", default=600, show_default=True, help="Sealed cases on the bench.")
 @click.option("--small", default=CHEAP, show_default=True, help="Cases on the oscillator.")
-@click.option(
-    "--nulls", "null_count", default=NULLS, show_default=True, help="Oscillators without anything hidden."
-)
+@click.option("--systems", default=",".join(SYSTEMS), show_default=True, help="Which are counted.")
 @click.option("--processes", default=2, show_default=True)
 @click.option("--again", is_flag=True, help="Forget what is kept.")
 @click.option("--page-only", is_flag=True, help="Write the page from what is kept.")
-def main(count: int, small: int, null_count: int, processes: int, again: bool, page_only: bool) -> None:
+def main(count: int, small: int, systems: str, processes: int, again: bool, page_only: bool) -> None:
     """Carry out the cases that are not kept yet in runs/diagnosis, and write docs/reference/diagnosis-benchmark.md."""
     console = Console() if sys.stdout.isatty() else Console(width=170)
     if again:
-        for system in SYSTEMS:
+        for system in systems.split(","):
             file_of(system).unlink(missing_ok=True)
 
     def tell(judged: Judged, left: int) -> None:
@@ -43,17 +58,12 @@ def main(count: int, small: int, null_count: int, processes: int, again: bool, p
         console.print(f"{line} → {text}; {judged.elapsed:.0f} s, {left} left", style=style, highlight=False)
 
     if not page_only:
-        coloured = min(null_count, COLOURED_NULLS)
-        run(
-            [
-                *cases("oscillator", small),
-                *nulls("oscillator", null_count, "white"),
-                *(case for condition in CONDITIONS[1:] for case in nulls("oscillator", coloured, condition)),
-            ],
-            processes,
-            tell,
-        )
-        run(cases("bench", count), processes, tell)
+        asked = {
+            "oscillator": (small, NULLS, COLOURED_NULLS, SIBLINGS),
+            "bench": (count, BENCH_NULLS, BENCH_NULLS, BENCH_SIBLINGS),
+        }
+        for system in systems.split(","):
+            run(wanted(system, *asked[system]), processes, tell)
     from benchmarks.diagnosis.rate_page import write
 
     console.print(f"page: {write({system: done(system) for system in SYSTEMS})}", highlight=False)

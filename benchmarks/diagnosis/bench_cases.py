@@ -30,10 +30,9 @@ class Sealed:
 
 @dataclass(frozen=True)
 class BenchCases:
-    """Hides in the bench of two air springs, and screens it with so many ``stretches`` under each load."""
+    """Hides in the bench of two air springs, and screens it."""
 
     name: str = "bench"
-    stretches: int = 3
 
     @cached_property
     def simulator(self) -> Simulator:
@@ -52,7 +51,7 @@ class BenchCases:
 
         record, sealed = directory / "record", directory / "truth.json"
         command = [sys.executable, "-m", "benchmarks.diagnosis.sealed", f"--seed={seed}", f"--kind={kind}"]
-        command += [f"--condition={condition}", f"--stretches={self.stretches}", f"--out={record}"]
+        command += [f"--condition={condition}", f"--out={record}"]
         done = subprocess.run(
             [*command, f"--truth={sealed}"],
             check=False,

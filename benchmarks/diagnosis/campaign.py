@@ -60,6 +60,12 @@ def nulls(system: str, count: int, condition: Condition) -> list[Case]:
     return [Case(system, "null", condition, seed=100_000 + i) for i in range(count)]
 
 
+def siblings(system: str, count: int) -> list[Case]:
+    """Return sibling rigs, every other one with an effect in it."""
+    kinds: tuple[Kind, Kind] = ("null", "single")
+    return [Case(system, kinds[i % 2], "sibling", seed=200_000 + i) for i in range(count)]
+
+
 def file_of(system: str) -> Path:
     """Where the lines of a system are kept."""
     return KEPT / f"{system}.jsonl"
@@ -73,10 +79,10 @@ def done(system: str) -> list[Judged]:
     return [msgspec.json.decode(line, type=Judged) for line in path.read_bytes().splitlines() if line]
 
 
-def carry_out(case: Case, stretches: int = 3, effects: tuple[str, ...] | None = None) -> Judged:
+def carry_out(case: Case, effects: tuple[str, ...] | None = None) -> Judged:
     """Hide, measure, diagnose and judge one case; a failure is a result too.
 
-    On the bench with so many ``stretches`` under each load; ``effects`` are the candidates, None stands for all.
+    ``effects`` are the candidates, None stands for all.
     """
     from diagnosis.engine.config import Config
     from diagnosis.engine.diagnose import diagnose
@@ -95,7 +101,7 @@ def carry_out(case: Case, stretches: int = 3, effects: tuple[str, ...] | None = 
         else:
             from benchmarks.diagnosis.bench_cases import BenchCases, temporary_directory
 
-            bench = BenchCases(stretches=stretches)
+            bench = BenchCases()
             with temporary_directory() as directory:
                 sealed = bench.measure(case.seed, case.kind, case.condition, Path(directory))
                 start = time.perf_counter()

@@ -14,16 +14,19 @@ from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.sibling_forms import drawn as sibling
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED
 from diagnosis.systems.air_spring_parameters import BOTH_SIDES, EACH_SIDE
 
 Kind = Literal["null", "single", "pair", "outside", "near"]
-Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost"]
+Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost", "sibling"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 CONDITIONS: Final[tuple[Condition, ...]] = get_args(Condition)
+#: Those in which the bench has the form of its model, and only the noise differs.
+NOISES: Final = CONDITIONS[:-1]
 
-#: Sizes are drawn evenly in the logarithm of λ; ordinary faults of the bench reach 500 to 10 000.
-LAMBDA: Final = (4.0, 4000.0)
+#: Sizes are drawn evenly in the logarithm of λ.
+LAMBDA: Final = (5.0, 500.0)
 #: The same for pairs, near misses and terms outside the catalogue: a cause can be asked of them only where λ is large.
 LAMBDA_CLEAR: Final = (20.0, 400.0)
 #: Springs beyond so many standard deviations of a delivery are sent back.
@@ -50,7 +53,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     """One specimen: its effects with their values (SI) and λ, the parameters of its base model, its noise.
 
     ``roughness`` is the λ of a smooth random term that nobody models; ``outside`` the term that is in no catalogue,
-    with its size.
+    with its size; ``form`` what a sibling has of another form, with its size.
     """
 
     seed: int
@@ -61,6 +64,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     base: dict[str, float] = {}
     roughness: float = 0.0
     outside: dict[str, float] = {}
+    form: dict[str, float] = {}
 
     @property
     def weakest(self) -> float:
@@ -102,6 +106,7 @@ def draw(seed: int, kind: Kind, condition: Condition = "white") -> GroundTruth:
         base=_springs(rng),
         roughness=ROUGH * min(lambdas.values()) if lambdas else ROUGH_ALONE,
         outside=outside,
+        form=sibling(rng) if condition == "sibling" else {},
     )
 
 

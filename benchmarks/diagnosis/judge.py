@@ -81,7 +81,9 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
         if self.failure:
             return f"no finding: {self.failure}"
         if self.kind == "null":
-            return f"false alarm: {said}" if self.detected else ""
+            # Of a sibling it is right to see something: it is not the bench of the model.
+            wrong = self.causes if self.condition == "sibling" else self.detected
+            return f"false alarm: {said}" if wrong else ""
         if self.wrong:
             return f"wrong cause: {said}"
         if self.weakest < CLEAR:

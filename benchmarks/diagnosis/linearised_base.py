@@ -46,6 +46,22 @@ class LinearisedBase:
         """Return λ of ``effects``, as ``run`` predicts them; the base model is refitted as if it were linear."""
         return float(self._projected(self._columns(run, [effects])).norm[0])
 
+    def lambda_apart(
+        self, run: Callable[[Experiment, Effects], Array], effects: Effects, entries: Sequence[Candidate]
+    ) -> float:
+        """Return what is left of λ of ``effects`` beside the one of the candidates that imitates them best."""
+        found = self._columns(run, [effects])
+        for k in range(0, len(entries), _BATCH):
+            steps = [
+                neighbour(c.added_to(self._point), len(self._point.numbers)) for c in entries[k : k + _BATCH]
+            ]
+            further = self._replay.differences(self._predictions, [steps] * len(self._predictions))
+            found = [np.concatenate(x) for x in zip(found, further, strict=True)]
+        information = self._linearisation.project(self._whitened(found)).information
+        own, others = information[0, 0], np.diagonal(information)[1:]
+        imitated = np.divide(information[0, 1:] ** 2, others, out=np.zeros_like(others), where=others > 0.0)
+        return float(np.sqrt(max(own - imitated.max(initial=0.0), 0.0)))
+
     def absorbed(self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]) -> Array:
         """Return how far the k base parameters would move to imitate each of m ``effects`` (k, m), in their spreads."""
         projection = self._projected(self._columns(run, effects))

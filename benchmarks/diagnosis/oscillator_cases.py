@@ -1,11 +1,13 @@
 """Oscillators with something hidden in them: cases of the benchmark that take a second each."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.diagnosis import oscillator_siblings
 from benchmarks.diagnosis.ground_truth import (
     CONDITIONS,
     KINDS,
@@ -19,7 +21,7 @@ from benchmarks.diagnosis.ground_truth import (
 )
 from benchmarks.diagnosis.linearised_base import LinearisedBase
 from diagnosis.contracts import Array, Dataset, Effects, Experiment
-from diagnosis.engine.footprints import Candidate
+from diagnosis.engine.footprints import Candidate, candidates
 from diagnosis.systems.oscillator import (
     REACH,
     SURFACE_SHAPE,
@@ -33,21 +35,31 @@ from diagnosis.systems.oscillator_specimen import Laboratory
 FINER: Final = 4
 #: Sizes at which λ of terms outside the catalogue is measured: a stop (N/m), a damper that acts upwards only (N).
 UNCATALOGUED: Final = {"stop": 100.0, "one_way": 1.0}
+#: Sizes at which λ of the forms of siblings is measured, in their own units.
+UNIT_OF_FORM: Final = {"tiring": 1.0, "softening": 50.0, "warming": 50.0, "seating": 1.0}
 #: Where the stop begins to act (m).
 GAP: Final = 0.02
 LAMBDA: Final = (4.0, 400.0)
+#: λ of what siblings have of another form, beside whichever effect imitates it best: the rest cannot be told from that.
+LAMBDA_FORM: Final = (5.0, 50.0)
 COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 
 
+@dataclass(frozen=True)
 class FinelyIntegrated(Oscillator):
-    """The same oscillator, integrated in a quarter of the step; its drive is a line between samples in both."""
+    """The same oscillator, integrated in a quarter of the step; its drive is a line between samples in both.
+
+    ``form`` is what a sibling has besides.
+    """
+
+    form: Mapping[str, float] = field(default_factory=dict)
 
     def run(self, experiment: Experiment, parameters: Any, effects: Effects) -> Array:
         n = FINER * (len(experiment.time) - 1) + 1
         time = np.linspace(experiment.time[0], experiment.time[-1], n)
         drive = np.interp(time, experiment.time, experiment.inputs["drive"])
         fine = replace(experiment, time=time, inputs={"drive": drive})
-        return super().run(fine, parameters, effects)[::FINER]
+        return oscillator_siblings.run(Oscillator(), self.form, fine, parameters, effects)[::FINER]
 
 
 @dataclass(frozen=True)
@@ -88,6 +100,11 @@ class OscillatorCases:
             for n in self.simulator.nuisances
             if not n.per_run
         }
+        form = {}
+        if condition == "sibling":
+            name = str(rng.choice(sorted(oscillator_siblings.FORMS)))
+            size = even_in_logarithm(rng, LAMBDA_FORM) / _of_form(self, name)
+            form[name] = size if rng.random() < 0.5 else -size
         rough = ROUGH * min(lambdas.values()) if lambdas else ROUGH_ALONE
         return GroundTruth(
             seed=seed,
@@ -98,6 +115,7 @@ class OscillatorCases:
             base=base,
             roughness=rough,
             outside=outside,
+            form=form,
         )
 
     def data(self, truth: GroundTruth) -> Dataset:
@@ -110,7 +128,7 @@ class OscillatorCases:
             else:
                 surface = surface + size * _one_way()
         given["force"] = coefficients_of(surface)
-        return Laboratory(FinelyIntegrated(), self.samples).measure(
+        return Laboratory(FinelyIntegrated(form=truth.form), self.samples).measure(
             truth.seed,
             given,
             colour=COLOURS.get(truth.condition, 0.0),
@@ -169,6 +187,18 @@ def _of_term(cases: OscillatorCases, name: str) -> float:
     if name == "stop":
         return cases.lambda_of({"stop": {"amplitude": size, "gap": GAP}}) / size
     return cases.lambda_of({"force": coefficients_of(size * _one_way())}) / size
+
+
+@cache
+def _of_form(cases: OscillatorCases, name: str) -> float:
+    """λ per unit of what no effect can imitate of a sibling's other form."""
+    size = UNIT_OF_FORM[name]
+
+    def run(experiment: Experiment, given: Effects) -> Array:
+        return oscillator_siblings.run(cases.simulator, {name: size}, experiment, {}, given)
+
+    entries = candidates(list(cases.simulator.catalogue.values()))
+    return cases._base.lambda_apart(run, {}, entries) / size
 
 
 @cache

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Edges of the classes of λ.
 EDGES: Final = (4.0, 6.0, 10.0, 20.0, 50.0, 150.0, 500.0, 4000.0)
+#: A point over λ stands for at least so many cases.
+LEAST_POINT: Final = 10
 NOTHING, OPEN, SHAPE = "no effect", "unresolved", "unknown"
 
 
@@ -65,7 +67,7 @@ def power(path: Path, judged: Sequence[Judged]) -> None:
             places, rates = [], []
             for low, high in pairwise(EDGES):
                 inside = [j for j in single if low <= j.weakest < high]
-                if inside:
+                if len(inside) >= LEAST_POINT:
                     places.append(np.sqrt(low * high) * 1.05 ** (k - 1))
                     rates.append(Rate.of([hit(j) for j in inside]))
             values = np.array([rate.value for rate in rates])

@@ -15,7 +15,6 @@ import numpy as np
 
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block, join
-from bench_protocol.rates import FAST_RATE, TICK
 from bench_protocol.words import SIDES
 from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.parameters import Parameters, load
@@ -23,17 +22,14 @@ from bench_sim.parameters.effects import with_effects
 from bench_sim.rig.rig import Rig
 from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind, draw
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.short_screening import short_screening
+from benchmarks.diagnosis.sibling_forms import CURVED, FAST, Curved
+from benchmarks.diagnosis.sibling_forms import parameters as sibling
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
 from drivers.bench import Bench
 from drivers.memory import Faults
-from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.motions import Part, Programme
-from test_plans.perform import programme_plan
-from test_plans.plan import Plan
-from test_plans.screening import SCREENING
 
-FAST: Final = round(1.0 / (FAST_RATE * TICK))
 #: What is measured, beside what tells the motion: these sensors have noise of a colour.
 COLOURED: Final = [*FORCES, *PRESSURES]
 COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
@@ -52,7 +48,7 @@ def parameters_of(truth: GroundTruth) -> Parameters:
         name: [truth.base.get(f"{side}.{name}", truth.base.get(name)) for side in SIDES]
         for name in {label.rpartition(".")[2] for label in truth.base}
     }
-    bench = bench.with_values(**springs)
+    bench = bench.with_values(**springs, **sibling(truth.form))
     terms = [UNCATALOGUED[name](size) for name, size in truth.outside.items()]
     if truth.roughness:
         terms.append(roughness(truth.seed, truth.roughness / LambdaPerUnit.read().roughness))
@@ -103,6 +99,8 @@ def bench_of(truth: GroundTruth) -> Iterator[Bench]:
     run: Callable[[int], Block] = rig.run
     if truth.condition in COLOURS:
         run = Coloured(rig, COLOURS[truth.condition], truth.seed).run
+    if CURVED in truth.form:
+        run = Curved(rig, truth.form[CURVED]).run
     memory = RigInMemory(rig, run)
     # Commands arrive: five lost in a row are a watchdog's business, and happen once in a screening.
     lossy = {"faults": Faults(lose=LOST), "outward": Faults()} if truth.condition == "frames lost" else {}
@@ -110,15 +108,9 @@ def bench_of(truth: GroundTruth) -> Iterator[Bench]:
         yield bench
 
 
-def shortened(stretches: int) -> Plan:
-    """Return the screening with only so many stretches under each load."""
-    parts = tuple(Part(part.load, part.stretches[:stretches]) for part in SCREENING.parts)
-    return programme_plan(Programme(SCREENING.name, SCREENING.title, parts, SCREENING.purpose))
-
-
-def measure(truth: GroundTruth, out: Path, stretches: int = 3) -> None:
+def measure(truth: GroundTruth, out: Path) -> None:
     """Screen the bench of ``truth`` and leave an ordinary record in ``out``. Raises ScreeningFailed."""
-    plan = shortened(stretches) if stretches < 3 else plans()[SCREENING.name]
+    plan = short_screening()
     with bench_of(truth) as bench:
         result = execute(plan, bench, out, rig="virtual", seed=0)
     if result.verdict not in {"pass", "fail"}:
@@ -129,14 +121,13 @@ def measure(truth: GroundTruth, out: Path, stretches: int = 3) -> None:
 @click.option("--seed", type=int, required=True)
 @click.option("--kind", type=click.Choice(get_args(Kind)), required=True)
 @click.option("--condition", type=click.Choice(get_args(Condition)), default="white", show_default=True)
-@click.option("--stretches", type=click.IntRange(1, 3), default=3, show_default=True, help="Under each load.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Directory of the record.")
 @click.option("--truth", "sealed", type=click.Path(path_type=Path), required=True, help="File for the judge.")
-def main(seed: int, kind: Kind, condition: Condition, stretches: int, out: Path, sealed: Path) -> None:
+def main(seed: int, kind: Kind, condition: Condition, out: Path, sealed: Path) -> None:
     """Hide something in a bench, drawn from SEED, and screen it."""
     truth = draw(seed, kind, condition)
     truth.write(sealed)
-    measure(truth, out, stretches)
+    measure(truth, out)
 
 
 if __name__ == "__main__":

@@ -179,6 +179,16 @@ GAIN_BESIDE_SURFACE: Final = 0.02
 IMITATED_INFORMATION: Final = 0.9
 #: Beside a cause, a surface may be so many times as large as is believed.
 WIDER_SURFACE: Final = 10.0
+#: Whole runs, halves, quarters and eighths are asked whether they share their parameters: constancy.py.
+STRETCHES: Final = (1, 2, 4, 8)
+#: Chance finds parameters inconstant with this probability; it then costs what is hardly seen its name, and no more.
+CONSTANCY_ALPHA: Final = 0.02
+#: Part of the largest eigenvalue below which a stretch does not tell parameters apart: difference quotients are no
+#: better.
+LEAST_EIGENVALUE: Final = 1e-6
+#: λ of a named cause must be so many times the λ of what the model's form owes. Of oscillators of another form, the
+#: false causes reached once at most; of true ones under a roughness of a fiftieth, none stayed below ten times.
+CLEAR_OF_FORM: Final = 2.0
 #: So many times the noise on the report runs are worth a sentence.
 NOISE_RATIO_TOLD: Final = 1.2
 #: A model that leaves more than so many times the noise on unseen runs lacks something beside what was named …

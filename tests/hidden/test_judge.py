@@ -121,6 +121,7 @@ def test_every_visible_effect_is_hidden_by_some_seed_and_fits_the_bench():
     assert first.keys() == {name for name, effect in CATALOGUE.items() if visible(effect, per_unit)}
     assert first.keys() >= NEAR.keys()
     assert not first.keys() & {"leveling_delay", "quantisation"}
+    assert "dpv_leak" in first
     for one in first.values():
         parameters_of(one)
 

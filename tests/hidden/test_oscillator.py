@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.diagnosis.ground_truth import CONDITIONS
+from benchmarks.diagnosis.ground_truth import NOISES
 from diagnosis.finding import Verdict
 
 SINGLES = [("white", 1), ("AR 0.6", 2), ("12 bits", 3), ("frames lost", 4)]
@@ -23,7 +23,7 @@ def test_two_effects_of_two_families(judged):
     assert found.exact
 
 
-@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("condition", NOISES)
 def test_nothing(judged, condition):
     found = judged("oscillator", "null", condition, 11)
     assert found.verdict == Verdict.NO_EFFECT
@@ -72,7 +72,7 @@ def test_what_the_true_cause_is_wrong_by_is_no_second_cause(judged, kind, seed):
 @pytest.mark.parametrize("kind", ["single", "pair", "null"])
 def test_hardly_ever_amiss(judged, kind):
     """Of twelve of each kind under changing conditions, at most one may be amiss, and no null."""
-    found = [judged("oscillator", kind, CONDITIONS[k % len(CONDITIONS)], 50 + k) for k in range(12)]
+    found = [judged("oscillator", kind, NOISES[k % len(NOISES)], 50 + k) for k in range(12)]
     amiss = [(one.seed, one.condition, one.hidden, one.amiss) for one in found if one.amiss]
     assert len(amiss) <= (0 if kind == "null" else 1), amiss
 
