@@ -50,14 +50,10 @@ class LinearisedBase:
         self, run: Callable[[Experiment, Effects], Array], effects: Effects, entries: Sequence[Candidate]
     ) -> float:
         """Return what is left of λ of ``effects`` beside the one of the candidates that imitates them best."""
-        found = self._columns(run, [effects])
-        for k in range(0, len(entries), _BATCH):
-            steps = [
-                neighbour(c.added_to(self._point), len(self._point.numbers)) for c in entries[k : k + _BATCH]
-            ]
-            further = self._replay.differences(self._predictions, [steps] * len(self._predictions))
-            found = [np.concatenate(x) for x in zip(found, further, strict=True)]
-        information = self._linearisation.project(self._whitened(found)).information
+        steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in entries]
+        further = self._replay.differences(self._predictions, [steps] * len(self._predictions))
+        both = zip(self._whiten, self._columns(run, [effects]), further, strict=True)
+        information = self._linearisation.project(f.columns([x, y]) for f, x, y in both).information
         own, others = information[0, 0], np.diagonal(information)[1:]
         imitated = np.divide(information[0, 1:] ** 2, others, out=np.zeros_like(others), where=others > 0.0)
         return float(np.sqrt(max(own - imitated.max(initial=0.0), 0.0)))

@@ -182,7 +182,7 @@ WIDER_SURFACE: Final = 10.0
 #: Whole runs, halves, quarters and eighths are asked whether they share their parameters: constancy.py.
 STRETCHES: Final = (1, 2, 4, 8)
 #: Chance finds parameters inconstant with this probability; it then costs what is hardly seen its name, and no more.
-CONSTANCY_ALPHA: Final = 0.02
+CONSTANCY_ALPHA: Final = 0.05
 #: Part of the largest eigenvalue below which a stretch does not tell parameters apart: difference quotients are no
 #: better.
 LEAST_EIGENVALUE: Final = 1e-6

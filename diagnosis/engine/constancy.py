@@ -60,15 +60,18 @@ def owed_to_form(accepted: Sequence[Accepted], excess: float) -> tuple[str, ...]
 
 def _stretches(block: Block) -> tuple[Array, Array]:
     """Return the inner products of all columns (s, k, k), and with the residual (s, k), in the stretches of a run."""
-    columns = [columns.flat for _, columns in block.parts]
-    residual = block.residual.ravel()
-    borders = np.linspace(0, residual.size, max(STRETCHES) + 1).astype(int)
-    grams, scores = [], []
-    for start, stop in pairwise(borders.tolist()):
-        inside = np.concatenate([flat[:, start:stop] for flat in columns])
-        grams.append(inside @ inside.T)
-        scores.append(inside @ residual[start:stop])
-    return np.array(grams), np.array(scores)
+    most = max(STRETCHES)
+    edges = block.packing.blocks(-(-len(block.packing.counted) // most))
+    edges = np.pad(edges, ((0, 0), (0, most + 1 - edges.shape[1])), "edge")  # a very short run has fewer
+    scores = np.concatenate([columns.by_block(block.residual, edges) for _, columns in block.parts]).T
+    grams = np.zeros((most, scores.shape[1], scores.shape[1]))
+    (_, shared), (_, own) = block.parts
+    for first, second, ends in zip(shared.traces, own.traces, edges, strict=True):
+        rows = np.concatenate((first.rows, shared.size + second.rows))
+        values = np.concatenate((first.double, second.double))
+        for gram, (start, stop) in zip(grams, pairwise((ends - ends[0]).tolist()), strict=True):
+            gram[np.ix_(rows, rows)] += values[:, start:stop] @ values[:, start:stop].T
+    return grams, scores
 
 
 def _merged(values: Array, parts: int) -> Array:
