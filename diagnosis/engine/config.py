@@ -166,7 +166,7 @@ LARGE_COEFFICIENT: Final = 0.25
 #: A place of a surface was visited where the data halve the standard deviation that was believed.
 VISITED: Final = 0.5
 
-# -- step 8, the verdict: verdict.py -----------------------------------------------------------------------------------
+# -- step 8, the verdict: verdict.py, constancy.py ---------------------------------------------------------------------
 
 #: Part of the χ² explained by the causes from which on a significant rest belongs to the verdict.
 REMAINDER: Final = 0.01

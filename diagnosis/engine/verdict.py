@@ -5,8 +5,9 @@ Theory of operation
 The search has named what it could. The simulator's surfaces now stand for everything that the catalogue lacks: the
 noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
 select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest
-surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates; what remains
-passes all gates again (`backward.py`), and the test is made anew without them. Then the surface is fitted.
+surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, and those that
+may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What remains passes all gates
+again (`backward.py`), and the test is made anew without them. Then the surface is fitted.
 
 The verdict follows from what remains, and none is forced:
 
@@ -28,6 +29,7 @@ from dataclasses import dataclass
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
 from diagnosis.engine.config import REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
+from diagnosis.engine.constancy import inconstancy, owed_to_form
 from diagnosis.engine.doubt import doubtful
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.replay import Replay
@@ -58,42 +60,50 @@ class Judgement:
 
 def judge(problem: Problem, found: SearchResult) -> Judgement:
     """Judge what the search found, and what the simulator's surfaces see beyond it."""
-    replay, select, config = problem.replay, problem.select, problem.config
-    if not replay.simulator.surfaces:
-        current = found.state.current
-        screened = ScreenedModel(current.model, current.screening, ())
-        return Judgement(_verdict(found, current.screening, (), config), found, screened, found.model, ())
     while True:
-        around = with_surfaces(replay, found.state.current.footprints)
-        screened = fit_and_screen(
-            replay, around, alpha=config.alpha, seed=config.seed, steps=REPORTED_FIT_STEPS
-        )
-        together = _with_select(around, replay, select, config) if select else screened
-        clear = clear_surfaces(found.accepted, screened, together, config)
-        gone = _leaving(problem, found, screened.model, clear)
+        screened, clear = _beyond(problem, found)
+        gone = _leaving(problem, found, screened, clear)
         if not gone:
             break
         found = weigh(problem, dismissed(problem, found.state, gone))
     model = screened.model
     unknowns: tuple[Unknown, ...] = ()
     if clear:
-        model, unknown = explain(model, clear[0], screened.screening, select)
+        model, unknown = explain(model, clear[0], screened.screening, problem.select)
         unknowns = (unknown,) if unknown.kept or clear[0].p < UNKEPT_SURFACE_P else ()
-    verdict = _verdict(found, screened.screening, unknowns, config)
+    verdict = _verdict(found, screened.screening, unknowns, problem.config)
     return Judgement(verdict, found, screened, model, unknowns)
 
 
+def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[Omnibus]]:
+    """Return the model of what was found with all other scores, and the surfaces that clearly see something."""
+    replay, select, config = problem.replay, problem.select, problem.config
+    current = found.state.current
+    if not replay.simulator.surfaces:
+        return ScreenedModel(current.model, current.screening, ()), []
+    around = with_surfaces(replay, current.footprints)
+    screened = fit_and_screen(replay, around, alpha=config.alpha, seed=config.seed, steps=REPORTED_FIT_STEPS)
+    together = _with_select(around, replay, select, config) if select else screened
+    return screened, clear_surfaces(found.accepted, screened, together, config)
+
+
 def _leaving(
-    problem: Problem, found: SearchResult, model: FittedModel, clear: Sequence[Omnibus]
+    problem: Problem, found: SearchResult, screened: ScreenedModel, clear: Sequence[Omnibus]
 ) -> dict[str, str]:
     """Return the accepted effects that must leave the final model, with the reason of each."""
+    model = screened.model
+    if not found.accepted:
+        return {}
     if impossible := out_of_range(model):
         least = min(found.accepted, key=lambda one: one.bic_gain)
         return {least.effect: next(iter(impossible.values()))}
-    if not clear:
-        return {}
-    likenesses = doubtful(model, clear[0], found.accepted, problem.select, problem.config)
-    return dict.fromkeys(likenesses, f"is not needed beside {clear[0].surface.title}")
+    if clear and (likenesses := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
+        return dict.fromkeys(likenesses, f"is not needed beside {clear[0].surface.title}")
+    owed = owed_to_form(found.accepted, inconstancy(model))
+    if owed and clear:  # what has no name may be all that is wrong with the form
+        beside, _ = explain(model, clear[0], screened.screening, problem.select)
+        owed = owed_to_form(found.accepted, inconstancy(beside))
+    return dict.fromkeys(owed, "is no clearer than what the form of the model owes")
 
 
 def _with_select(
