@@ -14,13 +14,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, MeasuredRun
-from diagnosis.engine.kernels import block_products
+from diagnosis.engine.kernels import block_products, weighted_sum
 
 Floats = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -82,14 +83,15 @@ def _packing(shape: tuple[int, int], mask: bytes) -> Packing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """One channel of some columns: ``values`` (m, N) of those ``rows`` (m,) that move it."""
+    """One channel of some columns: ``values`` (m, N), each times the ``scale``, of those ``rows`` (m,) that move it."""
 
     rows: Places
     values: Floats
+    scale: float = 1.0
 
     @property
     def double(self) -> Array:
-        """The values in double precision."""
+        """The values in double precision, before they are scaled."""
         return self.values.astype(np.float64, copy=False)
 
 
@@ -101,6 +103,12 @@ class Columns:
         self.traces = tuple(traces)
         self._products: WeakKeyDictionary[Columns, Array] = WeakKeyDictionary()
 
+    @property
+    def _slices(self) -> list[slice]:
+        """Where the samples of each channel lie among the packed."""
+        ends = np.cumsum([trace.values.shape[1] for trace in self.traces]).tolist()
+        return [slice(start, stop) for start, stop in pairwise((0, *ends))]
+
     @cached_property
     def gram(self) -> Array:
         """Inner products (k, k)."""
@@ -108,7 +116,7 @@ class Columns:
         for trace in self.traces:
             if len(trace.rows):
                 values = trace.double
-                gram[np.ix_(trace.rows, trace.rows)] += values @ values.T
+                gram[np.ix_(trace.rows, trace.rows)] += trace.scale**2 * (values @ values.T)
         return gram
 
     def against(self, other: Columns) -> Array:
@@ -118,56 +126,50 @@ class Columns:
             known = np.zeros((self.size, other.size))
             for mine, theirs in zip(self.traces, other.traces, strict=True):
                 if len(mine.rows) and len(theirs.rows):
-                    known[np.ix_(mine.rows, theirs.rows)] += mine.double @ theirs.double.T
+                    products = mine.double @ theirs.double.T
+                    known[np.ix_(mine.rows, theirs.rows)] += mine.scale * theirs.scale * products
             self._products[other] = known
         return known
 
     def times(self, packed: Array) -> Array:
         """Return the inner products (k,) with packed samples (N,)."""
-        made = np.zeros(self.size)
-        start = 0
-        for trace in self.traces:
-            stop = start + trace.values.shape[1]
-            if len(trace.rows):
-                made[trace.rows] += trace.double @ packed[start:stop]
-            start = stop
-        return made
+        return self.by_block(packed, np.array([(0, trace.values.shape[1]) for trace in self.traces]))[:, 0]
 
     def by_block(self, packed: Array, blocks: Places) -> Array:
         """Return the inner products (k, b) with the samples of each block, told by channel (`Packing.blocks`)."""
         made = np.zeros((self.size, blocks.shape[1] - 1))
-        start = 0
-        for trace, edges in zip(self.traces, blocks, strict=True):
-            stop = start + trace.values.shape[1]
+        for trace, inside, edges in zip(self.traces, self._slices, blocks, strict=True):
             products = np.empty((len(trace.rows), made.shape[1]))
-            block_products(trace.values, packed[start:stop], edges, products)
-            made[trace.rows] += products
-            start = stop
+            block_products(trace.values, packed[inside], edges, products)
+            made[trace.rows] += trace.scale * products
         return made
 
     def along(self, numbers: Array) -> Array:
         """Return the sum (N,) of all columns, each times its number."""
-        return np.concatenate([numbers[trace.rows] @ trace.double for trace in self.traces])
+        made = np.empty(sum(trace.values.shape[1] for trace in self.traces))
+        for trace, inside in zip(self.traces, self._slices, strict=True):
+            weighted_sum(trace.scale * numbers[trace.rows], trace.values, made[inside])
+        return made
 
     def plus(self, packed: Array, numbers: Array) -> Columns:
         """Return the columns with packed samples (N,) added to each, times its number."""
-        traces, start = [], 0
-        for trace in self.traces:
-            stop = start + trace.values.shape[1]
-            values = np.outer(numbers, packed[start:stop])
-            values[trace.rows] += trace.values
+        traces = []
+        for trace, inside in zip(self.traces, self._slices, strict=True):
+            values = np.outer(numbers, packed[inside])
+            values[trace.rows] += trace.scale * trace.values
             traces.append(Trace(np.arange(self.size), values))
-            start = stop
         return Columns(self.size, traces)
 
     def chosen(self, places: Sequence[int]) -> Columns:
         """Return some of the columns, in the order of their ``places``."""
+        if list(places) == list(range(self.size)):
+            return self
         order = np.full(self.size, -1)
         order[list(places)] = np.arange(len(places))
         traces = []
         for trace in self.traces:
             inside = order[trace.rows] >= 0
-            traces.append(Trace(order[trace.rows[inside]], trace.values[inside]))
+            traces.append(Trace(order[trace.rows[inside]], trace.values[inside], trace.scale))
         return Columns(len(places), traces)
 
 
@@ -213,6 +215,6 @@ def mean(first: Columns, second: Columns) -> Columns:
         rows = np.union1d(a.rows, b.rows)
         values = np.zeros((len(rows), a.values.shape[1]), a.values.dtype)
         for one in (a, b):
-            values[np.searchsorted(rows, one.rows)] += 0.5 * one.values
+            values[np.searchsorted(rows, one.rows)] += 0.5 * one.scale * one.values
         traces.append(Trace(rows, values))
     return Columns(first.size, traces)

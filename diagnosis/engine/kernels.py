@@ -48,3 +48,13 @@ def block_products(values: Any, samples: Any, edges: Any, out: Any) -> None:
             for i in range(even, stop):
                 s0 += row[i] * samples[i]
             out[k, b] = (s0 + s1) + (s2 + s3)
+
+
+@numba.njit(cache=True, nogil=True)
+def weighted_sum(numbers: Any, values: Any, out: Any) -> None:
+    """Write the sum (n,) of all rows of ``values`` (m, n), each times its number, in double precision."""
+    out[:] = 0.0
+    for k in range(values.shape[0]):
+        number, row = numbers[k], values[k]
+        for i in range(len(out)):
+            out[i] += number * row[i]

@@ -47,9 +47,7 @@ def leftover_noise(replay: Replay, around: Footprints) -> Noise:
         deviations.append(max(float(np.sqrt(np.mean(errors**2))), quietest(channel), 1e-150))
     whiten = filters(white(deviations), replay.runs)
     linear = from_quotients(replay, point, whiten, residuals, around.parameter_columns)
-    projection = linear.project(
-        f.columns(parts, np.float32) for f, parts in zip(whiten, around.looked_for, strict=True)
-    )
+    projection = linear.project(f.columns(parts) for f, parts in zip(whiten, around.looked_for, strict=True))
     amplitudes = projection.estimate
     numbers = linear.step() - projection.regression @ amplitudes
     leftovers = []

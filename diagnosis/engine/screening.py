@@ -18,6 +18,7 @@ a score is measured in. Where only one sign of an amplitude is physical, a score
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +34,7 @@ from diagnosis.engine.footprints import Candidate, Footprints
 from diagnosis.engine.noise_estimate import leftover_noise, overdispersion
 from diagnosis.engine.omnibus import Omnibus, score_tests
 from diagnosis.engine.threshold import threshold
-from diagnosis.engine.whitening import filters
+from diagnosis.engine.whitening import Filter, filters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +127,8 @@ def fit_and_screen(
     count = len(around.candidates)
     noise = leftover_noise(replay, around)
     whiten = filters(noise, replay.runs)
-    columns = [f.columns(parts, np.float32) for f, parts in zip(whiten, around.looked_for, strict=True)]
+    with ThreadPoolExecutor(replay.workers) as pool:
+        columns = list(pool.map(Filter.columns, whiten, around.looked_for))
     residuals = replay.residuals(around.predictions)
     known = from_quotients(replay, around.point, whiten, residuals, around.parameter_columns)
     model = fit(replay, noise, around.point, known)

@@ -37,6 +37,11 @@ class ChannelFilter:
     weights: Array
     reach: Places
 
+    @property
+    def deviation(self) -> float:
+        """The standard deviation by which white noise is divided; 0 where predecessors count."""
+        return 0.0 if self.weights.shape != (1, 1) else 1.0 / float(self.weights[0, 0])
+
     def __call__(self, values: Floats, out: Any) -> None:
         """Whiten rows of packed samples (m, N) into ``out`` (m, N)."""
         filter_rows(values, self.starts, self.which, self.weights, self.reach, out)
@@ -62,19 +67,26 @@ class Filter:
         """Whiten samples (n, c) and leave them in their places; what does not count becomes 0."""
         return self.packing.spread(self(values))
 
-    def columns(self, parts: Sequence[Columns], precision: type = np.float64) -> Columns:
-        """Whiten columns, those of all ``parts`` one after the other."""
+    def columns(self, parts: Sequence[Columns]) -> Columns:
+        """Whiten columns in single precision, those of all ``parts`` one after the other."""
         offsets = np.cumsum([0, *(part.size for part in parts)])
         traces = []
         for c, channel in enumerate(self.channels):
             raw = [part.traces[c] for part in parts]
-            ends = np.cumsum([0, *(len(trace.rows) for trace in raw)])
-            white = np.empty((ends[-1], raw[0].values.shape[1]), precision)
-            for trace, start, stop in zip(raw, ends, ends[1:], strict=False):
-                channel(trace.values, white[start:stop])
             rows = np.concatenate([offset + trace.rows for offset, trace in zip(offsets, raw, strict=False)])
-            traces.append(Trace(rows, white))
+            traces.append(_whitened(channel, rows, raw))
         return Columns(int(offsets[-1]), traces)
+
+
+def _whitened(channel: ChannelFilter, rows: Places, raw: Sequence[Trace]) -> Trace:
+    """Whiten one channel of several columns; under white noise nothing is copied that need not be."""
+    if len(raw) == 1 and channel.deviation:
+        return Trace(rows, raw[0].values, 1.0 / channel.deviation)
+    white = np.empty((len(rows), raw[0].values.shape[1]), np.float32)
+    ends = np.cumsum([0, *(len(trace.rows) for trace in raw)])
+    for trace, start, stop in zip(raw, ends, ends[1:], strict=False):
+        channel(trace.values, white[start:stop])
+    return Trace(rows, white)
 
 
 def filters(noise: Noise, runs: Iterable[MeasuredRun]) -> tuple[Filter, ...]:
