@@ -25,9 +25,7 @@ from bench_protocol.system_calls import (
     ADDRESS,
     INT,
     SPEC_WORDS,
-    enter_gate,
     external,
-    leave_gate,
     lock_mutex,
     now,
     sleep_until,
@@ -121,6 +119,7 @@ _DIGEST: Final = _digest()
 
 
 def _entry(function: Callable[..., Any]) -> Any:
+    """Compile ``function`` to run without the interpreter: whoever waits at a gate keeps nobody from anything else."""
     return cached(function, _DIGEST, nogil=True)
 
 
@@ -142,11 +141,11 @@ def _advance(values: Any, ramps: Any) -> None:
 @_entry
 def change(beat: Any, gate: int, rows: Any, values: Any) -> None:
     """Let the set-points ``rows`` be ``values`` (SI) from the next beat on, together; ``gate``: its address."""
-    thread = enter_gate(gate)
+    lock_mutex(gate)
     for k in range(rows.size):
         beat.ramps[rows[k]].moving = 0
         beat.values[rows[k]] = values[k]
-    leave_gate(gate, thread)
+    unlock_mutex(gate)
 
 
 @_entry
@@ -155,7 +154,7 @@ def depart(beat: Any, gate: int, rows: Any, ends: Any, pace: float) -> float:
 
     Return how many beats the longest takes; NaN, and nothing changes, if a set-point has no value to start from.
     """
-    thread = enter_gate(gate)
+    lock_mutex(gate)
     longest = 0.0
     for k in range(rows.size):
         longest = max(longest, math.ceil(abs(ends[k] - beat.values[rows[k]]) / pace))
@@ -169,17 +168,17 @@ def depart(beat: Any, gate: int, rows: Any, ends: Any, pace: float) -> float:
         ramp.step = math.copysign(pace, ramp.end - ramp.start)
         ramp.beats = 0
         ramp.moving = 1
-    leave_gate(gate, thread)
+    unlock_mutex(gate)
     return longest
 
 
 @_entry
 def stay(beat: Any, gate: int) -> None:
     """End all ramps where they are."""
-    thread = enter_gate(gate)
+    lock_mutex(gate)
     for row in range(beat.ramps.size):
         beat.ramps[row].moving = 0
-    leave_gate(gate, thread)
+    unlock_mutex(gate)
 
 
 @_entry

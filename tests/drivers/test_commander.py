@@ -196,3 +196,23 @@ def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
         thread.join()
     assert len(stamps) in (24, 25)
     assert commander.value("lateral.force_setpoint") == 2990
+
+
+def test_set_points_wait_for_a_beat_that_holds_the_gate():
+    """Whoever waits there has let go of the interpreter already, and must not do so twice."""
+    line, given = Line(), threading.Event()
+    line.commander.set("lateral.force_setpoint", 0.0)
+
+    def give():
+        line.commander.set("lateral.force_setpoint", 1 * kN)
+        line.commander.ramp("lateral.force_setpoint", 2 * kN, 1 * kN)
+        line.commander.freeze()
+        given.set()
+
+    thread = threading.Thread(target=give)
+    with line.commander._gate:
+        thread.start()
+        assert not given.wait(0.05)
+    thread.join(5)
+    assert given.is_set()
+    assert line.commander.value("lateral.force_setpoint") == 1 * kN
