@@ -91,8 +91,9 @@ class Trace:
 
     @property
     def double(self) -> Array:
-        """The values in double precision, before they are scaled."""
-        return self.values.astype(np.float64, copy=False)
+        """The scaled values in double precision."""
+        values = self.values.astype(np.float64, copy=False)
+        return values if self.scale == 1.0 else self.scale * values
 
 
 class Columns:
@@ -116,7 +117,7 @@ class Columns:
         for trace in self.traces:
             if len(trace.rows):
                 values = trace.double
-                gram[np.ix_(trace.rows, trace.rows)] += trace.scale**2 * (values @ values.T)
+                gram[np.ix_(trace.rows, trace.rows)] += values @ values.T
         return gram
 
     def against(self, other: Columns) -> Array:
@@ -126,8 +127,7 @@ class Columns:
             known = np.zeros((self.size, other.size))
             for mine, theirs in zip(self.traces, other.traces, strict=True):
                 if len(mine.rows) and len(theirs.rows):
-                    products = mine.double @ theirs.double.T
-                    known[np.ix_(mine.rows, theirs.rows)] += mine.scale * theirs.scale * products
+                    known[np.ix_(mine.rows, theirs.rows)] += mine.double @ theirs.double.T
             self._products[other] = known
         return known
 

@@ -132,3 +132,30 @@ def test_the_order_never_exceeds_what_is_allowed_and_whitens(colour):
     lags = [float(np.mean(e[k:] * e[:-k])) for k in range(1, 21)]
     assert np.mean(e**2) == pytest.approx(1.0, abs=0.04)
     assert np.sum(np.square(lags)) * len(e) < 45.3  # χ²₂₀ at 0.1 %
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.6])
+def test_whitened_columns_have_the_inner_products_of_whitened_samples(colour):
+    """Whatever is kept of them, single or double, scaled or filtered, with channels that some do not move."""
+    rng = np.random.default_rng(8)
+    counted = rng.random((90, 3)) > 0.3
+    values = rng.standard_normal((5, 90, 3)) * (rng.random((5, 1, 3)) > 0.4)
+    apply = filter_of(Noise((ar1(colour, 2.0), white([3.0]).channels[0], ar1(0.3))), packing(counted))
+    full = np.array([apply(one) for one in values])
+    columns = apply.columns([columns_of(apply.packing, values)])
+    halves = apply.columns([columns_of(apply.packing, values[:2]), columns_of(apply.packing, values[2:])])
+    samples, numbers = rng.standard_normal(full.shape[1]), rng.standard_normal(5)
+    for mine in (columns, halves):
+        assert mine.gram == pytest.approx(full @ full.T, rel=1e-5, abs=1e-5)
+        assert mine.against(columns) == pytest.approx(full @ full.T, rel=1e-5, abs=1e-5)
+        assert mine.times(samples) == pytest.approx(full @ samples, rel=1e-5, abs=1e-5)
+        assert mine.along(numbers) == pytest.approx(numbers @ full, rel=1e-5, abs=1e-5)
+        more = mine.plus(samples, numbers)
+        assert more.times(samples) == pytest.approx(
+            (full + np.outer(numbers, samples)) @ samples, rel=1e-5, abs=1e-5
+        )
+        assert mine.chosen([3, 1]).gram == pytest.approx(full[[3, 1]] @ full[[3, 1]].T, rel=1e-5, abs=1e-5)
+        blocks = mine.by_block(samples, apply.packing.blocks(20))
+        assert blocks.sum(axis=1) == pytest.approx(full @ samples, rel=1e-5, abs=1e-5)
+        late = apply.packing.spread(samples) * (np.arange(90) >= 80)[:, None]
+        assert blocks[:, -1] == pytest.approx(full @ apply.packing.pack(late), rel=1e-5, abs=1e-5)
