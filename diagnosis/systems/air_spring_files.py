@@ -37,7 +37,8 @@ def air_spring_system(parameters: Parameters) -> System:
     """Return the system of two air springs with a parameter set: heights drive it, pressures and forces come out."""
 
     def simulator(settings: Mapping[str, float], measured: tuple[Channel, ...]) -> AirSpring:
-        return AirSpring(parameters, effects=CATALOGUE, only=tuple(channel.name for channel in measured))
+        there = parameters.with_values(atmospheric_pressure=settings["ambient_pressure"])
+        return AirSpring(there, effects=CATALOGUE, only=tuple(channel.name for channel in measured))
 
     def prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mapping[str, Array]:
         inputs = motion_inputs(measured, step, parameters)
@@ -99,7 +100,7 @@ def _settings(parameters: Parameters) -> tuple[SystemSetting, ...]:
         SystemSetting("nominal_preload", "N", "load on a spring", 1e3, 1e6, preload, True),
         SystemSetting("orifice_diameter", "m", "bore of the orifice", 1e-4, 0.2, bore, True),
         SystemSetting("pipe_length", "m", "length of the pipe, 0 without", 0.0, 20.0, pipe, True),
-        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 5e4, 1.2e5, ambient, True),
+        SystemSetting("ambient_pressure", "Pa", "pressure of the air around", 8e4, 1.1e5, ambient),
         SystemSetting(
             "wall_temperature",
             "K",

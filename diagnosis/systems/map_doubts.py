@@ -12,7 +12,8 @@ Four things betray it, none of which needs a fit:
 * *Another reading fits far better.* The base model at its nominal values, whatever it lacks, predicts where an output
   lies and which way it goes. Files are read again with one sign turned round, or with a pressure read the other way.
   What takes three quarters of the power out of the error of an output is told; of its course alone, without its mean,
-  where the model is worse than a constant as the map stands.
+  where the model is worse than a constant as the map stands. Of several readings the one that helps all outputs most
+  is told, and the search goes on with it.
 
 A doubt is no verdict: it is told with the finding, which comes nevertheless.
 """
@@ -24,15 +25,16 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Dataset, DiagnosisError, Job, MeasuredRun, Simulator
 from diagnosis.engine.simulation import simulate
 from diagnosis.systems.cutting import pieces_by_reversals
 from diagnosis.systems.map_file import Column, Map
-from diagnosis.systems.system import System, SystemSignal
+from diagnosis.systems.system import System
 
 #: Runs are simulated with other readings of so many of them.
-_RUNS: Final = 4
+_RUNS: Final = 3
 #: A better reading leaves at most this part of an error's power.
 _BETTER: Final = 0.25
 #: Lower than this part of the pressure of the air around it, and longer than one sample in a hundred.
@@ -41,6 +43,8 @@ _BELOW: Final = 0.05
 _LOOP: Final = 0.2
 #: Loops needed, and the part of them that has to give work.
 _LOOPS, _GIVING = 3, 0.8
+#: So many mistakes are looked for one after the other.
+_MISTAKES: Final = 3
 #: Quantities whose sign is a convention of whoever mounted the sensor.
 _SIGNED: Final = ("N", "m", "rad", "m/s2")
 
@@ -62,38 +66,51 @@ def map_doubts(
     few = [runs[i] for i in sorted({round(i) for i in np.linspace(0, len(runs) - 1, _RUNS)})]
     names = {run.experiment.name for run in few}
     records = list(dict.fromkeys(run.experiment.record for run in few))
-    now = _errors(few, simulator, channels)
 
-    def otherwise(columns: Mapping[str, Column]) -> _Errors:
-        """Return the errors with other columns; infinite ones where nothing can be simulated with them."""
+    def errors(columns: Mapping[str, Column]) -> _Errors | None:
+        """Return the errors with other columns; None where nothing can be simulated with them."""
         try:
-            found = read({**mapping.columns, **columns}, records)
+            found = read(columns, records)
             return _errors([run for run in found if run.experiment.name in names], simulator, channels)
         except DiagnosisError:
-            return _Errors(np.full_like(now.varied, np.inf), np.full_like(now.whole, np.inf))
+            return None
 
-    for group in _signed_groups(mapping, system):
-        other = otherwise({name: _turned(mapping.columns[name]) for name in group})
-        wrong = (now.varied > 1.0) & (other.varied < _BETTER * now.varied)
-        for c in np.flatnonzero(wrong | (other.whole < _BETTER * now.whole))[:1]:
-            yield f"{_keys(group, 'sign')} may be wrong: {_nearer(now, other, c, channels[c])} with the other sign"
-    for group in _pressure_groups(mapping, system):
-        swapped = {name: _swapped(mapping.columns[name]) for name in group}
-        other = otherwise(swapped)
-        for c in np.flatnonzero(other.whole < _BETTER * now.whole)[:1]:
-            yield (
-                f'{_keys(group, "reading")} = "{mapping.columns[group[0]].reading}" may be wrong: '
-                f'{_nearer(now, other, c, channels[c])} with "{swapped[group[0]].reading}"'
-            )
+    columns, now = dict(mapping.columns), _errors(few, simulator, channels)
+    for _ in range(_MISTAKES):
+        readings = [
+            (group, other) for group in _groups(system, columns) if (other := errors(columns | group))
+        ]
+        doubted = [(group, other) for group, other in readings if _clearly_nearer(now, other).any()]
+        if not doubted:
+            return
+        group, other = min(doubted, key=lambda pair: float(np.nansum(np.log(pair[1].whole / now.whole))))
+        yield _told(columns, group, now, other, channels)
+        columns, now = columns | group, other
 
 
-def _nearer(now: _Errors, other: _Errors, c: int, channel: str) -> str:
-    share = np.sqrt(min(other.whole[c] / now.whole[c], other.varied[c] / now.varied[c]))
-    return f"the simulation would miss {channel} by {share:.2g} of what it misses it by now"
+def _clearly_nearer(now: _Errors, other: _Errors) -> NDArray[np.bool_]:
+    """Return of which channels (c,) the errors are so much smaller that the reading is doubted."""
+    astray = (now.varied > 1.0) & (other.varied < _BETTER * now.varied)
+    return astray | (other.whole < _BETTER * now.whole)
 
 
-def _keys(group: Sequence[str], key: str) -> str:
-    return " and ".join(f"columns.{name}.{key}" for name in group)
+def _told(
+    columns: Mapping[str, Column],
+    group: Mapping[str, Column],
+    now: _Errors,
+    other: _Errors,
+    channels: Sequence[str],
+) -> str:
+    name, changed = next(iter(group.items()))
+    key = "sign" if changed.reading == columns[name].reading else "reading"
+    keys = " and ".join(f"columns.{name}.{key}" for name in group)
+    shares = np.where(_clearly_nearer(now, other), np.sqrt(other.whole / now.whole), np.inf)
+    c = int(np.argmin(shares))
+    text = [f'"{one.reading}"' if key == "reading" else f"{one.sign}" for one in (columns[name], changed)]
+    return (
+        f"{keys} = {text[0]} may be wrong: with {text[1]} the simulation would miss {channels[c]} by "
+        f"{shares[c]:.2g} of what it misses it by now"
+    )
 
 
 def _empty_columns(runs: Sequence[MeasuredRun], channels: Sequence[str]) -> Iterator[str]:
@@ -179,26 +196,17 @@ def _errors(runs: Sequence[MeasuredRun], simulator: Simulator, channels: Sequenc
         return _Errors(powers[0] / powers[1], powers[2])
 
 
-def _signed_groups(mapping: Map, system: System) -> list[tuple[str, ...]]:
-    """Return signals whose signs may be wrong: each alone, and all inputs of one unit together."""
-
-    def mapped(signals: Sequence[SystemSignal]) -> list[SystemSignal]:
-        return [one for one in signals if one.name in mapping.columns and one.unit in _SIGNED]
-
-    groups: list[tuple[str, ...]] = [(one.name,) for one in (*mapped(system.inputs), *mapped(system.outputs))]
-    for unit in _SIGNED:
-        together = tuple(one.name for one in mapped(system.inputs) if one.unit == unit)
-        if len(together) > 1:
-            groups.insert(0, together)
-    return groups
-
-
-def _pressure_groups(mapping: Map, system: System) -> list[tuple[str, ...]]:
-    """Return pressures that may be read wrongly: all together, and each alone."""
-    names = [
-        name for name, signal in system.signals.items() if signal.unit == "Pa" and name in mapping.columns
-    ]
-    return [tuple(names)] * (len(names) > 1) + [(name,) for name in names]
+def _groups(system: System, columns: Mapping[str, Column]) -> Iterator[dict[str, Column]]:
+    """Yield columns read otherwise: each alone, all inputs or outputs of one quantity together, and both."""
+    groups: dict[tuple[str, ...], None] = {}
+    for signals in (system.inputs, system.outputs, (*system.inputs, *system.outputs)):
+        mapped = [one for one in signals if one.name in columns]
+        for unit in (unit for unit in ("Pa", *_SIGNED) if any(one.unit == unit for one in mapped)):
+            names = [one.name for one in mapped if one.unit == unit]
+            groups |= dict.fromkeys([tuple(names), *((name,) for name in names)])
+    for group in groups:
+        pressure = columns[group[0]].reading is not None
+        yield {name: (_swapped if pressure else _turned)(columns[name]) for name in group}
 
 
 def _turned(column: Column) -> Column:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import fnmatch
 import tomllib
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 
 from bench_sim.parameters import ParameterError, load
+from bench_sim.parameters.model_file import read_changes, with_changes
 from diagnosis.contracts import Channel, DiagnosisError, Role
 from diagnosis.systems.chamber import CHAMBER
 from diagnosis.systems.own_simulator import load_system
@@ -77,6 +78,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     system: str | None = None
     simulator: str | None = None  #: of the user's own, "package.module:factory", which may lie beside the map
     parameters: str = "astb"  #: set of the air springs: a name, or a file beside the map
+    change: dict[str, Any] = {}  #: what is different in this set, as in a model file
     columns: dict[str, Column]
     time: TimeColumn = TimeColumn()
     file: FileFormat = FileFormat()
@@ -136,9 +138,17 @@ def _system(mapping: Map, where: Path) -> System:
 
         name = mapping.parameters
         try:
-            return air_spring_system(load(where.parent / name if name.endswith(".toml") else name))
+            parameters = load(where.parent / name if name.endswith(".toml") else name)
         except ParameterError as error:
             raise DiagnosisError(f"{where}: parameters: {error}") from None
+        try:
+            return air_spring_system(with_changes(parameters, read_changes(mapping.change)))
+        except ParameterError as error:
+            raise DiagnosisError(f"{where}: change: {error}") from None
+    if mapping.change:
+        raise DiagnosisError(
+            f"{where}: change: only air_spring has a set of parameters; a {mapping.system} has settings"
+        )
     if mapping.system not in known:
         raise DiagnosisError(
             f'{where}: system = "{mapping.system}" is unknown; right would be one of {_SYSTEMS}'

@@ -1,13 +1,18 @@
 """A foreign rig's files of two air springs: what the model itself would have measured comes back through the map."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError, Experiment
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
 from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.air_spring_files import air_spring_system
 from diagnosis.systems.mapping import read_mapped
 
 STEP = 5e-3
@@ -68,3 +73,144 @@ def test_a_parameter_set_that_is_none_is_told_with_the_map(tmp_path: Path) -> No
     data, mapping = write(tmp_path, "nowhere.toml")
     with pytest.raises(DiagnosisError, match=r"map\.toml: parameters: .*nowhere\.toml"):
         read_mapped([data], mapping)
+
+
+# -- another rig, by the map of the page -------------------------------------------------------------------------------
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "diagnose-another-rig.md"
+CLOCK = STEP * np.arange(2000)
+SWEEP = 5e-3 * np.sin(2.0 * np.pi * (0.2 * CLOCK + 0.14 * CLOCK**2))
+SINES = 4e-3 * np.sin(2.0 * np.pi * 0.4 * CLOCK) + 1.5e-3 * np.sin(2.0 * np.pi * 1.7 * CLOCK + 1.0)
+AMBIENT = 0.96e5
+
+
+@pytest.fixture(scope="module")
+def other_rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of the page, from springs that leak on the left, with the noise of their sensors."""
+    folder = tmp_path_factory.mktemp("other")
+    (page_map,) = re.findall(r"```toml\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    (folder / "my_rig.toml").write_text(page_map, encoding="utf-8")
+    springs = load("astb").with_values(
+        effective_area=0.235,
+        bellows_volume=26e-3,
+        auxiliary_volume=55e-3,
+        orifice_diameter=11e-3,
+        atmospheric_pressure=AMBIENT,
+    )
+    names = ("left.bellows_pressure", "right.bellows_pressure", "vertical_left.force", "vertical_right.force")
+    model = AirSpring(springs, effects=CATALOGUE, only=names)
+    rng = np.random.default_rng(1)
+    part = np.clip(CLOCK / 2.0, 0.0, 1.0)
+    gently = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+    for load_name, preload in (("empty", 48e3), ("full", 84e3)):
+        for motion, course in (("sweep", SWEEP), ("sines", SINES)):
+            height = course * gently
+            start = {f"{side}.bellows_pressure": preload / 0.235 for side in ("left", "right")}
+            experiment = Experiment(
+                motion,
+                CLOCK,
+                {"left.height": height, "right.height": 0.8 * height},
+                {**start, "nominal_preload": preload, "wall_temperature": 299.15},
+            )
+            outputs = model.run(experiment, {}, {"leak.left": {"area": 0.5e-6}})
+            outputs = outputs + rng.standard_normal(outputs.shape) * (150.0, 150.0, 20.0, 20.0)
+            travel = -1e3 * np.column_stack((height, 0.8 * height)) + 0.005 * rng.standard_normal((2000, 2))
+            table = np.column_stack(
+                (1e3 * CLOCK, travel, (outputs[:, :2] + AMBIENT) / 1e5, outputs[:, 2:] / 1e3)
+            )
+            np.savetxt(
+                folder / f"{load_name}_{motion}.csv",
+                table,
+                fmt="%.6f",
+                delimiter=",",
+                header="t,travel_l,travel_r,p_l,p_r,F_l,F_r",
+                comments="",
+            )
+    return folder
+
+
+def test_the_map_of_the_page_makes_the_model_that_of_the_other_rig(other_rig: Path) -> None:
+    simulator, dataset = read_mapped(sorted(other_rig.glob("*.csv")), other_rig / "my_rig.toml")
+    assert dataset.doubts == ()
+    loads = {run.experiment.name: run.experiment.settings["nominal_preload"] for run in dataset.runs}
+    assert loads == {"empty_sines": 48e3, "empty_sweep": 48e3, "full_sines": 84e3, "full_sweep": 84e3}
+    assert [run.role for run in dataset.runs] == ["select", "fit", "report", "fit"]
+    for (
+        run
+    ) in dataset.runs:  # the right spring has no leak: it reads what the model predicts, but for the noise
+        left = (run.outputs - simulator.run(run.experiment, {}, {}))[:, 1]
+        assert np.std(left) == pytest.approx(150.0, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_column_read_wrongly_on_the_other_rig_is_doubted_with_those_that_share_the_mistake(
+    other_rig: Path,
+) -> None:
+    text = (other_rig / "my_rig.toml").read_text(encoding="utf-8")
+    wrong = other_rig / "wrong.toml"
+    for old, new, said in (
+        (
+            'unit = "mm", sign = -1',
+            'unit = "mm"',
+            "columns.left.height.sign and columns.right.height.sign = 1 may",
+        ),
+        (
+            'travel_l", unit = "mm", sign = -1',
+            'travel_l", unit = "mm"',
+            "columns.left.height.sign = 1 may be wrong",
+        ),
+        (
+            '"absolute"',
+            '"gauge"',
+            "columns.left.bellows_pressure.reading and columns.right.bellows_pressure.reading",
+        ),
+        (
+            '"kN"',
+            '"kN", sign = -1',
+            "columns.vertical_left.force.sign and columns.vertical_right.force.sign = -1",
+        ),
+    ):
+        wrong.write_text(text.replace(old, new), encoding="utf-8")
+        _, dataset = read_mapped([other_rig / "full_sweep.csv"], wrong)
+        (doubt,) = dataset.doubts
+        assert doubt.startswith(said)
+
+
+def test_the_page_knows_every_signal_and_setting() -> None:
+    system = air_spring_system(load("astb"))
+    text = PAGE.read_text()
+    for one in (*system.inputs, *system.outputs, *system.settings):
+        assert f"`{one.name}`" in text
+    same = {setting.name for setting in system.settings if not setting.per_file}
+    assert set(re.findall(r"^\| `(\w+)` \| no ", text, flags=re.MULTILINE)) == same
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_the_leak_of_the_other_rig_is_named(other_rig: Path) -> None:
+    simulator, dataset = read_mapped(sorted(other_rig.glob("*.csv")), other_rig / "my_rig.toml")
+    effects = ("maxwell", "leak.left", "leak.right")
+    finding = diagnose(dataset, simulator, Config(effects=effects))
+    assert finding.names == ("leak.left",)
+    (area,) = finding.causes[0].parameters
+    assert area.low <= 0.5 <= area.high
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('nominal_preload = "84 kN"', 'ambient_pressure = "1 bar"', r"ambient_pressure of air_spring is the same"),
+        ('nominal_preload = "84 kN"', 'colour = "1 m"', r"settings.colour is no setting of air_spring"),
+        ('effective_area = "0.235 m2"', 'effective_area = "2 m2"', r"my_rig.toml: change: effective_area.* 2"),
+        ('effective_area = "0.235 m2"', 'effective_aera = "0.2 m2"', r"my_rig.toml: change: .*effective_area"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_in_the_map_of_another_rig_is_named(
+    other_rig: Path, tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    mapping = tmp_path / "my_rig.toml"
+    text = (other_rig / "my_rig.toml").read_text(encoding="utf-8")
+    assert old in text
+    mapping.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(DiagnosisError, match=message):
+        read_mapped([other_rig / "full_sweep.csv"], mapping)

@@ -17,8 +17,10 @@ TURN_X = ('displacement = { column = 5, unit = "mm"', 'displacement = { column =
 TURN_F = ('force = { column = 7, unit = "N"', 'force = { column = 7, unit = "N", sign = -1')
 ABSOLUTE = ('reading = "gauge"', 'reading = "absolute"')
 WORK = "columns.force.sign or columns.displacement.sign may be wrong: a loop gives"
-FORCE = "columns.force.sign may be wrong: the simulation would miss force by 0.0"
-PRESSURE = 'columns.pressure.reading = "absolute" may be wrong: the simulation would miss force by 0.1'
+FORCE = "columns.force.sign = -1 may be wrong: with 1 the simulation would miss force by 0.0"
+PRESSURE = (
+    'columns.pressure.reading = "absolute" may be wrong: with "gauge" the simulation would miss force by 0.1'
+)
 BELOW = "columns.pressure.reading may be wrong: it goes 0.92"
 
 
