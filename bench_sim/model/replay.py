@@ -20,7 +20,7 @@ from bench_sim.model.layout import ACTUATORS, INPUTS, LATERAL, SENSORS, SIDES, S
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors, settled_temperature
 from bench_sim.model.runge_kutta import runge_kutta, step_scheme
-from bench_sim.model.sensors import follow, read_sensors, true_values
+from bench_sim.model.sensors import follow, read_exactly, true_values
 from bench_sim.model.spring import load_bellows, spring_algebra, stretch, volume
 from bench_sim.model.step_start import begin
 
@@ -171,7 +171,7 @@ def replay_samples(
                     settle_sensors(mem, par, values, dt)
                 for j in range(SENSORS):
                     ideal[j] = values[j]
-                read_sensors(mem, par, ideal, n, readings[n])
+                read_exactly(mem, par, ideal, readings[n])
                 if n < rows.shape[0]:
                     rows[n] = out
             if n == last:
@@ -247,8 +247,6 @@ def replay(
             f"({n}, {INPUTS}) and ({n},) would"
         )
     record = np.array([parameters], PARAMETERS).view(np.recarray)
-    record.sensor_noise = 0.0
-    record.sensor_resolution = 0.0
     memory = np.zeros(1, MEMORY).view(np.recarray)
     memory.time = memory.solved_time = start
     readings = np.empty((n, SENSORS))

@@ -141,14 +141,37 @@ def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
             mem.sensor_history[k, place] = mem.sensor_output[k]
 
 
-@compiled_once
-def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
-    """Readings of one sampling instant from the true values of that instant; ``counter`` picks the noise."""
+@compiled
+def deliver(mem: Any, par: Any, values: Any) -> None:
+    """Let the true values of one sampling instant pass the sensors' lags and delays, in place."""
     for k in range(SENSORS):
         values[k] = lagged(mem, k, values[k])
     if arrives_late(par):
         for k in range(SENSORS):
             values[k] = delayed(mem, k, values[k], lateness(mem, par, k))
+
+
+@compiled
+def read_exactly(mem: Any, par: Any, values: Any, readings: Any) -> None:
+    """As `read_sensors`, without noise and quantisation."""
+    deliver(mem, par, values)
+    for k in range(SENSORS):
+        readings[k] = (
+            (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
+        )
+    for k in range(6):
+        for other in range(6):
+            readings[Sensor.LOAD_CELL_1 + k] += (
+                par.load_cell_crosstalk[k, other] * values[Sensor.LOAD_CELL_1 + other]
+            )
+    for k in range(SENSORS):
+        readings[k] = min(max(readings[k], par.sensor_low[k]), par.sensor_high[k])
+
+
+@compiled_once
+def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
+    """Readings of one sampling instant from the true values of that instant; ``counter`` picks the noise."""
+    deliver(mem, par, values)
     for k in range(SENSORS):
         s = (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
         if Sensor.LOAD_CELL_1 <= k <= Sensor.LOAD_CELL_6:

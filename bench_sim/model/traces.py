@@ -16,7 +16,7 @@ from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.replay import Gas, Motion, balance, place
 from bench_sim.model.rest import settle_sensors
-from bench_sim.model.sensors import follow, read_sensors, true_values
+from bench_sim.model.sensors import follow, read_exactly, true_values
 from bench_sim.model.spring import displacements, spring_term
 
 
@@ -84,7 +84,7 @@ def read_samples(
                 settle_sensors(mem, par, values, dt)
             for j in range(SENSORS):
                 ideal[j] = values[j]
-            read_sensors(mem, par, ideal, n, readings[n])
+            read_exactly(mem, par, ideal, readings[n])
         follow(mem, par, values, dt)
         mem.time += dt
         mem.step += 1
@@ -148,8 +148,6 @@ class TracedReplay:
         Between samples the supply line keeps its pressure. Other threads run meanwhile.
         """
         record = _one(parameters)
-        record.sensor_noise = 0.0
-        record.sensor_resolution = 0.0
         memory = np.zeros(1, MEMORY).view(np.recarray)
         memory.time = self.start
         motion = self.motion
