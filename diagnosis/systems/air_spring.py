@@ -10,7 +10,7 @@ the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``o
 ``start``, the s since the bench was switched on, from when sensors drift. Only the bellows' pressures are required.
 """
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -144,6 +144,8 @@ class AirSpring:
             parameters, tuple(zip(self.channels, self._sensors, strict=True))
         )
         self.surfaces: tuple[Surface, ...] = tuple(term.surface for term in self._terms.values())
+        #: What `run_many` has done so far (`diagnosis.systems.air_spring_batch.read_all`), and for how many ``jobs``.
+        self.effort: Counter[str] = Counter()
         self._lock = Lock()
         self._prepared: OrderedDict[int, _PreparedRun] = OrderedDict()
 
@@ -172,8 +174,11 @@ class AirSpring:
         """
         replayed: dict[object, Replayed] = {}
         known = [self._replayed(job, replayed) for job in jobs]
-        for job, readings in zip(jobs, read_all(known), strict=True):
+        effort = Counter(jobs=len(jobs))
+        for job, readings in zip(jobs, read_all(known, effort), strict=True):
             yield self._shifted(self._prepare(job.experiment), readings[:, self._sensors], job.parameters)
+        with self._lock:
+            self.effort.update(effort)
 
     def record(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Any:
         """Return the parameter record of a model: this set under the experiment's load, deviations and effects.

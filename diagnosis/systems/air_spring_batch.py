@@ -68,8 +68,12 @@ class KeptTraces:
                 self._traces.popitem(last=False)
 
 
-def read_all(jobs: Sequence[Replayed]) -> Iterator[Array]:
-    """Yield the readings (n, SENSORS) of each job in order. Equal jobs are one object, and get one array."""
+def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array]:
+    """Yield the readings (n, SENSORS) of each job in order. Equal jobs are one object, and get one array.
+
+    What was done is added to the ``effort``: ``springs`` integrated in ``packs``, ``readings``, and among these replays
+    ``alone``.
+    """
     keys = {id(job): job.keys for job in jobs}
     uses = Counter(key for job in jobs for key in keys[id(job)])
     left = Counter(id(job) for job in jobs)
@@ -87,7 +91,10 @@ def read_all(jobs: Sequence[Replayed]) -> Iterator[Array]:
         mine = id(job)
         if mine not in readings:
             while any(key in missing for key in keys[mine]):
-                traces.update(_next_pack(missing))
+                pack = _next_pack(missing)
+                traces.update(pack)
+                effort.update(packs=1, springs=len(pack))
+            effort.update(readings=1, alone=int(not job.springs))
             readings[mine] = (
                 job.traced.readings(job.record, [traces[key] for key in keys[mine]], job.shift)
                 if job.springs
