@@ -45,12 +45,13 @@ from bench_sim.model.rubber import turn_friction
 #: Columns of a trace: pressure and temperature of bellows and auxiliary chamber, force of bellows and emergency
 #: spring (vertical, lateral), compression of the contact. Its rows are the beginnings of the steps.
 TRACE: Final = 7
+AUXILIARY_PRESSURE: Final = 2
 
 
 class Course(NamedTuple):
     """Where the plates of one spring go, in ``steps`` steps for each interval of the motion."""
 
-    step: float  #: s
+    step: float  #: s, to twelve digits: clocks of two runs differ in the last ones
     places: NDArray[np.float64]  #: (2 rows − 1, 4) every half step: ζ and its speed, y and its speed
     opening: NDArray[np.float64]  #: (rows,) of the reservoir valve during each step, 0 … 1
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import ceil
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,23 @@ from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_parallel
 from bench_sim.model.lane_layout import LANES, LENGTH
 from bench_sim.model.lane_start import begin_springs, has_lanes, power_coefficients
-from bench_sim.model.lanes import Course, LaneSpring
+from bench_sim.model.lanes import AUXILIARY_PRESSURE, Course, LaneSpring
 from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.replay import Gas, Motion, balance, place
 from bench_sim.model.rest import settle_sensors
 from bench_sim.model.sensors import follow, read_exactly, true_values
 from bench_sim.model.spring import displacements, spring_term
+
+#: Inputs through which air comes from the supply, or leaves.
+_FEEDING: Final = (
+    Input.LEFT_LEVELING,
+    Input.RIGHT_LEVELING,
+    Input.LEFT_SERVICE_VALVE,
+    Input.RIGHT_SERVICE_VALVE,
+)
+#: Pa before the differential pressure valve opens at which the scalar replay decides.
+_MARGIN: Final = 1.0
 
 
 @compiled_entry
@@ -93,8 +103,9 @@ def read_samples(
 class TracedReplay:
     """The replay of one ``motion`` in two stages: springs to be integrated in lanes, and readings from their traces.
 
-    What it is given is as for `bench_sim.model.replay.replay`; valves that let air in or from side to side must stay
-    shut. ``parameters`` say where the springs stand under the bolster.
+    What it is given is as for `bench_sim.model.replay.replay`. ``parameters`` say where the springs stand under the
+    bolster. It holds while no air comes from elsewhere: `fits` says so beforehand, `stays_shut` of the differential
+    pressure valve afterwards.
     """
 
     def __init__(
@@ -112,12 +123,14 @@ class TracedReplay:
         self.start = start
         self.steps = ceil(motion.interval / step - 1e-9)
         self.geometry = _geometry(parameters)
+        self.joined = bool(inputs[:, Input.DPV_CONNECTED].any())
+        self.fed = bool(inputs[:, _FEEDING].any())
         rows = (len(motion.displacement) - 1) * self.steps + 1
         places = np.empty((SIDES, 2 * rows - 1, 4))
         follow_plates(motion, _one(parameters), self.steps, places)
         self.courses = tuple(
             Course(
-                motion.interval / self.steps,
+                float(f"{motion.interval / self.steps:.12g}"),
                 places[i],
                 np.clip(np.repeat(inputs[:, Input.LEFT_RESERVOIR_VALVE + i], self.steps)[:rows], 0.0, 1.0),
             )
@@ -126,7 +139,17 @@ class TracedReplay:
 
     def fits(self, parameters: Any) -> bool:
         """Whether lanes can integrate springs with these parameters on this motion."""
-        return has_lanes(parameters) and _geometry(parameters) == self.geometry
+        leaking = self.joined and parameters.dpv_leak != 0.0
+        return (
+            has_lanes(parameters) and _geometry(parameters) == self.geometry and not self.fed and not leaking
+        )
+
+    def stays_shut(self, parameters: Any, traces: Sequence[NDArray[np.float64]]) -> bool:
+        """Whether the differential pressure valve never opens between springs with these traces (rows, TRACE)."""
+        if not self.joined:
+            return True
+        left, right = (trace[:, AUXILIARY_PRESSURE] for trace in traces)
+        return bool(np.abs(left - right).max() < parameters.dpv_opening - _MARGIN)
 
     def springs(self, parameters: Any, gas: Gas, shift: float) -> tuple[LaneSpring, ...]:
         """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion."""

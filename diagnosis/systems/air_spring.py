@@ -259,8 +259,7 @@ class AirSpring:
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift
         if key not in known:
             traced = prepared.traced
-            laned = prepared.shut and traced.fits(record)
-            springs = traced.springs(record, gas, shift) if laned else ()
+            springs = traced.springs(record, gas, shift) if traced.fits(record) else ()
             alone = partial(self._replay, prepared, record, gas, shift)
             known[key] = Replayed(traced, prepared.kept, record, shift, springs, alone)
         return known[key]
@@ -309,8 +308,6 @@ class _PreparedRun:
         )
         self.speeds = _actuator_speeds(self.motion, par)
         self.outputs: OrderedDict[str, Array] = OrderedDict()
-        #: No air comes from elsewhere: the springs move apart from each other.
-        self.shut = not self.inputs[:, [Input.LEFT_LEVELING, Input.RIGHT_LEVELING, Input.DPV_CONNECTED]].any()
         self.kept = KeptTraces()
         self._par, self._step = par, step
 

@@ -29,7 +29,7 @@ Key = tuple[int, float, bytes]
 class Replayed:
     """One replay of a run with one parameter record: its springs, or none where no lane can integrate them.
 
-    Then it is replayed ``alone``, which returns its readings (n, SENSORS).
+    Then, or if air passes between them, it is replayed ``alone``, which returns its readings (n, SENSORS).
     """
 
     traced: TracedReplay
@@ -94,12 +94,10 @@ def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array]:
                 pack = _next_pack(missing)
                 traces.update(pack)
                 effort.update(packs=1, springs=len(pack))
-            effort.update(readings=1, alone=int(not job.springs))
-            readings[mine] = (
-                job.traced.readings(job.record, [traces[key] for key in keys[mine]], job.shift)
-                if job.springs
-                else job.alone()
-            )
+            ours = [traces[key] for key in keys[mine]]
+            apart = bool(ours) and job.traced.stays_shut(job.record, ours)
+            readings[mine] = job.traced.readings(job.record, ours, job.shift) if apart else job.alone()
+            effort.update(readings=1, alone=int(not apart))
         yield readings[mine]
         left[mine] -= 1
         if not left[mine]:

@@ -79,7 +79,6 @@ def test_the_whole_catalogue_is_the_same_in_many_as_in_one(bench):
     ("inputs", "settings"),
     [
         ({"left.leveling": 1.0}, {}),
-        ({"dpv": 1.0}, {}),
         ({}, {"pipe_length": 1.0}),
     ],
 )
@@ -94,6 +93,21 @@ def test_what_no_lane_can_do_is_replayed_as_ever(bench, integrated, inputs, sett
     for job, outputs in zip(jobs, bench.simulator.run_many(jobs), strict=True):
         assert np.array_equal(outputs, bench.simulator.run(job.experiment, job.parameters, job.effects))
     assert not integrated
+
+
+@pytest.mark.parametrize(
+    ("pressure", "leak", "alone"), [(2.1e5, False, 0), (2.1e5, True, 1), (5.2e5, False, 1)]
+)
+def test_springs_are_apart_while_nothing_passes_the_valve_between_them(bench, pressure, leak, alone):
+    """A differential pressure valve that is connected but shut joins nothing; open or leaking, it does."""
+    begin = {"left.bellows_pressure": pressure}
+    experiment = shaken("joined", 0.5, inputs={"dpv": np.ones(100)}, **begin)
+    simulator = AirSpring(load("astb"), effects=CATALOGUE)
+    effects = {"dpv_leak": {"area": 1e-6}} if leak else {}
+    (many,) = simulator.run_many([Job(experiment, {}, effects)])
+    one = simulator.run(experiment, {}, effects)
+    assert simulator.effort["alone"] == alone
+    assert np.array_equal(many, one) if alone else (np.abs(many - one) / bench.noise).max() < 1e-4
 
 
 def test_only_what_differs_is_integrated(bench, integrated):
