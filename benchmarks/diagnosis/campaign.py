@@ -88,7 +88,7 @@ def carry_out(case: Case, effects: tuple[str, ...] | None = None) -> Judged:
     from diagnosis.engine.diagnose import diagnose
 
     start = time.perf_counter()
-    config = Config(seed=case.seed, workers=1, effects=effects)
+    config = Config(seed=case.seed, workers=1, effects=effects, with_panel=False)
     truth: GroundTruth | None = None
     try:
         if case.system == "oscillator":
