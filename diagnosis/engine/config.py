@@ -200,6 +200,13 @@ GAINS_NOTHING: Final = 0.01
 #: … and less than this part is told as what it is.
 GAINS_LITTLE: Final = 0.1
 
+# -- the intervals: model_error.py -------------------------------------------------------------------------------------
+
+#: Records, or runs, whose scatter says how uncertain a number is: with fewer, the scatter is itself too uncertain.
+LEAST_REPEATS: Final = 6
+#: Spreads of a model's own error that are tried, evenly in the logarithm.
+SPREADS_TRIED: Final = 200
+
 # -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
 
 #: A predicted BIC gap below this does not tell two effects apart.

@@ -35,6 +35,7 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
+from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.remainder import Remainder, held_back, remainder
 from diagnosis.engine.residual.panel import panel
@@ -105,7 +106,7 @@ def _finding(
     verdict = final(judgement.verdict, left)
     told = config.with_gain and role == "report"
     gain = compare(before, after, found.floors, seed=config.seed) if told else Comparison()
-    covariance = named.covariance()
+    covariance = widened(named, judgement.screened.tests)
     accepted = [cause(a, hypotheses[a.effect], named.point, covariance, left) for a in found.accepted]
     causes = [] if verdict is Verdict.UNRESOLVED else accepted
     others = rivals(found, hypotheses, config.ambiguous) if verdict is Verdict.AMBIGUOUS else []
@@ -126,7 +127,7 @@ def _finding(
         not_seen=unseen(judgement.screened.screening, named.linearisation, [c.effect for c in accepted]),
         next_runs=next_runs,
         next_sensors=next_sensors,
-        shifts=shifts(best, extended),
+        shifts=shifts(best, extended, covariance if extended is named else extended.covariance()),
         panel=tests,
         confusability=confusability(first),
         unknowns=list(judgement.unknowns),

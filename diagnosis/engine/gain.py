@@ -203,9 +203,12 @@ def _extremes(values: Array, edges: np.ndarray[tuple[int], np.dtype[np.int64]]) 
     return np.column_stack((np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges))).ravel()
 
 
-def shifts(before: FittedModel, after: FittedModel) -> list[Shift]:
-    """The nuisances of both models, the most shifted first, in standard deviations which the base model claims."""
-    deviations = [np.sqrt(np.maximum(np.diagonal(model.covariance()), 0.0)) for model in (before, after)]
+def shifts(before: FittedModel, after: FittedModel, covariance: Array) -> list[Shift]:
+    """The nuisances of both models, the most shifted first, in standard deviations which the base model claims.
+
+    ``covariance`` (k, k) is that of the numbers of the extended model.
+    """
+    deviations = [np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (before.covariance(), covariance)]
     found = []
     for i, coordinate in enumerate(before.point.coordinates):
         if coordinate.owner:

@@ -111,7 +111,7 @@ def test_traces_show_what_was_measured(right):
 
 def test_parameters_shift_by_more_than_the_base_model_believed(right):
     _, base, extended, _ = right
-    found = shifts(base, extended)
+    found = shifts(base, extended, extended.covariance())
     assert abs(found[0].sigmas) > 5
     stiffness = next(s for s in found if s.name == "stiffness")
     assert stiffness.sigmas == pytest.approx((stiffness.after - stiffness.before) / stiffness.sd_before)

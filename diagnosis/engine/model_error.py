@@ -1,0 +1,101 @@
+"""Step 6 and 8, intervals: how far the numbers of a fit may be off because the model itself is not exact.
+
+Theory of operation
+-------------------
+The covariance of least squares knows of noise alone. Where the model is rougher than the noise, the numbers are off by
+what they take up of its error, however many samples there are. Two measures of that are added to the covariance:
+
+* **A smooth error of the form** (`_of_form`). A simulator's surfaces stand for whatever a model may lack. Take the
+  coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off by
+  R·c, where R is the regression of its numbers on the surface's columns, and its covariance grows by τ²·R·Rᵀ. The
+  projected scores of the surface tell τ, for in the eigenvectors of their information g they have variances
+  φ·g + τ²·g². τ² is its mean over that likelihood, with all τ equally likely before: where a small error would not be
+  seen, it is not denied. Of several surfaces, the one with the clearest error counts.
+* **The scatter between repeats** (`_of_repeats`). Where there are records enough, or at least runs, each pulls at the
+  numbers with a gradient of its own. In a right model they differ as noise does; specimens, mountings and days make
+  them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
+  Student's factor for so few of them. It counts where it is the larger one.
+
+Estimates stay what they are; only their intervals grow. With the structure right and noise alone, both add next to
+nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from diagnosis.contracts import Array
+from diagnosis.engine.config import LEAST_REPEATS, SPREADS_TRIED
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.linear import inverse
+from diagnosis.engine.omnibus import Omnibus
+from diagnosis.finding import Z95
+
+
+def widened(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
+    """Return the covariance (k, k) of the numbers of a fit that holds errors of the model; ``tests`` of its surfaces."""
+    covariance = _of_form(model, tests)
+    repeats = _of_repeats(model)
+    if repeats is None:
+        return covariance
+    ratio = np.divide(
+        repeats, np.diagonal(covariance), out=np.ones_like(repeats), where=np.diagonal(covariance) > 0.0
+    )
+    wider = np.sqrt(np.maximum(ratio, 1.0))
+    return covariance * np.outer(wider, wider)
+
+
+def _of_form(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
+    covariance = model.covariance()
+    clearest = max(
+        (_spread(test, model.noise.dispersion) for test in tests),
+        default=(0.0, 0.0, None),
+        key=lambda one: one[0],
+    )
+    _, square, test = clearest
+    if test is None:
+        return covariance
+    regression = test.projection.regression
+    return covariance + square * regression @ regression.T
+
+
+def _spread(test: Omnibus, dispersion: float) -> tuple[float, float, Omnibus]:
+    """Return how likely a surface's error is against none (ln), and the mean of its τ²."""
+    values, vectors = np.linalg.eigh(test.projection.information)
+    shown = values > dispersion * np.finfo(float).eps * len(values) * values.max(initial=0.0)
+    information, scores = values[shown], vectors[:, shown].T @ test.projection.score
+    if not information.size:
+        return 0.0, 0.0, test
+    # From far below what one coefficient would need to be seen, up to what the largest score asks for.
+    low = 1e-2 * np.sqrt(dispersion / information.max())
+    high = 10.0 * np.max(np.abs(scores) / information + np.sqrt(dispersion / information.max()))
+    spreads = np.geomspace(low, high, SPREADS_TRIED)
+    variances = dispersion * information + np.outer(spreads**2, information**2)
+    logarithms = -0.5 * np.sum(np.log(variances) + scores**2 / variances, axis=1)
+    none = -0.5 * np.sum(np.log(dispersion * information) + scores**2 / (dispersion * information))
+    weights = np.exp(logarithms - logarithms.max()) * np.gradient(spreads)
+    return float(logarithms.max() - none), float(weights @ spreads**2 / weights.sum()), test
+
+
+def _of_repeats(model: FittedModel) -> Array | None:
+    """Return the variances (k,) that records or runs show by their scatter; None where there are too few."""
+    linearisation, runs = model.linearisation, model.replay.runs
+    for groups in ([run.experiment.record for run in runs], [run.experiment.name for run in runs]):
+        names = list(dict.fromkeys(groups))
+        if len(names) >= LEAST_REPEATS:
+            break
+    else:
+        return None
+    gradients = np.zeros((len(names), len(linearisation.point.numbers)))
+    for group, block in zip(groups, linearisation.blocks, strict=True):
+        gradients[names.index(group), block.places] += block.times(block.residual)
+    from scipy.special import stdtrit
+
+    count = len(names)
+    away = gradients - gradients.mean(axis=0)
+    moved = away @ inverse(linearisation.information)
+    student = float(stdtrit(count - 1, 0.975)) / Z95
+    variances: Array = student**2 * count / (count - 1) * np.sum(moved**2, axis=0)
+    return variances
