@@ -204,8 +204,10 @@ GAINS_LITTLE: Final = 0.1
 
 #: Records, or runs, whose scatter says how uncertain a number is: with fewer, the scatter is itself too uncertain.
 LEAST_REPEATS: Final = 6
-#: Spreads of a model's own error that are tried, evenly in the logarithm.
-SPREADS_TRIED: Final = 200
+#: Spreads of a model's own error that are tried, closer to each other where they are small.
+SPREADS_TRIED: Final = 2000
+#: Information per unit of noise, for coefficients as large as is believed, from which on a direction tells of them.
+SHOWN_INFORMATION: Final = 100.0
 
 # -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Step 6 and 8, intervals: how far the numbers of a fit may be off because the model itself is not exact.
+"""Step 8, intervals: how far the numbers of a fit may be off because the model itself is not exact.
 
 Theory of operation
 -------------------
@@ -6,11 +6,13 @@ The covariance of least squares knows of noise alone. Where the model is rougher
 what they take up of its error, however many samples there are. Two measures of that are added to the covariance:
 
 * **A smooth error of the form** (`_of_form`). A simulator's surfaces stand for whatever a model may lack. Take the
-  coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off by
-  R·c, where R is the regression of its numbers on the surface's columns, and its covariance grows by τ²·R·Rᵀ. The
+  coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off
+  by R·c, where R is the regression of its numbers on the surface's columns, and its covariance grows by τ²·R·Rᵀ. The
   projected scores of the surface tell τ, for in the eigenvectors of their information g they have variances
-  φ·g + τ²·g². τ² is its mean over that likelihood, with all τ equally likely before: where a small error would not be
-  seen, it is not denied. Of several surfaces, the one with the clearest error counts.
+  φ·g + τ²·g². τ² is its mean over that likelihood, with τ as large as is believed of the surface (normal, 1) before:
+  where a small error would not be seen, it is not denied. Asked are the directions that stand far above the noise; in
+  the others, what the surface cannot say of the error would pass for a large τ. Of several surfaces, the one with the
+  clearest error counts.
 * **The scatter between repeats** (`_of_repeats`). Where there are records enough, or at least runs, each pulls at the
   numbers with a gradient of its own. In a right model they differ as noise does; specimens, mountings and days make
   them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
@@ -27,7 +29,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.contracts import Array
-from diagnosis.engine.config import LEAST_REPEATS, SPREADS_TRIED
+from diagnosis.engine.config import LEAST_REPEATS, SHOWN_INFORMATION, SPREADS_TRIED, WIDER_SURFACE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.omnibus import Omnibus
@@ -35,7 +37,7 @@ from diagnosis.finding import Z95
 
 
 def widened(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
-    """Return the covariance (k, k) of the numbers of a fit that holds errors of the model; ``tests`` of its surfaces."""
+    """Return the covariance (k, k) of a fit's numbers that holds errors of the model; ``tests`` are of its surfaces."""
     covariance = _of_form(model, tests)
     repeats = _of_repeats(model)
     if repeats is None:
@@ -64,19 +66,15 @@ def _of_form(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
 def _spread(test: Omnibus, dispersion: float) -> tuple[float, float, Omnibus]:
     """Return how likely a surface's error is against none (ln), and the mean of its τ²."""
     values, vectors = np.linalg.eigh(test.projection.information)
-    shown = values > dispersion * np.finfo(float).eps * len(values) * values.max(initial=0.0)
+    shown = values > SHOWN_INFORMATION * dispersion
     information, scores = values[shown], vectors[:, shown].T @ test.projection.score
     if not information.size:
         return 0.0, 0.0, test
-    # From far below what one coefficient would need to be seen, up to what the largest score asks for.
-    low = 1e-2 * np.sqrt(dispersion / information.max())
-    high = 10.0 * np.max(np.abs(scores) / information + np.sqrt(dispersion / information.max()))
-    spreads = np.geomspace(low, high, SPREADS_TRIED)
+    spreads = np.linspace(0.0, WIDER_SURFACE, SPREADS_TRIED) ** 2 / WIDER_SURFACE
     variances = dispersion * information + np.outer(spreads**2, information**2)
-    logarithms = -0.5 * np.sum(np.log(variances) + scores**2 / variances, axis=1)
-    none = -0.5 * np.sum(np.log(dispersion * information) + scores**2 / (dispersion * information))
+    logarithms = -0.5 * np.sum(np.log(variances) + scores**2 / variances, axis=1) - 0.5 * spreads**2
     weights = np.exp(logarithms - logarithms.max()) * np.gradient(spreads)
-    return float(logarithms.max() - none), float(weights @ spreads**2 / weights.sum()), test
+    return float(logarithms.max() - logarithms[0]), float(weights @ spreads**2 / weights.sum()), test
 
 
 def _of_repeats(model: FittedModel) -> Array | None:
