@@ -35,6 +35,7 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
+from diagnosis.engine.gates import not_above
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.remainder import Remainder, held_back, remainder
@@ -100,12 +101,13 @@ def _finding(
     base = fit(extended.replay, extended.noise, without_effects(extended.point), named.linearisation)
     tests = panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else []
     role, runs = held_back(data)
+    floors = not_above(found.floors, extended)
     after = predict(extended, runs, fixed=True)
-    best, before = best_before(base, around, runs, found.floors) if extended.effects else (base, after)
-    left = remainder(role, before, after, extended, [one.effect for one in found.accepted], found.floors)
+    best, before = best_before(base, around, runs, floors) if extended.effects else (base, after)
+    left = remainder(role, before, after, extended, [one.effect for one in found.accepted], floors)
     verdict = final(judgement.verdict, left)
     told = config.with_gain and role == "report"
-    gain = compare(before, after, found.floors, seed=config.seed) if told else Comparison()
+    gain = compare(before, after, floors, seed=config.seed) if told else Comparison()
     covariance = widened(named, judgement.screened.tests)
     accepted = [cause(a, hypotheses[a.effect], named.point, covariance, left) for a in found.accepted]
     causes = [] if verdict is Verdict.UNRESOLVED else accepted

@@ -169,6 +169,16 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
     return np.array(floors)
 
 
+def not_above(floors: Array, model: FittedModel) -> Array:
+    """Return noise floors (c,) none of which lies above what a model leaves of the runs that it was fitted to.
+
+    A data sheet is an upper bound, and what was taken for rest may have moved: noise that is larger than all errors is
+    none.
+    """
+    left = np.sqrt([_mean_square(model.replay.runs, model.predictions, i) for i in range(len(floors))])
+    return np.where(left > 0.0, np.minimum(floors, left), floors)
+
+
 def _rests(run: MeasuredRun, channel: int) -> list[slice]:
     """Return the stretches at rest of one channel that are long enough; what stands still may stand elsewhere later."""
     still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
