@@ -11,7 +11,7 @@ with its theory of operation at the head; levels and limits of all of them stand
     6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py
     7  what has no name   omnibus.py, unknown.py, doubt.py
     8  verdict            verdict.py; then confusability.py (what was not seen) and next_run.py (what would decide)
-    9  gain               before.py, gain.py, remainder.py
+    9  gain               before.py, gain.py, remainder.py; model_error.py (intervals)
 
 `diagnose` takes them in this order but for the first. The panel of step 1 looks at the base model in units of the
 noise, and the noise is known for good only when step 7 has been taken: the panel is computed then. Nothing depends on

@@ -1,4 +1,4 @@
-"""Step 8, intervals: how far the numbers of a fit may be off because the model itself is not exact.
+"""Step 9, intervals: how far the numbers of a fit may be off because the model itself is not exact.
 
 Theory of operation
 -------------------
