@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from diagnosis.engine.config import WITH_RELATIVES
+from diagnosis.engine.config import SUBSTITUTE, WITH_RELATIVES
 from diagnosis.engine.family import richer_surcharge
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.point import Point
@@ -47,8 +47,14 @@ def predicted(problem: Problem, model: FittedModel, near: Prediction | None = No
 
 
 def refit(problem: Problem, start: Point, current: CurrentModel, target: float = math.inf) -> FittedModel:
-    """Fit another model under the noise of the current one, with its columns of the base parameters."""
-    return fit(problem.replay, current.model.noise, start, current.model.linearisation, target=target)
+    """Fit another model under the noise of the current one, with its columns of the base parameters.
+
+    Below a ``target``, what gains less than a substitute must gain of that is not worth much.
+    """
+    gap = current.model.penalised_chi2 - target
+    ceiling = current.model.penalised_chi2 - SUBSTITUTE * gap if 0.0 < gap < math.inf else math.inf
+    model = current.model
+    return fit(problem.replay, model.noise, start, model.linearisation, target=target, ceiling=ceiling)
 
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:

@@ -10,6 +10,8 @@ bought only when they are needed, in the order of their price (`ColumnSource`):
 * those of the effects follow each step by Broyden's rule: corrected so that they explain the change just seen;
 * a step that gains clearly less than the linear model predicts has new columns of the effects computed, a step that
   fails has all, a further one has central differences;
+* a fit that is to be compared with others, and even by its linear model stays above a ``ceiling``, buys no columns of
+  the nuisances: they are the dearest, and nothing depends on how far above it ends;
 * only where these fail too is the step shortened, by damping. Along a narrow curved valley good steps are short: the
   damping falls slowly, and a step that fails after good ones is tried shorter before its columns are doubted.
 
@@ -110,13 +112,15 @@ def fit(
     prior: Prior | None = None,
     refresh: bool = False,
     target: float = math.inf,
+    ceiling: float = math.inf,
     steps: int = FIT_STEPS,
 ) -> FittedModel:
     """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces that of the parameters.
 
     ``known`` may hold columns of the nuisances, whitened by the same noise; ``refresh`` computes all columns anew at
     the end. A fit that stays far above ``target``, the penalised χ² of another model, is not carried to the last
-    digit; none takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
+    digit; one that promises to stay above the ``ceiling`` ends where it would need columns of the nuisances; none
+    takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
     """
     whiten = filters(noise, replay.runs)
     predictions = replay.predictions(start)
@@ -141,9 +145,11 @@ def fit(
                 converged = decrease < tolerance
                 break
             descent.linearise(ColumnSource.FRESH)
-        elif not descent.attempt(trial, decrease):
-            converged = True
-            break
+        else:
+            hopeless = at.penalised_chi2 - decrease > noise.dispersion * ceiling
+            if not descent.attempt(trial, decrease, ColumnSource.OWN if hopeless else ColumnSource.CENTRAL):
+                converged = not hopeless
+                break
     return FittedModel(replay, noise, descent.at, tuple(descent.predictions), converged)
 
 
@@ -161,10 +167,11 @@ class _Descent:
     damping: float = 0.0
     trusted: bool = False  #: the last step was good, though damped
 
-    def attempt(self, trial: Point, decrease: float) -> bool:
+    def attempt(self, trial: Point, decrease: float, dearest: ColumnSource) -> bool:
         """Simulate a step, and take it or prepare a better one; False where no better one is worth its price.
 
-        ``decrease`` is what the linear model predicts of the penalised χ².
+        ``decrease`` is what the linear model predicts of the penalised χ²; no columns dearer than ``dearest`` are
+        bought.
         """
         predictions = self.replay.predictions(trial)
         there = _follow(self.at, trial, self.whiten, self.replay, predictions)
@@ -179,6 +186,8 @@ class _Descent:
             return False
         elif self.trusted:
             self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
+        elif dearest <= self.source < ColumnSource.CENTRAL:
+            return False
         elif self.source < ColumnSource.CENTRAL:
             self.linearise(max(ColumnSource(self.source + 1), self._cheapest))
         else:
