@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 FINDING: Final = "finding.json"
 REPORT: Final = "report.html"
 EXTENDED: Final = "extended.toml"
+#: The model in doubt unless one is given.
+BENCH: Final = "astb"
 
 Progress = Callable[[str, float], None]
 
@@ -52,6 +54,11 @@ def diagnose_data(request: Request, out: Path, console: "Console") -> Finding:
     for path in request.data:
         if not path.exists():
             raise DiagnosisError(f"{path} does not exist")
+    if request.simulator is not None and request.model != BENCH:
+        raise DiagnosisError(
+            f"--model {request.model} is a model of the bench, and --simulator {request.simulator} another one; give "
+            "one of them"
+        )
     parameters = load(request.model)
     clear_results(out)
     with progress_bar(console) as progress:

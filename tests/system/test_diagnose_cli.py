@@ -74,6 +74,12 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         ("diagnose empty --out out --model nosuch", "nosuch"),
         ("diagnose empty --out out --seed -1", "-1 is not in the range"),
         ("diagnose data.csv --out out --map nomap.toml", "nomap.toml: cannot be read"),
+        ("diagnose data.csv --out out --simulator nowhere:Gain", "there is no module nowhere in"),
+        ("diagnose data.csv --out out --simulator nowhere", "names no factory of a module"),
+        (
+            "diagnose data.csv --out out --simulator nowhere:Gain --model my.toml",
+            "--model my.toml is a model of the bench",
+        ),
         ("diagnose data.csv --out out --map data.csv", "data.csv: "),
         (f"{ON_A_RIG} --budget soon", "--budget = 'soon' is not a number with its unit"),
         (f"{ON_A_RIG} --budget 20mm", "--budget = '20mm' is not in s or ms or min or h"),
