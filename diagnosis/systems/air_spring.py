@@ -134,6 +134,8 @@ class AirSpring:
         self.step = step
         self.channels: tuple[Channel, ...] = tuple(c for c in channels(parameters) if c.name in only)
         self._sensors = [OUTPUTS[channel.name] for channel in self.channels]
+        self._zeros = [(f"{channel.name}.offset", f"{channel.name}{SEAT}") for channel in self.channels]
+        self._places = {channel.name: k for k, channel in enumerate(self.channels)}
         self._effects = effects
         held = parameters.effects
         self.name = "air springs on the bench" + (f" with {', '.join(held)}" if held else "")
@@ -266,13 +268,12 @@ class AirSpring:
 
     def _shifted(self, prepared: "_PreparedRun", outputs: Array, parameters: Mapping[str, float]) -> Array:
         """Return simulated outputs (n, c) as sensors with their own zeros and drags read them."""
-        names = [channel.name for channel in self.channels]
         shifted = outputs + [
-            sum(parameters.get(f"{name}{what}", 0.0) for what in (".offset", SEAT)) for name in names
+            parameters.get(zero, 0.0) + parameters.get(seat, 0.0) for zero, seat in self._zeros
         ]
         for name, speed in prepared.speeds.items():
             if drag := parameters.get(f"{name}{DRAG}", 0.0):
-                shifted[:, names.index(name)] += drag * speed
+                shifted[:, self._places[name]] += drag * speed
         return shifted
 
     def _prepare(self, experiment: Experiment) -> "_PreparedRun":

@@ -15,7 +15,9 @@ from diagnosis.engine.columns import Columns, ColumnsInWork, mean, packing_of
 from diagnosis.engine.fitting.point import Point, neighbour, opposite
 from diagnosis.engine.simulation import checked, simulate
 
-#: Most jobs that a simulator is given at once, so that the last batches still keep all workers busy.
+#: Fewest and most jobs that a simulator is given at once: so few hardly have anything to share, and of more the last
+#: batches would not keep all workers busy.
+LEAST: Final = 4
 BATCH: Final = 128
 
 
@@ -106,7 +108,7 @@ class Replay:
     def _simulate(self, places: Sequence[tuple[int, Point]], use: Callable[[int, Array], None]) -> None:
         """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""
         jobs = [self._job(self.runs[r], point) for r, point in places]
-        size = max(1, min(BATCH, ceil(len(jobs) / self.workers)))
+        size = max(LEAST, min(BATCH, ceil(len(jobs) / self.workers)))
         if not isinstance(self.simulator, BatchSimulator):
             size = 1
 
