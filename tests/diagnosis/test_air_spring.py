@@ -11,6 +11,7 @@ from bench_sim.model.layout import EXTRA_BRANCHES
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import with_effects
 from diagnosis.contracts import DiagnosisError, Experiment
+from diagnosis.engine.columns import packing_of
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
@@ -55,8 +56,8 @@ def fitted(simulator, runs, cause=None, start=0.0):
 def leftover(model, runs):
     """Whitened residuals of the first run by channel, only what counts."""
     whole = model.linearisation.blocks[0].residual
-    mask = runs[0].counted
-    return {c.name: whole[mask[:, k], k] for k, c in enumerate(model.replay.simulator.channels)}
+    packing = packing_of(runs[0])
+    return {c.name: whole[packing.channel(k)] for k, c in enumerate(model.replay.simulator.channels)}
 
 
 @pytest.fixture(scope="module")
