@@ -22,6 +22,7 @@ _KEYS: Final = (
     "hysteresis",
     "latch",
     "over",
+    "lead",
     "within",
     "level",
 )
@@ -65,6 +66,7 @@ def _limit(signal: str, kind: LimitKind, row: Mapping[str, Any], before: Limit |
     for key, unit in (
         ("persistence", "s"),
         ("over", "s"),
+        ("lead", "s"),
         ("hysteresis", rate if kind is LimitKind.RATE else own),
         ("within", own),
     ):
@@ -128,7 +130,7 @@ def listed(limits: Sequence[Limit]) -> list[tuple[str, ...]]:
             LimitKind.RATE: f"{signal.show(one.at)}/s over {one.over:g} s",
             LimitKind.TIMEOUT: f"{one.at:g} s" + (f", {signal.show(one.within)} off" if one.within else ""),
             LimitKind.COUNT: f"{one.at:g} times over {signal.show(one.level)}",
-        }.get(one.kind, signal.show(one.at))
+        }.get(one.kind, signal.show(one.at) + (f", {one.lead * 1e3:g} ms ahead" if one.lead else ""))
         hysteresis = "" if one.kind in (LimitKind.TIMEOUT, LimitKind.RATE) else signal.show(one.hysteresis)
         kind, action = one.kind.name.lower(), ACTIONS[one.action]
         lasting = f"{one.persistence * 1e3:g} ms"

@@ -31,9 +31,10 @@ class LimitAction(IntEnum):
 class Limit:
     """A detector on one reading; SI units, those of the reading where nothing else is said.
 
-    ``at``: UPPER and LOWER compare the reading with it, ERROR how far the reading is from its set-point, RATE how fast
-    it changes (1/s), TIMEOUT for how long (s) there is no reading, or, with ``within``, for how long the reading is
-    farther than that from a set-point that stands still; COUNT how often the reading has risen over ``level``.
+    ``at``: UPPER and LOWER compare with it where the reading will be after ``lead`` at its present speed, ERROR how far
+    the reading is from its set-point, RATE how fast it changes (1/s), TIMEOUT for how long (s) there is no reading, or,
+    with ``within``, for how long the reading is farther than that from a set-point that stands still; COUNT how often
+    the reading has risen over ``level``.
     """
 
     signal: str
@@ -43,7 +44,8 @@ class Limit:
     persistence: float = 20 * ms
     hysteresis: float = 0.0  #: how far it must come back, and may go out while it stands
     latch: bool = True  #: tripped until it is reset, or until the reading has come back
-    over: float = 20 * ms  #: RATE: between the two samples that are compared
+    over: float = 20 * ms  #: RATE, and UPPER and LOWER with a lead: between the two samples that are compared
+    lead: float = 0.0  #: UPPER, LOWER: what moves fast must be stopped before it is there
     within: float = 0.0  #: TIMEOUT
     level: float = 0.0  #: COUNT
 
@@ -56,6 +58,7 @@ class Limit:
             signal.show(judged),
         )
         lasting = f" for {self.persistence / ms:g} ms" if self.persistence else ""
+        lasting += f", looking {self.lead / ms:g} ms ahead" if self.lead else ""
         what = {
             LimitKind.LOWER: f"below {at}{lasting}, at {was}",
             LimitKind.UPPER: f"above {at}{lasting}, at {was}",
@@ -68,12 +71,12 @@ class Limit:
 
 
 def _span(
-    signal: str, low: float, high: float, hysteresis: float, action: LimitAction
+    signal: str, low: float, high: float, hysteresis: float, action: LimitAction, lead: float = 0.0
 ) -> tuple[Limit, Limit, Limit]:
     """Both ends of what a reading may be, and that there is one: a reading that is gone keeps no limit."""
     return (
         Limit(signal, LimitKind.LOWER, low, action, hysteresis=hysteresis),
-        Limit(signal, LimitKind.UPPER, high, action, hysteresis=hysteresis),
+        Limit(signal, LimitKind.UPPER, high, action, hysteresis=hysteresis, lead=lead),
         Limit(signal, LimitKind.TIMEOUT, 100 * ms, LimitAction.PROGRAM_STOP, persistence=0.0),
     )
 
@@ -81,7 +84,12 @@ def _span(
 _INTERLOCK, _STOP = LimitAction.INTERLOCK, LimitAction.PROGRAM_STOP
 #: Assumed limits: wide enough for every plan, narrow enough to save the springs. Only the first trip is reported.
 LIMITS: Final = (
-    *(one for side in SIDES for one in _span(f"{side}.height", -130 * mm, 90 * mm, 2 * mm, _INTERLOCK)),
+    # Upwards there is no stop but this one, and hardly a load: a bolster that is pulled up is fast.
+    *(
+        one
+        for side in SIDES
+        for one in _span(f"{side}.height", -130 * mm, 90 * mm, 2 * mm, _INTERLOCK, lead=30 * ms)
+    ),
     *(
         one
         for side in SIDES
@@ -104,12 +112,14 @@ DETECTOR: Final = np.dtype(
         ("target", "<i8"),  # of the set-point that belongs to the reading, -1: none
         ("mode", "<i8"),  # control mode in which it does, -1: any
         ("over", "<i8"),  # samples
+        ("lead", "<f8"),  # samples
         ("within", "<f8"),
         ("level", "<f8"),
         # what it remembers
         ("judged", "<f8"),
         ("age", "<i8"),  # samples since something began
         ("anchor", "<f8"),  # the reading then
+        ("speed", "<f8"),  # outwards, by sample
         ("above", "<i8"),
         ("count", "<i8"),
         ("outside", "<i8"),  # samples outside in a row
@@ -150,7 +160,7 @@ def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
             row["samples"] = max(1, round(limit.persistence * FAST_RATE))
         row["target"], row["mode"] = target, mode
         row["over"] = max(1, round(limit.over * FAST_RATE))
-        row["within"], row["level"] = limit.within, limit.level
+        row["within"], row["level"], row["lead"] = limit.within, limit.level, limit.lead * FAST_RATE
         row["anchor"] = row["judged"] = np.nan
     return rows
 
@@ -190,6 +200,14 @@ def _judge(c: Any, detector: Any, reading: float) -> float:
         elif reading < detector.level - detector.hysteresis:
             detector.above = 0
         return float(detector.count)
+    if detector.lead > 0.0:
+        detector.age += 1
+        if detector.age >= detector.over:
+            detector.speed = detector.sense * (reading - detector.anchor) / detector.age
+            detector.anchor = reading
+            detector.age = 0
+        if detector.speed > 0.0:  # and not NaN
+            return detector.sense * reading + detector.lead * detector.speed
     return detector.sense * reading
 
 

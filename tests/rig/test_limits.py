@@ -51,6 +51,25 @@ ENDS = {
 assert tuple(ENDS) == ACTIONS
 
 
+def test_a_limit_with_a_lead_trips_before_it_is_reached_by_what_is_fast(limited) -> None:
+    """At 150 mm/s 100 ms ahead are 15 mm; what creeps goes all the way, and what comes back is not stopped."""
+    ahead = SIDEWAYS | {"at": "30 mm", "action": "interlock", "lead": "100 ms", "persistence": "5 ms"}
+    fast = limited(**ahead)
+    push(fast, 29 * mm)
+    assert fast.state == "FAULT_DISABLED"
+    signal, kind, judged = first_out(fast)
+    assert (signal, kind) == ("lateral.displacement", "upper")
+    assert judged > 30 * mm / TABLE["lateral.displacement"].step
+    assert fast.read("lateral.displacement") < 25 * mm, "it was stopped before"
+    slow = limited(**ahead)
+    for k in range(1, 286):
+        push(slow, 0.1 * k * mm, beats=1)
+    assert slow.state == "ACTIVE"
+    assert slow.read("lateral.displacement") > 28 * mm
+    push(slow, -29 * mm)
+    assert slow.state == "ACTIVE"
+
+
 @pytest.mark.parametrize("action", ACTIONS)
 def test_each_action_does_what_it_says(limited, action) -> None:
     bench = limited(**SIDEWAYS, action=action)
