@@ -9,7 +9,7 @@ import pytest
 from benchmarks.diagnosis.ground_truth import GroundTruth
 from benchmarks.diagnosis.judge import judge
 from benchmarks.diagnosis.oscillator_cases import OscillatorCases
-from diagnosis.engine import noise, noise_estimate, screening, trials
+from diagnosis.engine import backward, noise, noise_estimate, screening, trials
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 
@@ -91,6 +91,7 @@ def test_an_incident_is_not_called_a_property():
 
 
 def test_without_gates_an_incident_is_called_a_property(monkeypatch):
-    monkeypatch.setattr(trials, "unfit", lambda *_: "")
-    monkeypatch.setattr(trials, "useless", lambda *_: "")
+    for asked in (trials, backward):  # on entry, and again of what remains
+        monkeypatch.setattr(asked, "unfit", lambda *_: "")
+        monkeypatch.setattr(asked, "useless", lambda *_: "")
     assert "drift" in said_of_an_incident().wrong
