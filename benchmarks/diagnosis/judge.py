@@ -86,14 +86,17 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
             return f"false alarm: {said}" if wrong else ""
         if self.wrong:
             return f"wrong cause: {said}"
+        far = [d for d in self.deviations if abs(d) > FAR]
+        missed = f"{said}, off by {far[0]:.3g} standard deviations" if far else ""
+        if self.condition == "sibling":
+            return missed  # a form that is not that of the model may cost the name
         if self.weakest < CLEAR:
             return ""
         if not self.detected:
             return "not seen"
         if self.kind != "outside" and not self.reported:
             return f"not reported: {said}"
-        far = [d for d in self.deviations if abs(d) > FAR]
-        return f"{said}, off by {far[0]:.3g} standard deviations" if far else ""
+        return missed
 
 
 def judge(

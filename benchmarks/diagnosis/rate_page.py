@@ -243,7 +243,7 @@ def _figure(
     percent: bool = False,
 ) -> str:
     """Return the row of a figure that is no rate; a negative ``limit`` is a lower one."""
-    if not values:
+    if len(values) < LEAST:
         return ""
     value = middle(values)
     met = "" if not aim else _yes(value <= limit if limit > 0 else value >= -limit)
