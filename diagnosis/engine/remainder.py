@@ -80,10 +80,10 @@ def remainder(
         fitted = fit(model.replay, model.noise, model.point.without(name), model.linearisation)
         forecast = predict(fitted, runs, after.linearisation, fixed=True)
         without[name] = noise_ratio(forecast, floors)
-    return Remainder(role, noise_ratio(before, floors), total, _least_left(before, after, floors), without)
+    return Remainder(role, noise_ratio(before, floors), total, least_left(before, after, floors), without)
 
 
-def _least_left(before: Prediction, after: Prediction, floors: Array) -> float:
+def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
     """Return the least part of the explainable error that remains in any channel that has one."""
     squares = np.array([_squares(before), _squares(after)]) / floors**2
     some = squares[0] > EXPLAINABLE**2

@@ -6,7 +6,9 @@ The search has named what it could. The simulator's surfaces now stand for every
 noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
 select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest
 surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, and those that
-may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What remains passes all gates
+may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What is owed to the form helps
+little on runs that it was not fitted to: a cause that takes most of the error from the select runs, as fitted, is none
+of that, however rough its own equation. What remains passes all gates
 again (`backward.py`), and the test is made anew without them. Then the surface is fitted.
 
 The verdict follows from what remains, and none is forced:
@@ -28,15 +30,16 @@ from dataclasses import dataclass
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
-from diagnosis.engine.config import REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
+from diagnosis.engine.config import FORETOLD, REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
 from diagnosis.engine.constancy import inconstancy, owed_to_form
 from diagnosis.engine.doubt import doubtful
-from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
 from diagnosis.engine.gates import out_of_range
 from diagnosis.engine.omnibus import Omnibus
-from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.remainder import Remainder, least_left
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.unknown import clear_surfaces, explain
@@ -103,7 +106,17 @@ def _leaving(
     if owed and clear:  # what has no name may be all that is wrong with the form
         beside, _ = explain(model, clear[0], screened.screening, problem.select)
         owed = owed_to_form(found.accepted, inconstancy(beside))
+    owed = tuple(name for name in owed if not _foretold(problem, found, model, name))
     return dict.fromkeys(owed, "is no clearer than what the form of the model owes")
+
+
+def _foretold(problem: Problem, found: SearchResult, model: FittedModel, effect: str) -> bool:
+    """Return whether an effect, as fitted, takes most of the error in some channel from the select runs."""
+    if not problem.select:
+        return False
+    alone = fit(model.replay, model.noise, model.point.without(effect), model.linearisation)
+    without, beside = (predict(one, problem.select, fixed=True) for one in (alone, model))
+    return least_left(without, beside, found.floors) < FORETOLD
 
 
 def _with_select(
