@@ -6,13 +6,8 @@ unit, a sign, a bore. What was named beside such a number is named for a system 
 
 from __future__ import annotations
 
-from typing import Final
-
-from diagnosis.engine.config import CONTRADICTED_PRIOR
+from diagnosis.engine.config import BELIEFS_TOLD, CONTRADICTED_PRIOR
 from diagnosis.engine.fitting.fit import FittedModel
-
-#: So many parameters are told, those furthest away first.
-_TOLD: Final = 3
 
 
 def contradicted(model: FittedModel) -> list[str]:
@@ -20,7 +15,7 @@ def contradicted(model: FittedModel) -> list[str]:
     pairs = zip(model.point.coordinates, model.point.numbers, strict=True)
     far = [(abs(float(u)), c) for c, u in pairs if c.weight and not c.owner and abs(u) > CONTRADICTED_PRIOR]
     sentences = []
-    for sigmas, coordinate in sorted(far, key=lambda pair: -pair[0])[:_TOLD]:
+    for sigmas, coordinate in sorted(far, key=lambda pair: -pair[0])[:BELIEFS_TOLD]:
         parameter = coordinate.parameter
         number = model.point.numbers[model.point.place(coordinate)]
         value, nominal, spread = (

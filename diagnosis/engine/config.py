@@ -241,3 +241,27 @@ LEAST_RUNS: Final = 6
 BOOTSTRAP_BLOCKS: Final = 24
 #: A misfit that exceeds the noise by a smaller factor leaves nothing to explain.
 EXPLAINABLE: Final = 1.05
+
+# -- the contract of a simulator: contract_check.py, simulation.py, belief.py ------------------------------------------
+
+#: So many samples are simulated at most.
+CHECKED_SAMPLES: Final = 1000
+#: Prior deviations to which a parameter without a bound is tried.
+FAR: Final = 5.0
+#: How far small amplitudes may be from proportional, in units of the outputs' size.
+CURVED: Final = 0.1
+#: The rounding of differences, in units of the outputs' size.
+ROUNDING: Final = 1e-12
+#: So many steps of its differences is a parameter's size where it has no prior.
+STEPS_OF_SIZE: Final = 100.0
+#: So many parameters are told with an error, those first that are not at their nominal values.
+PARAMETERS_TOLD: Final = 12
+#: So many base parameters far from what is believed are told, those furthest away first.
+BELIEFS_TOLD: Final = 3
+
+# -- jobs for a simulator: fitting/replay.py ---------------------------------------------------------------------------
+
+#: Fewest jobs that a simulator is given at once: fewer hardly have anything to share.
+LEAST_BATCH: Final = 4
+#: Most jobs that a simulator is given at once: of more the last batches would not keep all workers busy.
+MOST_BATCH: Final = 128

@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import exp, isfinite
-from typing import Final
 
 import numpy as np
 
@@ -35,16 +34,8 @@ from diagnosis.contracts import (
     Parameter,
     Simulator,
 )
+from diagnosis.engine.config import CHECKED_SAMPLES, CURVED, FAR, ROUNDING, STEPS_OF_SIZE
 from diagnosis.engine.simulation import described, simulate
-
-#: So many samples are simulated at most.
-_SAMPLES: Final = 1000
-#: Prior deviations to which a parameter without a bound is tried.
-_FAR: Final = 5.0
-#: How far small amplitudes may be from proportional, and the rounding of differences, in units of the outputs' size.
-_CURVED, _ROUNDING = 0.1, 1e-12
-#: So many steps of its differences is a parameter's size where it has no prior.
-_STEPS: Final = 100.0
 
 
 def check_contract(simulator: Simulator, experiment: Experiment) -> None:
@@ -116,10 +107,10 @@ def _parameters(simulator: Simulator) -> Iterator[Parameter]:
 
 def _beginning(experiment: Experiment) -> Experiment:
     """Return the first samples of an experiment, which nobody can write into."""
-    inputs = {name: values[:_SAMPLES].copy() for name, values in experiment.inputs.items()}
+    inputs = {name: values[:CHECKED_SAMPLES].copy() for name, values in experiment.inputs.items()}
     for values in inputs.values():
         values.setflags(write=False)
-    return replace(experiment, time=experiment.time[:_SAMPLES], inputs=inputs)
+    return replace(experiment, time=experiment.time[:CHECKED_SAMPLES], inputs=inputs)
 
 
 def _trial(simulator: Simulator, experiment: Experiment) -> _Trial:
@@ -140,7 +131,7 @@ class _Trial:
     def check_parameters(self) -> None:
         self._refuse_infinite(self.base, {}, {})
         for nuisance in self.simulator.nuisances:
-            for value in _ends(nuisance, _FAR):
+            for value in _ends(nuisance, FAR):
                 self.outputs({nuisance.name: value}, {})
         again = simulate(self.simulator, Job(self.experiment, self.nominal, {}))
         if again.tobytes() != self.base.tobytes():
@@ -182,10 +173,10 @@ class _Trial:
         ordinary = _ordinary(amplitude)
         step = np.copysign(min(amplitude.difference, abs(ordinary)), ordinary)
         whole, half = change(step), change(0.5 * step)
-        rounding = _ROUNDING * np.abs(self.base).max(axis=0) * np.sqrt(len(self.base))
+        rounding = ROUNDING * np.abs(self.base).max(axis=0) * np.sqrt(len(self.base))
         size, bent = (np.linalg.norm(values, axis=0) for values in (whole, 2.0 * half - whole))
         if np.any(size > rounding) or np.any(bent > rounding):
-            if np.any(bent > _CURVED * np.maximum(size, bent) + 3.0 * rounding):
+            if np.any(bent > CURVED * np.maximum(size, bent) + 3.0 * rounding):
                 raise DiagnosisError(
                     f"{told(0.5 * step, step)} is not proportional to its amplitude: twice the first change is off by "
                     f"{_share(bent, size)} of the second; right is a derivative at 0, such as that of a friction "
@@ -193,7 +184,7 @@ class _Trial:
                 )
             if amplitude.low <= -step <= amplitude.high:
                 kink = np.linalg.norm(change(-step) + whole, axis=0)
-                if np.any(kink > _CURVED * np.maximum(size, kink) + 2.0 * rounding):
+                if np.any(kink > CURVED * np.maximum(size, kink) + 2.0 * rounding):
                     raise DiagnosisError(
                         f"{told(-step, step)} has a kink at 0: both changes together should be 0 and are "
                         f"{_share(kink, size)} of one of them; where only one sign is physical give the amplitude "
@@ -230,7 +221,7 @@ def _share(part: Array, whole: Array) -> str:
 
 def _size(parameter: Parameter) -> float:
     """The size that one expects of a parameter's deviation from its nominal value."""
-    return parameter.spread if 0.0 < parameter.spread < np.inf else _STEPS * parameter.step
+    return parameter.spread if 0.0 < parameter.spread < np.inf else STEPS_OF_SIZE * parameter.step
 
 
 def _ordinary(amplitude: Parameter) -> float:

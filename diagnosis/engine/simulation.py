@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from traceback import extract_tb
-from typing import Final
 
 from diagnosis.contracts import Array, DiagnosisError, Effects, Job, Parameter, Simulator
-
-#: So many parameters are told with an error, those first that are not at their nominal values.
-_TOLD: Final = 12
+from diagnosis.engine.config import PARAMETERS_TOLD
 
 
 def simulate(simulator: Simulator, job: Job) -> Array:
@@ -52,7 +49,7 @@ def described(simulator: Simulator, parameters: Mapping[str, float], effects: Ef
     told = [*_effects(simulator, effects)] + [
         _valued(name, parameters.get(name, nominal[name].nominal), nominal[name].unit) for name in names
     ]
-    return ", ".join(told[:_TOLD]) + (", …" if len(told) > _TOLD else "")
+    return ", ".join(told[:PARAMETERS_TOLD]) + (", …" if len(told) > PARAMETERS_TOLD else "")
 
 
 def _effects(simulator: Simulator, effects: Effects) -> Iterator[str]:

@@ -6,19 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import ceil
-from typing import Final
 
 import numpy as np
 
 from diagnosis.contracts import Array, BatchSimulator, DiagnosisError, Job, MeasuredRun, Simulator
 from diagnosis.engine.columns import Columns, ColumnsInWork, mean, packing_of
+from diagnosis.engine.config import LEAST_BATCH, MOST_BATCH
 from diagnosis.engine.fitting.point import Point, neighbour, opposite
 from diagnosis.engine.simulation import checked, simulate
-
-#: Fewest and most jobs that a simulator is given at once: so few hardly have anything to share, and of more the last
-#: batches would not keep all workers busy.
-LEAST: Final = 4
-BATCH: Final = 128
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +103,7 @@ class Replay:
     def _simulate(self, places: Sequence[tuple[int, Point]], use: Callable[[int, Array], None]) -> None:
         """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""
         jobs = [self._job(self.runs[r], point) for r, point in places]
-        size = max(LEAST, min(BATCH, ceil(len(jobs) / self.workers)))
+        size = max(LEAST_BATCH, min(MOST_BATCH, ceil(len(jobs) / self.workers)))
         if not isinstance(self.simulator, BatchSimulator):
             size = 1
 
