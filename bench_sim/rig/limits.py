@@ -119,7 +119,8 @@ DETECTOR: Final = np.dtype(
         ("judged", "<f8"),
         ("age", "<i8"),  # samples since something began
         ("anchor", "<f8"),  # the reading then
-        ("speed", "<f8"),  # outwards, by sample
+        ("speed", "<f8"),  # outwards, by sample, between the last two that were compared
+        ("before", "<f8"),  # and between the two before: a single reading that is off is no motion
         ("above", "<i8"),
         ("count", "<i8"),
         ("outside", "<i8"),  # samples outside in a row
@@ -203,11 +204,12 @@ def _judge(c: Any, detector: Any, reading: float) -> float:
     if detector.lead > 0.0:
         detector.age += 1
         if detector.age >= detector.over:
+            detector.before = detector.speed
             detector.speed = detector.sense * (reading - detector.anchor) / detector.age
             detector.anchor = reading
             detector.age = 0
-        if detector.speed > 0.0:  # and not NaN
-            return detector.sense * reading + detector.lead * detector.speed
+        if detector.speed > 0.0 and detector.before > 0.0:  # and not NaN
+            return detector.sense * reading + detector.lead * min(detector.speed, detector.before)
     return detector.sense * reading
 
 

@@ -79,7 +79,7 @@ def test_the_story_says_what_tripped_what_had_gone_before_and_how_it_ended(armed
     armed.wait(10_000)
     lines = incident_of(port).story.splitlines()
     assert lines[0].startswith("00:00:1")
-    assert "left height above 90 mm for 20 ms, at 9" in lines[0]
+    assert "left height above 90 mm for 20 ms, looking 30 ms ahead, at 9" in lines[0]
     assert lines[0].endswith("→ interlock")
     assert lines[1].startswith("  before: left height went from -5"), lines[1]
     assert any("bellows pressure went from" in line for line in lines)
