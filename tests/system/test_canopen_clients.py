@@ -56,6 +56,7 @@ def test_the_node_boots_beats_and_obeys(node, network) -> None:
         network.subscribe(identifier, lambda identifier, data, timestamp: heard.append(identifier))
     for state, sends in (("PRE-OPERATIONAL", False), ("STOPPED", False), ("OPERATIONAL", True)):
         node.nmt.state = state
+        node.nmt.wait_for_heartbeat(2)  # which may have been on its way before the command arrived
         node.nmt.wait_for_heartbeat(2)
         assert node.nmt.state == state
         heard.clear()
