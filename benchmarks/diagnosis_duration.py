@@ -22,6 +22,8 @@ from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.records import read_records
+from test_plans.perform import programme_plan
+from test_plans.screening import SCREENING
 
 #: Runs, seconds of each and candidates (None: all): of the page, and of a quick look.
 WHOLE: Final = (6, 60 * s, None)
@@ -113,7 +115,8 @@ def run(effort: Effort) -> Section:
     simulator = AirSpring(load(), effects=CATALOGUE)
     with tempfile.TemporaryDirectory() as directory:
         record = Path(directory) / "record"
-        measure(GroundTruth(seed=0, kind="single", condition="white", effects=HIDDEN), record)
+        truth = GroundTruth(seed=0, kind="single", condition="white", effects=HIDDEN)
+        measure(truth, record, programme_plan(SCREENING))
         dataset = read_records([record], simulator)
     dataset = with_roles(replace(dataset, runs=tuple(_cut(one, length) for one in dataset.runs[:runs])))
     others = [name for name in simulator.catalogue if name not in HIDDEN]

@@ -29,6 +29,7 @@ from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, tog
 from drivers.bench import Bench
 from drivers.memory import Faults
 from test_plans.execution import execute
+from test_plans.plan import Plan
 
 #: What is measured, beside what tells the motion: these sensors have noise of a colour.
 COLOURED: Final = [*FORCES, *PRESSURES]
@@ -108,9 +109,9 @@ def bench_of(truth: GroundTruth) -> Iterator[Bench]:
         yield bench
 
 
-def measure(truth: GroundTruth, out: Path) -> None:
-    """Screen the bench of ``truth`` and leave an ordinary record in ``out``. Raises ScreeningFailed."""
-    plan = short_screening()
+def measure(truth: GroundTruth, out: Path, plan: Plan | None = None) -> None:
+    """Run ``plan``, or the short screening, on the bench of ``truth``; leave a record. Raises ScreeningFailed."""
+    plan = plan or short_screening()
     with bench_of(truth) as bench:
         result = execute(plan, bench, out, rig="virtual", seed=0)
     if result.verdict not in {"pass", "fail"}:
