@@ -47,9 +47,7 @@ COUNTS: Final = np.dtype(
     [
         ("sent", "<i8"),  # blocks
         ("granted", "<i8"),  # blocks that may be sent in all without a further word from Python
-        ("withheld", "<i8"),  # beats that were not granted
         ("stop", "<i8"),  # 1: come back before the next beat
-        ("latest", "<i8"),  # ns that the most belated beat was late
     ]
 )
 
@@ -274,15 +272,12 @@ def keep_beating(beat: Any, gate: int, wire: Any, door: int, lines: bool, start:
         due += period
         sleep_until(due, beat.work)
         lock_mutex(gate)
-        counts.latest = max(counts.latest, now(beat.work) - due)
         go = counts.stop == 0 and counts.sent < counts.granted
         size = 0
         if go:
             counts.sent += 1
             make_block(beat, 0)
             size = write_text(beat.frames, beat.text, lines)
-        elif counts.stop == 0:
-            counts.withheld += 1
         stop = counts.stop != 0
         unlock_mutex(gate)
         if stop:

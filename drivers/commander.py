@@ -64,11 +64,6 @@ class Commander:
         """Blocks sent."""
         return int(self._counts["sent"][0])
 
-    @property
-    def latest(self) -> float:
-        """By how much the most belated block was late (s); 0 where the clock or the bus has no beat of its own."""
-        return int(self._counts["latest"][0]) / NS
-
     def bear(self, token: int) -> None:
         """Let all that is sent from now on be that of the holder with ``token``."""
         with self._gate:

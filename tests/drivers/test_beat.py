@@ -80,6 +80,15 @@ class Peer:
                 return
         pytest.fail("no block came within 2 s")
 
+    def fail(self):
+        """Begin to stream, and return when that has failed, or 2 s have passed."""
+        self.commander.start()
+        clock = RealClock()
+        for _ in range(100):
+            if self.commander.failure:
+                break
+            clock.sleep_until(clock.now() + BEAT)
+
     def close(self):
         self.commander.stop()
         self.near.close()
@@ -135,12 +144,7 @@ def test_a_plan_that_is_stuck_is_not_alive(peer):
 @compiled_only
 def test_nothing_is_written_to_a_wire_that_was_cut(peer):
     peer.wire.cut()
-    peer.commander.start()
-    clock = RealClock()
-    for _ in range(100):
-        if peer.commander.failure:
-            break
-        clock.sleep_until(clock.now() + BEAT)
+    peer.fail()
     assert isinstance(peer.commander.failure, LinkLost)
     assert peer.waiting().size == 0
 
@@ -148,12 +152,7 @@ def test_nothing_is_written_to_a_wire_that_was_cut(peer):
 @compiled_only
 def test_a_far_end_that_has_gone_ends_the_stream(peer):
     peer.far.close()
-    peer.commander.start()
-    clock = RealClock()
-    for _ in range(100):
-        if peer.commander.failure:
-            break
-        clock.sleep_until(clock.now() + BEAT)
+    peer.fail()
     assert "frames could not be sent: Broken pipe" in str(peer.commander.failure)
     assert not peer.wire.usable, "half a line may be out"
     peer.far = socket.socket()
