@@ -41,6 +41,14 @@ class NotCommander(BenchError):
     fault: Fault = "plan"
 
 
+class NotAvailable(BenchError):
+    """This rig does not have what was asked for; the message names rig, signal and reason."""
+
+
+class WiringError(ValueError):
+    """A wiring cannot be right: the text names file and key, the value, and what would be right."""
+
+
 class Stale(BenchError):
     """A measurement was asked for while no samples of it arrive."""
 

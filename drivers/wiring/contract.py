@@ -1,0 +1,172 @@
+"""What a bench asks of a wiring, and a wiring of the transports below it.
+
+Devices and plans know signals: names of the table, values in SI. A *wiring* says where each of them comes from and
+goes to. A *transport* carries the points of one connection, which are the rig's own: its names, numbers in its units.
+
+    devices ── link ── wiring ── transport ── the rig
+              signals, SI      points, the rig's numbers
+
+Times are whole nanoseconds of the bench's clock. Everything that recurs is a task of that clock (``clock.every``), so
+that virtual time drives a wiring as real time does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.clock import Clock
+from bench_protocol.wires import Table
+from drivers.errors import BenchError
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+#: Called with times (ns), table rows and SI values, three arrays of one length in order of arrival, and with the time
+#: from which their age counts (ns, of each sample or of all).
+Hear = Callable[[Ints, Ints, Floats, "Ints | int"], None]
+#: Called once, with the reason in words, when a connection is lost.
+OnLost = Callable[[str], None]
+#: Called with a time (ns) and the points that came at that time.
+OnPoints = Callable[[int, Mapping[str, float]], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What is said to a rig at once: set-points, settings and actions of the table, or points of the rig's own."""
+
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of a rig's state machine: from one of the states ``start``, by orders, to one of the states ``end``."""
+
+    start: tuple[str, ...]
+    orders: tuple[Order, ...]  #: one after the other, each given time to show
+    end: tuple[str, ...]
+    prepare: tuple[Order, ...] = ()  #: before the set-points are taken over
+    bumpless: bool = False  #: all set-points are first what is measured
+    afterwards: tuple[Order, ...] = ()  #: once the end is reached
+
+
+@dataclass(frozen=True, slots=True)
+class Conduct:
+    """How a rig is led: up to ACTIVE, out of a fault, and to rest from anywhere. States are those of the table."""
+
+    up: tuple[Step, ...]
+    reset: tuple[Step, ...]
+    rest: tuple[Order, ...]
+    at_rest: tuple[str, ...]  #: states in which a bench is at rest
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What a rig does by itself; what it does not, the bench does for it or does without."""
+
+    generator: bool = False  #: has a function generator; else the host streams its waves as set-points
+    lease: bool = False  #: knows one commander at a time
+    watchdog: bool = False  #: notices that the settings' connection is silent
+    identity: bool = False  #: tells which map it speaks
+    latency: float = 0.0  #: s until what was said shows in what is read, beside the beats themselves
+    notes: Mapping[str, str] = field(default_factory=dict)  #: in words, by capability, for who looks at a rig
+
+
+class Outlet(Protocol):
+    """Where set-points go, beat by beat."""
+
+    def send(self, values: Floats, time: int) -> None:
+        """Send set-points: ``values`` (SI) by table row, NaN where nothing was given yet. LinkLost if it cannot be."""
+
+
+class Wiring(Protocol):
+    """Where each signal of a bench comes from and goes to, and how its rig is led from state to state."""
+
+    @property
+    def rig(self) -> str:
+        """The rig's name, for messages."""
+
+    @property
+    def table(self) -> Table: ...
+
+    @property
+    def absent(self) -> Mapping[str, str]:
+        """Signals that this rig does not have, each with the reason in words."""
+
+    @property
+    def freshness(self) -> Ints:
+        """For each table row, after how many ns a sample is stale; 0 for what is read when asked, or absent."""
+
+    @property
+    def capabilities(self) -> Capabilities: ...
+
+    @property
+    def conduct(self) -> Conduct: ...
+
+    @property
+    def outlet(self) -> Outlet: ...
+
+    @property
+    def failure(self) -> BenchError | None:
+        """What went wrong in the background since `open`: the reason why commands no longer count."""
+
+    def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
+        """Connect, become the commander where there is one, and let samples come from now on.
+
+        LinkLost if the rig is silent for ``within`` s, MapMismatch if it speaks otherwise than is written here,
+        NotCommander if somebody else has it. What was opened is closed again when this raises.
+        """
+
+    def close(self) -> None:
+        """Let go of the rig; no callback comes after this has returned. Harmless when repeated."""
+
+    def write(self, values: Mapping[str, float]) -> None:
+        """Bring settings (SI) to the rig, all or none. Refused if it does not take them."""
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Return settings in force, contacts, or readings that do not come by themselves (SI; NaN: not available)."""
+
+    def act(self, name: str) -> None:
+        """Trigger an action of the table. Refused if the rig does not."""
+
+    def say(self, points: Mapping[str, float]) -> None:
+        """Write points of the rig's own that no signal stands for, as its `Conduct` names them."""
+
+
+class Transport(Protocol):
+    """One connection to a rig: numbers from and to named points, in whatever unit the rig has.
+
+    What a point is (a signal of a DBC, a register, a node of OPC UA) is between the transport and its description; to
+    the wiring it is a name. All methods may be called from any thread, one after the other or at once. Values that the
+    rig marks as not available are NaN. Errors are LinkLost (nobody answers), Refused (the rig says no) and, before
+    anything is sent, WiringError.
+    """
+
+    @property
+    def period(self) -> float:
+        """How often points come by themselves (s) at the slowest; 0 if all are read when asked."""
+
+    def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
+        """Connect. LinkLost, in words, if nobody answers ``within`` s."""
+
+    def subscribe(self, hear: OnPoints) -> None:
+        """Call ``hear(time, points)`` with what comes from now on, in order; only one thread calls at a time."""
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Ask for points now, if possible as one snapshot."""
+
+    def write(self, points: Mapping[str, float]) -> None:
+        """Write points once, in as few messages as possible, in the order given; return when the rig has them."""
+
+    def stream(self, points: Mapping[str, float], time: int) -> None:
+        """Take the present value of points that are streamed; the transport sends them at the rig's own rate."""
+
+    def alive(self) -> float:
+        """Return how long ago anything was heard (s); infinite before the first."""
+
+    def close(self) -> None:
+        """Disconnect; no callback comes after this has returned. Harmless when repeated."""
