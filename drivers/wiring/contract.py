@@ -150,6 +150,12 @@ class Transport(Protocol):
     def period(self) -> float:
         """How often points come by themselves (s) at the slowest; 0 if all are read when asked."""
 
+    def require(self, name: str, *, writable: bool = False) -> None:
+        """WiringError, before anything is sent, unless there is a point of that name that can be read, or written."""
+
+    def stale(self, name: str) -> float:
+        """Return after how long without news (s) a point is stale; 0 if it does not come by itself."""
+
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
         """Connect. LinkLost, in words, if nobody answers ``within`` s."""
 

@@ -1,0 +1,58 @@
+"""The keys of a wiring's description, each read with the words that say which is wrong and what would be right."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from bench_protocol.units import UNITS
+from drivers.errors import WiringError
+
+T = TypeVar("T", bound=msgspec.Struct)
+_DURATION: Final = re.compile(r"([0-9.eE+-]+) *(min|[num]?s|h)")
+
+
+def meant(word: str, words: Iterable[str]) -> str:
+    """Return what to say of a ``word`` that is none of ``words``: the one that was meant, or all of a short list."""
+    known = sorted(words)
+    close = get_close_matches(word, known, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"there is {', '.join(known)}" if 0 < len(known) <= 12 else f"there are {len(known)} others"
+
+
+def duration(where: str, text: object) -> float:
+    """Return a time like ``"100 ms"`` in s (positive); WiringError, which begins with ``where``, for anything else."""
+    found = _DURATION.fullmatch(text.strip()) if isinstance(text, str) else None
+    try:
+        value = float(found[1]) * UNITS[found[2]].factor if found else 0.0
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise WiringError(f'{where} = {text!r} is not a time above 0 with its unit, like "100 ms" or "2 s"')
+    return value
+
+
+def convert(where: str, table: object, kind: type[T]) -> T:
+    """Return ``table`` as a struct ``kind``; WiringError, which begins with ``where``, if it does not fit."""
+    if not isinstance(table, Mapping):
+        raise WiringError(f"{where} = {table!r} is not a table of keys and values")
+    fields = [field.encode_name for field in msgspec.structs.fields(kind)]
+    for key in table:
+        if key not in fields:
+            raise WiringError(f"{where}: there is no key {key!r} here; {meant(str(key), fields)}")
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        text, _, place = str(error).partition(" - at `$.")
+        keys = re.findall(r"\w+", place)
+        value: Any = table
+        for key in keys:
+            value = value[key] if isinstance(value, Mapping) and key in value else value
+        name = ".".join(keys)
+        says = f"{where}: {name} = {value!r}" if name else where
+        raise WiringError(f"{says}: {text[0].lower()}{text[1:]}") from None
