@@ -1,1 +1,33 @@
-"""The command line and composition root: the only place where the rig and its drivers meet."""
+"""The command line and composition root, where the rig and its drivers meet, and the public API: `import astb`."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from astb.api import open_bench, run_plan
+    from bench_protocol import units
+    from drivers import errors
+
+#: Where the public names are: each is imported when it is asked for, so that `import astb` costs nothing.
+_HOME: Final = {
+    "errors": "drivers",
+    "open_bench": "astb.api",
+    "run_plan": "astb.api",
+    "units": "bench_protocol",
+}
+
+__all__ = ["errors", "open_bench", "run_plan", "units"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'astb' has no attribute {name!r}; it offers {', '.join(__all__)}")
+    home = _HOME[name]
+    # Of a package it is a module, of a module what stands in it.
+    value = getattr(import_module(home), name) if "." in home else import_module(f"{home}.{name}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from drivers.bench import Bench
 
 #: Whose fault it is, in words.
-_WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan"}
+WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan"}
 #: How the reason of a run begins that was blocked by the wires or by whoever commands, not by the bench.
-BY_THE_LINK: Final = f"{_WHOSE['link']}: "
+BY_THE_LINK: Final = f"{WHOSE['link']}: "
 _STOPPED: Final = "stopped by the operator"
 
 
@@ -145,7 +145,7 @@ def _attempt(run: Run, name: str, part: Part) -> tuple[str, bool]:
             part(run)
         return "", False
     except BenchError as error:
-        trouble = f"{_WHOSE[error.fault]}: {error}"
+        trouble = f"{WHOSE[error.fault]}: {error}"
     except NotMeasured as error:
         trouble = f"the measurement: {error}"
     except KeyboardInterrupt:

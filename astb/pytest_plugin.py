@@ -1,0 +1,169 @@
+"""A plugin of pytest: `pytest --rig rigs/local.toml` gives tests the fixtures `rig`, `bench` and `run`."""
+
+import logging
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+    from astb.session import Session
+    from bench_records.result import Result
+    from drivers.bench import Bench
+    from test_plans.plan import Plan
+
+_LOG: Final = logging.getLogger("astb")
+#: Whether a test has asked for the bench.
+_ASKED: Final = pytest.StashKey[bool]()
+
+
+class Blocked(Exception):
+    """A plan could not judge the product; the text says whose fault that is."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let `--rig` and `--rig-records` say which rig, and where its records go."""
+    group = parser.getgroup("astb", "test bench for air springs")
+    group.addoption(
+        "--rig",
+        dest="astb_rig",
+        default="virtual",
+        metavar="FILE",
+        help="Rig file for the fixtures rig, bench and run, or its name in rigs/. Default: a simulated rig in memory.",
+    )
+    group.addoption(
+        "--rig-records",
+        dest="astb_records",
+        type=Path,
+        metavar="DIR",
+        help="Where `run` leaves records and reports. Default: records alone, in pytest's temporary directory.",
+    )
+
+
+@pytest.fixture(scope="session")
+def _rig_and_path(pytestconfig: pytest.Config) -> "Iterator[tuple[RigFile, Path]]":
+    """The rig file and its path; a simulated rig in real time that does not answer runs while the session lasts."""
+    from astb.api import find_rig
+    from astb.rig_file import RigFileError
+    from astb.session import answers, started
+
+    try:
+        rig, path = find_rig(pytestconfig.getoption("astb_rig"))
+        with ExitStack() as stack:
+            if rig.time == "real" and rig.simulation and not answers(rig):
+                stack.enter_context(started(rig.simulation, path, None, _LOG.info))
+            yield rig, path
+    except RigFileError as error:
+        raise pytest.fail.Exception(f"--rig: {error}", pytrace=False) from None
+
+
+@pytest.fixture(scope="session")
+def rig(_rig_and_path: "tuple[RigFile, Path]") -> "RigFile":
+    """The rig file that `--rig` names: `rig.name`, `rig.simulation`, …"""
+    return _rig_and_path[0]
+
+
+@pytest.fixture
+def _session(request: pytest.FixtureRequest) -> "Iterator[Session]":
+    request.node.stash[_ASKED] = True
+    rig, path = request.getfixturevalue("_rig_and_path")
+    from astb.run import connected, undisturbed
+    from astb.session import open_session
+
+    with open_session(rig, path, say=_LOG.info) as session, connected(session), undisturbed():
+        yield session
+        _make_safe(session.bench)
+
+
+@pytest.fixture
+def bench(_session: "Session") -> "Bench":
+    """A connected bench; at the end of the test it is made safe (no air, no forces, disarmed) and closed."""
+    return _session.bench
+
+
+@pytest.fixture
+def run(
+    _session: "Session", rig: "RigFile", request: pytest.FixtureRequest, tmp_path: Path
+) -> "Callable[[str | Plan], Result]":
+    """Run a plan on `bench`, by its name or itself, and return its result: `run("aw0")`; BLOCKED if none was judged."""
+    from astb.api import find_plan
+    from astb.run import describe, new_directory
+    from bench_records.report import write_report
+    from bench_records.result import Outcome
+    from test_plans.execution import execute
+
+    records = request.config.getoption("astb_records")
+
+    def run_plan(plan: "str | Plan") -> "Result":
+        chosen = find_plan(plan)
+        directory = new_directory(records or tmp_path, chosen.name)
+        about = describe(_session, rig)
+        result = execute(chosen, _session.bench, directory, meta=about, rig=rig.name, seed=_session.seed)
+        if records:
+            write_report(directory)
+        told = [f"{chosen.name}: {result.verdict}, record in {directory}", *map(str, result.checks)]
+        request.node.add_report_section("call", "plan", "\n".join(told))
+        if result.verdict is Outcome.BLOCKED:
+            raise Blocked(f"{chosen.name}: {result.reason}")
+        return result
+
+    return run_plan
+
+
+class _NoLog:
+    """Where no event is kept."""
+
+    def event(self, time: int, kind: str, text: str, **data: Any) -> None:
+        pass
+
+
+def _make_safe(bench: "Bench") -> None:
+    from bench_protocol.words import FAULT_STATES, LIVE_STATES
+    from test_plans.run import Run
+    from test_plans.steps import make_safe
+
+    if bench.state in {*LIVE_STATES, *FAULT_STATES}:
+        make_safe(Run(bench, _NoLog()))
+
+
+# -- blocked: the bench kept the product from being judged -------------------------------------------------------------
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Mark what the bench kept from being judged."""
+    report = yield
+    error = call.excinfo.value if call.excinfo and item.stash.get(_ASKED, False) else None
+    if report.failed and error and (why := _whose_fault(error)):
+        # As text, so that it also comes home from the workers of pytest-xdist.
+        report.blocked = why  # type: ignore[attr-defined]
+        report.longrepr = f"blocked by {why}"
+    return report
+
+
+def _whose_fault(error: BaseException) -> str:
+    from drivers.errors import BenchError
+    from test_plans.execution import WHOSE
+
+    if isinstance(error, BenchError):
+        return f"{WHOSE[error.fault]}: {error}"
+    return str(error) if isinstance(error, Blocked) else ""
+
+
+def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
+    """Count what is blocked apart from what failed."""
+    return ("blocked", "B", "BLOCKED") if getattr(report, "blocked", "") else None
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Say what was blocked, and whose fault it was."""
+    blocked = terminalreporter.stats.get("blocked", [])
+    if blocked:
+        terminalreporter.section("BLOCKED: the product was not judged")
+    for report in blocked:
+        terminalreporter.line(f"{report.nodeid} ({report.when}): {report.blocked}")
