@@ -3,11 +3,11 @@
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from astb.rig_file import RigFile, RigFileError, Simulation, read
+from bench_protocol.suggestion import meant
 
 if TYPE_CHECKING:
     from bench_records.result import Result
@@ -95,7 +95,5 @@ def find_plan(plan: "str | Plan") -> "Plan":
         return plan
     known = plans()
     if plan not in known:
-        near = get_close_matches(plan, known, n=1)
-        right = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
-        raise PlanError(f"there is no plan {plan!r}; {right}")
+        raise PlanError(f"there is no plan {plan!r}; {meant(plan, known)}")
     return known[plan]

@@ -11,11 +11,19 @@ from bench_protocol.canopen import SERVICE_RATE_MAX
 from bench_protocol.messages import Field, Message, Protection
 from bench_protocol.registers import OWN_NAMES, Register, reading_number
 from bench_protocol.signals import Kind, Signal
+from bench_protocol.suggestion import meant
 
 CAN_BIT_RATE: Final = 500_000
 #: A full classic frame with an 11-bit identifier and every possible stuff bit.
 FRAME_BITS_WORST: Final = 135
 BUS_LOAD_MAX: Final = 0.5
+
+
+class _Rows(dict[str, int]):
+    """Rows by name; what is missing is told with the name that is nearest."""
+
+    def __missing__(self, name: str) -> int:
+        raise KeyError(f"there is no signal {name!r}; {meant(name, self, '`astb signals` lists them')}")
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ class Table:
     @cached_property
     def index(self) -> dict[str, int]:
         """The row of every signal by its name."""
-        return {signal.name: row for row, signal in enumerate(self.signals)}
+        return _Rows((signal.name, row) for row, signal in enumerate(self.signals))
 
     @cached_property
     def message_index(self) -> dict[str, int]:
@@ -80,10 +88,7 @@ class Table:
         return {reading_number(signal): signal for signal in self.of_kind(Kind.MEASUREMENT, Kind.STATUS)}
 
     def __getitem__(self, name: str) -> Signal:
-        try:
-            return self.signals[self.index[name]]
-        except KeyError:
-            raise KeyError(f"there is no signal {name!r}; `astb signals` lists them") from None
+        return self.signals[self.index[name]]
 
     def of_kind(self, *kinds: Kind) -> tuple[Signal, ...]:
         """Return the signals of the given kinds in table order."""

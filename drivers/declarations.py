@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Generic, Self, TypeVar, overload
+from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar, overload
 
 from bench_protocol.signals import Kind
+from bench_protocol.suggestion import meant
 from drivers.link import Link
 from drivers.reading import Sample
 
@@ -42,11 +43,17 @@ class Device:
         """Return value, age and quality of one of its readings."""
         return self._link.sample(f"{self._name}.{attribute}")
 
+    def __getattr__(self, name: str) -> NoReturn:
+        if name.startswith("_"):  # asked for by copies, notebooks and the like
+            raise AttributeError(name)
+        known = [one for one in dir(type(self)) if not one.startswith("_")]
+        # With a name of its own Python would add what it thinks was meant, and say it twice.
+        raise AttributeError(f"{self._name} has no {name!r}; {meant(name, known)}", name="", obj=None)
+
     def __setattr__(self, name: str, value: object) -> None:
         if not hasattr(type(self), name):
-            raise AttributeError(
-                f"{self._name} has no {name!r} to set; it has {', '.join(d.name for d in self.declarations())}"
-            )
+            known = [line.attribute for line in self.declarations()]
+            raise AttributeError(f"{self._name} has no {name!r} to set; {meant(name, known)}")
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:

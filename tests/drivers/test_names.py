@@ -1,0 +1,41 @@
+"""Misspelt names: what was meant is said, once, wherever a name can be given."""
+
+import copy
+
+import pytest
+
+from bench_protocol.suggestion import meant
+from bench_protocol.table import TABLE
+
+
+@pytest.mark.parametrize(
+    ("ask", "error", "said"),
+    [
+        (lambda bench: bench.left.hight, AttributeError, r"^left has no 'hight'; did you mean 'height'\?$"),
+        (lambda bench: bench.left.xyz, AttributeError, r"left has no 'xyz'; there are .*bellows_pressure"),
+        (lambda bench: bench.sample("left.hight"), KeyError, r"did you mean 'left\.height'\?"),
+        (lambda bench: bench.average("lft.height"), KeyError, r"did you mean 'left\.height'\?"),
+        (lambda bench: bench.readings.value("supply.pres"), KeyError, r"did you mean 'supply\.pressure'\?"),
+        (lambda bench: TABLE["xyz"], KeyError, "there is no signal 'xyz'; `astb signals` lists them"),
+    ],
+)
+def test_what_was_meant_is_said(bench, ask, error, said):
+    with pytest.raises(error, match=said):
+        ask(bench)
+
+
+def test_python_does_not_say_it_once_more(bench):
+    with pytest.raises(AttributeError) as raised:
+        bench.left.hight  # noqa: B018
+    assert raised.value.obj is None, "from the object Python would draw a suggestion of its own"
+
+
+def test_a_device_can_be_copied_and_asked_for_what_it_lacks(bench):
+    assert not hasattr(bench.left, "_repr_html_")
+    assert copy.copy(bench.left).height == pytest.approx(bench.left.height, nan_ok=True)
+
+
+def test_all_names_are_told_where_none_is_near():
+    assert meant("height", ["hight", "force"]) == "did you mean 'hight'?"
+    assert meant("height", ["force", "axis"]) == "there are force, axis"
+    assert meant("height", ["force", "axis"], "ask elsewhere") == "ask elsewhere"
