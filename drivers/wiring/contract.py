@@ -52,6 +52,9 @@ class Step:
     prepare: tuple[Order, ...] = ()  #: before the set-points are taken over
     bumpless: bool = False  #: all set-points are first what is measured
     afterwards: tuple[Order, ...] = ()  #: once the end is reached
+    within: float | None = (
+        None  #: s for the end to be reached, where that is less than the whole way may take
+    )
 
 
 @dataclass(frozen=True, slots=True)

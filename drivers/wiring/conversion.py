@@ -1,0 +1,253 @@
+"""What a rig's number is in SI, and back: unit, sign, calibration and choices of one signal of a wiring."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Final, Literal, Protocol
+
+import msgspec
+
+from bench_protocol.signals import Signal
+from bench_protocol.units import UNITS, Unit
+from bench_protocol.words import SWITCH
+from drivers.errors import WiringError
+from drivers.wiring.keys import meant
+
+Number = int | float
+
+
+class Calibration(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """The key ``calibration`` of a signal: a straight line, or a table between whose rows lines are drawn."""
+
+    gain: Number | str = 1.0  #: a number, or "9.80665 N/kg" where it makes another quantity of it
+    offset: Number | str = 0.0  #: added after the gain: a number of the unit, or "0.01 bar"
+    table: list[tuple[Number, Number]] = []  #: [the rig's number, what it means], rising; instead of both
+    unit: str = ""  #: of what the table says, if it is not that of the signal
+
+
+class Conversion(Protocol):
+    """A rig's number and its SI value, or the number of a choice."""
+
+    def si(self, number: float) -> float:
+        """Return the SI value; NaN for NaN, and for a number that is no choice."""
+
+    def number(self, value: float) -> float:
+        """Return the rig's number for an SI value; NaN for NaN, and for a choice that the rig does not have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """SI = gain · number + offset."""
+
+    gain: float
+    offset: float
+
+    def si(self, number: float) -> float:
+        return self.gain * number + self.offset
+
+    def number(self, value: float) -> float:
+        return (value - self.offset) / self.gain
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Straight lines between points, the outer ones going on beyond the ends; then a line of its own."""
+
+    numbers: tuple[float, ...]  #: rising
+    meanings: tuple[float, ...]  #: rising or falling
+    line: Line
+
+    def si(self, number: float) -> float:
+        return self.line.si(_between(self.numbers, self.meanings, number))
+
+    def number(self, value: float) -> float:
+        meaning = self.line.number(value)
+        if self.meanings[0] < self.meanings[-1]:
+            return _between(self.meanings, self.numbers, meaning)
+        return _between(self.meanings[::-1], self.numbers[::-1], meaning)
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """Numbers of the rig by choice of ours; the first is what is written."""
+
+    numbers: Mapping[int, tuple[float, ...]]
+
+    def si(self, number: float) -> float:
+        return next((float(choice) for choice, ours in self.numbers.items() if number in ours), math.nan)
+
+    def number(self, value: float) -> float:
+        numbers = () if math.isnan(value) else self.numbers.get(round(value), ())
+        return numbers[0] if numbers else math.nan
+
+
+def _between(xs: Sequence[float], ys: Sequence[float], x: float) -> float:
+    if math.isnan(x):
+        return math.nan
+    k = min(max(bisect_right(xs, x), 1), len(xs) - 1)
+    share = (x - xs[k - 1]) / (xs[k] - xs[k - 1])
+    return ys[k - 1] * (1.0 - share) + ys[k] * share
+
+
+# -- from the keys of a description ------------------------------------------------------------------------------
+
+ChoiceNumbers = Number | list[Number]
+Sign = Annotated[Literal[1, -1], msgspec.Meta(description="1 or -1")]
+_IDENTITY: Final = Line(1.0, 0.0)
+
+
+def conversion(
+    where: str,
+    signal: Signal,
+    *,
+    unit: str,
+    sign: int,
+    calibration: Calibration | None,
+    choices: Mapping[str, ChoiceNumbers],
+) -> Conversion:
+    """Return how the number of the rig for ``signal`` becomes SI; WiringError, which begins with ``where``."""
+    if signal.choices:
+        for key, given in (("unit", unit), ("calibration", calibration), ("sign", sign != 1)):
+            if given:
+                raise WiringError(
+                    f"{where}.{key}: {signal.name} is a choice ({signal.range_text()}); right would be choices"
+                )
+        return _choices(where, signal, choices)
+    if choices:
+        raise WiringError(
+            f"{where}.choices: {signal.name} is a number of {signal.unit}, no choice; right would be a unit"
+        )
+    if calibration is not None and calibration.table:
+        return _curve(where, signal, unit, sign, calibration)
+    return _line(where, signal, unit, sign, calibration or Calibration())
+
+
+def quantity(where: str, text: str, si: str, *, difference: bool = False) -> float:
+    """Return "25 mm" in SI (of a ``difference``: 1 degC is 1 K); WiringError, which begins with ``where``."""
+    number, _, unit = text.strip().partition(" ")
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise WiringError(
+            f'{where} = {text!r} begins with no number; right would be such as "12.5 {_example(si)}"'
+        )
+    found = unit_of(f"{where} = {text!r}", unit.strip() or "1", si)
+    return found.factor * value + (0.0 if difference else found.zero)
+
+
+def unit_of(where: str, unit: str, si: str) -> Unit:
+    """Return a unit by its name; WiringError, which begins with ``where``, unless it is one of ``si``."""
+    found = UNITS.get(unit)
+    right = ", ".join(name for name, one in UNITS.items() if one.si == si)
+    if found is None:
+        raise WiringError(f"{where}: {unit!r} is no unit that is known here; right would be one of {right}")
+    if found.si != si:
+        raise WiringError(
+            f"{where}: {unit!r} is a unit of another quantity ({found.si}); right would be one of {right}"
+        )
+    return found
+
+
+def _example(si: str) -> str:
+    return {"m": "mm", "Pa": "bar", "N": "kN", "s": "ms"}.get(si, si)
+
+
+def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibration) -> Line:
+    """Return unit, calibration and sign of a straight line as one."""
+    gain, of, into = _gain(where, calibration.gain)
+    if not unit and signal.unit != "1":
+        raise WiringError(
+            f"{where}.unit is missing: in which unit does the rig tell {signal.name}? "
+            f"Right would be such as {signal.unit!r}"
+        )
+    if into:
+        after = unit_of(f"{where}.calibration.gain = {calibration.gain!r}", into, signal.si)
+        if of != unit:
+            raise WiringError(
+                f"{where}.calibration.gain = {calibration.gain!r} is per {of}, but unit = {unit!r}; they should agree"
+            )
+    else:
+        after = _unit(where, signal, unit)
+    offset = calibration.offset
+    if isinstance(offset, str):
+        added = quantity(f"{where}.calibration.offset", offset, signal.si, difference=True)
+    else:
+        added = offset * after.factor
+    return Line(sign * gain * after.factor, sign * (added + after.zero))
+
+
+def _unit(where: str, signal: Signal, unit: str) -> Unit:
+    found = UNITS.get(unit or "1")
+    if found is not None and found.si == "kg" and signal.si == "N":
+        raise WiringError(
+            f"{where}.unit = {unit!r} is a mass and {signal.name} a force: add calibration = "
+            f'{{ gain = "9.80665 N/{unit}" }}, what the earth pulls with'
+        )
+    return unit_of(f"{where}.unit", unit or "1", signal.si)
+
+
+def _gain(where: str, gain: Number | str) -> tuple[float, str, str]:
+    """Return the number of a gain and its units ("9.80665 N/kg": of kg, into N), empty where it has none."""
+    number, _, units = gain.strip().partition(" ") if isinstance(gain, str) else (str(gain), "", "")
+    into, _, of = units.strip().rpartition("/")
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or value == 0.0 or bool(units) != bool(into):
+        raise WiringError(
+            f'{where}.calibration.gain = {gain!r} is no gain; right would be such as 1.002 or "9.80665 N/kg"'
+        )
+    return value, of, into
+
+
+def _curve(where: str, signal: Signal, unit: str, sign: int, calibration: Calibration) -> Curve:
+    if calibration.gain != 1.0 or calibration.offset != 0.0:
+        raise WiringError(f"{where}.calibration: a table stands instead of gain and offset, not beside them")
+    numbers, meanings = zip(*((float(a), float(b)) for a, b in calibration.table), strict=True)
+    if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
+        raise WiringError(
+            f"{where}.calibration.table: the rig's numbers, which come first, must rise over two or more rows"
+        )
+    steps = [b - a for a, b in pairwise(meanings)]
+    if not (all(step > 0 for step in steps) or all(step < 0 for step in steps)):
+        raise WiringError(
+            f"{where}.calibration.table: what the numbers mean must rise, or fall, from row to row"
+        )
+    found = unit_of(f"{where}.calibration.unit", calibration.unit or unit or "1", signal.si)
+    return Curve(numbers, meanings, Line(sign * found.factor, sign * found.zero))
+
+
+def _choices(where: str, signal: Signal, choices: Mapping[str, ChoiceNumbers]) -> Conversion:
+    if not choices:
+        if signal.choices == SWITCH:
+            return _IDENTITY
+        raise WiringError(
+            f"{where}.choices is missing: which number of the rig is {' | '.join(signal.choices)}?"
+        )
+    numbers: dict[int, tuple[float, ...]] = {}
+    taken: dict[float, str] = {}
+    for name, given in choices.items():
+        if name not in signal.choices:
+            raise WiringError(
+                f"{where}.choices: {name!r} is no choice of {signal.name}; {meant(name, signal.choices)}"
+            )
+        all_given = tuple(float(one) for one in (given if isinstance(given, list) else [given]))
+        if not all_given:
+            raise WiringError(
+                f"{where}.choices.{name} has no number; right is one or several, or no such line"
+            )
+        for one in all_given:
+            other = taken.setdefault(one, name)
+            if other != name:
+                raise WiringError(
+                    f"{where}.choices: {one:g} stands for {other} and for {name}; it can mean one"
+                )
+        numbers[signal.choices.index(name)] = all_given
+    return Choices(numbers)

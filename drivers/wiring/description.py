@@ -1,0 +1,400 @@
+"""The description of a rig's wiring: a TOML file, read and checked before anything is connected.
+
+Errors are WiringError and name file, key, value and what would be right. What stands under ``[transports.NAME]`` is
+the transport's own: `drivers.wiring.transports` reads it. docs/reference/wiring.md explains every key.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from bench_protocol.signals import Kind, Signal
+from bench_protocol.wires import Table
+from bench_protocol.words import STATES
+from drivers.errors import WiringError
+from drivers.wiring.contract import Capabilities, Conduct, Order, Step
+from drivers.wiring.conversion import Choices, Conversion, Line, conversion, quantity
+from drivers.wiring.expression import Combine, expression
+from drivers.wiring.file_keys import SignalEntry, StepTable, WiringFile
+from drivers.wiring.keys import convert, duration, meant
+from drivers.wiring.lines import PLAYED, Description, PlayerLimits, Reading, SettingTarget, Target
+from drivers.wiring.user_functions import functions_file, user_function
+
+_NOT_MENTIONED: Final = "the wiring does not mention it"
+_READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
+
+
+def read_description(path: Path, table: Table) -> Description:
+    """Return what the wiring file ``path`` says."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise WiringError(f"wiring file {path} cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise WiringError(f"wiring file {path} is not TOML: {error}") from None
+    return describe(content, path, table)
+
+
+def describe(content: Mapping[str, Any], where: Path, table: Table, under: str = "") -> Description:
+    """Return what the keys ``content`` say, which stand in the file ``where`` (``under`` a key of it)."""
+    head = f"{where}: {under}." if under else f"{where}: "
+    keys = convert(head.rstrip(".: "), content, WiringFile)
+    return _Reader(keys, where, head, table).read()
+
+
+def si_value(where: str, signal: Signal, given: object) -> float:
+    """Return what a file gives a signal (a choice, "5 bar", a number of what has no unit) in SI; WiringError."""
+    if isinstance(given, str) and signal.choices:
+        if given not in signal.choices:
+            raise WiringError(
+                f"{where} = {given!r} is no choice of {signal.name}; {meant(given, signal.choices)}"
+            )
+        return float(signal.choices.index(given))
+    if isinstance(given, str):
+        value = quantity(where, given, signal.si)
+    else:
+        value = plain_number(where, given)
+        if signal.unit != "1":
+            raise WiringError(
+                f'{where} = {given!r} has no unit; right would be such as "{given} {signal.unit}"'
+            )
+    if not signal.low <= value <= signal.high or (signal.choices and value != round(value)):
+        raise WiringError(f"{where} = {given!r} is out of the range of {signal.name}: {signal.range_text()}")
+    return value
+
+
+def plain_number(where: str, given: object) -> float:
+    """Return a number of the rig's own; WiringError for anything else."""
+    if isinstance(given, bool) or (isinstance(given, int | float) and math.isfinite(given)):
+        return float(given)
+    raise WiringError(f"{where} = {given!r} is no number of the rig's")
+
+
+def order_names(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield names with their dots, and what they are given: TOML reads an unquoted dot as a table in a table."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from order_names(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+class _Reader:
+    """Reads one description."""
+
+    def __init__(self, keys: WiringFile, where: Path, head: str, table: Table) -> None:
+        self._keys, self._where, self._head, self._table = keys, where, head, table
+        self._points: list[tuple[str, str, bool]] = []
+        self._written: dict[str, str] = {}
+        self._functions = functions_file(f"{head}functions", keys.functions, where.parent)
+        self._readings: dict[str, Reading] = {}
+        self._setpoints: dict[str, Target] = {}
+        self._settings: dict[str, SettingTarget] = {}
+        self._actions: dict[str, tuple[str, tuple[float, ...]]] = {}
+        self._absent: dict[str, str] = {}
+
+    def read(self) -> Description:
+        keys, head = self._keys, self._head
+        if not keys.transports:
+            raise WiringError(
+                f"{head}transports is empty; a rig is reached by [transports.NAME] with its kind"
+            )
+        for name in keys.transports:
+            if not name.isidentifier():
+                raise WiringError(f"{head}transports.{name}: a name is one word of letters, digits and _")
+        entries = self._entries()
+        player = None if keys.capabilities.generator else self._player()
+        for name, (where, given) in entries.items():
+            self._signal(where, self._table[name], convert(where, given, SignalEntry))
+        for signal in self._table.signals:
+            if signal.name not in entries and not (player and signal.name.startswith(PLAYED)):
+                self._absent[signal.name] = _NOT_MENTIONED
+        identity = {}
+        for point, value in order_names(keys.identity):
+            self._point(f"{head}identity", point, written=False)
+            identity[point] = plain_number(f"{head}identity.{point}", value)
+        latency = duration(f"{head}latency", keys.latency) if keys.latency else 0.0
+        conduct = self._conduct()
+        capabilities = Capabilities(
+            generator=keys.capabilities.generator,
+            identity=bool(identity),
+            latency=latency,
+            notes=keys.capabilities.notes,
+        )
+        return Description(
+            self._where,
+            self._table,
+            keys.description,
+            keys.transports,
+            capabilities,
+            conduct,
+            player,
+            identity,
+            self._functions,
+            self._readings,
+            self._setpoints,
+            self._settings,
+            self._actions,
+            self._absent,
+            tuple(self._points),
+        )
+
+    # -- signals -------------------------------------------------------------------------------------------------
+
+    def _entries(self) -> dict[str, tuple[str, Any]]:
+        """Return the lines under ``[signals]`` by signal: where they stand, and what they say."""
+        found: dict[str, tuple[str, Any]] = {}
+        played = () if self._keys.capabilities.generator else PLAYED
+        for key, given in self._keys.signals.items():
+            nested = "." not in key and isinstance(given, Mapping)
+            for name, entry in (
+                {f"{key}.{sub}": one for sub, one in given.items()} if nested else {key: given}
+            ).items():
+                where = f'{self._head}signals."{name}"'
+                if name not in self._table.index:
+                    raise WiringError(f"{where} is no signal; {meant(name, self._table.index)}")
+                if name in found:
+                    raise WiringError(f"{where} is there twice; one line for a signal is right")
+                if played and name.startswith(played):
+                    raise WiringError(
+                        f"{where} is not the rig's: the bench answers for it, as the rig has no generator; "
+                        "right is no such line, or capabilities.generator = true"
+                    )
+                found[name] = where, entry
+        return found
+
+    def _signal(self, where: str, signal: Signal, entry: SignalEntry) -> None:
+        if entry.absent:
+            others = [key for key in _given(entry) if key != "absent"]
+            if others:
+                raise WiringError(f"{where} is absent and has {', '.join(others)}; right is one of them")
+            self._absent[signal.name] = entry.absent
+            return
+        _refuse_wrong_keys(where, signal, entry)
+        if signal.kind in _READ:
+            self._readings[signal.name] = self._reading(where, signal, entry)
+        elif signal.kind is Kind.SETPOINT:
+            point = self._target(where, signal, entry.target)
+            self._setpoints[signal.name] = Target(point, self._conversion(where, signal, entry))
+        elif signal.kind is Kind.SETTING:
+            self._settings[signal.name] = self._setting(where, signal, entry)
+        else:
+            point = self._target(where, signal, entry.target, shared=True)
+            values = entry.value if isinstance(entry.value, list) else [entry.value or 1]
+            numbers = tuple(plain_number(f"{where}.value", value) for value in values)
+            if not numbers:
+                raise WiringError(f"{where}.value is empty; right is the number that is written to {point}")
+            self._actions[signal.name] = point, numbers
+
+    def _reading(self, where: str, signal: Signal, entry: SignalEntry) -> Reading:
+        points = [entry.source] if isinstance(entry.source, str) else entry.source
+        if not points:
+            raise WiringError(f'{where}.from is missing: which point of the rig is it? Or absent = "why not"')
+        for point in points:
+            self._point(f"{where}.from", point, written=False)
+        if entry.value and entry.function:
+            raise WiringError(f"{where} has a value and a function; right is one of them")
+        combine: Combine | None = None
+        if entry.value:
+            if not isinstance(entry.value, str):
+                raise WiringError(f"{where}.value = {entry.value!r} is no expression over the points of from")
+            names = [point.rpartition(".")[2] for point in points]
+            if len(set(names)) < len(names):
+                raise WiringError(
+                    f"{where}.from: two points are called {' and '.join(names)}; use a function"
+                )
+            combine = expression(f"{where}.value", entry.value, names)
+        elif entry.function:
+            combine = self._function(f"{where}.function", entry.function, len(points))
+        elif len(points) > 1:
+            raise WiringError(
+                f"{where}.from has {len(points)} points: a value or a function must make one of them"
+            )
+        return Reading(tuple(points), combine, self._conversion(where, signal, entry))
+
+    def _setting(self, where: str, signal: Signal, entry: SignalEntry) -> SettingTarget:
+        if entry.fixed != "":
+            if entry.target or entry.read or entry.initial != "":
+                raise WiringError(f"{where} is fixed, and nothing is written or read; right is fixed alone")
+            fixed = si_value(f"{where}.fixed", signal, entry.fixed)
+            return SettingTarget("", "", Line(1.0, 0.0), 0.0, fixed, fixed)
+        point = self._target(where, signal, entry.target)
+        if entry.read:
+            self._point(f"{where}.read", entry.read, written=False)
+            if entry.initial != "":
+                raise WiringError(
+                    f"{where} has read and initial; where it is read it is known from the start"
+                )
+        initial = si_value(f"{where}.initial", signal, entry.initial) if entry.initial != "" else math.nan
+        within = duration(f"{where}.within", entry.within)
+        return SettingTarget(point, entry.read, self._conversion(where, signal, entry), within, None, initial)
+
+    def _conversion(self, where: str, signal: Signal, entry: SignalEntry) -> Conversion:
+        return conversion(
+            where,
+            signal,
+            unit=entry.unit,
+            sign=entry.sign,
+            calibration=entry.calibration,
+            choices=entry.choices,
+        )
+
+    def _target(self, where: str, signal: Signal, point: str, *, shared: bool = False) -> str:
+        if not point:
+            raise WiringError(
+                f'{where}.to is missing: which point of the rig is written? Or absent = "why not"'
+            )
+        self._point(f"{where}.to", point, written=True)
+        other = self._written.setdefault(point, signal.name)
+        if other != signal.name and not shared:
+            raise WiringError(
+                f"{where}.to = {point!r} is written by {other} already; two would overwrite each other"
+            )
+        return point
+
+    def _point(self, key: str, point: str, *, written: bool) -> None:
+        name, _, rest = point.partition(".")
+        transports = self._keys.transports
+        if not rest:
+            raise WiringError(
+                f"{key} = {point!r} is no point; right is TRANSPORT.POINT, as in {next(iter(transports))}.…"
+            )
+        if name not in transports:
+            raise WiringError(f"{key} = {point!r}: there is no transport {name!r}; {meant(name, transports)}")
+        self._points.append((key, point, written))
+
+    def _function(self, where: str, name: str, arguments: int) -> Combine:
+        if self._functions is None:
+            raise WiringError(
+                f'{where} = {name!r}: the key functions is missing; right is functions = "FILE.py"'
+            )
+        return user_function(where, self._functions, name, arguments)
+
+    # -- conduct -------------------------------------------------------------------------------------------------
+
+    def _conduct(self) -> Conduct:
+        where, table = f"{self._head}conduct", self._keys.conduct
+        states = self._states()
+        for state in table.at_rest:
+            self._state(f"{where}.at_rest", state, states)
+        return Conduct(
+            self._steps(f"{where}.up", table.up, states),
+            self._steps(f"{where}.reset", table.reset, states),
+            self._orders(f"{where}.rest", table.rest),
+            tuple(table.at_rest),
+        )
+
+    def _states(self) -> Sequence[str]:
+        """Return the states that the rig reports."""
+        reading = self._readings.get("rig.state")
+        if reading is None:
+            conduct = self._keys.conduct
+            if conduct.up or conduct.reset or conduct.rest:
+                raise WiringError(
+                    f'{self._head}conduct leads the rig from state to state, and signals."rig.state" is missing or '
+                    "absent; right is where the rig tells its state"
+                )
+            return ()
+        assert isinstance(reading.conversion, Choices), "a state is a choice"
+        return [STATES[number] for number in reading.conversion.numbers]
+
+    def _state(self, where: str, state: str, states: Sequence[str]) -> None:
+        if state not in STATES:
+            raise WiringError(f"{where}: {state!r} is no state of a bench; {meant(state, STATES)}")
+        if state not in states:
+            raise WiringError(
+                f'{where}: the rig never reports {state}: signals."rig.state".choices has {", ".join(states)}'
+            )
+
+    def _steps(self, where: str, tables: Sequence[Any], states: Sequence[str]) -> tuple[Step, ...]:
+        steps = []
+        for number, given in enumerate(tables, 1):
+            place = f"{where}[{number}]"
+            table = convert(place, given, StepTable)
+            for key, names in (("start", table.start), ("end", table.end)):
+                if not names:
+                    raise WiringError(f"{place}.{key} is empty; right is one state or several")
+                for state in names:
+                    self._state(f"{place}.{key}", state, states)
+            steps.append(
+                Step(
+                    tuple(table.start),
+                    self._orders(f"{place}.orders", table.orders),
+                    tuple(table.end),
+                    self._orders(f"{place}.prepare", table.prepare),
+                    table.bumpless,
+                    self._orders(f"{place}.afterwards", table.afterwards),
+                    duration(f"{place}.within", table.within) if table.within else None,
+                )
+            )
+        return tuple(steps)
+
+    def _orders(self, where: str, tables: Sequence[Mapping[str, Any]]) -> tuple[Order, ...]:
+        return tuple(
+            Order(
+                {name: self._ordered(f"{where}[{number}]", name, value) for name, value in order_names(given)}
+            )
+            for number, given in enumerate(tables, 1)
+        )
+
+    def _ordered(self, where: str, name: str, given: Any) -> float:
+        """Return the SI value that an order gives ``name``, a signal or a point of the rig's own."""
+        if name not in self._table.index:
+            if name.partition(".")[0] not in self._keys.transports:
+                known = [*self._table.index, *(f"{transport}." for transport in self._keys.transports)]
+                raise WiringError(f"{where}: {name!r} is neither a signal nor a point; {meant(name, known)}")
+            self._point(where, name, written=True)
+            return plain_number(f"{where}.{name}", given)
+        signal = self._table[name]
+        if signal.kind in _READ:
+            raise WiringError(f"{where}: {name} is a {signal.kind} and cannot be ordered")
+        if name in self._absent:
+            raise WiringError(f"{where}: the rig has no {name}: {self._absent[name]}")
+        return si_value(f"{where}.{name}", signal, given)
+
+    def _player(self) -> PlayerLimits:
+        table, where = self._keys.player, f"{self._head}player"
+        return PlayerLimits(
+            quantity(f"{where}.lever", table.lever, "m"),
+            quantity(f"{where}.speed", table.speed, "m/s"),
+            quantity(f"{where}.roll_rate", table.roll_rate, "rad/s"),
+            quantity(f"{where}.force_rate", table.force_rate, "N/s"),
+        )
+
+
+#: Which keys a line may have, by the kind of its signal; ``absent`` stands alone.
+_NUMBER: Final = ("unit", "sign", "calibration", "choices")
+_KEYS: Final = {
+    Kind.MEASUREMENT: ("from", "value", "function", *_NUMBER),
+    Kind.STATUS: ("from", "value", "function", *_NUMBER),
+    Kind.INTERLOCK: ("from", "value", "function", *_NUMBER),
+    Kind.SETPOINT: ("to", *_NUMBER),
+    Kind.SETTING: ("to", "read", "fixed", "initial", "within", *_NUMBER),
+    Kind.ACTION: ("to", "value"),
+}
+
+
+def _given(entry: SignalEntry) -> list[str]:
+    """Return the keys of a line that are not as they are by default."""
+    fields = msgspec.structs.fields(SignalEntry)
+    default = SignalEntry()
+    return [one.encode_name for one in fields if getattr(entry, one.name) != getattr(default, one.name)]
+
+
+def _refuse_wrong_keys(where: str, signal: Signal, entry: SignalEntry) -> None:
+    right = _KEYS[signal.kind]
+    for key in _given(entry):
+        if key not in right:
+            raise WiringError(
+                f"{where}.{key}: {signal.name} is {_article(signal.kind)}, which has {', '.join(right)}, or absent"
+            )
+
+
+def _article(kind: Kind) -> str:
+    return f"an {kind}" if kind[0] in "aeiou" else f"a {kind}"

@@ -1,0 +1,431 @@
+"""A wiring file: what it says is read, and what cannot be right is told with file, key and what would be."""
+
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_protocol.table import TABLE
+from bench_protocol.units import bar, kN, mm, s
+from drivers.errors import WiringError
+from drivers.wiring.contract import Order
+from drivers.wiring.conversion import Calibration, conversion
+from drivers.wiring.description import describe, read_description
+from drivers.wiring.expression import expression
+
+GOOD = """
+description = "A stranger's rig"
+latency = "100 ms"
+identity = { "plc.device" = 4711 }
+
+[transports.plc]
+kind = "modbus"
+[transports.bus]
+kind = "can"
+
+[signals]
+"rig.state" = { from = "plc.state", choices = { DISABLED = [0, 1], HOLD = 2, ACTIVE = 3, ESTOP = 12 } }
+"left.height" = { from = "plc.left_height", unit = "mm", sign = -1 }
+"left.bellows_pressure" = { from = "bus.Air.P1", unit = "bar", calibration = { gain = 1.01, offset = "10 mbar" } }
+"left.auxiliary_temperature" = { absent = "no thermometer in the chambers" }
+"lateral.force" = { from = ["plc.f1", "plc.f2"], value = "(f1 + f2) / 2", unit = "kN" }
+"lateral.displacement_setpoint" = { to = "bus.Set.Lateral", unit = "mm" }
+"air.left_mode" = { to = "plc.mode", read = "plc.mode_active", choices = { hold = 0, fill = [5, 6] } }
+"air.dpv" = { fixed = "on" }
+"lateral.control" = { to = "plc.lateral", choices = { off = 0, displacement = 2 }, initial = "off" }
+"action.power_off" = { to = "plc.command", value = [7, 0] }
+load_cell.1 = { from = "bus.Cells.Cell1", unit = "kg", calibration = { gain = "9.80665 N/kg" }, sign = -1 }
+
+[conduct]
+rest = [{ "plc.command" = 0 }]
+at_rest = ["DISABLED", "ESTOP"]
+[[conduct.up]]
+start = ["DISABLED"]
+orders = [{ plc.command = 1 }, { "plc.command" = 2, "air.left_mode" = "hold" }]
+end = ["HOLD"]
+within = "5 s"
+[[conduct.up]]
+start = ["HOLD"]
+bumpless = true
+end = ["ACTIVE"]
+"""
+
+
+def described(text: str):
+    return describe(tomllib.loads(text), Path("hall.toml"), TABLE)
+
+
+@pytest.fixture(scope="module")
+def good():
+    return described(GOOD)
+
+
+def test_a_number_of_the_rig_becomes_si_by_unit_sign_and_calibration(good):
+    assert good.readings["left.height"].si([12.5]) == pytest.approx(-12.5 * mm)
+    assert good.readings["left.bellows_pressure"].si([5.0]) == pytest.approx(5.05 * bar + 0.01 * bar)
+    assert good.readings["load_cell.1"].si([1000.0]) == pytest.approx(-9.80665 * kN)
+    assert good.readings["lateral.force"].si([3.0, 5.0]) == pytest.approx(4 * kN)
+    assert math.isnan(good.readings["lateral.force"].si([3.0, math.nan]))
+
+
+def test_states_and_choices_are_numbers_of_the_rig(good):
+    state = good.readings["rig.state"]
+    names = TABLE["rig.state"].choices
+    assert [names[int(state.si([number]))] for number in (0, 1, 2, 12)] == [
+        "DISABLED",
+        "DISABLED",
+        "HOLD",
+        "ESTOP",
+    ]
+    assert math.isnan(state.si([4]))
+    assert good.settings["air.left_mode"].conversion.number(2) == 5  # fill, the first of its numbers
+    assert math.isnan(
+        good.settings["air.left_mode"].conversion.number(1)
+    )  # level: the rig has no such choice
+
+
+def test_the_rest_of_the_file(good):
+    assert good.capabilities.latency == pytest.approx(0.1)
+    assert good.identity == {"plc.device": 4711}
+    assert good.absent["left.auxiliary_temperature"] == "no thermometer in the chambers"
+    assert good.absent["right.height"] == "the wiring does not mention it"
+    assert good.settings["air.dpv"].fixed == 1
+    assert good.settings["lateral.control"].initial == 0
+    assert good.actions["action.power_off"] == ("plc.command", (7, 0))
+    up, active = good.conduct.up
+    assert up.orders == (Order({"plc.command": 1}), Order({"plc.command": 2, "air.left_mode": 0}))
+    assert (up.start, up.end, up.within, up.bumpless) == (("DISABLED",), ("HOLD",), 5 * s, False)
+    assert active.bumpless
+    assert good.conduct.at_rest == ("DISABLED", "ESTOP")
+
+
+def test_without_a_generator_the_bench_answers_for_it(good):
+    assert "generator.axis" in good.played
+    assert "rig.program" in good.played
+    assert not good.played & good.absent.keys()
+    own = described(GOOD + "[capabilities]\ngenerator = true\n")
+    assert not own.played
+    assert "generator.axis" in own.absent
+
+
+SIGNAL = '[transports.plc]\nkind = "modbus"\n[signals]\n'
+STATE = '"rig.state" = { from = "plc.state", choices = { DISABLED = 0, ACTIVE = 1 } }\n'
+
+#: Lines of a wiring file, and what is said of them.
+BAD_FILES = r"""
+[signals]
+-> object missing required field `transports`
+
+[transports]
+[signals]
+-> hall.toml: transports is empty; a rig is reached by
+
+sinals = 1
+SIGNALS
+-> hall.toml: there is no key 'sinals' here; did you mean 'signals'?
+
+functions = "none.py"
+SIGNALS
+-> functions = 'none.py': there is no such file in
+
+identity = { "plc.device" = "x" }
+SIGNALS
+-> identity.plc.device = 'x' is no number of the rig's
+
+latency = "soon"
+SIGNALS
+-> latency = 'soon' is not a time above 0
+
+[player]
+lever = "1 bar"
+SIGNALS
+-> player.lever = '1 bar': 'bar' is a unit of another quantity
+"""
+BAD_SIGNALS = r"""
+"left.hight" = { from = "plc.h", unit = "mm" }
+-> signals."left.hight" is no signal; did you mean 'left.height'?
+
+"left.height" = { form = "plc.h", unit = "mm" }
+-> signals."left.height": there is no key 'form' here; did you mean 'from'?
+
+"left.height" = { from = "plc.h", unit = "mm" }
+[signals.left]
+height = { from = "plc.h", unit = "mm" }
+-> signals."left.height" is there twice
+
+"left.height" = { from = "plc.h" }
+-> signals."left.height".unit is missing: in which unit does the rig tell left.height? Right would be such as 'mm'
+
+"left.height" = { from = "plc.h", unit = "inch" }
+-> "left.height".unit: 'inch' is no unit that is known here; right would be one of m, mm, um, cm
+
+"left.height" = { from = "plc.h", unit = "bar" }
+-> 'bar' is a unit of another quantity (Pa); right would be one of m, mm
+
+"load_cell.1" = { from = "plc.h", unit = "kg" }
+-> load_cell.1 a force: add calibration = { gain = "9.80665 N/kg" }
+
+"load_cell.1" = { from = "plc.h", unit = "g", calibration = { gain = "9.8 N/kg" } }
+-> is per kg, but unit = 'g'
+
+"left.height" = { from = "plc.h", unit = "mm", sign = 2 }
+-> signals."left.height": sign = 2:
+
+"left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 0 } }
+-> calibration.gain = 0 is no gain; right would be such as 1.002
+
+"left.height" = { from = "plc.h", unit = "mm", calibration = { offset = "1 bar" } }
+-> calibration.offset = '1 bar': 'bar' is a unit of another quantity
+
+"left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[0, 0]] } }
+-> must rise over two or more rows
+
+"left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[0, 0], [1, 2], [2, 1]] } }
+-> what the numbers mean must rise, or fall, from row to row
+
+"left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 2, table = [[0, 0], [1, 2]] } }
+-> a table stands instead of gain and offset
+
+"left.height" = { unit = "mm" }
+-> from is missing: which point of the rig is it? Or absent = "why not"
+
+"left.height" = { from = "height", unit = "mm" }
+-> from = 'height' is no point; right is TRANSPORT.POINT, as in plc.…
+
+"left.height" = { from = "pcl.h", unit = "mm" }
+-> there is no transport 'pcl'; did you mean 'plc'?
+
+"left.height" = { to = "plc.h", unit = "mm" }
+-> "left.height".to: left.height is a measurement, which has from, value, function, unit
+
+"left.height" = { from = "plc.h", unit = "mm", absent = "none" }
+-> is absent and has from, unit; right is one of them
+
+"lateral.force" = { from = ["plc.f1", "plc.f2"], unit = "kN" }
+-> from has 2 points: a value or a function must make one of them
+
+"lateral.force" = { from = ["plc.f1", "plc.f2"], value = "f1 + f3", unit = "kN" }
+-> "lateral.force".value = 'f1 + f3': unknown name 'f3'; there is f1, f2
+
+"lateral.force" = { from = "plc.f1", value = "f1.real", unit = "kN" }
+-> 'f1.real' is not allowed here; right are numbers, names, + - * /
+
+"lateral.force" = { from = "plc.f1", function = "total", unit = "kN" }
+-> the key functions is missing
+
+"lateral.force_setpoint" = { to = "plc.f", unit = "kN" }
+"lateral.displacement_setpoint" = { to = "plc.f", unit = "mm" }
+-> is written by lateral.force_setpoint already
+
+"rig.state" = { from = "plc.state" }
+-> choices is missing: which number of the rig is OFF | BOOT
+
+"rig.state" = { from = "plc.state", choices = { HOLD = [] } }
+-> choices.HOLD has no number
+
+"rig.state" = { from = "plc.state", choices = { HOLT = 1 } }
+-> 'HOLT' is no choice of rig.state; did you mean 'HOLD'?
+
+"rig.state" = { from = "plc.state", choices = { HOLD = 1, ACTIVE = [2, 1] } }
+-> 1 stands for HOLD and for ACTIVE; it can mean one
+
+"rig.state" = { from = "plc.state", unit = "mm" }
+-> rig.state is a choice (OFF | BOOT
+
+"left.height" = { from = "plc.h", unit = "mm", choices = { a = 1 } }
+-> left.height is a number of mm, no choice
+
+"air.left_mode" = { fixed = "levl" }
+-> fixed = 'levl' is no choice of air.left_mode; did you mean 'level'?
+
+"air.left_mode" = { fixed = "level", to = "plc.m" }
+-> is fixed, and nothing is written or read
+
+"air.left_target" = { fixed = 3 }
+-> fixed = 3 has no unit; right would be such as "3 bar"
+
+"air.left_target" = { fixed = "30 bar" }
+-> is out of the range of air.left_target: 0 to 9 bar
+
+"air.left_target" = { to = "plc.t", unit = "bar", within = "2" }
+-> within = '2' is not a time above 0 with its unit
+
+"air.left_target" = { to = "plc.t", read = "plc.r", initial = "1 bar", unit = "bar" }
+-> has read and initial
+
+"generator.axis" = { to = "plc.axis", choices = { vertical = 1 } }
+-> the bench answers for it, as the rig has no generator
+
+[conduct]
+rest = [{ "plc.c" = 0 }]
+-> signals."rig.state" is missing or absent; right is where the rig tells its state
+"""
+BAD_CONDUCT = r"""
+[[conduct.up]]
+start = ["DISABLED"]
+end = ["HOLD"]
+-> conduct.up[1].end: the rig never reports HOLD: signals."rig.state".choices has DISABLED, ACTIVE
+
+[[conduct.up]]
+start = ["DISABLD"]
+end = ["ACTIVE"]
+-> 'DISABLD' is no state of a bench; did you mean 'DISABLED'?
+
+[[conduct.up]]
+start = ["DISABLED"]
+end = []
+-> conduct.up[1].end is empty
+
+[conduct]
+rest = [{ "plk.c" = 0 }]
+-> conduct.rest[1]: 'plk.c' is neither a signal nor a point
+
+[conduct]
+rest = [{ "plc.c" = "off" }]
+-> conduct.rest[1].plc.c = 'off' is no number of the rig's
+
+[conduct]
+rest = [{ "left.height" = 0 }]
+-> left.height is a measurement and cannot be ordered
+
+[conduct]
+rest = [{ "air.left_mode" = "vent" }]
+-> the rig has no air.left_mode: the wiring does not mention it
+
+[conduct]
+at_rest = ["OFF"]
+-> conduct.at_rest: the rig never reports OFF
+"""
+
+
+def _cases():
+    """Yield files that cannot be right, each with what is to be said of it."""
+    for texts, head in ((BAD_FILES, ""), (BAD_SIGNALS, SIGNAL), (BAD_CONDUCT, SIGNAL + STATE)):
+        for case in texts.strip().split("\n\n"):
+            lines, message = case.split("\n-> ")
+            yield head + lines.replace("SIGNALS", SIGNAL), message
+
+
+@pytest.mark.parametrize(("text", "message"), list(_cases()))
+def test_a_bad_description_says_what_would_be_right(text, message):
+    with pytest.raises(WiringError) as told:
+        described(text)
+    assert message in str(told.value)
+    assert str(told.value).startswith("hall.toml: ")
+
+
+def test_what_stands_under_a_key_of_a_rig_file_says_so():
+    with pytest.raises(WiringError, match=r'rig\.toml: wiring\.signals\."left\.hight" is no signal'):
+        describe(tomllib.loads(SIGNAL + '"left.hight" = {}'), Path("rig.toml"), TABLE, "wiring")
+
+
+def test_a_file_that_cannot_be_read(tmp_path):
+    with pytest.raises(WiringError, match="cannot be read: No such file"):
+        read_description(tmp_path / "none.toml", TABLE)
+    (tmp_path / "bad.toml").write_text("a = \n")
+    with pytest.raises(WiringError, match=r"bad\.toml is not TOML"):
+        read_description(tmp_path / "bad.toml", TABLE)
+
+
+# -- functions of the user's own ---------------------------------------------------------------------------------
+
+
+def _with_function(tmp_path, code: str, function: str = "total"):
+    (tmp_path / "own.py").write_text(code)
+    text = (
+        'functions = "own.py"\n'
+        + SIGNAL
+        + f'"lateral.force" = {{ from = ["plc.a", "plc.b"], function = "{function}", unit = "kN" }}'
+    )
+    (tmp_path / "hall.toml").write_text(text)
+    return read_description(tmp_path / "hall.toml", TABLE)
+
+
+def test_a_function_of_the_users_own(tmp_path):
+    read = _with_function(tmp_path, "def total(a, b):\n    return a - 2 * b\n")
+    assert read.readings["lateral.force"].si([5.0, 1.0]) == pytest.approx(3 * kN)
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("def totel(a, b):\n    return a\n", "'total' is no function of own.py; did you mean 'totel'?"),
+        ("def total(a):\n    return a\n", "it is called with 2 numbers, one for each point"),
+        ("1 / 0\n", "own.py cannot be run: ZeroDivisionError"),
+    ],
+)
+def test_a_function_that_cannot_be_called(tmp_path, code, message):
+    with pytest.raises(WiringError) as told:
+        _with_function(tmp_path, code)
+    assert message in str(told.value)
+
+
+# -- expressions and calibrations --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("a + b * 2", 7), ("-(a - b) / 4", 0.5), ("max(a, b, 2)", 3), ("min(a, b) + abs(-a)", 2), ("1e3", 1000)],
+)
+def test_an_expression(text, value):
+    assert expression("value", text, ["a", "b"])([1.0, 3.0]) == value
+
+
+def test_a_division_by_zero_is_no_value():
+    assert math.isnan(expression("value", "1 / a", ["a"])([0.0]))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["__import__('os')", "a ** 9", "a if b else 1", "(lambda: a)()", "[a][0]", "a < b", "'a'", "True", "a @ b",
+     "max(*a)", "max(a)", "abs(a, b)", "min(a, key=b)", "a :=1", "", "a\nb", "f(a)", "0" * 600],
+)  # fmt: skip
+def test_anything_else_is_refused(text):
+    with pytest.raises(WiringError):
+        expression("value", text, ["a", "b"])
+
+
+_GAINS = st.floats(0.01, 100) | st.floats(-100, -0.01)
+
+
+@given(
+    st.floats(-0.3, 0.3),
+    _GAINS,
+    st.floats(-50, 50),
+    st.sampled_from([1, -1]),
+    st.sampled_from(["mm", "m", "cm"]),
+)
+def test_what_is_written_is_what_would_be_read(value, gain, offset, sign, unit):
+    signal = TABLE["lateral.displacement_setpoint"]
+    calibration = Calibration(gain=gain, offset=offset)
+    one = conversion("x", signal, unit=unit, sign=sign, calibration=calibration, choices={})
+    assert one.si(one.number(value)) == pytest.approx(value, abs=1e-9)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.1, 10), st.floats(0.1, 10)), min_size=2, max_size=8),
+    st.sampled_from([1, -1]),
+    st.sampled_from([1, -1]),
+    st.floats(-200, 200),
+)
+def test_a_table_is_the_same_line_both_ways(steps, falling, sign, number):
+    signal = TABLE["left.height"]
+    table, x, y = [], 0.0, 0.0
+    for dx, dy in steps:
+        x, y = x + dx, y + falling * dy
+        table.append((x, y))
+    one = conversion("x", signal, unit="mm", sign=sign, calibration=Calibration(table=table), choices={})
+    assert one.number(one.si(number)) == pytest.approx(number, abs=1e-6, rel=1e-6)
+    for raw, meaning in table:
+        assert one.si(raw) == pytest.approx(sign * meaning * mm)
+
+
+def test_a_temperature_has_its_zero():
+    one = conversion(
+        "x", TABLE["left.bellows_temperature"], unit="degC", sign=1, calibration=None, choices={}
+    )
+    assert one.si(20.0) == pytest.approx(293.15)
+    assert one.number(293.15) == pytest.approx(20.0)
