@@ -1,0 +1,185 @@
+"""What two foreign rigs are built around: the plant with its servo-valves and air valves, and nothing that speaks."""
+
+from enum import Enum
+from typing import Final
+
+import numpy as np
+
+from bench_sim.model.layout import Input, Mode, Sensor, State
+from bench_sim.model.plant import Plant
+from bench_sim.parameters import load
+
+SENSOR: Final = {sensor.name.lower(): int(sensor) for sensor in Sensor}
+#: Vertical left, vertical right, lateral; then the platform, vertical, lateral, roll.
+AXES: Final = 6
+DRIVES: Final = 3
+VALVE_CYCLE: Final = 5  # ms
+FULL_OPENING, DEAD_ZONE = 15e3, 500.0  # Pa: of the pressure controllers
+EMPTY: Final = 22e3  # Pa gauge, too little to carry the bolster
+SET_DOWN: Final = -500.0  # N
+LOWERING: Final = -0.04  # m/s
+FLANGE: Final = 30e3  # Pa gauge, up to which somebody may open one
+
+_COMMANDS: Final = [
+    Input.VERTICAL_LEFT_COMMAND,
+    Input.VERTICAL_RIGHT_COMMAND,
+    Input.LATERAL_COMMAND,
+    Input.PLATFORM_VERTICAL,
+    Input.PLATFORM_LATERAL,
+    Input.PLATFORM_ROLL,
+]
+_MODES: Final = slice(Input.VERTICAL_LEFT_MODE, Input.VERTICAL_LEFT_MODE + DRIVES)
+_FORCES: Final = slice(Sensor.VERTICAL_LEFT_FORCE, Sensor.VERTICAL_LEFT_FORCE + DRIVES)
+_PLACES: Final = slice(Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_LEFT_DISPLACEMENT + DRIVES)
+_PLATFORM: Final = slice(Sensor.PLATFORM_VERTICAL, Sensor.PLATFORM_VERTICAL + AXES - DRIVES)
+_CHAMBERS: Final = slice(Sensor.LEFT_BELLOWS_PRESSURE, Sensor.SUPPLY_PRESSURE)
+
+
+class Drive(Enum):
+    """What a servo-valve does with its set-point."""
+
+    OFF = Mode.OFF
+    POSITION = Mode.DISPLACEMENT
+    FORCE = Mode.FORCE
+
+
+class Valve(Enum):
+    """What the air valves of one spring do."""
+
+    SHUT = 0
+    LEVEL = 1
+    FILL = 2
+    VENT = 3
+
+
+class Power(Enum):
+    """What the actuators and the supply may do."""
+
+    SAFE = 0  # held while there is air, vented, set down, let go
+    HALTED = 1  # shut in, the air stays where it is
+    ON = 2
+
+
+class Machine:
+    """Hydraulics and pneumatics, with what is wired and needs no PLC: the safe position.
+
+    ``goal`` (SI, `AXES`) is where the axes are told to go; ``readings`` are the sensors' (SI, `SENSOR`).
+    """
+
+    def __init__(self, seed: int = 0, **changes: float) -> None:
+        parameters = load("astb").with_values(**changes).as_built(seed)
+        self.plant = Plant.depressurised(parameters.record, seed=seed)
+        self.readings = self.plant.measure()
+        self.power = Power.SAFE
+        self.drives = [Drive.POSITION] * DRIVES
+        self.goal = np.zeros(AXES)
+        self.valves = [Valve.SHUT, Valve.SHUT]
+        self.targets = [0.0, 0.0]  # Pa gauge
+        self.chambers_joined = [True, True]
+        self.sides_joined = True
+        self._present = np.zeros(AXES)
+        self._gripping = False
+        self._milliseconds = 0
+
+    def read(self, name: str) -> float:
+        """Return what a sensor reads (SI)."""
+        return float(self.readings[SENSOR[name]])
+
+    # -- orders ------------------------------------------------------------------------------------------------------
+
+    def set_power(self, power: Power) -> None:
+        """Engage the actuators where they are, shut them in, or let the machine take its safe position."""
+        if power is Power.ON and self.power is not Power.ON:
+            self.stay()
+        self._gripping |= power is not Power.SAFE or self.power is not Power.SAFE
+        self.power = power
+
+    def set_drive(self, axis: int, drive: Drive) -> None:
+        """Let an axis follow a force or a position; it starts from what it has."""
+        if self.drives[axis] is not drive:
+            self.drives[axis] = drive
+            self.stay(axis)
+
+    def stay(self, *axes: int) -> None:
+        """Let axes (all of them, without any) go nowhere else from where they are."""
+        for axis in axes or range(AXES):
+            if axis >= DRIVES:
+                self.goal[axis] = self._present[axis]
+            else:
+                force = self.drives[axis] is not Drive.POSITION
+                self.goal[axis] = self.readings[_FORCES if force else _PLACES][axis]
+            self._present[axis] = self.goal[axis]
+
+    def shim(self, preload: float) -> bool:
+        """Put shims under the emergency springs for ``preload`` (N per spring); False while they carry anything."""
+        par, x = self.plant.parameters, self.plant.state
+        change = preload - par.nominal_preload
+        if not change.any():
+            return True
+        if self.power is not Power.SAFE or self._gripping:
+            return False
+        lift = change / par.emergency_stiffness_vertical
+        x[State.BOLSTER_VERTICAL] += lift.mean()
+        x[State.BOLSTER_ROLL] += 0.5 * (lift[0] - lift[1]) / par.spring_half_spacing
+        x[State.LEVER : State.LEVER + 2] += lift
+        par.nominal_preload[:] = preload
+        return True
+
+    def fit_plates(self, bore: float) -> bool:
+        """Fit orifice plates of ``bore`` (m) on both sides; False while there is air behind the flanges."""
+        if self.power is not Power.SAFE or (self.readings[_CHAMBERS] > FLANGE).any():
+            return False
+        self.plant.parameters.orifice_diameter[:] = bore
+        return True
+
+    # -- time --------------------------------------------------------------------------------------------------------
+
+    def move(self, milliseconds: int, fastest: np.ndarray) -> None:
+        """Let time pass and every axis go straight to its goal, by ``fastest`` (SI) at most; then measure."""
+        start = self._present.copy()
+        way = np.clip(self.goal - start, -fastest, fastest) if self.power is Power.ON else np.zeros(AXES)
+        inputs = self.plant.inputs
+        self._engage(inputs)
+        for passed in range(1, milliseconds + 1):
+            if self._milliseconds % VALVE_CYCLE == 0:
+                self._switch(inputs)
+            if self.power is Power.ON:
+                inputs[_COMMANDS] = start + way * (passed / milliseconds)
+            self.plant.step()
+            self._milliseconds += 1
+        self._present = start + way
+        self.readings = self.plant.measure()
+
+    def _engage(self, inputs: np.ndarray) -> None:
+        """Set the modes of the servo-valves; without power they hold on to what the springs push against."""
+        if self.power is Power.ON:
+            inputs[_MODES] = [drive.value for drive in self.drives]
+            return
+        hanging = self.readings[_FORCES] < SET_DOWN
+        hanging[2] = False
+        empty = bool((self.readings[_CHAMBERS] < EMPTY).all())
+        if self.power is Power.SAFE and empty and not hanging.any():
+            self._gripping = False
+        inputs[_MODES] = Mode.SHUT_IN if self._gripping else Mode.OFF
+        lower = self._gripping and self.power is Power.SAFE and empty
+        inputs[_COMMANDS[:DRIVES]] = np.where(hanging & lower, LOWERING, 0.0)
+
+    def _switch(self, inputs: np.ndarray) -> None:
+        """Set the air valves: the controllers look at the chambers' own transducers."""
+        ready, vented = self.power is Power.ON, self.power is Power.SAFE
+        pressures = self.plant.measure()[_CHAMBERS][2:]
+        inputs[Input.SUPPLY] = ready
+        inputs[Input.DPV_CONNECTED] = self.sides_joined
+        for side, valve in enumerate(self.valves):
+            error = (self.targets[side] - pressures[side]) / FULL_OPENING
+            opening = 0.0
+            if vented:
+                opening = -1.0
+            elif ready and abs(error) * FULL_OPENING > DEAD_ZONE:
+                if valve is Valve.FILL:
+                    opening = min(max(error, 0.0), 1.0)
+                elif valve is Valve.VENT:
+                    opening = max(min(error, 0.0), -1.0)
+            inputs[Input.LEFT_SERVICE_VALVE + side] = opening
+            inputs[Input.LEFT_LEVELING + side] = ready and valve is Valve.LEVEL
+            inputs[Input.LEFT_RESERVOIR_VALVE + side] = vented or self.chambers_joined[side]
