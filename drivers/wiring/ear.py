@@ -1,0 +1,120 @@
+"""What every transport needs beside its wires: who listens, in which order, until when, and what recurs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from bench_protocol.clock import Clock, Task
+from bench_protocol.units import NS, ms
+from drivers.errors import LinkLost
+from drivers.wiring.contract import OnLost, OnPoints
+
+#: How long signs of life go on once nobody streams set-points any more.
+_PATIENCE: Final = round(500 * ms * NS)
+
+
+class Ear:
+    """Hands on what arrives: in order, to one at a time, nothing after the end, and the loss of the connection once.
+
+    Times never go back. A listener that raises is a fault nobody would hear of in a background thread: the connection
+    counts as lost, with the exception as the reason.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._listeners: tuple[OnPoints, ...] = ()
+        self._lock = threading.RLock()
+        self._clock: Clock | None = None
+        self._on_lost: OnLost = lambda reason: None
+        self._last = -1  # ns, of what was told
+        self._heard = -1  # ns, when anything came
+        self._lost = ""
+        self._open = False
+
+    def open(self, clock: Clock, lost: OnLost) -> None:
+        """Begin to hand on; ``lost(reason)`` is called once if the connection is lost."""
+        with self._lock:
+            self._clock, self._on_lost = clock, lost
+            self._last, self._heard, self._lost, self._open = -1, -1, "", True
+
+    def subscribe(self, hear: OnPoints) -> None:
+        """Call ``hear`` with all that is told from now on."""
+        with self._lock:
+            self._listeners += (hear,)
+
+    def tell(self, time: int, points: Mapping[str, float]) -> None:
+        """Hand on ``points`` that came at ``time`` (ns of the clock)."""
+        with self._lock:
+            if not self._open or self._lost or self._clock is None:
+                return
+            self._last = max(self._last, time)
+            self._heard = max(self._last, self._clock.now())
+            try:
+                for hear in self._listeners:
+                    hear(self._last, points)
+            except Exception as error:
+                self.lose(f"a listener of {self._name} failed: {type(error).__name__}: {error}")
+
+    def sign(self) -> None:
+        """Note that something was heard, though nothing to hand on."""
+        with self._lock:
+            if self._clock is not None:
+                self._heard = self._clock.now()
+
+    def lose(self, reason: str) -> None:
+        """Tell that the connection is lost, unless that is known or it was closed."""
+        with self._lock:
+            if not self._open or self._lost:
+                return
+            self._lost = reason
+            self._on_lost(reason)
+
+    def check(self) -> None:
+        """Raise LinkLost if the connection is lost, closed, or was never opened."""
+        if self._lost:
+            raise LinkLost(self._lost)
+        if not self._open:
+            raise LinkLost(f"{self._name} is not connected")
+
+    def silence(self) -> float:
+        """Return how long ago anything was heard (s); infinite before the first."""
+        if self._clock is None or self._heard < 0:
+            return float("inf")
+        return max(0.0, (self._clock.now() - self._heard) / NS)
+
+    def close(self) -> None:
+        """Hand on nothing any more, also not what is just arriving."""
+        with self._lock:
+            self._open = False
+
+
+class Grant:
+    """Whether somebody commands: once set-points were streamed, signs of life go on only while they are."""
+
+    def __init__(self) -> None:
+        self._renewed = -1
+
+    def renew(self, now: int) -> None:
+        """Note that set-points were streamed ``now`` (ns)."""
+        self._renewed = now
+
+    def given(self, now: int) -> bool:
+        """Return whether signs of life may be sent ``now`` (ns)."""
+        return self._renewed < 0 or now - self._renewed <= _PATIENCE
+
+
+def unhurried(clock: Clock, period: float, call: Callable[[], None]) -> Task:
+    """Call ``call`` every ``period`` s on absolute deadlines; beats that pass while it still works are left out."""
+    step = round(period * NS)
+    last = clock.now() - step
+
+    def beat() -> None:
+        nonlocal last
+        now = clock.now()
+        if now - last >= step // 2:
+            last = now
+            call()
+
+    return clock.every(step, beat)

@@ -1,0 +1,304 @@
+"""Points in Modbus tables: numbers, texts and bits as registers, and which of them one request can read or write."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+from msgspec import Meta
+
+from bench_protocol.modbus import BITS_READ_MAX, REGISTERS_READ_MAX
+from drivers.errors import WiringError
+from drivers.wiring.keys import convert, meant
+
+TableName = Literal["input", "holding", "coil", "discrete"]
+TypeName = Literal[
+    "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64", "string", "bit"
+]
+WordOrder = Literal["high", "low"]
+ByteOrder = Literal["big", "little"]
+
+_BITS: Final = frozenset({"coil", "discrete"})
+_WRITABLE: Final = frozenset({"holding", "coil"})
+#: Format and size in registers of each type but text.
+_FORMATS: Final = {
+    "bit": ("H", 1),
+    "int16": ("h", 1),
+    "uint16": ("H", 1),
+    "int32": ("i", 2),
+    "uint32": ("I", 2),
+    "float32": ("f", 2),
+    "int64": ("q", 4),
+    "uint64": ("Q", 4),
+    "float64": ("d", 4),
+}
+_SINGLE_MAX: Final = (2.0 - 2.0**-23) * 2.0**127
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_.]*")
+
+
+class PointKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A point of a Modbus device: number = scale · what the registers hold + offset."""
+
+    table: TableName
+    address: Annotated[int, Meta(ge=0, le=0xFFFF)]  #: of the first register, 0-based
+    type: TypeName | None = None  #: uint16, and bit for coils and discrete inputs, where nothing is said
+    bit: Annotated[int, Meta(ge=0, le=15)] | None = None  #: of a word, 0 is the lowest
+    length: Annotated[int, Meta(ge=1, le=REGISTERS_READ_MAX)] | None = None  #: of a text, in registers
+    scale: float = 1.0
+    offset: float = 0.0
+    null: float | list[float] | None = None  #: what the registers hold when there is no value
+    group: str = ""  #: in which it is read all the time; without one it is read when asked
+    word_order: WordOrder | None = None
+    byte_order: ByteOrder | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterPoint:
+    """A point and where it is: its coding goes from words (uint16, as requests carry them) to a number and back."""
+
+    name: str
+    table: TableName
+    address: int
+    type: TypeName
+    size: int  #: registers, or bits of a table of bits
+    bit: int
+    scale: float
+    offset: float
+    null: tuple[float, ...]
+    group: str
+    low_word_first: bool
+    swapped: bool  #: the low byte of each register comes first
+
+    @property
+    def end(self) -> int:
+        """The address behind it."""
+        return self.address + self.size
+
+    @property
+    def writable(self) -> bool:
+        """Whether anybody but the device can write it."""
+        return self.table in _WRITABLE
+
+    @property
+    def in_word(self) -> bool:
+        """Whether it is one bit of a register."""
+        return self.type == "bit" and self.table not in _BITS
+
+    def decode(self, words: Sequence[int]) -> float:
+        """Return the number that ``words`` (``size`` of them, or one bit) hold; NaN for none."""
+        if self.table in _BITS:
+            return float(bool(words[0]))
+        if self.type == "bit":
+            return float(int.from_bytes(self._bytes(words), "big") >> self.bit & 1)
+        raw = float(struct.unpack(f">{_FORMATS[self.type][0]}", self._bytes(words))[0])
+        return math.nan if raw in self.null else self.scale * raw + self.offset
+
+    def text(self, words: Sequence[int]) -> str:
+        """Return the text that ``words`` hold, without what fills it up."""
+        return self._bytes(words).decode("latin-1").split("\0")[0].strip()
+
+    def encode(self, value: float) -> list[int]:
+        """Return the words for ``value``; ValueError, in words, if they cannot carry it."""
+        if self.type == "bit":
+            if value not in (0.0, 1.0):
+                raise ValueError(f"{self.name} = {value:g} is not a bit (0 or 1)")
+            return [int(value)]
+        letter, _ = _FORMATS[self.type]
+        if math.isnan(value) and self.null:
+            raw = self.null[0]
+        elif not math.isfinite(value):
+            raise ValueError(f"{self.name} = {value:g} is not a number to write")
+        else:
+            raw = (value - self.offset) / self.scale
+        try:
+            data = struct.pack(f">{letter}", raw if letter in "fd" else round(raw))
+        except (struct.error, OverflowError):
+            low, high = self.range()
+            raise ValueError(
+                f"{self.name} = {value:g} does not fit: {self.type} at {self.address}, "
+                f"scale {self.scale:g}, carries {low:g} to {high:g}"
+            ) from None
+        return self._words(data)
+
+    def range(self) -> tuple[float, float]:
+        """Return the least and the greatest number that fit."""
+        if self.type in ("float32", "float64"):
+            raw_high = _SINGLE_MAX if self.type == "float32" else sys.float_info.max
+            raw_low = -raw_high
+        else:
+            bits = 1 if self.type == "bit" else 16 * self.size
+            signed = self.type.startswith("int")
+            raw_low, raw_high = (
+                (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if signed else (0.0, 2.0**bits - 1)
+            )
+        ends = sorted((self.scale * raw_low + self.offset, self.scale * raw_high + self.offset))
+        return ends[0], ends[1]
+
+    def with_bit(self, word: int, value: float) -> int:
+        """Return a register that held ``word`` with this point's bit in it."""
+        place = self.bit ^ 8 if self.swapped else self.bit
+        return word & ~(1 << place) | self.encode(value)[0] << place
+
+    def _bytes(self, words: Sequence[int]) -> bytes:
+        ordered = reversed(words) if self.low_word_first else words
+        order: Literal["little", "big"] = "little" if self.swapped else "big"
+        return b"".join(word.to_bytes(2, order) for word in ordered)
+
+    def _words(self, data: bytes) -> list[int]:
+        order: Literal["little", "big"] = "little" if self.swapped else "big"
+        words = [int.from_bytes(data[k : k + 2], order) for k in range(0, len(data), 2)]
+        return words[::-1] if self.low_word_first else words
+
+
+def read_points(
+    where: str, points: object, groups: Iterable[str], word_order: WordOrder, byte_order: ByteOrder
+) -> dict[str, RegisterPoint]:
+    """Return the points of a description by name; WiringError for what cannot be, or not both."""
+    if not isinstance(points, Mapping) or not points:
+        raise WiringError(
+            f"{where}: there are no points; each is a line like"
+            ' height = { table = "input", address = 100, type = "int16", scale = 0.01 }'
+        )
+    known = list(groups)
+    found = {}
+    for name, table in points.items():
+        place = f"{where}: {name}"
+        if not _NAME.fullmatch(name):
+            raise WiringError(f"{place} is not a name of letters, digits, _ and . that begins with a letter")
+        found[name] = _point(place, name, convert(place, table, PointKeys), word_order, byte_order)
+        if found[name].group and found[name].group not in known:
+            group = found[name].group
+            raise WiringError(f"{place}: group = {group!r} is not among [groups]; {meant(group, known)}")
+    _check_overlaps(where, found.values())
+    return found
+
+
+def _point(
+    place: str, name: str, keys: PointKeys, word_order: WordOrder, byte_order: ByteOrder
+) -> RegisterPoint:
+    bits = keys.table in _BITS
+    kind: TypeName = keys.type or ("bit" if bits or keys.bit is not None else "uint16")
+    if bits and kind != "bit":
+        raise WiringError(f"{place}: type = {kind!r} does not fit in a {keys.table}, which is one bit")
+    if kind == "bit" and bits == (keys.bit is not None):
+        raise WiringError(
+            f"{place}: bit = {keys.bit} has no meaning in a {keys.table}, which is one bit"
+            if bits
+            else f"{place}: type = 'bit' in a register needs bit = 0 (the lowest) to 15"
+        )
+    if kind != "bit" and keys.bit is not None:
+        raise WiringError(
+            f"{place}: bit = {keys.bit} has no meaning for type = {kind!r}; it is for type = 'bit'"
+        )
+    if (kind == "string") != (keys.length is not None):
+        raise WiringError(
+            f"{place}: a string needs its length, in registers"
+            if kind == "string"
+            else f"{place}: length = {keys.length} is for type = 'string'; {kind} has a size of its own"
+        )
+    if not (keys.scale and math.isfinite(keys.scale) and math.isfinite(keys.offset)):
+        raise WiringError(
+            f"{place}: scale = {keys.scale:g}, offset = {keys.offset:g} map everything to one number"
+        )
+    if kind in ("bit", "string") and (keys.scale, keys.offset, keys.null) != (1.0, 0.0, None):
+        raise WiringError(f"{place}: scale, offset and null are for numbers, not for a {kind}")
+    size = keys.length or _FORMATS[kind][1]
+    if keys.address + size > 0x1_0000:
+        raise WiringError(
+            f"{place}: address = {keys.address} with {size} registers ends behind 65535, the last one"
+        )
+    null = () if keys.null is None else tuple(keys.null) if isinstance(keys.null, list) else (keys.null,)
+    point = RegisterPoint(
+        name,
+        keys.table,
+        keys.address,
+        kind,
+        size,
+        keys.bit or 0,
+        keys.scale,
+        keys.offset,
+        null,
+        keys.group,
+        (keys.word_order or word_order) == "low" and kind != "string",
+        (keys.byte_order or byte_order) == "little",
+    )
+    low, high = replace(point, scale=1.0, offset=0.0).range()
+    for code in null:
+        if kind.startswith(("int", "uint")) and not (low <= code <= high and code == round(code)):
+            raise WiringError(
+                f"{place}: null = {code:g} is nothing that {kind} can hold ({low:g} to {high:g})"
+            )
+    return point
+
+
+def _check_overlaps(where: str, points: Iterable[RegisterPoint]) -> None:
+    """WiringError for two points in one place, but for different bits of a word and the word that holds them."""
+    ordered = sorted(points, key=lambda point: (point.table, point.address, point.size))
+    for k, point in enumerate(ordered):
+        for other in ordered[k + 1 :]:
+            if other.table != point.table or other.address >= point.end:
+                break
+            if _compatible(point, other):
+                continue
+            what = "coil" if point.table == "coil" else "input" if point.table == "discrete" else "register"
+            raise WiringError(
+                f"{where}: {point.name} ({_place(point)}) and {other.name} ({_place(other)}) share a {what}: "
+                "one address is wrong, or one point is too many (several signals may use the same point)"
+            )
+
+
+def _compatible(one: RegisterPoint, other: RegisterPoint) -> bool:
+    if one.in_word and other.in_word:
+        return one.bit != other.bit
+    words = {one.type, other.type} - {"bit"}
+    return (one.in_word or other.in_word) and words <= {"int16", "uint16"}
+
+
+def _place(point: RegisterPoint) -> str:
+    if point.in_word:
+        return f"bit {point.bit} of {point.table} {point.address}"
+    last = f" to {point.end - 1}" if point.size > 1 else ""
+    return f"{point.type} in {point.table} {point.address}{last}"
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Registers (or bits) of one table that one request reads, and the points in them."""
+
+    table: TableName
+    address: int
+    count: int
+    points: tuple[RegisterPoint, ...]
+
+    def decode(self, words: Sequence[Any]) -> dict[str, float]:
+        """Return the numbers of all points by name from what was read."""
+        first = self.address
+        return {
+            point.name: point.decode(words[point.address - first : point.end - first])
+            for point in self.points
+        }
+
+
+def spans(points: Iterable[RegisterPoint], gap: int) -> list[Span]:
+    """Return the requests that read ``points``; up to ``gap`` registers between two of them are read along."""
+    found: list[Span] = []
+    for point in sorted(points, key=lambda point: (point.table, point.address, point.size)):
+        limit = BITS_READ_MAX if point.table in _BITS else REGISTERS_READ_MAX
+        last = found[-1] if found else None
+        if (
+            last is not None
+            and last.table == point.table
+            and point.address <= last.address + last.count + gap
+            and max(point.end, last.address + last.count) - last.address <= limit
+        ):
+            count = max(point.end, last.address + last.count) - last.address
+            found[-1] = Span(last.table, last.address, count, (*last.points, point))
+        else:
+            found.append(Span(point.table, point.address, point.size, (point,)))
+    return found

@@ -1,0 +1,80 @@
+"""The transports that a description may name, and the door through which one of somebody's own comes in."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from drivers.errors import WiringError
+from drivers.wiring.contract import Transport
+from drivers.wiring.keys import meant
+
+if TYPE_CHECKING:
+    from drivers.can_port import CanPort
+    from drivers.modbus_port import ModbusPort
+
+KINDS: Final = ("can", "modbus", "opcua")
+#: A function of a description's own file, over floats or bytes.
+Function = Callable[..., Any]
+
+
+def open_transport(
+    name: str,
+    table: Mapping[str, Any],
+    where: Path,
+    *,
+    functions: Mapping[str, Function] | None = None,
+    port: Callable[[], CanPort | ModbusPort] | None = None,
+) -> Transport:
+    """Return the transport that ``table``, what stands under ``[transports.NAME]``, describes; it is not yet connected.
+
+    ``where`` is the directory that paths in the description start from, ``functions`` are those of its Python file,
+    and ``port`` opens a CAN or Modbus port in the place of the one described: in memory, say. WiringError, with the
+    key, its value and what would be right, for what cannot be.
+    """
+    kind = table.get("kind")
+    if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
+        guess = f" {meant(kind, KINDS)};" if isinstance(kind, str) else ""
+        raise WiringError(
+            f"transports.{name}: kind = {kind!r} is no transport;{guess} it is one of {', '.join(KINDS)}, or one of "
+            'your own as "package.module:factory" or "file.py:factory"'
+        )
+    opener: Any = port
+    if kind == "modbus":
+        from drivers.wiring.modbus import ModbusTransport
+
+        return ModbusTransport(name, table, port=opener)
+    return _own(name, kind, table, where)
+
+
+def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transport:
+    """Return what a factory of somebody's own makes: ``factory(name, table, where)``."""
+    module_name, _, factory_name = kind.rpartition(":")
+    place = f"transports.{name}: kind = {kind!r}"
+    try:
+        if module_name.endswith(".py"):
+            path = where / module_name
+            spec = importlib.util.spec_from_file_location(path.stem, path)
+            assert spec is not None and spec.loader is not None
+            module = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(module)
+        else:
+            module = importlib.import_module(module_name)
+    except (ImportError, OSError) as error:
+        raise WiringError(f"{place} cannot be imported: {error}") from error
+    factory = getattr(module, factory_name, None)
+    if not callable(factory):
+        raise WiringError(
+            f"{place}: {module_name} has no {factory_name!r} to call with (name, table, directory)"
+        )
+    transport = factory(name, table, where)
+    missing = [part for part in _PARTS if not hasattr(transport, part)]
+    if missing:
+        raise WiringError(f"{place} makes a {type(transport).__name__} without {', '.join(missing)}")
+    return transport
+
+
+_PARTS: Final = sorted(part for part in vars(Transport) if not part.startswith("_"))
