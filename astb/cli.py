@@ -13,7 +13,13 @@ import click
 
 from astb.commands.diagnosis import diagnose_command, investigate_command
 from astb.commands.fault import fault_command
-from astb.commands.lists import effects_command, limits_command, plans_command, signals_command
+from astb.commands.lists import (
+    effects_command,
+    limits_command,
+    plans_command,
+    signals_command,
+    specimens_command,
+)
 from astb.commands.rig import rig_command
 from astb.commands.run import report_command, run_command
 from astb.exit_codes import BLOCKED, MISUSE, PASS
@@ -55,6 +61,7 @@ for _command in (
     fault_command,
     run_command,
     plans_command,
+    specimens_command,
     effects_command,
     limits_command,
     signals_command,

@@ -10,9 +10,9 @@ from bench_protocol.units import ATMOSPHERE, Hz, minutes
 from bench_protocol.words import SIDES
 from diagnosis.contracts import Array, Experiment
 from diagnosis.finding import Finding
-from test_plans.loads import AUXILIARY_VOLUME, BELLOWS_VOLUME, EFFECTIVE_AREA, Load
 from test_plans.motions import Programme, Stretch
 from test_plans.perform import lasts
+from test_plans.specimen import Specimen, ordinary
 from test_plans.trajectory import RATE, trajectory
 
 #: Of the gas when its valves are closed: that of the hall.
@@ -30,9 +30,13 @@ class Offer:
     bic_gap: float
 
 
-def experiments(menu: Mapping[str, Programme]) -> tuple[Experiment, ...]:
-    """Return every run of every plan, named as its record will name it; each costs its share of the plan's time."""
-    return tuple(run for programme in menu.values() for run in _runs(programme))
+def experiments(menu: Mapping[str, Programme], specimen: Specimen | None = None) -> tuple[Experiment, ...]:
+    """Return every run of every plan on a ``specimen`` (the bench's own), named as its record will name it.
+
+    Each costs its share of the plan's time.
+    """
+    spring = specimen or ordinary()
+    return tuple(run for programme in menu.values() for run in _runs(programme, spring))
 
 
 def offers(finding: Finding, menu: Mapping[str, Programme]) -> list[Offer]:
@@ -49,20 +53,20 @@ def offers(finding: Finding, menu: Mapping[str, Programme]) -> list[Offer]:
     return sorted(found, key=lambda one: (-one.bic_gap / one.minutes, one.plan))
 
 
-def _runs(programme: Programme) -> Iterator[Experiment]:
+def _runs(programme: Programme, spring: Specimen) -> Iterator[Experiment]:
     runs = [(part.load, stretch) for part in programme.parts for stretch in part.stretches]
     share = lasts(programme) / minutes / len(runs)
     for number, (load, stretch) in enumerate(runs, 1):
-        yield _experiment(f"{programme.name} {number} {load.name}", load, stretch, share)
+        yield _experiment(f"{programme.name} {number} {load}", spring, load, stretch, share)
 
 
-def _experiment(name: str, load: Load, stretch: Stretch, cost: float) -> Experiment:
+def _experiment(name: str, spring: Specimen, load: str, stretch: Stretch, cost: float) -> Experiment:
     asked = trajectory(stretch)
     still = np.zeros_like(asked.time)
     heights = {side: _band_limited(height) for side, height in asked.heights.items()}
-    settings = {"nominal_preload": load.preload}
+    settings = {"nominal_preload": spring.load(load).preload}
     for side in SIDES:
-        pressure = _pressure(load, float(heights[side][0]))
+        pressure = _pressure(spring, load, float(heights[side][0]))
         for chamber in ("bellows", "auxiliary"):
             settings[f"{side}.{chamber}_pressure"] = pressure
             settings[f"{side}.{chamber}_temperature"] = TEMPERATURE
@@ -94,8 +98,9 @@ def _band_limited(asked: Array) -> Array:
     return np.asarray(asked[0] + sosfiltfilt(butter(4, BANDWIDTH, fs=RATE, output="sos"), asked - asked[0]))
 
 
-def _pressure(load: Load, height: float) -> float:
+def _pressure(spring: Specimen, load: str, height: float) -> float:
     """Gauge pressure at a ``height`` of a spring that was closed while it carried its load at design height."""
-    volume = BELLOWS_VOLUME + AUXILIARY_VOLUME
-    absolute = (load.fill_pressure + ATMOSPHERE) * volume / (volume + EFFECTIVE_AREA * height)
+    volume = spring.bellows_volume + spring.auxiliary_volume
+    filled = spring.load(load).fill_pressure + ATMOSPHERE
+    absolute = filled * volume / (volume + spring.effective_area * height)
     return absolute - ATMOSPHERE

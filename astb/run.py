@@ -21,24 +21,33 @@ from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
+    from test_plans.specimen import Specimen
 
 _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 
 def run_plans(
-    plans: Sequence["Plan"], rig: RigFile, path: Path, *, virtual: bool, seed: int | None, out: Path
+    plans: Sequence["Plan"],
+    rig: RigFile,
+    path: Path,
+    *,
+    virtual: bool,
+    seed: int | None,
+    out: Path,
+    specimen: "Specimen | None" = None,
 ) -> list[Result]:
     """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
 
-    In real time they share one session with the rig, and a blocked plan is the last; in virtual time each starts with
-    a new one, so that what a plan measures does not depend on what ran before.
+    Without a ``specimen`` the bench's own is taken. In real time they share one session with the rig, and a
+    blocked plan is the last; in virtual time each starts with a new one, so that what a plan measures does not depend
+    on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
     with ProgressDisplay(Console()) as display:
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
-                result, _ = run_plan(plan, session, rig, out, plan.name, display)
+                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen)
                 results.append(result)
                 if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
@@ -48,7 +57,13 @@ def run_plans(
 
 
 def run_plan(
-    plan: "Plan", session: Session, rig: RigFile, out: Path, name: str, display: ProgressDisplay
+    plan: "Plan",
+    session: Session,
+    rig: RigFile,
+    out: Path,
+    name: str,
+    display: ProgressDisplay,
+    specimen: "Specimen | None" = None,
 ) -> tuple[Result, Path]:
     """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
 
@@ -65,7 +80,14 @@ def run_plan(
     try:
         with undisturbed():
             result = execute(
-                plan, session.bench, directory, meta=meta, rig=rig.name, seed=session.seed, watcher=display
+                plan,
+                session.bench,
+                directory,
+                meta=meta,
+                rig=rig.name,
+                seed=session.seed,
+                watcher=display,
+                specimen=specimen,
             )
     except KeyboardInterrupt as stop:
         if not (directory / RESULT).exists():  # stopped once more, while the files were written

@@ -9,6 +9,8 @@ from typing import Final, Literal, get_args
 from bench_protocol.units import m
 
 SIDES: Final = ("left", "right")
+#: Where a value of a parameter or specimen file may come from.
+PROVENANCES: Final = ("measured", "data sheet", "assumed")
 ACTUATORS: Final = ("vertical_left", "vertical_right", "lateral")
 #: Axes of the vibration platform.
 PLATFORM_AXES: Final = ("vertical", "lateral", "roll")

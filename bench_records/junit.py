@@ -29,6 +29,9 @@ def junit(result: Result) -> bytes:
     for name, value in (
         ("title", result.title),
         ("rig", result.rig),
+        ("specimen type", result.specimen and result.specimen.type),
+        ("specimen serial number", result.specimen and result.specimen.serial_number),
+        ("specimen drawing", result.specimen and result.specimen.drawing),
         ("seed", result.seed),
         ("verdict", result.verdict),
     ):

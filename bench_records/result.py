@@ -230,6 +230,19 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
             raise ValueError("the edges of a histogram must rise")
 
 
+class Sample(msgspec.Struct, frozen=True, kw_only=True):
+    """Which specimen was on the bench, and the file with its drawing and limits."""
+
+    type: str
+    serial_number: str
+    drawing: str = ""
+    file: str = ""
+    sha256: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.type}, no. {self.serial_number}"
+
+
 class Result(msgspec.Struct, frozen=True, kw_only=True):
     """Everything a run of a plan concluded; made by ``conclude``, which finds the verdict."""
 
@@ -242,6 +255,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     phases: list[Phase] = []
     reason: str = ""
     rig: str = ""
+    specimen: Sample | None = None
     seed: int | None = None
     timing: Timing | None = None
 

@@ -25,15 +25,16 @@ def aw0(run: Run) -> None:
     Good is a spring that does what its drawing predicts: stiffness within 8 %, damping within 15 % (lateral 25 %),
     pressure within 3 %, no leak. The air is let off at the end, whatever happened before.
     """
-    steps.check_air(run, AW0)
+    load = run.specimen.load(AW0)
+    steps.check_air(run, load)
     steps.hold_the_height(run)
-    steps.lateral_loop(run, AW0)
-    steps.lateral_sweep(run, AW0)
+    steps.lateral_loop(run, load)
+    steps.lateral_sweep(run, load)
     steps.lock_the_air(run)
     air = steps.weigh_the_air(run)
-    steps.vertical_loop(run, AW0)
-    steps.vertical_sweep(run, AW0)
+    steps.vertical_loop(run, load)
+    steps.vertical_sweep(run, load)
     steps.free_the_bolster(run)
-    steps.roll_by_unequal_preload(run, AW0)
+    steps.roll_by_unequal_preload(run, load)
     steps.track_excitation(run)
-    steps.check_tightness(run, AW0, air)
+    steps.check_tightness(run, load, air)

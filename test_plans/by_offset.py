@@ -10,8 +10,8 @@ import numpy as np
 from bench_protocol.units import ATMOSPHERE, Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness
-from test_plans.geometry import BUMP_STOP_GAP, EMERGENCY_STIFFNESS_LATERAL, shear_of
-from test_plans.loads import AW0, AW3, BELLOWS_VOLUME, EFFECTIVE_AREA, EMERGENCY_STIFFNESS, Band, Load
+from test_plans.geometry import BUMP_STOP_GAP, shear_of
+from test_plans.loads import Load
 from test_plans.poses import Home, PoseReading, go_home, read_pose, take_pose
 from test_plans.tables import (
     AREA,
@@ -31,6 +31,7 @@ from test_plans.waves import lateral_stiffness, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+    from test_plans.specimen import Specimen
 
 OFFSETS: Final = tuple(y * mm for y in (0.0, 20.0, 40.0, 60.0, -20.0, -40.0, -60.0))
 DITHER: Final = 1 * mm
@@ -49,6 +50,7 @@ CENTRING: Final = 8 * mm
 class LateralOffset:
     """Small motions about lateral offsets, and the isolated bellows on the same stairs."""
 
+    specimen: Specimen
     offsets: list[float] = field(default_factory=list)
     tangents: list[Stiffness] = field(default_factory=list)
     stairs: list[PoseReading] = field(default_factory=list)
@@ -104,7 +106,7 @@ class LateralOffset:
         )
         places, secants = self.secants()
         keep(run, name, "Lateral secant stiffness per spring", SHEAR, SECANT, places, secants)
-        own = [one.shear - one.lateral / EMERGENCY_STIFFNESS_LATERAL for one in self.stairs]
+        own = [one.shear - one.lateral / self.specimen.emergency_stiffness_lateral for one in self.stairs]
         keep(
             run,
             name,
@@ -165,26 +167,24 @@ class LateralOffset:
 
         The emergency spring gives way by what the force changes; the drawing tells what volume that is.
         """
+        spring = self.specimen
         specific = np.array([one.temperature / (one.pressure + ATMOSPHERE) for one in self.stairs])
         lifted = np.array(
-            [one.height + (one.vertical - load.preload) / EMERGENCY_STIFFNESS for one in self.stairs]
+            [
+                one.height + (one.vertical - load.preload) / spring.emergency_stiffness_vertical
+                for one in self.stairs
+            ]
         )
         centre = np.array([y == 0.0 for y in STAIRS])
-        volume = specific / specific[centre].mean() - EFFECTIVE_AREA * lifted / BELLOWS_VOLUME
+        volume = specific / specific[centre].mean() - spring.effective_area * lifted / spring.bellows_volume
         return [float(v) for v in volume / volume[centre].mean()]
-
-
-# A dither of 1 mm meets membrane, shell and friction, which grips over small ways (a third to a half of the sum). Of
-# these only the membrane softens with offset, to 0.56 at 60 mm (AW3: 0.62, for its bellows are sheared by 53 mm).
-TANGENT_LEFT: Final = {AW0.name: Band(0.78, 0.95), AW3.name: Band(0.75, 0.93)}
-#: Bellows at 56 (AW0) and 53 mm (AW3): A −2.3 and −2.1 %, V −1.7 and −1.5 % by the drawing.
-AREA_LOST: Final = Band(0.01, 0.05)
-VOLUME_LOST: Final = Band(0.010, 0.025)
 
 
 def lateral_offsets(run: Run, load: Load) -> None:
     """Measure under the load that is carried."""
-    found = LateralOffset()
+    tangent = load.limits.band("tangent_left")
+    missing = [run.specimen.limits.band(name) for name in ("area_lost", "volume_lost")]
+    found = LateralOffset(run.specimen)
     home = go_home(run)
     found.dither(run, home)  # meanwhile the gas cools, and the air follows
     steps.lock_the_air(run)
@@ -195,14 +195,12 @@ def lateral_offsets(run: Run, load: Load) -> None:
 
     travel = max(abs(one.stop_travel) for one in found.stairs)
     run.check(f"{load.name}: travel of the bump stop", travel, "mm", high=BUMP_STOP_GAP)
-    band = TANGENT_LEFT[load.name]
     run.check(
         f"{load.name}: stiffness of 1 mm, 60 mm over centre",
         found.tangent_left(),
         "1",
-        low=band.low,
-        high=band.high,
+        low=tangent.low,
+        high=tangent.high,
     )
-    area, volume = found.losses(load)
-    run.check(f"{load.name}: effective area lost at 60 mm", area, "%", low=AREA_LOST.low, high=AREA_LOST.high)
-    run.check(f"{load.name}: volume lost at 60 mm", volume, "%", low=VOLUME_LOST.low, high=VOLUME_LOST.high)
+    for what, lost, band in zip(("effective area", "volume"), found.losses(load), missing, strict=True):
+        run.check(f"{load.name}: {what} lost at 60 mm", lost, "%", low=band.low, high=band.high)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -12,7 +12,7 @@ from bench_protocol.units import Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness, straight_line
 from test_plans.fittings import put_down
-from test_plans.loads import AW0, AW3, Band, Load, within
+from test_plans.loads import Load
 from test_plans.poses import go_home
 from test_plans.tables import AMPLITUDE, DAMPING, PRESSURE, STORAGE, keep
 from test_plans.waves import lateral_stiffness, pressure_of, shake
@@ -64,16 +64,17 @@ class LateralPressure:
         return float(np.mean(ratios))
 
 
-# The membrane κ_0 = 0.35 m, and the friction, whose limit grows by 1e-3 m² times the pressure (0.05 m at 9 mm of
-# bellows travel), both as far as the emergency spring leaves them: 0.40 m (1 − K/k)², with K = 144 and 261 kN/m of
-# k = 2 MN/m.
-SLOPE: Final = {AW0.name: within(0.345, 0.20), AW3.name: within(0.303, 0.20)}
-#: Friction makes a small motion stiffer: 2.5 against 10 mm.
-SOFTENING: Final = Band(1.10, 1.40)
+def carry_first(around: str, preloads: Sequence[float]) -> Callable[[Run], None]:
+    """Return the set-up that lets the springs carry the first of ``preloads`` (N) around a load case."""
+    return lambda run: steps.carry(run.specimen.load_of(around, preloads[0]))(run)
 
 
-def lateral_stiffness_over_pressure(run: Run, around: Load, loads: Sequence[Load]) -> None:
-    """Measure under each of the loads, of which the first is carried already."""
+def lateral_stiffness_over_pressure(run: Run, name: str, preloads: Sequence[float]) -> None:
+    """Measure under each of the preloads (N), of which the first is carried already, around the load case ``name``."""
+    around = run.specimen.load(name)
+    expected = around.limits.band("lateral_stiffness_by_pressure")
+    softening = run.specimen.limits.band("lateral_softening")
+    loads = [run.specimen.load_of(name, preload) for preload in preloads]
     found = LateralPressure()
     for load in loads:
         with run.phase(load.name):
@@ -83,8 +84,7 @@ def lateral_stiffness_over_pressure(run: Run, around: Load, loads: Sequence[Load
             go_home(run)
             found.measure(run)
     found.keep(run, around)
-    expected = SLOPE[around.name]
     slope = found.slope(max(AMPLITUDES))
     run.check("lateral stiffness by pressure at 10 mm", slope, "m", low=expected.low, high=expected.high)
     ratio = found.softening(min(AMPLITUDES), max(AMPLITUDES))
-    run.check("lateral stiffness at 2.5 mm over 10 mm", ratio, "1", low=SOFTENING.low, high=SOFTENING.high)
+    run.check("lateral stiffness at 2.5 mm over 10 mm", ratio, "1", low=softening.low, high=softening.high)

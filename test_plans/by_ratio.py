@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.units import ATMOSPHERE, Hz, kN, mm, s
+from bench_protocol.units import ATMOSPHERE, Hz, mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, one_cycle
 from test_plans.fittings import PLATE
-from test_plans.loads import DAMPING_TOLERANCE, Load, within
+from test_plans.loads import Load
 from test_plans.poses import COOL, go_home
 from test_plans.readings import PRESSURES
 from test_plans.tables import AMPLITUDE, DAMPING, RATIO, STORAGE, keep
@@ -97,13 +97,6 @@ class DampingByRatio:
         return 1 - max(c[0], c[-1]) / max(c)
 
 
-#: The drawing of AW0 has 30.5 kN·s/m at 1.0 Hz, and nearly the same at 1.2 Hz.
-PLATE_DAMPING: Final = within(29.5 * kN, DAMPING_TOLERANCE)
-#: From plate to plate damping falls by a sixth at least; beside its peak by a thirtieth.
-NEXT_PLATE: Final = 0.85
-BESIDE_PEAK: Final = 0.033
-
-
 def damping_over_ratio(run: Run, load: Load, plate: float) -> DampingByRatio:
     """Measure with the plate that is fitted, under the load that is carried."""
     found = DampingByRatio()
@@ -115,14 +108,17 @@ def damping_over_ratio(run: Run, load: Load, plate: float) -> DampingByRatio:
     return found
 
 
-def check_damping(run: Run, found: Mapping[float, DampingByRatio]) -> None:
+def check_damping(run: Run, load: Load, found: Mapping[float, DampingByRatio]) -> None:
     """Check that damping falls from plate to plate, and has its maximum between the ends of the amplitudes."""
     at = 5 * mm
+    fitted = load.limits.band("plate_damping")
+    following = run.specimen.limits.band("damping_next_plate")
+    beside = run.specimen.limits.band("damping_beside_peak")
     c = {plate: one.damping(at) for plate, one in found.items()}
-    run.check("c at 13 mm and 5 mm", c[PLATE], "kN*s/m", low=PLATE_DAMPING.low, high=PLATE_DAMPING.high)
+    run.check("c at 13 mm and 5 mm", c[PLATE], "kN*s/m", low=fitted.low, high=fitted.high)
     for smaller, larger in pairwise(sorted(c)):
         name = f"c at {larger / mm:g} mm over {smaller / mm:g} mm"
-        run.check(name, c[larger] / c[smaller], "1", high=NEXT_PLATE)
+        run.check(name, c[larger] / c[smaller], "1", low=following.low, high=following.high)
     for plate in (min(c), PLATE):
         name = f"c beside its peak, {plate / mm:g} mm"
-        run.check(name, found[plate].drop_beside_peak(), "%", low=BESIDE_PEAK)
+        run.check(name, found[plate].drop_beside_peak(), "%", low=beside.low, high=beside.high)

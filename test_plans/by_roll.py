@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.units import Hz, kN, mm, rad, s
+from bench_protocol.units import Hz, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.geometry import roll_of, shear_of
-from test_plans.loads import AW0, AW3, Load, within
+from test_plans.loads import Load
 from test_plans.poses import COOL, Home, go_home, restore_the_air, take_pose
 from test_plans.readings import PRESSURES, SHEAR_CELLS
 from test_plans.tables import DAMPING, ROLL, SECANT, STORAGE, keep
@@ -99,14 +99,13 @@ class RollAngle:
 
 #: Beyond 0.05 rad the coupling is saturated: what follows is small beside what went before.
 KNEE: Final = 0.05 * rad
-RISE: Final = 0.20
-SATURATED: Final = 0.10
-# K_yφ φ_s tanh(φ/φ_s) with K_yφ = (K_y h + P)/2 = 37.8 and 93.9 kN/rad of the sheared column, φ_s = 0.03 rad.
-COUPLING: Final = {AW0.name: within(1.06 * kN, 0.15), AW3.name: within(2.62 * kN, 0.15)}
 
 
 def lateral_stiffness_over_roll(run: Run, load: Load, angles: Sequence[float]) -> None:
     """Measure under the load that is carried, first with the differential pressure valve isolated, then with it."""
+    band = load.limits.band("coupling_force")
+    rises = run.specimen.limits.band("coupling_rise")
+    saturated = run.specimen.limits.band("coupling_saturated")
     home = go_home(run)
     run.bench.wait(COOL)
     steps.lock_the_air(run)
@@ -118,10 +117,12 @@ def lateral_stiffness_over_roll(run: Run, load: Load, angles: Sequence[float]) -
         found.keep(run, load, valve)
 
         rise, beyond = found.rise(0.0, KNEE), found.rise(KNEE, max(angles))
-        run.check(f"valve {valve}: secant, rise to 0.05 rad", rise / found.secant(0.0), "%", low=RISE)
-        run.check(f"valve {valve}: secant, change beyond over rise", abs(beyond) / rise, "%", high=SATURATED)
+        for what, value, limit in (
+            ("rise to 0.05 rad", rise / found.secant(0.0), rises),
+            ("change beyond over rise", abs(beyond) / rise, saturated),
+        ):
+            run.check(f"valve {valve}: secant, {what}", value, "%", low=limit.low, high=limit.high)
         odd = 0.5 * ROLL_SHEAR * (found.secant(KNEE) - found.secant(-KNEE))
-        band = COUPLING[load.name]
         run.check(
             f"valve {valve}: odd part of the force at 0.05 rad", odd, "kN", low=band.low, high=band.high
         )

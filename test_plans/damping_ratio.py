@@ -30,11 +30,11 @@ def damping_ratio(run: Run) -> None:
     Good is damping that grows with the pressures' parting, passes a maximum and falls again (10 and 13 mm), and that
     falls from plate to plate at 5 mm. The plates of 13 mm are fitted again at the end.
     """
-    found = {}
+    load, found = run.specimen.load(AW0), {}
     for plate in PLATES:
         if plate != PLATES[0]:
             put_down(run)
             fit_plate(run, plate)
             steps.carry(AW0)(run)
-        found[plate] = damping_over_ratio(run, AW0, plate)
-    check_damping(run, found)
+        found[plate] = damping_over_ratio(run, load, plate)
+    check_damping(run, load, found)

@@ -14,14 +14,17 @@ from bench_protocol.words import SIDES
 from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
+from test_plans.loads import SpecimenError
 from test_plans.plan import Part, Plan
 from test_plans.punctuality import lateness, timing
 from test_plans.readings import CHAMBERS
 from test_plans.recording import Recording, begin_recording, keep_settings
 from test_plans.run import Nobody, Run, Watcher
+from test_plans.specimen import Specimen, ordinary
 from test_plans.steps.carrying import RESIDUAL_PRESSURE
 
 if TYPE_CHECKING:
+    from bench_protocol.black_box import Incident
     from bench_records.result import Result
     from drivers.bench import Bench
 
@@ -41,22 +44,23 @@ def execute(
     rig: str = "",
     seed: int | None = None,
     watcher: Watcher | None = None,
+    specimen: Specimen | None = None,
 ) -> Result:
     """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
 
-    The verdict is *fail* if the product broke a limit and *blocked* if rig, link, plan or operator kept it from being
-    judged. Tear-down runs in every case, and its own troubles stand behind those that came first. KeyboardInterrupt
-    comes out again, once everything is written, and says what the springs hold; the report is made of the directory by
-    ``bench_records.report``.
+    Without a ``specimen`` the bench's own is taken. The verdict is *fail* if the product broke a limit and
+    *blocked* if rig, link, plan or operator kept it from being judged. Tear-down runs in every case, and its
+    own troubles stand behind those that came first. KeyboardInterrupt comes out again, once everything is written, and
+    says what the springs hold; the report is made of the directory by ``bench_records.report``.
     """
-    from bench_records.incident import write_incident
-    from bench_records.junit import write_junit
     from bench_records.layout import phases_of
-    from bench_records.result import conclude
+    from bench_records.result import Sample, conclude
 
     start = bench.clock.now()
-    recording = begin_recording(bench.table, bench.clock, directory, {"plan": plan.name, **(meta or {})})
-    run = Run(bench, recording, watcher or Nobody(), plan.lasts)
+    spring = specimen or ordinary()
+    facts = {"plan": plan.name, "specimen": spring.facts, **(meta or {})}
+    recording = begin_recording(bench.table, bench.clock, directory, facts)
+    run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring)
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, interrupted = _attempt(run, "set-up", plan.setup)
@@ -80,17 +84,26 @@ def execute(
         curves=run.curves,
         phases=phases_of(run.phases, start, bench.clock.now()),
         rig=rig,
+        specimen=Sample(**spring.facts),
         seed=seed,
         timing=punctuality,
     )
+    _write(result, incident, directory)
+    if interrupted or again:
+        raise KeyboardInterrupt(left)
+    return result
+
+
+def _write(result: Result, incident: Incident | None, directory: Path | str) -> None:
+    """Leave the result, and what the black box kept if something happened, in ``directory``."""
+    from bench_records.incident import write_incident
+    from bench_records.junit import write_junit
+
     if incident is not None:
         channels = {name: incident.values(name) for name in incident.channels}
         write_incident(directory, incident.story, incident.times, channels)
     result.write(directory)
     write_junit(result, directory)
-    if interrupted or again:
-        raise KeyboardInterrupt(left)
-    return result
 
 
 @contextmanager
@@ -148,6 +161,8 @@ def _attempt(run: Run, name: str, part: Part) -> tuple[str, bool]:
         trouble = f"{WHOSE[error.fault]}: {error}"
     except NotMeasured as error:
         trouble = f"the measurement: {error}"
+    except SpecimenError as error:
+        trouble = f"the specimen's file: {error}"
     except KeyboardInterrupt:
         trouble, interrupted = _STOPPED, True
     except Exception as error:

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Literal
 
-from bench_protocol.units import kN, mm
+from bench_protocol.units import mm
 from test_plans import steps
-from test_plans.loads import EFFECTIVE_AREA, Load
 
 if TYPE_CHECKING:
     from test_plans.run import Run
 
 #: Fitted when the bench was built.
 PLATE: Final = 13 * mm
-
-
-def other_load(load: Load, preload: float) -> Load:
-    """Return a load case beside ``load``, for which nobody has stated what is good."""
-    name = f"{load.name} at {preload / kN:g} kN"
-    return replace(load, name=name, preload=preload, fill_pressure=preload / EFFECTIVE_AREA)
 
 
 def put_down(run: Run) -> None:

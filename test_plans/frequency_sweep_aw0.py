@@ -23,4 +23,4 @@ def frequency_sweep_aw0(run: Run) -> None:
     Good is damping with its maximum near the natural frequency and little of it at 10 Hz, and with the pipe a stiffness
     that dips, overshoots and comes back.
     """
-    frequency_sweep(run, AW0)
+    frequency_sweep(run, run.specimen.load(AW0))

@@ -15,8 +15,10 @@ import numpy as np
 from bench_protocol.units import MN, Hz, kN, m, mm, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples
-from test_plans.loads import BOLSTER_MASS
 
+#: The bolster hangs on the actuators or rests on both springs: its weight is part of the preload.
+BOLSTER_MASS: Final = 1200.0
+BOLSTER_WEIGHT: Final = BOLSTER_MASS * 9.80665
 #: b: from the middle of the bench to each spring.
 SPRING_HALF_SPACING: Final = 1.0 * m
 #: e: the bolster's centre of gravity above the top plates; h_a: the lateral actuator above that; h: height of a spring.
@@ -38,9 +40,6 @@ SPEED_MAX: Final = 0.6 * m / s
 #: Limits of the bench at which it holds by itself, with some room.
 VERTICAL_FORCE_MAX: Final = 180 * kN
 LATERAL_FORCE_MAX: Final = 25 * kN
-
-#: Data sheet of the emergency spring, laterally.
-EMERGENCY_STIFFNESS_LATERAL: Final = 2 * MN / m
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,4 +28,4 @@ def lateral_offset(run: Run) -> None:
         if load is not AW0:
             put_down(run)
             steps.carry(load)(run)
-        lateral_offsets(run, load)
+        lateral_offsets(run, run.specimen.load(load))

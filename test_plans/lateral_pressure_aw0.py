@@ -3,18 +3,15 @@
 from typing import Final
 
 from bench_protocol.units import kN, s
-from test_plans import steps
-from test_plans.by_pressure import lateral_stiffness_over_pressure
-from test_plans.fittings import other_load
+from test_plans.by_pressure import carry_first, lateral_stiffness_over_pressure
 from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.run import Run
 
 PRELOADS: Final = tuple(P * kN for P in (43.0, 48.0, 53.5, 59.0, 64.0))
-LOADS: Final = tuple(other_load(AW0, P) for P in PRELOADS)
 
 
-@plan(setup=steps.carry(LOADS[0]), lasts=280 * s)
+@plan(setup=carry_first(AW0, PRELOADS), lasts=280 * s)
 def lateral_pressure_aw0(run: Run) -> None:
     """Lateral stiffness against pressure, empty car.
 
@@ -25,4 +22,4 @@ def lateral_pressure_aw0(run: Run) -> None:
     Good is a spring that grows stiffer with pressure by what its membrane predicts, and softer with amplitude by its
     friction.
     """
-    lateral_stiffness_over_pressure(run, AW0, LOADS)
+    lateral_stiffness_over_pressure(run, AW0, PRELOADS)

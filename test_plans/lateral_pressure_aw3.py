@@ -3,19 +3,16 @@
 from typing import Final
 
 from bench_protocol.units import kN, s
-from test_plans import steps
-from test_plans.by_pressure import lateral_stiffness_over_pressure
-from test_plans.fittings import other_load
+from test_plans.by_pressure import carry_first, lateral_stiffness_over_pressure
 from test_plans.loads import AW3
 from test_plans.plan import plan
 from test_plans.run import Run
 
 #: The shims end at 160 kN.
 PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))
-LOADS: Final = tuple(other_load(AW3, P) for P in PRELOADS)
 
 
-@plan(setup=steps.carry(LOADS[0]), lasts=360 * s)
+@plan(setup=carry_first(AW3, PRELOADS), lasts=360 * s)
 def lateral_pressure_aw3(run: Run) -> None:
     """Lateral stiffness against pressure, full car.
 
@@ -26,4 +23,4 @@ def lateral_pressure_aw3(run: Run) -> None:
     Good is a spring that grows stiffer with pressure by what its membrane predicts, and softer with amplitude by its
     friction.
     """
-    lateral_stiffness_over_pressure(run, AW3, LOADS)
+    lateral_stiffness_over_pressure(run, AW3, PRELOADS)

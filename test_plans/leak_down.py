@@ -15,9 +15,10 @@ HOLD: Final = 30 * s
 
 def fill(run: Run) -> None:
     """Lift the bolster to design height and fill both springs to the pressure of the full car."""
-    steps.shim(run, AW3)
+    load = run.specimen.load(AW3)
+    steps.shim(run, load)
     steps.power_up(run)
-    steps.raise_the_air(run, AW3)
+    steps.raise_the_air(run, load)
 
 
 @plan(setup=fill, lasts=60 * s)
@@ -34,4 +35,4 @@ def leak_down(run: Run) -> None:
     before = steps.weigh_the_air(run)
     with run.phase("hold"):
         run.bench.wait(HOLD)
-    steps.check_tightness(run, AW3, before)
+    steps.check_tightness(run, run.specimen.load(AW3), before)

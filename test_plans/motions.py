@@ -8,7 +8,6 @@ from typing import Final, Literal
 
 from bench_protocol.units import Hz, mm, mrad, s
 from test_plans.geometry import SPRING_HALF_SPACING, pose
-from test_plans.loads import Load
 
 Axis = Literal["vertical", "lateral", "roll"]
 Form = Literal["sine", "triangle"]
@@ -129,7 +128,7 @@ class Stretch:
 class Part:
     """Stretches under one load, which is taken up on the leveling valves first."""
 
-    load: Load
+    load: str  #: load case of the specimen
     stretches: tuple[Stretch, ...]
 
 

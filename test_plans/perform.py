@@ -49,13 +49,13 @@ RECEIVED: Final = 0.8
 WAY: Final = Band(0.8, 1.2)
 
 #: What taking up a load, and letting the air off at the end, take beside the stretches.
-TAKE_UP: Final = {AW0.name: 40 * s, AW3.name: 52 * s}
+TAKE_UP: Final = {AW0: 40 * s, AW3: 52 * s}
 
 
 def lasts(programme: Programme) -> float:
     """Return how long the bench is busy with it (s)."""
     return sum(
-        TAKE_UP[part.load.name]
+        TAKE_UP[part.load]
         + sum(float(trajectory(stretch, COARSE).time[-1]) + BETWEEN for stretch in part.stretches)
         for part in programme.parts
     )
@@ -91,7 +91,7 @@ def perform(run: Run, programme: Programme) -> None:
                 _turn(run, stretch.valves)
                 _go(run, home, stretch.start)
                 run.bench.wait(SETTLE)
-            name = f"{programme.name} {number} {part.load.name}"
+            name = f"{programme.name} {number} {part.load}"
             with run.phase(f"{REPLAY} {name}"):
                 with run.bench.capture(*POSE_SIGNALS) as capture:
                     _stretch(run, home, stretch)

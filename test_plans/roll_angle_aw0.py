@@ -26,4 +26,4 @@ def roll_angle_aw0(run: Run) -> None:
     Good is coupling as the sheared column predicts: the force at y = +20 mm grows with the left side up, by as much as
     it falls with the other, and changes little beyond 0.05 rad; the first harmonic does not grow.
     """
-    lateral_stiffness_over_roll(run, AW0, ANGLES)
+    lateral_stiffness_over_roll(run, run.specimen.load(AW0), ANGLES)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from bench_protocol.units import FACTORS, NS
+from test_plans.specimen import Specimen, ordinary
 
 if TYPE_CHECKING:
     from bench_records.layout import RecordedEvent
@@ -54,12 +55,13 @@ class Nobody:
 
 @dataclass(slots=True)
 class Run:
-    """One execution of a plan: the bench, and everything that the plan concludes."""
+    """One execution of a plan: the bench, the specimen on it, and everything that the plan concludes."""
 
     bench: Bench
     log: EventLog
     watcher: Watcher = field(default_factory=Nobody)
     lasts: float = 0.0
+    specimen: Specimen = field(default_factory=ordinary)
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from bench_protocol.units import Hz, minutes, mm, mrad, s
-from test_plans.loads import AW0, AW3, Load
+from test_plans.loads import AW0, AW3
 from test_plans.motions import Part, Programme, Segment, Stand, Stretch, Valves, Wave
 from test_plans.perform import programme_plan
 
@@ -14,7 +14,7 @@ DPV_CONNECTED: Final = Valves(air="hold", reservoirs="on", dpv="on")
 ISOLATED: Final = Valves(air="hold", reservoirs="off", dpv="off")
 
 
-def _programme(name: str, title: str, purpose: str, *parts: tuple[Load, tuple[Stretch, ...]]) -> Programme:
+def _programme(name: str, title: str, purpose: str, *parts: tuple[str, tuple[Stretch, ...]]) -> Programme:
     return Programme(name, title, tuple(Part(load, stretches) for load, stretches in parts), purpose)
 
 

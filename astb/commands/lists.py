@@ -1,4 +1,4 @@
-"""`astb plans`, `astb effects`, `astb limits` and `astb signals`: what there is."""
+"""`astb plans`, `astb specimens`, `astb effects`, `astb limits` and `astb signals`: what there is."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from astb.commands.options import RIG_OPTION, read_rig
+from astb.commands.options import RIG_OPTION, read_rig, read_specimen
 from astb.exit_codes import misuse
+from bench_protocol.units import kN
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
@@ -20,6 +21,18 @@ def plans_command() -> None:
     width = max(map(len, known))
     for name, plan in known.items():
         click.echo(f"{name:<{width}}  {plan.title}")
+
+
+@click.command("specimens")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+def specimens_command(names: tuple[str, ...]) -> None:
+    """List the specimens that come with the bench, or what the file of each NAME says."""
+    from test_plans.specimen import packaged
+
+    for name in names or packaged():
+        one = read_specimen(name)
+        loads = ", ".join(f"{load.name} {load.preload / kN:g} kN" for load in one.loads.values())
+        click.echo(f"{name}  {one.type}, no. {one.serial_number}, drawing: {one.drawing}; {loads}")
 
 
 @click.command("effects")

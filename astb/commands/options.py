@@ -10,6 +10,7 @@ from astb.exit_codes import misuse
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
+    from test_plans.specimen import Specimen
 
 SEED: Final = click.IntRange(0, 2**32 - 1)
 
@@ -44,6 +45,17 @@ def effect_options(command: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(_SIMULATION_OPTIONS[1:]):
         command = option(command)
     return command
+
+
+def read_specimen(name: str | None) -> "Specimen":
+    """Return the specimen of a file or of a name; without either the bench's own."""
+    from test_plans.loads import SpecimenError
+    from test_plans.specimen import ORDINARY, read_specimen
+
+    try:
+        return read_specimen(name or ORDINARY)
+    except SpecimenError as error:
+        misuse(error)
 
 
 def read_rig(path: Path | None) -> "tuple[RigFile, Path]":

@@ -6,7 +6,7 @@ from typing import Final
 import click
 
 from astb.commands.lists import known_plans
-from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
+from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
 from astb.exit_codes import BLOCKED, FAIL, PASS, blocked, misuse
 
 _EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
@@ -20,6 +20,12 @@ _EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
 )
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
 @simulation_options
+@click.option(
+    "--specimen",
+    "specimen_name",
+    metavar="FILE",
+    help="What is on the bench, with its limits: a name that `astb specimens` lists, or a TOML file.",
+)
 @click.option(
     "--out",
     "out",
@@ -36,6 +42,7 @@ def run_command(
     model: str | None,
     effects: tuple[str, ...],
     sealed: str | None,
+    specimen_name: str | None,
     out: Path,
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
@@ -56,12 +63,21 @@ def run_command(
     unknown = [name for name in plans if name not in known]
     if unknown:
         misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(known)}")
+    specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_path)
     rig = simulated(rig, path, model, effects, sealed)
     # Whoever ends the run, tear-down runs.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        results = run_plans([known[name] for name in plans], rig, path, virtual=virtual, seed=seed, out=out)
+        results = run_plans(
+            [known[name] for name in plans],
+            rig,
+            path,
+            virtual=virtual,
+            seed=seed,
+            out=out,
+            specimen=specimen,
+        )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
     except BenchError as error:

@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench_protocol.words import PROVENANCES
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import PARAMETERS, PLANT_QUANTITIES
 from bench_sim.parameters.effects import Effects, apply_effects
 from bench_sim.parameters.loading import (
     LOAD,
-    PROVENANCES,
     Entry,
     ParameterError,
     changed,

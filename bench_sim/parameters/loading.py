@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.words import PROVENANCES
 from bench_sim.model.quantities import Quantity
-
-#: Where a value may come from.
-PROVENANCES: Final = ("measured", "data sheet", "assumed")
 
 LOAD: Final = "nominal_preload"
 CROSSTALK: Final = "load_cell_crosstalk"

@@ -12,6 +12,7 @@ from test_plans.identification.fits import Fit
 from test_plans.identification.lateral import fit_lateral_stiffness
 from test_plans.identification.parameter_file import FittedValue, Known, fitted_values
 from test_plans.loads import AW0, AW3
+from test_plans.specimen import Specimen, ordinary
 
 if TYPE_CHECKING:
     from bench_records.result import Curve
@@ -39,14 +40,20 @@ class Identified:
 
 
 def identify(
-    offset: Iterable[Curve], pressure_aw0: Iterable[Curve], pressure_aw3: Iterable[Curve], base: str
+    offset: Iterable[Curve],
+    pressure_aw0: Iterable[Curve],
+    pressure_aw3: Iterable[Curve],
+    base: str,
+    specimen: Specimen | None = None,
 ) -> Identified:
     """Identify a spring from the curves of ``lateral_offset`` and of both plans ``lateral_pressure``.
 
-    ``base`` is the text of the parameter file to begin with. NotIdentified if something is missing.
+    ``base`` is the text of the parameter file to begin with; ``specimen`` the one that was measured (the bench's own).
+    NotIdentified if something is missing.
     """
     known, kept = Known(base), list(offset)
+    aw0, aw3 = ((specimen or ordinary()).load(name) for name in (AW0, AW3))
     return Identified(
-        fit_area_and_volume([isolated(kept, load) for load in (AW0, AW3)], known),
-        fit_lateral_stiffness([sheared(pressure_aw0, AW0), sheared(pressure_aw3, AW3)], known),
+        fit_area_and_volume([isolated(kept, load) for load in (aw0, aw3)], known),
+        fit_lateral_stiffness([sheared(pressure_aw0, aw0), sheared(pressure_aw3, aw3)], known),
     )

@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from bench_protocol.units import ATMOSPHERE, NS, minutes
 from bench_protocol.words import SIDES
 from test_plans.analysis import straight_line
-from test_plans.loads import (
-    AUXILIARY_VOLUME,
-    BELLOWS_VOLUME,
-    EFFECTIVE_AREA,
-    EFFECTIVE_AREA_SLOPE,
-    EMERGENCY_STIFFNESS,
-    PRELOAD_TOLERANCE,
-    REST_HEIGHT,
-    Load,
-)
+from test_plans.loads import Load
 from test_plans.readings import CELLS_UNDER, CHAMBERS, HEIGHTS, THERMOMETER_LAG, VERTICAL_CELLS
 from test_plans.steps.carrying import AVERAGE_OVER
 from test_plans.steps.shaking import check_band
 
 if TYPE_CHECKING:
     from test_plans.run import Run
-
-#: A tight spring keeps its air. Over half a minute transducers and thermometers resolve 0.05 %; the smallest leak that
-#: matters (5e-11 m³/(s Pa)) loses 0.3 % a minute.
-AIR_LOSS_MAX: Final = 0.002
+    from test_plans.specimen import Specimen
 
 
 def check_air(run: Run, load: Load) -> None:
@@ -36,11 +24,12 @@ def check_air(run: Run, load: Load) -> None:
         mean = run.bench.averages(*VERTICAL_CELLS, *states, over=AVERAGE_OVER)
         for side in SIDES:
             carried = sum(mean[cell] for cell in CELLS_UNDER[side])
-            low, high = load.preload - PRELOAD_TOLERANCE, load.preload + PRELOAD_TOLERANCE
-            run.check(f"load on the {side} spring", carried, "kN", low=low, high=high)
-            check_band(run, f"height of the {side} spring", mean[f"{side}.height"], "mm", REST_HEIGHT)
+            check_band(run, f"load on the {side} spring", carried, "kN", load.limits.band("carried"))
+            rest = run.specimen.limits.band("rest_height")
+            check_band(run, f"height of the {side} spring", mean[f"{side}.height"], "mm", rest)
+            pressure = load.limits.band("pressure")
             check_band(
-                run, f"pressure in the {side} bellows", mean[f"{side}.bellows_pressure"], "bar", load.pressure
+                run, f"pressure in the {side} bellows", mean[f"{side}.bellows_pressure"], "bar", pressure
             )
 
 
@@ -70,19 +59,21 @@ def check_tightness(run: Run, load: Load, before: dict[str, float]) -> None:
     after = weigh_the_air(run)
     elapsed = after["time"] - before["time"]
     for side in SIDES:
-        lost = 1 - _air(after, load, side) / _air(before, load, side)
-        run.check(f"air lost per minute, {side} spring", lost * minutes / elapsed, "%", high=AIR_LOSS_MAX)
+        lost = 1 - _air(run.specimen, after, load, side) / _air(run.specimen, before, load, side)
+        limit = run.specimen.limits.band("air_loss_per_minute")
+        check_band(run, f"air lost per minute, {side} spring", lost * minutes / elapsed, "%", limit)
 
 
-def _air(state: dict[str, float], load: Load, side: str) -> float:
+def _air(specimen: Specimen, state: dict[str, float], load: Load, side: str) -> float:
     """Mass of air in both chambers of a spring, times R.
 
     The bellows is higher than the stack of both by what the emergency spring gives way beyond the preload.
     """
     carried = sum(state[cell] for cell in CELLS_UNDER[side])
-    height = state[f"{side}.height"] + (carried - load.preload) / EMERGENCY_STIFFNESS
-    bellows = BELLOWS_VOLUME + EFFECTIVE_AREA * height + 0.5 * EFFECTIVE_AREA_SLOPE * height**2
+    height = state[f"{side}.height"] + (carried - load.preload) / specimen.emergency_stiffness_vertical
+    area, slope = specimen.effective_area, specimen.effective_area_slope
+    bellows = specimen.bellows_volume + area * height + 0.5 * slope * height**2
     return sum(
         (state[f"{side}.{part}_pressure"] + ATMOSPHERE) * volume / state[f"{side}.{part}_temperature"]
-        for part, volume in zip(CHAMBERS, (bellows, AUXILIARY_VOLUME), strict=True)
+        for part, volume in zip(CHAMBERS, (bellows, specimen.auxiliary_volume), strict=True)
     )

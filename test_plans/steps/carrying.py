@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
 from drivers.errors import RigFault
-from test_plans.loads import REST_HEIGHT, Load
+from test_plans.loads import Load
 from test_plans.readings import CHAMBERS
 
 if TYPE_CHECKING:
@@ -74,14 +74,15 @@ def depressurise(run: Run) -> None:
             raise RigFault(f"the springs keep their air, for the bench shut its valves: {bench.describe()}")
 
 
-def carry(load: Load) -> Callable[[Run], None]:
-    """Return the set-up that lets both springs carry ``load`` on their leveling valves."""
+def carry(load: str | Load) -> Callable[[Run], None]:
+    """Return the set-up that lets both springs carry ``load`` on their leveling valves: a load case, or its name."""
 
     def set_up(run: Run) -> None:
-        shim(run, load)
+        carried = run.specimen.load(load) if isinstance(load, str) else load
+        shim(run, carried)
         power_up(run)
-        raise_the_air(run, load)
-        level_to_the_preload(run, load)
+        raise_the_air(run, carried)
+        level_to_the_preload(run, carried)
 
     return set_up
 
@@ -109,8 +110,9 @@ def level_to_the_preload(run: Run, load: Load) -> None:
         bench.air.level()
         force = load.actuator_force
         bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
+        rest = run.specimen.limits.band("rest_height")
         bench.wait_for(
-            lambda: all(height in REST_HEIGHT for height in (bench.left.height, bench.right.height)),
+            lambda: all(height in rest for height in (bench.left.height, bench.right.height)),
             within=LEVEL_WITHIN,
             what="both springs leveled",
             steady=LEVEL_STEADY,

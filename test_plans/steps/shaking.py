@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.units import Hz, kN, mm
+from bench_protocol.units import Hz, kN, mm, s
 from bench_protocol.words import PROGRAM_STATES, SIDES
 from test_plans.analysis import (
     Samples,
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 AMPLITUDE: Final = 5 * mm
 #: Slow: below it, a vertical spring loses little through its orifice; above 0.1 Hz, little through its walls.
 LOOP_FREQUENCY: Final = 0.3 * Hz
-#: The generator fades in over its first cycle and out over its last: what lies between is measured.
-CYCLES: Final = {LOOP_FREQUENCY: 3, 0.5 * Hz: 3, 1.0 * Hz: 4, 2.0 * Hz: 5, 3.0 * Hz: 7}
+#: The generator fades in over its first cycle and out over its last: what lies between is measured, so long at least.
+MEASURED: Final = 1.5 * s
 SAMPLE_RATE: Final = 200 * Hz
 
 #: What is read while an axis is shaken.
@@ -44,7 +45,7 @@ def shake(
     wave: Literal["sine", "triangle"] = "sine",
 ) -> tuple[Samples, dict[str, Samples]]:
     """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude."""
-    cycles = CYCLES[frequency]
+    cycles = 2 + ceil(MEASURED * frequency)
     with run.bench.capture(*names) as capture:
         run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
     return _at_full_amplitude(capture, frequency, cycles)

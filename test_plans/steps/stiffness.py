@@ -9,7 +9,8 @@ import numpy as np
 
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_harmonic, without_inertia
-from test_plans.loads import BOLSTER_MASS, Load
+from test_plans.geometry import BOLSTER_MASS
+from test_plans.loads import Load
 from test_plans.readings import LASER_LAG, LOAD_CELL_LAG, TRANSDUCER_LAG, VERTICAL_CELLS
 from test_plans.steps.shaking import (
     LATERAL,
@@ -34,17 +35,19 @@ BALANCE_TOLERANCE: Final = 0.04
 def vertical_loop(run: Run, load: Load) -> None:
     """Measure the quasi-static vertical stiffness of each spring: a slow triangle of 5 mm to either side."""
     with run.phase("vertical triangle"):
+        secant = load.limits.band("vertical_secant")
         _, values = shake(run, "vertical", LOOP_FREQUENCY, VERTICAL, "triangle")
         for side in SIDES:
             motion, force = spring_motion(values, side)
-            check_secant(run, f"{side} vertical stiffness, slow", motion, force, load.vertical_secant)
+            check_secant(run, f"{side} vertical stiffness, slow", motion, force, secant)
             keep_loop(run, "slow", f"{side} spring", motion, force)
 
 
 def vertical_sweep(run: Run, load: Load) -> None:
     """Measure vertical stiffness and damping of each spring, first harmonic, 5 mm."""
     found: dict[str, list[Stiffness]] = {side: [] for side in SIDES}
-    for frequency, (storage, damping) in load.vertical.items():
+    sweep = list(load.sweep("vertical"))
+    for frequency, storage, damping in sweep:
         with run.phase(f"vertical sine {frequency:g} Hz"):
             times, values = shake(run, "vertical", frequency, VERTICAL)
             for side in SIDES:
@@ -55,7 +58,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
                 check_band(run, f"{side} vertical c at {frequency:g} Hz", K.damping, "kN*s/m", damping)
                 one = times < times[0] + 1 / frequency
                 keep_loop(run, f"{frequency:g} Hz", f"{side} spring", motion[one], force[one])
-            if frequency == max(load.vertical):
+            if frequency == max(one for one, *_ in sweep):
                 _check_balance(run, times, values, frequency)
     for side in SIDES:
         keep_sweep(run, f"{side} spring", "vertical", found[side])
@@ -82,16 +85,17 @@ def _check_balance(run: Run, times: Samples, values: dict[str, Samples], frequen
 def lateral_loop(run: Run, load: Load) -> None:
     """Measure the quasi-static lateral stiffness of the pair: a slow triangle of 5 mm to either side."""
     with run.phase("lateral triangle"):
+        secant = load.limits.band("lateral_secant")
         _, values = shake(run, "lateral", LOOP_FREQUENCY, LATERAL, "triangle")
         motion, force = lateral_motion(values)
-        check_secant(run, "lateral stiffness, slow", motion, force, load.lateral_secant)
+        check_secant(run, "lateral stiffness, slow", motion, force, secant)
         keep_loop(run, "slow", "lateral", motion, force)
 
 
 def lateral_sweep(run: Run, load: Load) -> None:
     """Measure lateral stiffness and damping of the pair, first harmonic, 5 mm."""
     found: list[Stiffness] = []
-    for frequency, (storage, damping) in load.lateral.items():
+    for frequency, storage, damping in load.sweep("lateral"):
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
             motion, force = lateral_motion(values)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from bench_protocol.units import Hz, bar, kN, mm, s
+from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import first_harmonic
 from test_plans.geometry import SPRING_HALF_SPACING
-from test_plans.loads import Band, Load
+from test_plans.loads import Load
 from test_plans.readings import GENERATOR
 from test_plans.steps.carrying import PRELOAD_WITHIN
 from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, check_band, generator_cycles
@@ -18,14 +18,6 @@ if TYPE_CHECKING:
 
 TRACK_FREQUENCY: Final = 1.2 * Hz
 TRACK_CYCLES: Final = 3
-#: Under constant force each spring carries 600 kg of bolster, which follow the track by K / (K - m ω²): 1.08 (AW0) and
-#: 1.05 (AW3) with the stiffness of 450 and 770 kN/m that a spring has at the few tenths of a millimetre it gives here.
-TRACK_TRANSMISSIBILITY: Final = Band(1.02, 1.12)
-#: 5 mm times the same, less or more by the bolster's own motion at 4 to 6 Hz when it is set off.
-TRACK_PEAK: Final = Band(4.8 * mm, 5.8 * mm)
-
-#: The differential pressure valve opens at 1.2 bar: rolling stays below, or air would change sides.
-ROLL_PRESSURE_MAX: Final = 1.0 * bar
 ROLL_RATE: Final = 20 * kN / s
 ROLL_WAIT: Final = 1.5 * s
 ROLL_AVERAGE: Final = 0.5 * s
@@ -50,10 +42,10 @@ def track_excitation(run: Run) -> None:
         steady = generator_cycles(times, values, 1, TRACK_CYCLES - 1, TRACK_FREQUENCY)
         response = first_harmonic(times[steady], bolster[steady], TRACK_FREQUENCY)
         excitation = first_harmonic(times[steady], platform[steady], TRACK_FREQUENCY)
-        check_band(
-            run, "bolster over platform at 1.2 Hz", abs(response / excitation), "1", TRACK_TRANSMISSIBILITY
-        )
-        check_band(run, "peak of the bolster", float(bolster.max()), "mm", TRACK_PEAK)
+        limits = run.specimen.limits
+        ratio = abs(response / excitation)
+        check_band(run, "bolster over platform at 1.2 Hz", ratio, "1", limits.band("track_transmissibility"))
+        check_band(run, "peak of the bolster", float(bolster.max()), "mm", limits.band("track_peak"))
 
 
 def roll_by_unequal_preload(run: Run, load: Load) -> None:
@@ -76,6 +68,7 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
             load.actuator_force, load.actuator_force, rate=ROLL_RATE, within=PRELOAD_WITHIN
         )
         stiffness = (moments[1] - moments[0]) / (angles[1] - angles[0])
-        check_band(run, "roll stiffness", stiffness, "kN*m/rad", load.roll_stiffness)
+        check_band(run, "roll stiffness", stiffness, "kN*m/rad", load.limits.band("roll_stiffness"))
         swing = 0.5 * (differences[0] - differences[1])
-        run.check("pressure difference by rolling", swing, "bar", high=ROLL_PRESSURE_MAX)
+        parting = run.specimen.limits.band("roll_pressure_difference")
+        check_band(run, "pressure difference by rolling", swing, "bar", parting)

@@ -21,6 +21,7 @@ from test_plans.identification.lateral import fit_lateral_stiffness, friction_st
 from test_plans.identification.parameter_file import FittedValue, Known, fitted_values, write_parameters
 from test_plans.identification.spring import FITTED, FITTED_LATERAL, identify
 from test_plans.loads import AW0, AW3
+from test_plans.specimen import ordinary
 
 BASE = (Path(bench_sim.parameters.__file__).parent / "astb.toml").read_text(encoding="utf-8")
 KNOWN = Known(BASE)
@@ -169,7 +170,7 @@ def test_the_intervals_of_shell_and_friction_are_as_wide_as_a_bootstrap():
 
 def test_what_the_record_does_not_hold_is_said():
     with pytest.raises(NotIdentified, match="no curve 'AW0' of 'Isolated bellows sheared: height'"):
-        isolated([], AW0)
+        isolated([], ordinary().load(AW0))
     with pytest.raises(NotIdentified, match=r"do not tell a, b apart"):
         fit(lambda v: np.array([v["a"] + v["b"] - 1.0] * 3), {"a": 1.0, "b": 1.0})
     with pytest.raises(NotIdentified, match="has no membrane_travel"):
@@ -263,7 +264,7 @@ def test_the_plants_own_parameters_lie_within_their_intervals(identified, tmp_pa
     assert loaded.entries["membrane_length"].value == pytest.approx(found.area_and_volume["membrane_length"])
     # The paper's law on the same curves: area falls, and the volume falls too.
     groups = {(one.group, one.name): one for one in curves["lateral_offset"]}
-    area, volume = (groups[group, AW3.name] for group in ("Effective area", "Volume"))
+    area, volume = (groups[group, AW3] for group in ("Effective area", "Volume"))
     law = fit_paper_law(*(np.array(series) for series in (area.xs, area.ys, volume.ys)))
     assert law["alpha"] == pytest.approx(7.2, rel=0.15)
     assert law["beta"] < -4.0

@@ -20,6 +20,7 @@ from test_plans.motions import REPLAY, Part, Programme, Stand, Stretch, Valves, 
 from test_plans.perform import programme_plan
 from test_plans.screening import REPEATED, SCREENING, STRETCHES
 from test_plans.separating import MENU
+from test_plans.specimen import ordinary
 from test_plans.trajectory import RATE, trajectory, unit_wave
 
 slow = pytest.mark.slow
@@ -152,7 +153,7 @@ def test_the_bench_moves_as_predicted_and_the_record_knows_the_valves(bench_run,
     def in_force(name, time):
         return [data[name] for at, data in changes if at <= time and name in data][-1]
 
-    assert in_force("rig.nominal_preload", replay.start) == AW0.preload
+    assert in_force("rig.nominal_preload", replay.start) == ordinary().load(AW0).preload
     assert in_force("vertical.control", replay.start) == "displacement"
     assert [in_force(f"air.{side}_mode", replay.start) for side in ("left", "right")] == ["hold", "hold"]
     opened = next(phase for phase in record.phases if phase.name == "differential pressure valve on")
@@ -207,7 +208,7 @@ def test_no_programme_asks_for_more_than_the_bench_can(programme):
     limits = {(limit.signal, limit.kind): limit.at for limit in LIMITS}
     lowest, highest = (limits["left.height", kind] for kind in (LimitKind.LOWER, LimitKind.UPPER))
     sideways = limits["lateral.displacement", LimitKind.UPPER]
-    stiffness = {AW0.name: 340e3, AW3.name: 600e3}  # N/m of the pair, sideways
+    stiffness = {AW0: 340e3, AW3: 600e3}  # N/m of the pair, sideways
     for part in programme.parts:
         for stretch in part.stretches:
             asked = trajectory(stretch)

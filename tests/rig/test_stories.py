@@ -17,13 +17,16 @@ from bench_protocol.units import bar, kN, mm
 from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, SIDES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from test_plans.loads import AW0, AW3, Load
+from test_plans.loads import Load
+from test_plans.specimen import ordinary
 from tests.rig.bookmark import Bookmark
 from tests.rig.way_down import LOSSES, VERTICAL, WatchedCommander, told, way_back, way_down
 
 FORCE, DISPLACEMENT = CONTROL_MODES.index("force"), CONTROL_MODES.index("displacement")
 LEVEL, FILL = AIR_MODES.index("level"), AIR_MODES.index("fill")
 
+
+AW0, AW3 = (ordinary().load(name) for name in ("AW0", "AW3"))
 
 # --- where stories start --------------------------------------------------------------------------------------------
 

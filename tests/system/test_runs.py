@@ -20,6 +20,7 @@ from bench_records.record import read
 from drivers.can_port import open_can
 from drivers.errors import LinkLost
 from drivers.modbus_port import open_modbus
+from test_plans.specimen import HOME
 
 FILES = ("junit.xml", "meta.json", "record.parquet", "report.html", "result.json")
 VIRTUAL = 'name = "virtual"\ntime = "virtual"\n[simulation]\n'
@@ -210,6 +211,19 @@ def test_what_the_bench_was_given_stands_in_terminal_and_report(run_here, tmp_pa
     assert (
         "leak.right" not in run.said + run.files()["report.html"].decode() + run.files()["meta.json"].decode()
     )
+
+
+def test_another_specimen_is_judged_by_its_own_limits_and_named(run_here, tmp_path):
+    """The same bench, and a file that allows less air to be lost than the thermometers can resolve."""
+    text = (HOME / "astb.toml").read_text(encoding="utf-8")
+    assert text.count("{ high = 0.2, unit") == text.count('serial_number = "virtual"') == 1
+    strict = text.replace("{ high = 0.2, unit", "{ high = -0.5, unit").replace('"virtual"', '"4711"')
+    (tmp_path / "strict.toml").write_text(strict, encoding="utf-8")
+    run = run_here("leak_down", "--specimen", tmp_path / "strict.toml", rig=VIRTUAL)
+    assert run.code == FAIL
+    head = run.files()["report.html"].decode().partition("</header>")[0]
+    assert "no. 4711" in head
+    assert b'value="4711"' in run.files()["junit.xml"]
 
 
 def test_a_run_never_overwrites_another(run_here, astb_here):

@@ -1,0 +1,300 @@
+"""The specimen on the bench: type, serial number, drawing and limits, read from a TOML file of its own.
+
+Every value has a unit, a source and a provenance (measured, data sheet or assumed). What is missing is told when a
+plan asks for it, what nobody understands when the file is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.words import PROVENANCES
+from test_plans.loads import Band, Limits, Load, SpecimenError, within
+
+#: The specimens that come with the bench lie beside this package, in a checkout as well as installed.
+HOME: Final = Path(__file__).resolve().parents[1] / "specimens"
+#: The one that plans take without being told.
+ORDINARY: Final = "astb"
+
+#: What a drawing states, each with its SI unit.
+DRAWING: Final = {
+    "bellows_volume": "m3",
+    "auxiliary_volume": "m3",
+    "effective_area": "m2",
+    "effective_area_slope": "m",
+    "emergency_stiffness_vertical": "N/m",
+    "emergency_stiffness_lateral": "N/m",
+}
+LOAD: Final = {"preload": "N", "fill_pressure": "Pa", "roll_load": "N"}
+#: What may be limited under any load, each with its SI unit.
+LIMITS: Final = {
+    "rest_height": "m",
+    "air_loss_per_minute": "1",
+    "track_transmissibility": "1",
+    "track_peak": "m",
+    "roll_pressure_difference": "Pa",
+    "lateral_softening": "1",
+    "area_lost": "1",
+    "volume_lost": "1",
+    "damping_next_plate": "1",
+    "damping_beside_peak": "1",
+    "damping_peak_frequency": "Hz",
+    "high_frequency_damping": "1",
+    "surge_dip": "1",
+    "surge_peak": "1",
+    "coupling_rise": "1",
+    "coupling_saturated": "1",
+}
+#: What may be limited under one load, each with its SI unit.
+LOAD_LIMITS: Final = {
+    "carried": "N",
+    "pressure": "Pa",
+    "vertical_secant": "N/m",
+    "vertical_stiffness": "N/m",
+    "vertical_damping": "N*s/m",
+    "lateral_secant": "N/m",
+    "lateral_stiffness": "N/m",
+    "lateral_damping": "N*s/m",
+    "roll_stiffness": "N*m/rad",
+    "lateral_stiffness_by_pressure": "m",
+    "tangent_left": "1",
+    "coupling_force": "N",
+    "plate_damping": "N*s/m",
+}
+_NAMES: Final = ("type", "serial_number", "drawing")
+_ORIGIN: Final = {"unit", "provenance", "source"}
+_VALUE: Final = {"value"} | _ORIGIN
+_ENDS: Final = ("low", "high")
+_EXPECTED: Final = {"expected", "tolerance"} | _ORIGIN
+_BANDS: Final = (
+    {"low", "high"} | _ORIGIN,
+    {"low"} | _ORIGIN,
+    {"high"} | _ORIGIN,
+    _EXPECTED,
+    {"frequency"} | _EXPECTED,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Specimen:
+    """One type of spring, both pieces on the bench; values in SI."""
+
+    file: str
+    sha256: str
+    type: str
+    serial_number: str
+    drawing: str
+    bellows_volume: float  #: m³ at design height
+    auxiliary_volume: float  #: m³
+    effective_area: float  #: m² at design height
+    effective_area_slope: float  #: m, by height
+    emergency_stiffness_vertical: float  #: N/m
+    emergency_stiffness_lateral: float  #: N/m
+    limits: Limits
+    loads: Mapping[str, Load]
+
+    def load(self, name: str) -> Load:
+        """Return a load case. SpecimenError if the file does not have it."""
+        if name not in self.loads:
+            raise SpecimenError(
+                f"specimen {self.file} has no load case {name}; it has {', '.join(self.loads)}"
+            )
+        return self.loads[name]
+
+    def load_of(self, name: str, preload: float) -> Load:
+        """Return a load case beside ``name``, of ``preload`` (N), for which nobody has stated what is good."""
+        load = self.load(name)
+        limits = Limits(f"{load.limits.where} at {preload / 1e3:g} kN", {}, {})
+        return replace(load, preload=preload, fill_pressure=preload / self.effective_area, limits=limits)
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What record and report say of it."""
+        return {
+            "type": self.type,
+            "serial_number": self.serial_number,
+            "drawing": self.drawing,
+            "file": self.file,
+            "sha256": self.sha256,
+        }
+
+
+@cache
+def ordinary() -> Specimen:
+    """Return the specimen that plans take without being told."""
+    return read_specimen(ORDINARY)
+
+
+def packaged() -> list[str]:
+    """Return the names of the specimens that come with the bench."""
+    return sorted(path.stem for path in HOME.glob("*.toml"))
+
+
+def read_specimen(name: str | Path) -> Specimen:
+    """Return the specimen of a TOML file, or the one that comes with the bench under this name.
+
+    SpecimenError, with file, key, value and unit, if the file cannot be read or says what nobody understands.
+    """
+    path = Path(name) if str(name).endswith(".toml") else HOME / f"{name}.toml"
+    try:
+        text = path.read_bytes()
+        content = tomllib.loads(text.decode("utf-8"))
+    except OSError as error:
+        raise SpecimenError(
+            f"specimen {name} cannot be read: {path}: {error.strerror}; there is {', '.join(packaged())}, "
+            "and any path that ends in .toml would do"
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SpecimenError(f"specimen {path} is not TOML: {error}") from None
+    try:
+        return _specimen(path.name, hashlib.sha256(text).hexdigest(), content)
+    except _Unfit as error:
+        raise SpecimenError(f"specimen {path}: {error}") from None
+
+
+class _Unfit(ValueError):
+    """What is wrong in a file, without saying in which."""
+
+
+def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
+    _refuse_unknown("", content, (*_NAMES, "properties", "limits", "load_case"))
+    cases = _table("load_case", content.get("load_case", {}))
+    if not cases:
+        raise _Unfit(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
+    return Specimen(
+        file,
+        sha256,
+        _name("type", content),
+        _name("serial_number", content),
+        _name("drawing", content),
+        **_values("properties", content.get("properties", {}), DRAWING),
+        limits=_limits(file, "limits", content.get("limits", {}), LIMITS),
+        loads={name: _load(file, name, case) for name, case in cases.items()},
+    )
+
+
+def _name(key: str, content: Mapping[str, Any]) -> str:
+    name = _needed("", content, key)
+    if not isinstance(name, str) or not name.strip():
+        raise _Unfit(f"{key} = {name!r} is no text that tells one spring from another")
+    return name
+
+
+def _load(file: str, name: str, case: Any) -> Load:
+    where = f"load_case.{name}"
+    values = dict(_table(where, case))
+    limits = _limits(file, f"{where}.limits", values.pop("limits", {}), LOAD_LIMITS)
+    return Load(name, **_values(where, values, LOAD), limits=limits)
+
+
+def _values(where: str, table: Any, known: Mapping[str, str]) -> dict[str, float]:
+    table = _table(where, table)
+    _refuse_unknown(f"{where}.", table, known)
+    found = {}
+    for name, si in known.items():
+        entry = _entry(f"{where}.{name}", _needed(f"{where}.", table, name), (_VALUE,))
+        found[name] = _number(f"{where}.{name}.value", entry["value"]) * _factor(f"{where}.{name}", entry, si)
+    return found
+
+
+def _limits(file: str, where: str, table: Any, known: Mapping[str, str]) -> Limits:
+    bands, curves = {}, {}
+    table = _table(where, table)
+    _refuse_unknown(f"{where}.", table, known)
+    for name, raw in table.items():
+        key = f"{where}.{name}"
+        entry = _entry(key, raw, _BANDS)
+        factor = _factor(key, entry, known[name])
+        if "frequency" in entry:
+            curves[name] = _curve(key, entry, factor)
+        elif "expected" in entry:
+            bands[name] = _around(key, entry["expected"], entry, factor)
+        else:
+            ends = [_number(f"{key}.{end}", entry[end]) * factor if end in entry else None for end in _ENDS]
+            bands[name] = Band(*ends)
+            if None not in ends and entry["low"] > entry["high"]:
+                low, high, unit = entry["low"], entry["high"], entry["unit"]
+                raise _Unfit(
+                    f"{key}.low = {low:g} {unit} lies above high = {high:g} {unit}; nothing could pass"
+                )
+    return Limits(f"specimen {file}: {where}", bands, curves)
+
+
+def _curve(key: str, entry: Mapping[str, Any], factor: float) -> dict[float, Band]:
+    frequencies, expected = entry["frequency"], entry["expected"]
+    if not (
+        isinstance(frequencies, list) and isinstance(expected, list) and len(frequencies) == len(expected)
+    ):
+        raise _Unfit(f"{key} needs lists of as many frequencies (Hz) as expected values")
+    return {
+        _number(f"{key}.frequency", frequency): _around(key, one, entry, factor)
+        for frequency, one in zip(frequencies, expected, strict=True)
+    }
+
+
+def _around(key: str, expected: Any, entry: Mapping[str, Any], factor: float) -> Band:
+    tolerance = _number(f"{key}.tolerance", entry["tolerance"])
+    if not 0.0 < tolerance < 1.0:
+        raise _Unfit(f"{key}.tolerance = {tolerance:g} is no fraction of what is expected; 0.08 would be 8 %")
+    middle = _number(f"{key}.expected", expected) * factor
+    if middle <= 0.0:
+        raise _Unfit(f"{key}.expected = {expected:g} {entry['unit']} has no tolerance; low and high would do")
+    return within(middle, tolerance)
+
+
+def _entry(key: str, raw: Any, shapes: Collection[set[str]]) -> Mapping[str, Any]:
+    """Return the parts of one entry, if it has those of one of the ``shapes``, and says where it comes from."""
+    entry = _table(key, raw)
+    if set(entry) not in shapes:
+        right = " or ".join(", ".join(sorted(shape - _ORIGIN)) for shape in shapes)
+        raise _Unfit(f"{key} has {', '.join(entry)}; it needs unit, provenance, source and {right}")
+    if entry["provenance"] not in PROVENANCES:
+        raise _Unfit(f"{key}.provenance = {entry['provenance']!r}; it is one of {', '.join(PROVENANCES)}")
+    if not str(entry["source"]).strip():
+        raise _Unfit(f"{key}.source is empty; it says where the value comes from")
+    return entry
+
+
+def _factor(key: str, entry: Mapping[str, Any], si: str) -> float:
+    """Return the SI value of one of the entry's units, which has to be a unit of ``si``."""
+    unit = WRITTEN_UNITS.get(entry["unit"])
+    if unit is None or unit.si != si:
+        fitting = " or ".join(name for name, known in WRITTEN_UNITS.items() if known.si == si)
+        value = next(entry[part] for part in ("value", "expected", *_ENDS) if part in entry)
+        raise _Unfit(f"{key} = {value} {entry['unit']} is not in {fitting}")
+    return unit.factor
+
+
+def _number(key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise _Unfit(f"{key} = {value!r} is not a number")
+    return float(value)
+
+
+def _table(key: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise _Unfit(f"{key} = {value!r} is not a table")
+    return value
+
+
+def _needed(where: str, table: Mapping[str, Any], key: str) -> Any:
+    if key not in table:
+        raise _Unfit(f"the key {where}{key} is missing")
+    return table[key]
+
+
+def _refuse_unknown(where: str, table: Mapping[str, Any], known: Collection[str]) -> None:
+    for key in table:
+        if key not in known:
+            near = get_close_matches(key, known, n=1)
+            right = f"{near[0]} would be one" if near else f"there are {', '.join(known)}"
+            raise _Unfit(f"{where}{key} is no key of a specimen; {right}")

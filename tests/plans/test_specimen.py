@@ -1,0 +1,170 @@
+"""The specimen: its file says what is good, another file says otherwise, and nobody guesses what is wrong in it."""
+
+import re
+
+import pytest
+
+from bench_protocol.units import bar, kN, mm
+from bench_protocol.words import PROVENANCES
+from bench_records.junit import junit
+from bench_records.report import write_report
+from bench_records.result import Outcome, read_result
+from test_plans.execution import execute
+from test_plans.leak_down import leak_down
+from test_plans.loads import Band, Limits, SpecimenError
+from test_plans.plan import plan
+from test_plans.run import Run
+from test_plans.specimen import HOME, ordinary, packaged, read_specimen
+
+TEXT = (HOME / "astb.toml").read_text(encoding="utf-8")
+
+
+def changed(path, *changes):
+    """The ordinary specimen's file with some of its text changed; every change must find what it replaces."""
+    text = TEXT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", packaged())
+def test_every_specimen_that_comes_with_the_bench_can_be_read_and_says_where_its_values_come_from(name):
+    one = read_specimen(name)
+    assert one.loads
+    text = (HOME / f"{name}.toml").read_text(encoding="utf-8")
+    entries = [line for line in text.splitlines() if "unit = " in line]
+    assert entries
+    for line in entries:
+        assert re.search(r'provenance = "([^"]+)"', line)[1] in PROVENANCES
+        assert len(re.search(r'source = "([^"]*)"', line)[1]) > 5, line
+
+
+def test_the_ordinary_specimen_is_that_of_the_drawing():
+    """By hand from the text of the file: 53.5 kN, 8 % about 464 kN/m at 1 Hz, 6 mm to either side of design height."""
+    one, load = ordinary(), ordinary().load("AW0")
+    assert (one.bellows_volume, one.effective_area) == (0.030, 0.260)
+    assert load.preload == 53.5 * kN
+    assert load.limits.band("pressure") == Band(1.98 * bar, 2.11 * bar)
+    assert load.limits.band("carried") == Band(52.9 * kN, 54.1 * kN)
+    storage = {frequency: band for frequency, band, _ in load.sweep("vertical")}
+    assert (storage[1.0].low, storage[1.0].high) == pytest.approx((426.88 * kN, 501.12 * kN))
+    assert one.limits.band("rest_height") == Band(-6 * mm, 6 * mm)
+    # The spring must be able to carry what its pressure says.
+    for case in one.loads.values():
+        assert case.fill_pressure * one.effective_area == pytest.approx(case.preload, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            'value = 53.5, unit = "kN"',
+            'value = 53.5, unit = "bar"',
+            "load_case.AW0.preload = 53.5 bar is not in N or kN",
+        ),
+        (
+            'value = 53.5, unit = "kN"',
+            'value = "much", unit = "kN"',
+            "load_case.AW0.preload.value = 'much' is not a number",
+        ),
+        (
+            'value = 53.5, unit = "kN"',
+            'unit = "kN"',
+            "load_case.AW0.preload has unit, provenance, source; it needs",
+        ),
+        (
+            "low = -6.0, high = 6.0",
+            "low = 7.0, high = 6.0",
+            "limits.rest_height.low = 7 mm lies above high = 6 mm",
+        ),
+        (
+            "expected = 387.0, tolerance = 0.08",
+            "expected = 387.0, tolerance = 8",
+            "vertical_secant.tolerance = 8 is no fr",
+        ),
+        (
+            "frequency = [0.5, 1.0, 2.0, 3.0]",
+            "frequency = [0.5]",
+            "needs lists of as many frequencies (Hz) as expected",
+        ),
+        (
+            "rest_height =",
+            "rest_hight =",
+            "limits.rest_hight is no key of a specimen; rest_height would be one",
+        ),
+        (
+            "bellows_volume =",
+            "bellows_volumes =",
+            "properties.bellows_volumes is no key of a specimen; bellows_volume",
+        ),
+        ('serial_number = "virtual"', "", "the key serial_number is missing"),
+        ('serial_number = "virtual"', 'serial_number = ""', "serial_number = '' is no text"),
+        (
+            'provenance = "data sheet"',
+            'provenance = "hearsay"',
+            "provenance = 'hearsay'; it is one of measured, data",
+        ),
+        ('source = "at design height"', 'source = " "', "properties.bellows_volume.source is empty"),
+        ('type = "', "type = ", "is not TOML"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_file_key_and_value(tmp_path, old, new, told):
+    path = changed(tmp_path / "wrong.toml", (old, new))
+    with pytest.raises(SpecimenError, match=re.escape(told)) as error:
+        read_specimen(path)
+    assert "wrong.toml" in str(error.value)
+
+
+def test_a_file_that_is_not_there_is_told_with_those_that_are(tmp_path):
+    with pytest.raises(SpecimenError, match=r"nowhere\.toml: No such file or directory; there is .*astb"):
+        read_specimen(tmp_path / "nowhere.toml")
+
+
+def test_what_a_file_does_not_state_is_told_when_it_is_asked_for():
+    with pytest.raises(SpecimenError, match=r"has no load case AW2; it has AW0, AW3"):
+        ordinary().load("AW2")
+    with pytest.raises(
+        SpecimenError, match=r"x: limits does not say what is good for rest_height: low, high or"
+    ):
+        Limits("x: limits", {}, {}).band("rest_height")
+    beside = ordinary().load_of("AW0", 60 * kN)
+    assert beside.fill_pressure == pytest.approx(60 * kN / 0.26)
+    with pytest.raises(SpecimenError, match=r"AW0\.limits at 60 kN does not say what is good for pressure"):
+        beside.limits.band("pressure")
+
+
+def test_another_specimen_carries_another_load_and_is_named_wherever_the_result_stands(
+    tmp_path, bench_composed
+):
+    """A heavier car on the same springs: what the plan moves and what it judges come from the file alone."""
+    path = changed(
+        tmp_path / "heavy.toml",
+        ('serial_number = "virtual"', 'serial_number = "0815 <&>"'),
+        ('value = 145.0, unit = "kN"', 'value = 130.0, unit = "kN"'),
+        ('value = 5.577, unit = "bar"', 'value = 5.0, unit = "bar"'),
+    )
+    with bench_composed() as made:
+        result = execute(leak_down, made.bench, tmp_path / "out", specimen=read_specimen(path))
+        assert made.bench.rig.nominal_preload == pytest.approx(130 * kN)
+    assert result.verdict is Outcome.PASS, result.reason
+    assert read_result(tmp_path / "out").specimen.serial_number == "0815 <&>"
+    assert b'name="specimen serial number" value="0815 &lt;&amp;&gt;"' in junit(result)
+    page = write_report(tmp_path / "out").read_text(encoding="utf-8")
+    head = page[: page.index("</header>")]
+    assert "diaphragm spring 575, no. 0815 &lt;&amp;&gt;" in head
+
+
+def test_a_specimen_that_does_not_say_what_is_good_blocks_the_plan_before_anything_moves(
+    tmp_path, bench_composed
+):
+    @plan(setup=lambda run: None, teardown=lambda run: None)
+    def unknown_load(run: Run) -> None:
+        """A load that the specimen does not have."""
+        run.specimen.load("AW9")
+
+    with bench_composed() as made:
+        result = execute(unknown_load, made.bench, tmp_path)
+    assert result.verdict is Outcome.BLOCKED
+    assert result.reason == "the specimen's file: specimen astb.toml has no load case AW9; it has AW0, AW3"
