@@ -1,0 +1,74 @@
+"""The wiring files of both rigs, over their transports alone: what is read and written means what it should."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS
+from drivers.errors import Refused
+from drivers.wiring.description import read_description
+from drivers.wiring.transports import open_transport
+from tests.foreign.virtual import VirtualPlc
+
+HERE = Path(__file__).parent
+
+
+@pytest.mark.parametrize(
+    ("name", "missing"),
+    [
+        ("plant_a", {"left.auxiliary_temperature", "right.auxiliary_temperature", "lateral.acceleration"}),
+        ("hall_b", {"lateral.force", "lateral.force_setpoint", "lateral.acceleration"}),
+    ],
+)
+def test_a_wiring_says_of_every_measurement_and_setting_where_it_is_or_why_not(name, missing):
+    description = read_description(HERE / f"{name}_wiring.toml", TABLE)
+    absent = {one: why for one, why in description.absent.items() if why != "the wiring does not mention it"}
+    assert set(absent) == missing | {"rig.pipe"}
+    told = {
+        *description.readings,
+        *description.setpoints,
+        *description.settings,
+        *absent,
+        *description.played,
+    }
+    forgotten = {
+        signal.name
+        for signal in TABLE.signals
+        if signal.name not in told
+        and not signal.name.startswith(("rig.", "emergency.", "control.", "lease."))
+    }
+    assert {one.partition(".")[0] for one in forgotten} == {"action", "interlock"}
+
+
+def test_the_registers_of_rig_a_over_modbus():
+    virtual = VirtualPlc()
+    path = HERE / "plant_a_wiring.toml"
+    table = tomllib.loads(path.read_text())["transports"]["plc"]
+    transport = open_transport("plc", table, path.parent, port=virtual.port)
+    heard, lost = [], []
+    transport.connect(virtual.clock, lost.append, within=1.0)
+    transport.subscribe(lambda time, points: heard.append((time, dict(points))))
+
+    def wait(seconds):
+        virtual.clock.sleep_until(virtual.clock.now() + round(seconds * NS))
+        return heard[-1][1]
+
+    seen = wait(1.0)
+    assert len(heard) == 20
+    assert 400 - seen["laser_left"] == pytest.approx(-52.2, abs=0.2)
+    assert seen["cell_1"] == pytest.approx(2900, abs=100)
+    transport.write({"request": 2})
+    assert wait(0.6)["state"] == 2
+    transport.write({"request": 0, "join_left": 0, "plates": 16.0})
+    wait(0.1)
+    assert transport.read(["join_left_is", "join_right_is", "plates_are"]) == {
+        "join_left_is": 0,
+        "join_right_is": 1,
+        "plates_are": 13.0,  # only at rest
+    }
+    with pytest.raises(Refused):
+        transport.write({"target_left": 9500})
+    transport.close()
+    assert not lost

@@ -1,0 +1,85 @@
+"""The rigs of strangers in virtual time: their bytes and frames cross the memory of one process."""
+
+import numpy as np
+
+from bench_protocol.clock import VirtualClock
+from bench_protocol.frames import FRAME, Block
+from bench_protocol.socketcand import iterate
+from drivers.memory import InMemoryCan
+from drivers.modbus_port import InMemoryModbus
+from tests.foreign.can_rig import CYCLE as HALL_CYCLE
+from tests.foreign.can_rig import CanRig
+from tests.foreign.plc_rig import CYCLE as PLC_CYCLE
+from tests.foreign.plc_rig import PlcRig
+
+_NS = 1_000_000  # in a millisecond
+
+
+class _Paced:
+    """A rig that goes through its cycles while the clock passes."""
+
+    cycle_time: int
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock()
+        self._done = 0
+        self.clock.attach(self._advance)
+
+    def _advance(self, until: int) -> None:
+        cycles = until // (self.cycle_time * _NS)
+        while self._done < cycles:
+            self._done += 1
+            self.cycle()
+
+    def cycle(self) -> None:
+        raise NotImplementedError
+
+
+class VirtualPlc(_Paced):
+    """Rig A, and a port to it."""
+
+    cycle_time = PLC_CYCLE
+
+    def __init__(self, seed: int = 1, **changes: float) -> None:
+        super().__init__()
+        self.rig = PlcRig(seed, **changes)
+        self.there = True
+
+    def cycle(self) -> None:
+        self.rig.cycle()
+
+    def port(self) -> InMemoryModbus:
+        """Return a new connection."""
+        return InMemoryModbus(lambda request: self.rig.answer(request) if self.there else b"")
+
+
+class VirtualHall(_Paced):
+    """Rig B, and its bus."""
+
+    cycle_time = HALL_CYCLE
+
+    def __init__(self, seed: int = 1, **changes: float) -> None:
+        super().__init__()
+        self.rig = CanRig(seed, **changes)
+        self._ports: list[InMemoryCan] = []
+
+    def cycle(self) -> None:
+        frames = self.rig.cycle()
+        block = np.zeros(len(frames), FRAME)
+        for record, (identifier, data) in zip(block, frames, strict=True):
+            record["time"] = self._done * HALL_CYCLE * _NS
+            record["id"], record["extended"], record["length"] = identifier, 1, len(data)
+            record["data"][: len(data)] = np.frombuffer(data, np.uint8)
+        for port in self._ports:
+            port.deliver(block)
+
+    def port(self) -> InMemoryCan:
+        """Return a new port of the bus."""
+        port = InMemoryCan(self._take)
+        self._ports.append(port)
+        return port
+
+    def _take(self, block: Block) -> None:
+        for _, identifier, extended, data in iterate(block):
+            if extended:
+                self.rig.receive(identifier, data)
