@@ -11,6 +11,7 @@ from typing import Final, NoReturn
 
 import click
 
+from astb.commands.conform import conform_command
 from astb.commands.diagnosis import diagnose_command, investigate_command
 from astb.commands.fault import fault_command
 from astb.commands.lists import (
@@ -66,6 +67,7 @@ for _command in (
     limits_command,
     signals_command,
     report_command,
+    conform_command,
     diagnose_command,
     investigate_command,
 ):

@@ -1,0 +1,102 @@
+"""`astb conform`: what a rig does on its wires, beside what is right and beside another rig."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from astb.exit_codes import FAIL, PASS, blocked, misuse
+
+if TYPE_CHECKING:
+    from astb.conformance.finding import Difference, Report
+
+
+@click.command("conform")
+@click.argument("target")
+@click.option(
+    "--against",
+    "other",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="OTHER.json",
+    help="Tell in what the rig differs from another one, by its report.",
+)
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the report, for programs and for --against.",
+)
+@click.option(
+    "--allow-motion", is_flag=True, help="Also arm the bench, move its platform by 2 mm, and fall silent."
+)
+def conform_command(target: str, other: Path | None, json_path: Path | None, allow_motion: bool) -> None:
+    """Ask a rig over its wires what a bench relies on: timing, states, refusals, limits, exceptions.
+
+    TARGET is a rig file, or its name in rigs/. Nothing moves without --allow-motion. Ends with 0 if all is right and
+    nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
+    """
+    from astb.api import find_rig
+    from astb.conformance.door import open_door
+    from astb.conformance.finding import Report, ReportError, differences, read_report
+    from astb.conformance.suite import examine
+    from astb.rig_file import RigFileError
+    from drivers.errors import BenchError
+
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    try:
+        rig, path = find_rig(target)
+        there = read_report(other) if other else None
+        with open_door(rig, path, say=say) as door:
+            findings = examine(door, motion=allow_motion, say=say)
+    except (RigFileError, ReportError, ValueError) as error:
+        misuse(error)
+    except BenchError as error:
+        blocked(error)
+    report = Report(rig=rig.name, time=rig.time, motion=allow_motion, findings=findings)
+    if json_path:
+        json_path.write_bytes(report.to_json())
+    _show(report)
+    apart = differences(report, there) if there else []
+    if there:
+        _show_differences(report, there, apart)
+    raise click.exceptions.Exit(FAIL if report.wrong or apart else PASS)
+
+
+def _show(report: "Report") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    style = {"right": "green", "wrong": "bold red", "not asked": "dim"}
+    table = Table(title=f"{report.rig}, {report.time} time")
+    for column in ("", "what", "found", "right"):
+        table.add_column(column)
+    group = ""
+    for one in report.findings:
+        if one.group != group:
+            group = one.group
+            table.add_section()
+            table.add_row("", f"[bold]{group}[/bold]")
+        mark = f"[{style[one.outcome]}]{one.outcome}[/]"
+        table.add_row(mark, one.what, one.found, one.right)
+    console = Console()
+    console.print(table)
+    console.print(f"{len(report.findings)} findings, {len(report.wrong)} wrong", highlight=False)
+
+
+def _show_differences(here: "Report", there: "Report", apart: "list[Difference]") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    if not apart:
+        console.print(f"{here.rig} and {there.rig} do the same, in all that both were asked")
+        return
+    table = Table(title=f"{len(apart)} differences")
+    for column in ("group", "what", here.rig, f"{there.rig} (other)"):
+        table.add_column(column)
+    for one in apart:
+        table.add_row(*one)
+    console.print(table)

@@ -1,0 +1,226 @@
+"""Both wires of a rig as a stranger meets them: frames to hear and to send, and requests by their bytes."""
+
+import socket
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from bench_protocol.clock import Clock, RealClock, wall_time_ns
+from bench_protocol.frames import Block, join
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS, s
+from bench_protocol.words import STATES
+from drivers.errors import LinkLost
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+    from drivers.can_port import CanPort
+
+ANSWER_WITHIN: Final = 2 * s
+_HEADER: Final = struct.Struct(">HHHBB")
+
+
+class Answer(NamedTuple):
+    """What came back on a request: the code of the exception (0 for none), the data, and how long it took (s)."""
+
+    code: int
+    data: bytes
+    took: float
+
+
+class Line:
+    """One Modbus connection; requests are bytes, and nothing checks them before they go out."""
+
+    def __init__(self, clock: Clock, exchange: Callable[[bytes], bytes], unit: int) -> None:
+        self._clock, self._exchange, self._unit = clock, exchange, unit
+        self._number = 0
+
+    def ask(self, function: int, body: bytes, *, unit: int | None = None) -> Answer:
+        """Return the answer to a request. LinkLost if there is none, or if it answers something else."""
+        self._number = (self._number + 1) % 0x1_0000
+        unit = self._unit if unit is None else unit
+        request = _HEADER.pack(self._number, 0, len(body) + 2, unit, function) + body
+        before = self._clock.now()
+        reply = self._exchange(request)
+        took = (self._clock.now() - before) / NS
+        if len(reply) < _HEADER.size + 1:
+            raise LinkLost(f"no answer to function {function} came within {ANSWER_WITHIN:g} s")
+        number, protocol, length, _, answered = _HEADER.unpack_from(reply)
+        if (number, protocol, length + 6, answered & 0x7F) != (self._number, 0, len(reply), function):
+            raise LinkLost(
+                f"the answer to function {function} is none to that request: {reply[:12].hex(' ')}"
+            )
+        if answered & 0x80:
+            return Answer(reply[8], b"", took)
+        return Answer(0, reply[8:], took)
+
+    def read(self, function: int, address: int, count: int) -> Answer:
+        """Ask for ``count`` registers or bits (functions 1 to 4); ``data`` is without the byte count."""
+        answer = self.ask(function, struct.pack(">HH", address, count))
+        return answer._replace(data=answer.data[1:])
+
+    def words(self, address: int, count: int, *, function: int = 4) -> list[int]:
+        """Return input registers; LinkLost if the rig refuses to tell them."""
+        answer = self.read(function, address, count)
+        if answer.code or len(answer.data) != 2 * count:
+            raise LinkLost(
+                f"registers {address} to {address + count - 1} cannot be read (exception {answer.code})"
+            )
+        return list(struct.unpack(f">{count}H", answer.data))
+
+    def number(self, address: int) -> float:
+        """Return the float in two input registers."""
+        return float(struct.unpack(">f", struct.pack(">HH", *self.words(address, 2)))[0])
+
+    def write(self, address: int, words: bytes) -> int:
+        """Write holding registers; return the code of the exception."""
+        head = struct.pack(">HHB", address, len(words) // 2, len(words))
+        return self.ask(16, head + words).code
+
+    def press(self, coil: int) -> int:
+        """Set a coil; return the code of the exception."""
+        return self.ask(5, struct.pack(">HH", coil, 0xFF00)).code
+
+
+class Ear:
+    """Somebody on the bus who keeps every frame."""
+
+    def __init__(self, port: "CanPort", epoch: int) -> None:
+        from bench_protocol.can_codec import Decoder
+
+        self.port, self.epoch = port, epoch
+        self._blocks: list[Block] = []
+        self._decoder = Decoder(TABLE, from_rig=True)
+        port.subscribe(self._hear)
+
+    def _hear(self, block: Block) -> None:
+        self._blocks.append(block.copy())
+        self._decoder.decode(block)
+
+    def latest(self, name: str) -> float:
+        """Return the last value (SI) of a signal, NaN before the first."""
+        return float(self._decoder.latest[TABLE.index[name]])
+
+    @property
+    def state(self) -> str:
+        """The state of the bench, as the rig told it last."""
+        value = self.latest("rig.state")
+        return STATES[int(value)] if 0 <= value < len(STATES) else "unknown"
+
+    def frames(self) -> Block:
+        """Return all frames so far, with times of the door's clock (ns)."""
+        block = join(list(self._blocks))
+        if self.epoch and block.size:
+            block = block.copy()
+            block["time"] -= self.epoch
+        return block
+
+    def series(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (ns) and values (SI) of all samples of a signal."""
+        from bench_protocol.can_codec import Decoder
+
+        samples = Decoder(TABLE, from_rig=True).decode(self.frames())
+        chosen = samples.signals == TABLE.index[name]
+        return samples.times[chosen], samples.values[chosen]
+
+
+class Door:
+    """Where a stranger gets at a rig."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        can: Callable[[], "CanPort"],
+        exchange: Callable[[], Callable[[bytes], bytes]],
+        *,
+        epoch: int = 0,
+        unit: int = 1,
+    ) -> None:
+        self.clock, self._unit = clock, unit
+        self.ear = Ear(can(), epoch)
+        self._exchange = exchange
+
+    def line(self) -> Line:
+        """Return a new Modbus connection."""
+        return Line(self.clock, self._exchange(), self._unit)
+
+    def wait(self, duration: float) -> None:
+        """Let ``duration`` s pass."""
+        self.clock.sleep_until(self.clock.now() + round(duration * NS))
+
+    def wait_for(self, condition: Callable[[], bool], within: float) -> bool:
+        """Wait until ``condition()`` is true, for ``within`` s at most; return whether it is."""
+        deadline = self.clock.now() + round(within * NS)
+        while not (reached := condition()) and self.clock.now() < deadline:
+            self.wait(0.005)
+        return reached
+
+
+@contextmanager
+def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iterator[Door]:
+    """Yield the door of ``rig``; a simulated one in real time that does not answer is started. LinkLost if none is."""
+    from astb.session import answers, build_rig, started
+
+    with ExitStack() as stack:
+        if rig.time == "virtual":
+            from astb.rig_in_memory import RigInMemory
+
+            assert rig.simulation  # a rig file without one has real time
+            memory = RigInMemory(build_rig(rig.simulation))
+            peers = iter(f"modbus:stranger {number}" for number in range(1000))
+
+            def lines_in_memory() -> Callable[[bytes], bytes]:
+                peer = next(peers)
+                stack.callback(memory.rig.peer_lost, peer)
+                return lambda request: memory.answer(request, peer)
+
+            door = Door(memory.clock, memory.can, lines_in_memory)
+        else:
+            from drivers.can_port import open_can
+
+            if rig.simulation and not answers(rig):
+                stack.enter_context(started(rig.simulation, path, None, say))
+            clock = RealClock()
+            epoch = wall_time_ns() - clock.now()
+
+            def lines() -> Callable[[bytes], bytes]:
+                return _socket_exchange(stack, rig.modbus.host, rig.modbus.port)
+
+            door = Door(
+                clock,
+                lambda: open_can(rig.can.bus, host=rig.can.host, port=rig.can.port),
+                lines,
+                epoch=epoch,
+                unit=rig.modbus.unit,
+            )
+        stack.callback(door.ear.port.close)
+        yield door
+
+
+def _socket_exchange(stack: ExitStack, host: str, port: int) -> Callable[[bytes], bytes]:
+    try:
+        connection = stack.enter_context(socket.create_connection((host, port), timeout=ANSWER_WITHIN))
+    except OSError as error:
+        raise LinkLost(f"no Modbus device answers at {host}:{port}: {error.strerror or error}") from None
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def exchange(request: bytes) -> bytes:
+        try:
+            connection.sendall(request)
+            reply = b""
+            while len(reply) < 6 or len(reply) < 6 + int.from_bytes(reply[4:6], "big"):
+                more = connection.recv(512)
+                if not more:
+                    break
+                reply += more
+        except TimeoutError:
+            return b""
+        except OSError as error:
+            raise LinkLost(f"the Modbus connection is lost: {error.strerror or error}") from None
+        return reply
+
+    return exchange
