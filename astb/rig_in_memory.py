@@ -12,6 +12,7 @@ from bench_sim.rig.faults.insertion import Wires
 from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
+from drivers.wiring.own import OwnWiring
 
 if TYPE_CHECKING:
     from bench_sim.rig.rig import Rig
@@ -67,7 +68,7 @@ class RigInMemory:
         """
         port = self.can()
         can = port if faults is None else FaultyCan(port, faults, seed, outward=outward)
-        return Bench(can, self.modbus(latency), self.clock)
+        return Bench(OwnWiring(can, self.modbus(latency)), self.clock)
 
     def cut(self, reason: str) -> None:
         """Cut the CAN bus, as a hub that dies would; Modbus goes on."""

@@ -158,6 +158,7 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
     from drivers.bench import Bench
     from drivers.can_port import open_can
     from drivers.modbus_port import open_modbus
+    from drivers.wiring.own import OwnWiring
 
     hurry_process()
     clock = RealClock()
@@ -167,7 +168,7 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
         stack.callback(modbus.close)
         can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
         stack.callback(can.close)
-        bench = Bench(can, modbus, clock, epoch=epoch)
+        bench = Bench(OwnWiring(can, modbus, epoch), clock)
         stack.callback(bench.close)
         simulation = rig.simulation
         parameters = simulated_parameters(simulation) if simulation else None

@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol.clock import RealClock, hurry, hurry_process
-from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 from benchmarks.measure import Effort, Section, child, compare
 from drivers.can_port import PythonCanPort, open_can
-from drivers.commander import AUTONOMY, Commander
+from drivers.commander import Commander
 from drivers.memory import Faults, FaultyCan
+from drivers.modbus_port import InMemoryModbus
+from drivers.wiring.own import OwnWiring
+from drivers.wiring.own_can import AUTONOMY
 
 SECONDS, QUICK_SECONDS = 20, 4
 WARM_UP: Final = 1 * s
@@ -135,7 +137,7 @@ def main(port: str, plan: str, way: str) -> None:
     bus: PythonCanPort | FaultyCan = open_can("tcp", port=int(port))
     if way == "interpreted":
         bus = FaultyCan(bus, Faults(), 0)  # without a fault: what it wraps is written to by Python only
-    commander = Commander(TABLE, RealClock(), bus)
+    commander = Commander(OwnWiring(bus, InMemoryModbus(lambda request: b"")), RealClock())
     commander.start()
     print("streaming", flush=True)
     ended = threading.Event()

@@ -30,7 +30,8 @@ from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.errors import BenchError
 from drivers.modbus_port import open_modbus
-from drivers.settings import Settings
+from drivers.wiring.own import OwnWiring
+from drivers.wiring.own_modbus import OwnRegisters
 
 POLLERS: Final = 4
 POLL: Final = 0.05  # s
@@ -82,9 +83,9 @@ class Soak:
     def poll(self, port: int) -> None:
         """Read everything over Modbus, and compare the signal with what came on CAN about then."""
         modbus = open_modbus("127.0.0.1", port, timeout=2.0)
-        settings, step = Settings(TABLE, modbus), TABLE[SIGNAL].step
+        registers, step = OwnRegisters(TABLE, modbus), TABLE[SIGNAL].step
         while not self.stop.wait(POLL):
-            value = settings.snapshot()[SIGNAL]
+            value = registers.snapshot()[SIGNAL]
             time.sleep(0.1)  # the frame of the same sample may still be on its way
             if time.monotonic() - self.witness.broken < SETTLING + 1.0:
                 continue
@@ -165,7 +166,7 @@ def soak(minutes: float) -> tuple[Soak, list[float]]:
         stack.callback(listener.close)
         listener.subscribe(seen.witness.hear)
         port = open_modbus("127.0.0.1", modbus, timeout=2.0)
-        bench = Bench(open_can("tcp", port=can), port, clock, wall_time_ns() - clock.now())
+        bench = Bench(OwnWiring(open_can("tcp", port=can), port, wall_time_ns() - clock.now()), clock)
         bench.connect(within=10 * s)
         tasks = [(seen.poll, modbus)] * POLLERS + [(seen.command, bench), (seen.break_and_mend, modbus)]
         threads = [threading.Thread(target=task, args=(given,), daemon=True) for task, given in tasks]

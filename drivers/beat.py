@@ -6,19 +6,15 @@ it: it sleeps, moves the set-points, encodes and writes to the socket in compile
 
 It does so for a plan that lives. Python gives it a number of beats in advance and renews them all the time; when they
 are used up, because the interpreter has been stuck for that long, nothing more is sent and the rig does what is right.
-In virtual time, and on buses that only Python can write to, the same functions make each block.
+In virtual time, and on buses that only Python can write to, Python makes each block with the same codec.
 """
 
-import math
-from collections.abc import Callable
-from hashlib import sha256
-from importlib.resources import files
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.binding import bind, cached, inlined
+from bench_protocol.binding import bind, inlined
 from bench_protocol.can_codec import Encoder, encode_into
 from bench_protocol.frames import FRAME, LENGTH_MAX, Block
 from bench_protocol.system_calls import (
@@ -33,16 +29,8 @@ from bench_protocol.system_calls import (
 )
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
+from drivers.setpoints import Setpoints, advance, entry
 
-RAMP: Final = np.dtype(
-    [
-        ("moving", "<i8"),
-        ("start", "<f8"),
-        ("end", "<f8"),
-        ("step", "<f8"),  # SI per beat, with its sign
-        ("beats", "<i8"),  # since the start
-    ]
-)
 COUNTS: Final = np.dtype(
     [
         ("sent", "<i8"),  # blocks
@@ -71,14 +59,10 @@ _copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
 
 
 class Beat(NamedTuple):
-    """What a beat reads and writes.
+    """What a beat reads and writes; ``granted`` and ``stop`` of its counts may be written without the gate."""
 
-    Set-points are changed in compiled code that holds the gate: Python, once it has the gate, may have to wait for the
-    interpreter, and the beat with it. A single number can be read, and ``granted`` and ``stop`` be written, without.
-    """
-
-    values: npt.NDArray[np.float64]  #: set-points (SI) by table row
-    ramps: npt.NDArray[np.void]  #: `RAMP` by table row
+    values: npt.NDArray[np.float64]  #: of the `Setpoints`
+    ramps: npt.NDArray[np.void]
     rows: npt.NDArray[np.int64]  #: of the messages that go out
     messages: npt.NDArray[np.void]
     fields: npt.NDArray[np.void]
@@ -89,11 +73,11 @@ class Beat(NamedTuple):
     work: npt.NDArray[np.int64]  #: work space of the system calls
 
     @classmethod
-    def of(cls, encoder: Encoder, rows: npt.NDArray[np.int64], signals: int) -> "Beat":
-        """Return a beat of the messages ``rows`` of ``encoder``; none of the ``signals`` of its table has a value."""
+    def of(cls, encoder: Encoder, rows: npt.NDArray[np.int64], setpoints: Setpoints) -> "Beat":
+        """Return a beat of the messages ``rows`` of ``encoder``, which carry ``setpoints``."""
         return cls(
-            np.full(signals, np.nan),
-            np.zeros(signals, RAMP),
+            setpoints.values,
+            setpoints.ramps,
             rows,
             encoder.layout.messages,
             encoder.layout.fields,
@@ -105,84 +89,10 @@ class Beat(NamedTuple):
         )
 
 
-def _digest() -> str:
-    digest = sha256()
-    for source in sorted(files("bench_protocol").iterdir(), key=lambda entry: entry.name):
-        if source.name.endswith(".py"):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
-
-
-_DIGEST: Final = _digest()
-
-
-def _entry(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` to run without the interpreter: whoever waits at a gate keeps nobody from anything else."""
-    return cached(function, _DIGEST, nogil=True)
-
-
-@inlined
-def _advance(values: Any, ramps: Any) -> None:
-    """Move every set-point that is on its way by one beat; the last beat brings it to its end exactly."""
-    for row in range(ramps.size):
-        ramp = ramps[row]
-        if ramp.moving == 0:
-            continue
-        ramp.beats += 1
-        value = ramp.start + ramp.beats * ramp.step
-        if ramp.step == 0.0 or (value - ramp.end) * ramp.step >= 0.0:
-            value = ramp.end
-            ramp.moving = 0
-        values[row] = value
-
-
-@_entry
-def change(beat: Any, gate: int, rows: Any, values: Any) -> None:
-    """Let the set-points ``rows`` be ``values`` (SI) from the next beat on, together; ``gate``: its address."""
-    lock_mutex(gate)
-    for k in range(rows.size):
-        beat.ramps[rows[k]].moving = 0
-        beat.values[rows[k]] = values[k]
-    unlock_mutex(gate)
-
-
-@_entry
-def depart(beat: Any, gate: int, rows: Any, ends: Any, pace: float) -> float:
-    """Start ramps from where the set-points ``rows`` are to ``ends``, with ``pace`` (SI per beat).
-
-    Return how many beats the longest takes; NaN, and nothing changes, if a set-point has no value to start from.
-    """
-    lock_mutex(gate)
-    longest = 0.0
-    for k in range(rows.size):
-        longest = max(longest, math.ceil(abs(ends[k] - beat.values[rows[k]]) / pace))
-        if math.isnan(beat.values[rows[k]]):
-            longest = math.nan
-            break
-    for k in range(0 if math.isnan(longest) else rows.size):
-        ramp = beat.ramps[rows[k]]
-        ramp.start = beat.values[rows[k]]
-        ramp.end = ends[k]
-        ramp.step = math.copysign(pace, ramp.end - ramp.start)
-        ramp.beats = 0
-        ramp.moving = 1
-    unlock_mutex(gate)
-    return longest
-
-
-@_entry
-def stay(beat: Any, gate: int) -> None:
-    """End all ramps where they are."""
-    lock_mutex(gate)
-    for row in range(beat.ramps.size):
-        beat.ramps[row].moving = 0
-    unlock_mutex(gate)
-
-
-@_entry
+@entry
 def make_block(beat: Any, time: int) -> None:
     """Advance by one beat and encode its frames, stamped ``time`` (ns)."""
-    _advance(beat.values, beat.ramps)
+    advance(beat.values, beat.ramps)
     encode_into(beat.values, beat.rows, time, beat.messages, beat.fields, beat.counters, beat.frames, 0)
 
 
@@ -223,7 +133,7 @@ def _write_frame(record: Any, text: Any, place: int) -> int:
     return place + _CAN_FRAME
 
 
-@_entry
+@entry
 def write_text(frames: Any, text: Any, lines: bool) -> int:
     """Write ``frames`` as they travel and return how many bytes they are."""
     place = 0
@@ -260,7 +170,7 @@ def _send_all(descriptor: int, address: int, size: int, work: Any) -> int:
     return 0
 
 
-@_entry
+@entry
 def keep_beating(beat: Any, gate: int, wire: Any, door: int, lines: bool, start: int, period: int) -> int:
     """Send a block at each ``start + k period`` (monotonic, ns), k = 1, 2, …; return 0 when stopped, else an errno.
 
@@ -295,12 +205,7 @@ def keep_beating(beat: Any, gate: int, wire: Any, door: int, lines: bool, start:
             return error
 
 
-_BEAT: Final = Beat.of(Encoder(TABLE), np.zeros(0, np.int64), 0)
-_ROWS: Final = np.zeros(0, np.int64)
-set_values: Final = bind(change, _BEAT, 0, _ROWS, _BEAT.values)
-start_ramps: Final = bind(depart, _BEAT, 0, _ROWS, _BEAT.values, 0.0)
-end_ramps: Final = bind(stay, _BEAT, 0)
-next_block: Final = bind(make_block, _BEAT, 0)
+_BEAT: Final = Beat.of(Encoder(TABLE), np.zeros(0, np.int64), Setpoints.of(0))
 frames_to_text: Final = bind(write_text, _BEAT.frames, _BEAT.text, True)
 run_beats: Final = bind(keep_beating, _BEAT, 0, np.zeros(1, np.int64), 0, True, 0, 0)
 #: With ``NUMBA_DISABLE_JIT=1`` no beat can do without the interpreter.

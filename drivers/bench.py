@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Final, Self
 
 from bench_protocol.clock import Clock
-from bench_protocol.table import TABLE
+from bench_protocol.signals import Kind
 from bench_protocol.units import NS, s
-from bench_protocol.wires import Table
-from bench_protocol.words import ACTUATORS, FAULT_STATES, LIVE_STATES
+from bench_protocol.words import ACTUATORS, FAULT_STATES, LIVE_STATES, PLATFORM_AXES
 from drivers.air import Air
 from drivers.axes import Lateral, Platform, Vertical, VerticalActuator
 from drivers.declarations import Device
@@ -30,17 +29,21 @@ from drivers.devices import (
 from drivers.errors import BenchError, LinkLost, Misuse, RigFault
 from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
-from drivers.reading import UNKNOWN
+from drivers.settings import UNKNOWN
+from drivers.wiring.contract import Order, Step, Wiring
 
-if TYPE_CHECKING:
-    from drivers.can_port import CanPort
-    from drivers.modbus_port import ModbusPort
+#: What has a set-point of its own beside the mode of its control: the names of the readings.
+_COMMANDED: Final = (
+    *(f"{actuator}.{mode}" for actuator in ACTUATORS for mode in ("force", "displacement")),
+    *(f"platform.{axis}" for axis in PLATFORM_AXES),
+)
 
 
 class Bench(Link):
-    """One bench, connected through a CAN port and a Modbus port, which it closes at its own end.
+    """One bench on the wiring of its rig, which it opens and closes.
 
-    Its arguments are those of `Link`. Use it as a context manager, or call :meth:`connect` and :meth:`close`.
+    Use it as a context manager, or call :meth:`connect` and :meth:`close`. Devices are complete on any rig; what the
+    rig lacks says so when it is asked for.
     """
 
     __slots__ = (
@@ -64,16 +67,8 @@ class Bench(Link):
         "vertical_right",
     )
 
-    def __init__(
-        self,
-        can_port: CanPort,
-        modbus_port: ModbusPort,
-        clock: Clock,
-        epoch: int = 0,
-        *,
-        table: Table = TABLE,
-    ) -> None:
-        super().__init__(can_port, modbus_port, clock, epoch, table=table)
+    def __init__(self, wiring: Wiring, clock: Clock) -> None:
+        super().__init__(wiring, clock)
         self.left = Spring(self, "left")
         self.right = Spring(self, "right")
         self.vertical_left = VerticalActuator(self, "vertical_left")
@@ -97,7 +92,7 @@ class Bench(Link):
     # -- coming and going ----------------------------------------------------------------------------------------
 
     def connect(self, within: float = 2 * s) -> None:
-        """Check that the rig speaks our table, take the lease, begin to command and to receive.
+        """Open the wiring: become the commander, begin to receive and to command.
 
         MapMismatch, NotCommander or LinkLost if one of them fails; then nothing stays open.
         """
@@ -105,26 +100,24 @@ class Bench(Link):
             raise Misuse("this bench is connected already")
         self._connected = True
         try:
-            self.settings.probe()
-            self._strangers = self.settings.reading("rig.strangers")
-            self.commander.bear(self.settings.take_lease())
-            self.watchdog.start()
-            self._port.on_lost(self._on_lost)
-            self._port.subscribe(self.receiver.accept)
+            self.wiring.open(self.clock, self.receiver.hear, self._on_lost, within=within)
+            if self.has("rig.strangers"):
+                self._strangers = self.settings.reading("rig.strangers")
             self.commander.start()
-            self._until(
-                lambda: self.state != UNKNOWN and not math.isnan(self.rig.map_hash),
-                within,
-                "first frames of the rig on CAN",
-                LinkLost,
-            )
-            self.settings.compare(int(self.rig.map_hash))
+            self._until(self._introduced, within, "first news of the rig's state", LinkLost)
+            self.check()
         except BaseException:
             self.close()
             raise
 
+    def _introduced(self) -> bool:
+        """Whether the rig has told its state, and which map it speaks if it tells that."""
+        return self.state != UNKNOWN and not (
+            self.wiring.capabilities.identity and math.isnan(self.readings.value("rig.map_hash"))
+        )
+
     def close(self) -> None:
-        """Disarm if need be, let go of the lease and of both connections. Harmless when repeated."""
+        """Disarm if need be, and close the wiring. Harmless when repeated."""
         if not self._connected:
             return
         self._connected = False
@@ -132,16 +125,10 @@ class Bench(Link):
             with suppress(BenchError):
                 if self.state in LIVE_STATES:
                     self.disarm()
-            self.commander.stop()
-            self.watchdog.stop()
-            with suppress(BenchError):
-                self.settings.return_lease()
         finally:
             self._armed = False
             self.commander.stop()
-            self.watchdog.stop()
-            self._port.close()
-            self._modbus.close()
+            self.wiring.close()
 
     def __enter__(self) -> Self:
         self.connect()
@@ -160,79 +147,97 @@ class Bench(Link):
         Resets a latched fault first. RigFault if the rig refuses or falls into a fault on the way, BenchTimeout if it
         takes longer than ``within`` s.
         """
-        deadline = self.clock.now() + round(within * NS)
-
-        def left() -> float:
-            return max(0.0, (deadline - self.clock.now()) / NS)
-
+        left = self._countdown(within)
         self._armed = False
         self.reset(left())
-        if self.state == "OFF":
-            self.settings.act("action.power_on")
-        self._reach(("DISABLED", *LIVE_STATES), left())
-        if self.state == "DISABLED":
-            self._bits(enable=True, hold=False, active=False, reset=False)
-            self._bits(reset=True)
-            self._reach(LIVE_STATES, left())
-            self._bits(reset=False)
-        if self.state == "AIR_LOW":
-            self.settings.act("action.air_high")
-            self._reach(LIVE_STATES[1:], left())
-        if self.state == "AIR_HIGH":
-            self._bits(hold=False, active=False)
-            self._bits(hold=True)
-            self._reach(("HOLD", "ACTIVE"), left())
-        if self.state == "HOLD":
-            self._bits(active=False)
-            quantities = [
-                f"{actuator}.{mode}" for actuator in ACTUATORS for mode in ("force", "displacement")
-            ]
-            self.take_over([*quantities, "platform.vertical", "platform.lateral", "platform.roll"])
-            self._bits(active=True)
-            self._reach(("ACTIVE",), left())
+        steps = self.wiring.conduct.up
+        self._reach((*(state for step in steps for state in step.start), "ACTIVE"), left())
+        for step in steps:
+            if self.state in step.start:
+                self._take(step, left)
+        self._reach(("ACTIVE",), left())
         self._armed = True
 
     def disarm(self, within: float = 10 * s) -> None:
         """Bring the bench to rest from any state: hold, unload softly, disable. A latched fault stays latched."""
+        conduct = self.wiring.conduct
         self._armed = False
         self.commander.freeze()
         with self.despite_faults():
-            self._bits(active=False, reset=False)
-            self._bits(hold=False)
-            self._bits(enable=False)
-            self._until(
-                lambda: self.state in ("OFF", "BOOT", "INIT", "DISABLED", "FAULT_DISABLED", "ESTOP"),
-                within,
-                "DISABLED",
-            )
+            for order in conduct.rest:
+                self._give(order)
+            self._until(lambda: self.state in conduct.at_rest, within, "the bench at rest")
 
     def reset(self, within: float = 5 * s) -> None:
         """Clear a latched fault, if there is one: to HOLD or DISABLED. RigFault if the emergency stop is pressed."""
         if self.state not in FAULT_STATES:
             return
+        steps = self.wiring.conduct.reset
+        ready = {state for step in steps for state in step.start}
         with self.despite_faults():
-            self._until(lambda: self.state != "FAULT_REACTION", within, "end of the fault reaction")
-            if self.interlock.estop:
-                raise RigFault("the emergency stop is pressed: release the button, then reset")
-            self._bits(enable=True, hold=self.state == "FAULT_HOLD", active=False, reset=False)
-            self._bits(reset=True)
             self._until(
-                lambda: self.state not in FAULT_STATES,
+                lambda: self.state in ready or self.state not in FAULT_STATES,
                 within,
-                f"reset of the fault ({self.describe()})",
-                RigFault,
+                "end of the fault reaction",
             )
-            self._bits(reset=False)
+            if self.has("interlock.estop") and self.interlock.estop:
+                raise RigFault("the emergency stop is pressed: release the button, then reset")
+            for step in steps:
+                if self.state in step.start:
+                    self._take(step, lambda: within)
 
     # -- inside --------------------------------------------------------------------------------------------------
 
-    def _bits(self, **bits: bool) -> None:
-        self.commander.set_all({f"control.{name}": float(bit) for name, bit in bits.items()})
-        self.wait_beats(STREAM_BEATS)
+    def _countdown(self, within: float) -> Callable[[], float]:
+        """Return how to ask how much of ``within`` s is left."""
+        deadline = self.clock.now() + round(within * NS)
+        return lambda: max(0.0, (deadline - self.clock.now()) / NS)
 
-    def _reach(self, states: Collection[str], within: float) -> None:
-        """Wait for one of ``states``; RigFault if the rig falls into a fault instead."""
-        wanted = " or ".join(states)
-        self._until(lambda: self.state in (*states, *FAULT_STATES), within, wanted)
+    def _take(self, step: Step, left: Callable[[], float]) -> None:
+        """Take one step of the rig's conduct, in what is left of the time (s)."""
+        for order in step.prepare:
+            self._give(order)
+        if step.bumpless:
+            self.take_over(_COMMANDED)
+        for order in step.orders:
+            self._give(order)
+        within = left() if step.within is None else min(left(), step.within)
+        if set(step.start) <= set(FAULT_STATES):
+            what = f"reset of the fault ({self.describe()})"
+            self._until(lambda: self.state in step.end, within, what, RigFault)
+        else:
+            self._reach(step.end, within, step.orders)
+        for order in step.afterwards:
+            self._give(order)
+
+    def _give(self, order: Order) -> None:
+        """Say at once what an order consists of, and give it time to show."""
+        kinds = {name: self.table[name].kind if name in self.table.index else None for name in order.values}
+
+        def of_kind(kind: Kind | None) -> dict[str, float]:
+            return {name: value for name, value in order.values.items() if kinds[name] is kind}
+
+        if setpoints := of_kind(Kind.SETPOINT):
+            self.commander.set_all(setpoints)
+        self.settings.write(of_kind(Kind.SETTING))
+        for name in of_kind(Kind.ACTION):
+            self.settings.act(name)
+        if points := of_kind(None):
+            self.wiring.say(points)
+        if setpoints:
+            self.wait_beats(STREAM_BEATS)
+        elif latency := self.wiring.capabilities.latency:
+            self.wait(latency)
+
+    def _reach(self, states: Collection[str], within: float, orders: Collection[Order] = ()) -> None:
+        """Wait for one of ``states``, which ``orders`` have asked for; RigFault if a fault comes instead."""
+        wanted = " or ".join(dict.fromkeys(states))
+        faults = [state for state in FAULT_STATES if state not in states]
+        asked = "; ".join(
+            ", ".join(f"{name} = {value:g}" for name, value in order.values.items()) for order in orders
+        )
+        self._until(
+            lambda: self.state in (*states, *faults), within, f"{wanted} (after {asked})" if asked else wanted
+        )
         if self.state not in states:
             raise RigFault(f"the rig did not reach {wanted}: {self.describe()}")

@@ -8,6 +8,7 @@ from bench_protocol.black_box import Incident, read_head, read_incident
 from bench_protocol.modbus import FILE_READ_MAX
 from bench_protocol.units import s
 from drivers.errors import BenchError
+from drivers.wiring.contract import FileStore
 
 if TYPE_CHECKING:
     from drivers.bench import Bench
@@ -19,8 +20,10 @@ _LOOK: Final = 0.5 * s
 
 def last_incident(bench: Bench) -> int:
     """Return the number of the incident that the black box keeps; 0 if there is none, or no black box."""
+    if not isinstance(bench.wiring, FileStore):
+        return 0
     try:
-        return read_head(bench.settings.read_file).number
+        return read_head(bench.wiring.read_file).number
     except (BenchError, ValueError):
         return 0
 
@@ -30,7 +33,9 @@ def incident_since(bench: Bench, number: int) -> Incident | None:
 
     Waits for one that is being recorded. A rig without a black box, or one that is gone, has none to give.
     """
-    read = bench.settings.read_file
+    if not isinstance(bench.wiring, FileStore):
+        return None
+    read = bench.wiring.read_file
     try:
         with bench.despite_faults():
             deadline = bench.now + _RECORDED_WITHIN

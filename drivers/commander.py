@@ -1,90 +1,60 @@
-"""The commander: streams the protected command messages at 50 Hz and moves set-points along ramps meanwhile."""
+"""The commander: holds all set-points, moves them along ramps, and lets the rig have them 50 times a second."""
 
 from __future__ import annotations
 
 import math
-import os
-import threading
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.clock import Clock, RealClock, Task, hurry
-from bench_protocol.frames import copied
+from bench_protocol.clock import Clock, Task
 from bench_protocol.gate import Gate
-from bench_protocol.messages import TOKEN
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
-from bench_protocol.units import NS, ms
-from bench_protocol.wires import Table
+from bench_protocol.units import NS
 from drivers.errors import LinkLost, Misuse
-
-if TYPE_CHECKING:
-    from drivers.beat import Beat
-    from drivers.can_port import CanPort
-    from drivers.wire import Wire
+from drivers.wiring.contract import Beating, BeatingOutlet, Wiring, refuse_absent
 
 BEAT: Final = round(NS / COMMAND_RATE)  # ns
-#: How long the stream goes on while the interpreter is stuck, and how often Python says that it is not.
-AUTONOMY: Final = round(500 * ms * NS)
-_GRANT: Final = round(100 * ms * NS)
-_PRIORITY: Final = 5  #: above everything that computes, below a rig on the same machine
 
 
 class Commander:
-    """Holds all set-points and sends them, one block per beat, from ``start`` to ``stop``.
+    """Holds all set-points and hands them to the wiring's outlet, on every beat from ``start`` to ``stop``.
 
     Thread-safe. A set-point nobody has given yet travels as "not available". When sending fails, ``failure`` keeps
-    the reason and the stream ends: the rig's watchdog then does what is right. In real time the stream goes on while
-    the interpreter is held by what computes, for ``AUTONOMY`` at most (`drivers.beat`).
+    the reason and the stream ends: the rig's watchdog then does what is right.
     """
 
-    def __init__(self, table: Table, clock: Clock, port: CanPort) -> None:
-        from bench_protocol.can_codec import Encoder
-        from drivers import beat
+    def __init__(self, wiring: Wiring, clock: Clock) -> None:
+        from drivers import setpoints
 
-        self._table, self._clock, self._port = table, clock, port
-        self._encoder = Encoder(table)
-        commands = [message.name for message in table.messages if not message.from_rig and message.rate]
-        self._beating = beat
-        self._state = beat.Beat.of(self._encoder, self._encoder.rows(commands), len(table.signals))
-        self._values, self._counts = self._state.values, self._state.counts
-        for signal in table.of_kind(Kind.SETPOINT):
+        self._wiring, self._table, self._clock = wiring, wiring.table, clock
+        self._moving = setpoints
+        self._setpoints = setpoints.Setpoints.of(len(self._table.signals))
+        self._values = self._setpoints.values
+        for signal in self._table.of_kind(Kind.SETPOINT):
             if signal.choices:
-                self._values[table.index[signal.name]] = 0.0
+                self._values[self._table.index[signal.name]] = 0.0
         self._gate = Gate()
         self._task: Task | None = None
         self.origin = clock.now()  #: beats are at ``origin + k * BEAT``
         self.failure: LinkLost | None = None
 
-    @property
-    def beats(self) -> int:
-        """Blocks sent."""
-        return int(self._counts["sent"][0])
-
-    def bear(self, token: int) -> None:
-        """Let all that is sent from now on be that of the holder with ``token``."""
-        with self._gate:
-            self._values[self._table.index[TOKEN]] = token
-            self._encoder.bind(token)
-
     def start(self) -> None:
-        """Begin to stream; the first block goes one beat from now."""
+        """Begin to stream; the first set-points go out one beat from now."""
         if self._task is not None:
             return
         self.failure = None
+        self.set_all(self._wiring.given)
         self.origin = self._clock.now()
-        wire = self._port.wire
-        if wire is not None and self._beating.COMPILED and isinstance(self._clock, RealClock):
-
-            def failed(error: int) -> None:
-                wire.cut()  # half a line may be out
-                self.failure = LinkLost(f"frames could not be sent: {os.strerror(error)}")
-
-            self._task = _PunctualTask(self._state, self._gate, wire, self._clock, self.origin, failed)
-        else:
+        outlet = self._wiring.outlet
+        if isinstance(outlet, BeatingOutlet):
+            self._task = outlet.beat(
+                Beating(self._setpoints, self._gate, self._clock, self.origin, BEAT, self._fail)
+            )
+        if self._task is None:
             self._task = self._clock.every(BEAT, self._beat)
 
     def stop(self) -> None:
@@ -94,12 +64,12 @@ class Commander:
             self._task = None
 
     def next_beat(self) -> int:
-        """Return when the next block goes out (ns)."""
+        """Return when the next set-points go out (ns)."""
         now = self._clock.now()
         return now + BEAT - (now - self.origin) % BEAT
 
     def value(self, name: str) -> float:
-        """Return the set-point that the next block will carry at the latest; NaN if none was given."""
+        """Return the set-point that the next beat will carry at the latest; NaN if none was given."""
         return float(self._values[self._row(name)])
 
     def set(self, name: str, value: float) -> None:
@@ -109,7 +79,7 @@ class Commander:
     def set_all(self, values: Mapping[str, float]) -> None:
         """Let all ``values`` hold from the next beat on, together; ValueError, and no change, if one does not fit."""
         rows, checked = self._checked(values)
-        self._beating.set_values(self._state, self._gate.address, rows, checked)
+        self._moving.set_values(self._setpoints, self._gate.address, rows, checked)
 
     def ramp(self, name: str, to: float, rate: float) -> float:
         """Move ``name`` to ``to`` with ``rate`` (SI per second, positive); return how long it takes (s)."""
@@ -121,7 +91,7 @@ class Commander:
             raise ValueError(f"rate = {rate:g} per second is not a pace to move at; it must be positive")
         rows, ends = self._checked(targets)
         pace = rate * BEAT / NS
-        beats = self._beating.start_ramps(self._state, self._gate.address, rows, ends, pace)
+        beats = self._moving.start_ramps(self._setpoints, self._gate.address, rows, ends, pace)
         if math.isnan(beats):
             name = next(name for name in targets if math.isnan(self.value(name)))
             raise Misuse(f"{name} has no value yet to start a ramp from; arm the bench, or set it first")
@@ -129,12 +99,12 @@ class Commander:
 
     def moving(self, *names: str) -> bool:
         """Return whether one of the set-points (any, without names) is still on its ramp."""
-        moving = self._state.ramps["moving"]
+        moving = self._setpoints.ramps["moving"]
         return bool((moving[[self._row(name) for name in names]] if names else moving).any())
 
     def freeze(self) -> None:
         """End all ramps where they are."""
-        self._beating.end_ramps(self._state, self._gate.address)
+        self._moving.end_ramps(self._setpoints, self._gate.address)
 
     def _checked(self, values: Mapping[str, float]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Return rows and values of set-points that the wire can carry; ValueError or Misuse for any other."""
@@ -146,53 +116,20 @@ class Commander:
     def _row(self, name: str) -> int:
         if self._table[name].kind is not Kind.SETPOINT:
             raise Misuse(f"{name} is a {self._table[name].kind}, not a set-point that could be streamed")
+        refuse_absent(self._wiring, name)
         return self._table.index[name]
 
     def _beat(self) -> None:
-        """Send a block by the port: in virtual time, and on buses that only Python can write to."""
+        """Hand a beat to the outlet: in virtual time, and to whatever only Python can send."""
         if self.failure is not None:
             return
         with self._gate:
-            self._beating.next_block(self._state, self._clock.now())
-            block = copied(self._state.frames)
+            self._moving.next_beat(self._setpoints)
+            values = self._values.copy()
         try:
-            self._port.send(block)
+            self._wiring.outlet.send(values, self._clock.now())
         except LinkLost as failure:
-            self.failure = failure
-            return
-        self._counts["sent"][0] += 1
+            self._fail(failure)
 
-
-class _PunctualTask:
-    """The compiled beat in a thread of its own, and Python's word from time to time that the plan lives."""
-
-    def __init__(
-        self, state: Beat, gate: Gate, wire: Wire, clock: RealClock, start: int, failed: Callable[[int], None]
-    ) -> None:
-        self._counts = state.counts
-        begin = clock.monotonic(start)
-        period = clock.monotonic(start + BEAT) - begin
-
-        def run() -> None:
-            from drivers.beat import run_beats
-
-            hurry(_PRIORITY)
-            door = wire.gate.address
-            error = run_beats(state, gate.address, wire.descriptor, door, wire.lines, begin, period)
-            if error:
-                failed(error)
-
-        self._counts["stop"][0] = 0
-        self._grant()
-        self._granting = clock.every(_GRANT, self._grant)
-        self._thread = threading.Thread(target=run, name="every 20 ms", daemon=True)
-        self._thread.start()
-
-    def _grant(self) -> None:
-        self._counts["granted"][0] = self._counts["sent"][0] + AUTONOMY // BEAT
-
-    def cancel(self) -> None:
-        self._counts["stop"][0] = 1
-        self._granting.cancel()
-        if threading.current_thread() is not self._thread:
-            self._thread.join()
+    def _fail(self, failure: LinkLost) -> None:
+        self.failure = failure

@@ -1,28 +1,22 @@
-"""Both wires to a rig: its readings and settings, and the bounded waits in which time passes."""
+"""The link to a rig: its readings, set-points and settings, and the bounded waits in which time passes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from bench_protocol.clock import Clock
-from bench_protocol.table import TABLE
 from bench_protocol.units import NS, minutes, ms, s
-from bench_protocol.wires import Table
 from bench_protocol.words import LIVE_STATES, REASONS_OF_THE_LINK, STATES
 from drivers.commander import BEAT, Commander
 from drivers.errors import BenchError, BenchTimeout, Fault, LinkLost, Misuse, NotCommander, RigFault, Stale
-from drivers.reading import UNKNOWN, Readings, Sample
+from drivers.reading import Readings, Sample
 from drivers.receiver import Capture, Receiver
-from drivers.settings import Settings
-from drivers.watchdog import WatchdogFeeder
-
-if TYPE_CHECKING:
-    from drivers.can_port import CanPort
-    from drivers.modbus_port import ModbusPort
+from drivers.settings import UNKNOWN, Settings
+from drivers.wiring.contract import Wiring
 
 #: Where a bench that was armed must not be found.
 DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
@@ -37,18 +31,15 @@ STREAM_BEATS: Final = 3
 
 
 class Link:
-    """A CAN port and a Modbus port of one rig, with everything that is read, set and streamed through them.
+    """The wiring of one rig, with everything that is read, set and streamed through it.
 
-    ``epoch`` is what to subtract from the frames' time stamps (ns) to get times of ``clock``. Devices are given the
-    link; `Bench` is a link with its devices.
+    Devices are given the link; `Bench` is a link with its devices.
     """
 
     __slots__ = (
         "_armed",
         "_connected",
         "_lost",
-        "_modbus",
-        "_port",
         "_silent",
         "_strangers",
         "_tolerant",
@@ -58,28 +49,18 @@ class Link:
         "receiver",
         "settings",
         "table",
-        "watchdog",
+        "wiring",
     )
 
-    def __init__(
-        self,
-        can_port: CanPort,
-        modbus_port: ModbusPort,
-        clock: Clock,
-        epoch: int = 0,
-        *,
-        table: Table = TABLE,
-    ) -> None:
-        self.table, self.clock = table, clock
-        self._port, self._modbus = can_port, modbus_port
+    def __init__(self, wiring: Wiring, clock: Clock) -> None:
+        self.wiring, self.table, self.clock = wiring, wiring.table, clock
         self._lost = ""
         self._silent = 0
         self._strangers = 0.0  # that were counted before this commander came
         self._armed = self._tolerant = self._connected = False
-        self.receiver = Receiver(table, clock, epoch)
-        self.commander = Commander(table, clock, can_port)
-        self.settings = Settings(table, modbus_port)
-        self.watchdog = WatchdogFeeder(clock, self.settings)
+        self.receiver = Receiver(wiring, clock)
+        self.commander = Commander(wiring, clock)
+        self.settings = Settings(wiring)
         self.readings = Readings(self.receiver, self.settings.reading)
 
     @property
@@ -87,21 +68,27 @@ class Link:
         """The rig's state by name, ``"unknown"`` unless it was told lately."""
         return self.readings.choice("rig.state")
 
+    def has(self, *names: str) -> bool:
+        """Return whether this rig has all the signals ``names``; KeyError for one that the table does not know."""
+        return all(self.table[name].name not in self.wiring.absent for name in names)
+
     def describe(self) -> str:
         """Return the rig's state with its reason and the limit that tripped first, in words."""
-        text = f"state {self.state}, reason: {self.readings.choice('rig.reason')}"
-        tripped = self.table.tripped(self.readings.value("rig.tripped"))
+        text = f"state {self.state}"
+        if self.has("rig.reason"):
+            text += f", reason: {self.readings.choice('rig.reason')}"
+        tripped = self.table.tripped(self.readings.told("rig.tripped"))
         if tripped is not None:
             text += f", first limit: {self.readings.show(tripped.name)}"
         return text + (f"; {self.strangers()}" if self.strangers() else "")
 
     def strangers(self) -> str:
         """Return in words who else has tried to command the bench since this commander came, "" if nobody has."""
-        count = self.readings.value("rig.strangers") - self._strangers
+        count = self.readings.told("rig.strangers") - self._strangers
         if not count > 0:
             return ""
-        port = self.readings.value("rig.stranger")
-        identifier = self.readings.value("rig.stranger_identifier")
+        port = self.readings.told("rig.stranger")
+        identifier = self.readings.told("rig.stranger_identifier")
         what = f"CAN frame {int(identifier):#05x}" if identifier > 0 else "a Modbus request"
         where = f"from TCP port {port:.0f} (`ss -tnp` shows its program)" if port > 0 else "from the bus"
         return (
@@ -125,8 +112,8 @@ class Link:
             self.check()
 
     def wait_beats(self, beats: int) -> None:
-        """Let so many command blocks go out that each of the last ``beats`` carries the present set-points."""
-        self.wait((beats + 1) * BEAT / NS)
+        """Let so many beats pass that each of the last ``beats`` carries the present set-points, and shows."""
+        self.wait((beats + 1) * BEAT / NS + self.wiring.capabilities.latency)
 
     def wait_for(
         self,
@@ -166,26 +153,29 @@ class Link:
     def check(self) -> None:
         """Raise what has happened meanwhile: LinkLost, NotCommander, or RigFault of an armed bench."""
         if self._lost:
-            raise LinkLost(f"the CAN bus is lost: {self._lost}")
+            raise LinkLost(self._lost)
         if self.commander.failure is not None:
             raise LinkLost(f"commands cannot be sent: {self.commander.failure}")
         if self.receiver.failure is not None:
             raise Misuse(f"what takes the samples failed: {self.receiver.failure}") from self.receiver.failure
-        # In tear-down, CAN alone can still bring the bench to rest.
-        if failure := self.watchdog.failure:
+        # In tear-down, the set-points alone can still bring the bench to rest.
+        if failure := self.wiring.failure:
             if isinstance(failure, NotCommander):
                 raise NotCommander(f"this commander has lost the bench: {failure}") from failure
             if not self._tolerant:
-                raise LinkLost(f"the rig's watchdog cannot be fed: {failure}") from failure
+                raise failure
         if not self._armed or self._tolerant:
             return
         state = self.state
         self._silent = self._silent + 1 if state == UNKNOWN else 0
         if self._silent > SILENT_BEATS:
             age = self.readings.sample("rig.state").age
-            raise LinkLost(f"the rig is silent: no State message for {age:.2g} s, 50 a second are right")
+            limit = int(self.wiring.freshness[self.table.index["rig.state"]]) / NS
+            raise LinkLost(
+                f"the rig is silent: its state came {age:.2g} s ago, and is stale after {limit:g} s"
+            )
         if state in DOWN_STATES:
-            reason = self.readings.choice("rig.reason")
+            reason = self.readings.choice("rig.reason") if self.has("rig.reason") else UNKNOWN
             fault: Fault = "link" if reason in REASONS_OF_THE_LINK else "rig"
             raise RigFault(f"the rig left ACTIVE: {self.describe()}", fault)
 
@@ -226,7 +216,11 @@ class Link:
         return means
 
     def take_over(self, names: Sequence[str]) -> None:
-        """Let the set-points of ``names`` (``lateral.force``) be what is measured, and stream them a few beats."""
+        """Let the set-points of ``names`` (``lateral.force``) be what is measured, and stream them a few beats.
+
+        What the rig cannot be told, or does not measure, is left out.
+        """
+        names = [name for name in names if self.has(name, f"{name}_setpoint")]
         means = self.averages(*names, over=AVERAGE_OVER)
         setpoints = {f"{name}_setpoint": mean for name, mean in means.items()}
         # A transducer's noise may lie beyond what a set-point can be, at the very end of its range.
@@ -240,7 +234,7 @@ class Link:
     # -- inside --------------------------------------------------------------------------------------------------
 
     def _on_lost(self, reason: str) -> None:
-        self._lost = reason or "closed"
+        self._lost = reason or f"the connection to {self.wiring.rig} is closed"
 
     def _to_beat(self, now: int) -> int:
         return BEAT - (now - self.commander.origin) % BEAT

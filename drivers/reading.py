@@ -7,13 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
 
 from bench_protocol.units import NS
-from drivers.receiver import Receiver, stale_limits
-
-#: What a choice reads as while nothing is known of it: equal to no state.
-UNKNOWN: Final = "unknown"
+from drivers.receiver import Receiver
+from drivers.settings import UNKNOWN
+from drivers.wiring.contract import refuse_absent
 
 
 class Quality(StrEnum):
@@ -35,12 +33,15 @@ class Sample:
 
 
 class Readings:
-    """The present value of every measurement and status row of the table, from CAN or, where CAN lacks it, Modbus."""
+    """The present value of every measurement and status row: as it came last, or read when it is asked for.
+
+    NotAvailable for a signal that the rig does not have.
+    """
 
     def __init__(self, receiver: Receiver, slow: Callable[[str], float]) -> None:
         self._receiver, self._slow = receiver, slow
-        self._table, self._clock = receiver.table, receiver.clock
-        self._limits = [int(limit) for limit in stale_limits(self._table)]
+        self._wiring, self._table, self._clock = receiver.wiring, receiver.table, receiver.clock
+        self._limits = [int(limit) for limit in self._wiring.freshness]
         self._seen: dict[str, None] | None = None
 
     def sample(self, name: str) -> Sample:
@@ -49,7 +50,7 @@ class Readings:
         if self._seen is not None:
             self._seen[name] = None
         if self._limits[row] == 0:
-            value = self._slow(name)
+            value = self._asked(name)
             return Sample(value, 0.0, Quality.UNAVAILABLE if math.isnan(value) else Quality.GOOD)
         value, time = self._receiver.latest(row)
         if time < 0:
@@ -66,9 +67,13 @@ class Readings:
         row = self._table.index[name]
         limit = self._limits[row]
         if limit == 0:
-            return self._slow(name)
+            return self._asked(name)
         value, time = self._receiver.latest(row)
         return value if time >= 0 and self._clock.now() - time <= limit else math.nan
+
+    def told(self, name: str) -> float:
+        """Return the value of ``name`` (SI) as :meth:`value` does, but NaN if the rig does not have it."""
+        return math.nan if name in self._wiring.absent else self.value(name)
 
     def choice(self, name: str) -> str:
         """Return the name of the state that the signal ``name`` tells; ``"unknown"`` unless it is good."""
@@ -83,6 +88,10 @@ class Readings:
             return f"{name} = {self._table[name].show(sample.value)}"
         since = f" for {sample.age:.3g} s" if sample.quality is Quality.STALE else ""
         return f"{name} is {sample.quality}{since}"
+
+    def _asked(self, name: str) -> float:
+        refuse_absent(self._wiring, name)
+        return self._slow(name)
 
     @contextmanager
     def watched(self) -> Iterator[dict[str, None]]:

@@ -1,7 +1,7 @@
-"""The receiver: every frame from the rig becomes samples, in order, whatever the plan is doing meanwhile.
+"""The receiver: every sample that a wiring hears, in order, whatever the plan is doing meanwhile.
 
-``accept`` runs in the CAN port's own thread (or, in virtual time, while the clock passes), so a plan that computes
-for seconds loses nothing. Commands that a bus echoes back are not readings: only messages *from the rig* are decoded.
+``hear`` runs in the threads of the wiring (or, in virtual time, while the clock passes), so a plan that computes for
+seconds loses nothing.
 """
 
 from __future__ import annotations
@@ -9,78 +9,44 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from bench_protocol.clock import Clock
-from bench_protocol.frames import Block, copied
-from bench_protocol.units import NS, ms
-from bench_protocol.wires import Table
+from bench_protocol.units import NS
 from drivers.errors import Misuse
+from drivers.wiring.contract import Floats, Ints, Wiring, refuse_absent
 
-if TYPE_CHECKING:
-    from bench_protocol.can_codec import Samples
-
-Floats = npt.NDArray[np.float64]
 #: Called with (times in ns, table rows, SI values), three arrays of one length.
-Sink = Callable[[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats], object]
+Sink = Callable[[Ints, Ints, Floats], object]
 
-STALE_AFTER: Final = 100 * ms
-STALE_PERIODS: Final = 3
-NEVER: Final = 2**62
 #: Two hours of every signal: a capture is for a measurement, the recorder is for the rest.
 CAPTURE_SAMPLES_MAX: Final = 50_000_000
 
 
-def stale_limits(table: Table) -> npt.NDArray[np.int64]:
-    """Return for every table row after how many ns without a frame it is stale.
-
-    0 for what CAN does not carry; never for what is sent on events only, whose last news stays true.
-    """
-    limits = np.zeros(len(table.signals), np.int64)
-    for message in table.messages:
-        age = max(STALE_AFTER, STALE_PERIODS / message.rate) if message.rate else None
-        for place in message.fields:
-            limits[table.index[place.signal]] = NEVER if age is None else round(age * NS)
-    return limits
-
-
 class Receiver:
-    """Decodes what the rig sends, keeps the latest values, and feeds captures and one ``sink``.
+    """Keeps the latest value of every signal, and feeds captures and one ``sink``."""
 
-    ``epoch`` (ns) is subtracted from the time stamps of the frames to make them times of ``clock``. With an epoch the
-    stamps come from somebody else's clock, so the age of a reading counts from its arrival instead.
-    """
-
-    def __init__(self, table: Table, clock: Clock, epoch: int = 0) -> None:
-        from bench_protocol.can_codec import Decoder
-
-        self.table, self.clock, self.epoch = table, clock, epoch
-        self._decoder = Decoder(table, from_rig=True)
-        self._latest = self._decoder.latest
-        self._fresh = np.full(len(table.signals), -1, np.int64) if epoch else self._decoder.latest_times
+    def __init__(self, wiring: Wiring, clock: Clock) -> None:
+        self.wiring, self.table, self.clock = wiring, wiring.table, clock
+        self._latest = np.full(len(self.table.signals), np.nan)
+        self._fresh = np.full(len(self.table.signals), -1, np.int64)
         self._lock = threading.Lock()
         self._captures: tuple[Capture, ...] = ()
         self.sink: Sink | None = None
         self.failure: Exception | None = None  #: what the sink raised, if it did; it is not called again
 
-    def accept(self, block: Block) -> None:
-        """Take a block of frames in order of arrival."""
-        if self.epoch:
-            block = copied(block)
-            block["time"] -= self.epoch
+    def hear(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
+        """Take samples in order of arrival, ``fresh`` from the time (ns) that it tells of each or of all."""
         with self._lock:
-            samples = self._decoder.decode(block)
-            if self.epoch:
-                self._fresh[samples.signals] = self.clock.now()
-            captures = self._captures
-            for capture in captures:
-                capture.append(samples)
-        if self.sink is not None and samples.times.size:
+            self._latest[rows] = values
+            self._fresh[rows] = fresh
+            for capture in self._captures:
+                capture.append(times, rows, values)
+        if self.sink is not None and times.size:
             try:
-                self.sink(samples.times, samples.signals, samples.values)
+                self.sink(times, rows, values)
             except Exception as failure:  # the thread that receives must outlive whatever it feeds
                 self.failure, self.sink = failure, None
 
@@ -88,13 +54,6 @@ class Receiver:
         """Return the last value of a table row and when it came (ns); NaN and -1 before the first."""
         with self._lock:
             return self._latest.item(row), self._fresh.item(row)
-
-    def tally(self) -> dict[str, int]:
-        """Return how many frames were accepted, lost, repeated, malformed… since the start."""
-        from bench_protocol.can_codec import Tally
-
-        with self._lock:
-            return {kind.name.lower(): int(self._decoder.tally[kind]) for kind in Tally}
 
     def start(self, capture: Capture) -> None:
         """Feed ``capture`` from now on."""
@@ -115,18 +74,20 @@ class Capture:
 
     def __init__(self, receiver: Receiver, names: Sequence[str]) -> None:
         self._receiver, self._table = receiver, receiver.table
-        self._limits = stale_limits(self._table)
+        self._limits = receiver.wiring.freshness
         self.names = tuple(names)
         for name in self.names:
-            if self._limits[self._row(name)] == 0:
+            row = self._row(name)
+            refuse_absent(receiver.wiring, name)
+            if self._limits[row] == 0:
                 raise Misuse(
-                    f"{name} does not travel on CAN, so it has no samples to capture; read it instead"
+                    f"{name} does not come by itself, so it has no samples to capture; read it instead"
                 )
         self._wanted = np.zeros(len(self._table.signals), np.bool_)
         self._wanted[[self._row(name) for name in self.names]] = True
-        self._blocks: list[Samples] = []
+        self._blocks: list[tuple[Ints, Ints, Floats]] = []  # times, rows, values
         self._joined_blocks = -1
-        self._joined = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+        self._joined: tuple[Ints, Ints, Floats] = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         self._size = 0
         self.start = 0  #: ns of the bench's clock
 
@@ -140,11 +101,11 @@ class Capture:
     ) -> None:
         self._receiver.stop(self)
 
-    def append(self, samples: Samples) -> None:
+    def append(self, times: Ints, rows: Ints, values: Floats) -> None:
         """Take samples of any signals; the receiver calls this."""
-        self._size += samples.times.size
+        self._size += times.size
         if self._size <= CAPTURE_SAMPLES_MAX:
-            self._blocks.append(samples)
+            self._blocks.append((times, rows, values))
 
     def times(self, name: str) -> Floats:
         """Return when the samples of ``name`` came (s since the start)."""
@@ -200,14 +161,10 @@ class Capture:
             return np.zeros(0), np.zeros(0)
         if len(blocks) != self._joined_blocks:  # joined once for all names, while nothing new has come
             self._joined_blocks = len(blocks)
-            signals = np.concatenate([block.signals for block in blocks])
-            mine = self._wanted[signals]
-            self._joined = (
-                signals[mine],
-                np.concatenate([block.times for block in blocks])[mine],
-                np.concatenate([block.values for block in blocks])[mine],
-            )
-        rows, all_times, all_values = self._joined
+            times, rows, values = (np.concatenate(column) for column in zip(*blocks, strict=True))
+            mine = self._wanted[rows]
+            self._joined = times[mine], rows[mine], values[mine]
+        all_times, rows, all_values = self._joined
         mine = rows == row
         times, values = all_times[mine], all_values[mine]
         # Frames in flight when the capture began belong to the time before it.

@@ -14,14 +14,16 @@ if TYPE_CHECKING:
     from bench_records.result import Timing
     from drivers.bench import Bench
 
+#: What the rig counts of its own ticks.
+_ACCOUNT: Final = ("rig.tick", "rig.late_ticks", "rig.lateness_max", *(one.signal for one in LATENESS_BINS))
 #: Upper edges of all bins of the rig's lateness histogram but the last, which has none.
 _EDGES: Final = tuple(one.edge for one in LATENESS_BINS[:-1])
 
 
 def lateness(bench: Bench) -> dict[str, float] | None:
-    """The rig's own account of its punctuality, or nothing if the rig does not answer any more."""
+    """The rig's own account of its punctuality, or nothing if it keeps none or does not answer any more."""
     try:
-        return {name: value for name, value in bench.settings.snapshot().items() if name.startswith("rig.")}
+        return bench.settings.readings(*_ACCOUNT)
     except BenchError:
         return None
 

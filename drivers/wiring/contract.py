@@ -14,14 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.clock import Clock
+from bench_protocol.clock import Clock, Task
+from bench_protocol.gate import Gate
 from bench_protocol.wires import Table
-from drivers.errors import BenchError
+from drivers.errors import BenchError, LinkLost, NotAvailable
+
+if TYPE_CHECKING:
+    from drivers.setpoints import Setpoints
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -79,11 +83,41 @@ class Capabilities:
     notes: Mapping[str, str] = field(default_factory=dict)  #: in words, by capability, for who looks at a rig
 
 
+@dataclass(frozen=True, slots=True)
+class Beating:
+    """What an outlet needs to keep the beat itself."""
+
+    setpoints: (
+        Setpoints  #: to be advanced by one beat, in compiled code that holds the gate, before it is sent
+    )
+    gate: Gate
+    clock: Clock
+    start: int  #: ns; beats are at ``start + k * period``, k = 1, 2, …
+    period: int  #: ns
+    failed: Callable[[LinkLost], None]  #: to be called once, when nothing can be sent any more
+
+
 class Outlet(Protocol):
     """Where set-points go, beat by beat."""
 
     def send(self, values: Floats, time: int) -> None:
         """Send set-points: ``values`` (SI) by table row, NaN where nothing was given yet. LinkLost if it cannot be."""
+
+
+@runtime_checkable
+class BeatingOutlet(Outlet, Protocol):
+    """An outlet that can keep the beat itself, in compiled code that does not wait for the interpreter."""
+
+    def beat(self, beating: Beating) -> Task | None:
+        """Send on every beat from now on; None if that cannot be, and `send` is to be called on every beat."""
+
+
+@runtime_checkable
+class FileStore(Protocol):
+    """A wiring whose rig keeps files, its black box among them."""
+
+    def read_file(self, file: int, record: int, count: int) -> list[int]:
+        """Return ``count`` 16-bit words of a file from ``record`` on. Refused if there is no such file."""
 
 
 class Wiring(Protocol):
@@ -114,6 +148,10 @@ class Wiring(Protocol):
     def outlet(self) -> Outlet: ...
 
     @property
+    def given(self) -> Mapping[str, float]:
+        """Set-points that the rig gives to its commander, known once open: its token, or none at all."""
+
+    @property
     def failure(self) -> BenchError | None:
         """What went wrong in the background since `open`: the reason why commands no longer count."""
 
@@ -138,6 +176,13 @@ class Wiring(Protocol):
 
     def say(self, points: Mapping[str, float]) -> None:
         """Write points of the rig's own that no signal stands for, as its `Conduct` names them."""
+
+
+def refuse_absent(wiring: Wiring, *names: str) -> None:
+    """NotAvailable if the rig does not have one of the signals ``names``; it says why."""
+    for name in names:
+        if name in wiring.absent:
+            raise NotAvailable(f"{wiring.rig} has no {name}: {wiring.absent[name]}")
 
 
 class Transport(Protocol):

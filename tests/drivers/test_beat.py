@@ -20,10 +20,14 @@ from bench_protocol.socketcand import Parser, Sent, send_bytes
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 from drivers.beat import COMPILED, Beat, frames_to_text, run_beats
-from drivers.commander import AUTONOMY, BEAT, Commander
+from drivers.commander import BEAT, Commander
 from drivers.errors import LinkLost
 from drivers.memory import InMemoryCan
+from drivers.modbus_port import InMemoryModbus
+from drivers.setpoints import Setpoints
 from drivers.wire import Wire
+from drivers.wiring.own import OwnWiring
+from drivers.wiring.own_can import AUTONOMY
 
 FRAMES = st.lists(
     st.builds(
@@ -61,7 +65,8 @@ class Peer:
         self.near.setblocking(False)
         self.port = InMemoryCan(lambda block: pytest.fail("Python must not be asked"))
         self.port.wire = self.wire = Wire.on(self.near.fileno(), lines=True)
-        self.commander = Commander(TABLE, RealClock(), self.port)
+        silent = InMemoryModbus(lambda request: b"")
+        self.commander = Commander(OwnWiring(self.port, silent), RealClock())
         self._parser = Parser(sender="a test")
 
     def waiting(self):
@@ -161,7 +166,7 @@ def test_a_far_end_that_has_gone_ends_the_stream(peer):
 def _beating(wire, blocks):
     """Return a thread that beats every millisecond, and where it puts its end."""
     encoder = Encoder(TABLE)
-    beat = Beat.of(encoder, encoder.rows(["Control", "ForceSetpoints"]), len(TABLE.signals))
+    beat = Beat.of(encoder, encoder.rows(["Control", "ForceSetpoints"]), Setpoints.of(len(TABLE.signals)))
     beat.counts["granted"] = blocks
     gate, clock, end = Gate(), RealClock(), []
 

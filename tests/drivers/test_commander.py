@@ -18,6 +18,13 @@ from bench_protocol.units import NS, kN, mm, s  # noqa: E402
 from drivers.commander import BEAT, Commander  # noqa: E402
 from drivers.errors import LinkLost, Misuse  # noqa: E402
 from drivers.memory import InMemoryCan  # noqa: E402
+from drivers.modbus_port import InMemoryModbus  # noqa: E402
+from drivers.wiring.own import OwnWiring  # noqa: E402
+
+
+def own_wiring(port):
+    """Return our wiring with a silent Modbus, which the stream does not need."""
+    return OwnWiring(port, InMemoryModbus(lambda request: b""))
 
 
 class Line:
@@ -26,7 +33,7 @@ class Line:
     def __init__(self):
         self.clock, self.blocks = VirtualClock(), []
         self.port = InMemoryCan(self.blocks.append)
-        self.commander = Commander(TABLE, self.clock, self.port)
+        self.commander = Commander(own_wiring(self.port), self.clock)
 
     def beats(self, count):
         self.clock.sleep_until(self.clock.now() + count * BEAT)
@@ -173,7 +180,7 @@ def test_a_lost_bus_ends_the_stream_and_is_remembered():
 def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
     clock, stamps = RealClock(), []
     port = InMemoryCan(lambda block: stamps.append((int(block["time"][0]), clock.now())))
-    commander = Commander(TABLE, clock, port)
+    commander = Commander(own_wiring(port), clock)
     commander.start()
 
     def pester(name):

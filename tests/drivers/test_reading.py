@@ -10,7 +10,8 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import NS, bar, mm
 from drivers.declarations import Action, Bit, Contact, Declaration, Reading, Setpoint, Setting
 from drivers.devices import Spring
-from drivers.reading import UNKNOWN, Quality
+from drivers.reading import Quality
+from drivers.settings import UNKNOWN
 
 
 def test_every_row_of_the_table_stands_in_exactly_one_device(world):

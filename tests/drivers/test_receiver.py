@@ -13,10 +13,24 @@ from bench_protocol.frames import join
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm
 from drivers.errors import Misuse
+from drivers.memory import InMemoryCan
+from drivers.modbus_port import InMemoryModbus
 from drivers.receiver import Capture, Receiver
+from drivers.wiring.own import OwnWiring
+from drivers.wiring.own_can import OwnEar
 
 HEIGHT, PRESSURE = TABLE.index["left.height"], TABLE.index["left.bellows_pressure"]
 MS = 1_000_000
+
+
+class Heard(Receiver):
+    """A receiver of our wiring, with the ear that hears frames for it."""
+
+    def __init__(self, clock, epoch=0):
+        silent = InMemoryModbus(lambda request: b"")
+        super().__init__(OwnWiring(InMemoryCan(lambda block: None), silent), clock)
+        ear = OwnEar(TABLE, clock, epoch, self.hear)
+        self.accept, self.tally = ear.accept, ear.tally
 
 
 def spring(encoder, time, height=0.0, pressure=0.0):
@@ -26,7 +40,7 @@ def spring(encoder, time, height=0.0, pressure=0.0):
 
 
 def test_every_sample_reaches_the_sink_in_order_while_the_plan_computes():
-    receiver, encoder = Receiver(TABLE, RealClock()), Encoder(TABLE)
+    receiver, encoder = Heard(RealClock()), Encoder(TABLE)
     heard = []
     receiver.sink = lambda times, rows, values: heard.append((times.copy(), rows.copy()))
     frames = [join(spring(encoder, (20 * k + j) * MS) for j in range(20)) for k in range(500)]
@@ -44,7 +58,7 @@ def test_every_sample_reaches_the_sink_in_order_while_the_plan_computes():
 
 
 def test_echoed_commands_are_not_readings():
-    receiver, encoder = Receiver(TABLE, VirtualClock()), Encoder(TABLE)
+    receiver, encoder = Heard(VirtualClock()), Encoder(TABLE)
     values = np.full(len(TABLE.signals), 1.0)
     commands = [message.name for message in TABLE.messages if not message.from_rig and message.rate]
     heard = []
@@ -58,7 +72,7 @@ def test_echoed_commands_are_not_readings():
 def test_epoch_moves_stamps_to_the_clock_and_leaves_the_block_alone():
     clock, encoder = VirtualClock(), Encoder(TABLE)
     epoch = 1_700_000_000_000_000_000
-    receiver = Receiver(TABLE, clock, epoch)
+    receiver = Heard(clock, epoch)
     clock.sleep_until(50 * MS)
     block = spring(encoder, epoch + 40 * MS, 3 * mm)
     with Capture(receiver, ["left.height"]) as capture:
@@ -72,13 +86,13 @@ def test_epoch_moves_stamps_to_the_clock_and_leaves_the_block_alone():
 def test_a_foreign_clock_neither_ages_nor_refreshes_a_reading():
     clock, encoder = VirtualClock(), Encoder(TABLE)
     for offset in (-(3600 * 1000) * MS, 3600 * 1000 * MS):  # the other machine's clock is an hour off
-        receiver = Receiver(TABLE, clock, epoch=10**18)
+        receiver = Heard(clock, epoch=10**18)
         receiver.accept(spring(encoder, 10**18 + offset))
         assert receiver.latest(HEIGHT)[1] == clock.now()
 
 
 def test_a_sink_that_fails_does_not_stop_the_receiver():
-    receiver, encoder = Receiver(TABLE, VirtualClock()), Encoder(TABLE)
+    receiver, encoder = Heard(VirtualClock()), Encoder(TABLE)
 
     def full(*arrays):
         raise OSError("no space left on device")
@@ -99,7 +113,7 @@ def fill(capture, receiver, times, values):
 
 def test_a_capture_holds_exactly_what_came_meanwhile():
     clock = VirtualClock()
-    receiver, encoder = Receiver(TABLE, clock), Encoder(TABLE)
+    receiver, encoder = Heard(clock), Encoder(TABLE)
     receiver.accept(spring(encoder, 0, 1 * mm))
     clock.sleep_until(10 * MS)
     with Capture(receiver, ["left.height", "left.bellows_pressure"]) as capture:
@@ -113,15 +127,15 @@ def test_a_capture_holds_exactly_what_came_meanwhile():
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("rig.lateness_50us", "does not travel on CAN"), ("left.hieght", "no signal")]
+    ("name", "words"), [("rig.lateness_50us", "does not come by itself"), ("left.hieght", "no signal")]
 )
 def test_a_capture_refuses_what_it_could_never_fill(name, words):
     with pytest.raises((Misuse, KeyError), match=words):
-        Capture(Receiver(TABLE, VirtualClock()), [name])
+        Capture(Heard(VirtualClock()), [name])
 
 
 def test_a_capture_answers_only_for_its_own_signals():
-    capture = Capture(Receiver(TABLE, VirtualClock()), ["left.height"])
+    capture = Capture(Heard(VirtualClock()), ["left.height"])
     with pytest.raises(Misuse, match=r"right\.height is not in this capture, which has left\.height"):
         capture.values("right.height")
     with pytest.raises(Misuse, match="no samples"):
@@ -129,7 +143,7 @@ def test_a_capture_answers_only_for_its_own_signals():
 
 
 def test_aligned_on_the_samples_own_grid_returns_the_samples():
-    receiver = Receiver(TABLE, VirtualClock())
+    receiver = Heard(VirtualClock())
     capture = Capture(receiver, ["left.height", "left.bellows_pressure"])
     values = np.round(10 * np.sin(np.arange(100)), 2) * mm
     fill(capture, receiver, [5 * MS * k for k in range(100)], values)
@@ -146,7 +160,7 @@ def test_aligned_on_the_samples_own_grid_returns_the_samples():
     slope=st.floats(-50, 50),
 )
 def test_aligned_interpolates_a_straight_line_exactly_whatever_the_jitter(jitter, rate, slope):
-    receiver = Receiver(TABLE, VirtualClock())
+    receiver = Heard(VirtualClock())
     capture = Capture(receiver, ["left.height"])
     at = [5 * MS * k + wobble for k, wobble in enumerate(jitter)]
     fill(capture, receiver, at, [slope * mm * t / 1e9 for t in at])
@@ -156,7 +170,7 @@ def test_aligned_interpolates_a_straight_line_exactly_whatever_the_jitter(jitter
 
 
 def test_aligned_says_nan_in_a_gap_instead_of_drawing_a_line():
-    receiver = Receiver(TABLE, VirtualClock())
+    receiver = Heard(VirtualClock())
     capture = Capture(receiver, ["left.height"])
     at = [5 * MS * k for k in range(100) if not 40 <= k < 70]  # 150 ms without frames
     fill(capture, receiver, at, [0.0] * len(at))

@@ -43,7 +43,7 @@ def test_a_spring_is_lifted_filled_loaded_shaken_and_emptied(pair):
     bench.air.vent(within=3 * minutes)
     bench.disarm()
     assert bench.rig.state == "DISABLED"
-    assert bench.receiver.tally()["lost"] == bench.receiver.tally()["repeated"] == 0
+    assert bench.wiring.tally()["lost"] == bench.wiring.tally()["repeated"] == 0
     assert bench.rig.rejected_commands == 0
 
 

@@ -29,17 +29,18 @@ class FakeBench:
     def __init__(self):
         self.clock, self.table = VirtualClock(), TABLE
         self.receiver = SimpleNamespace(sink=None)
-        self.settings = SimpleNamespace(snapshot=self.snapshot, in_force=dict, read_file=self.read_file)
+        self.settings = SimpleNamespace(readings=self.account, in_force=dict)
+        self.wiring = SimpleNamespace(read_file=self.read_file)
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
         self.pressures = {}
         self.strangers = lambda: ""
         self.readings = SimpleNamespace(value=lambda name: self.pressures.get(name, np.nan))
 
-    def snapshot(self):
+    def account(self, *names):
         if self.dead:
             raise LinkLost("nobody answers")
-        return dict(self.counters)
+        return {name: self.counters[name] for name in names}
 
     @property
     def now(self):

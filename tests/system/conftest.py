@@ -28,6 +28,7 @@ from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.can_port import CanPort, has_interface, open_can
 from drivers.modbus_port import ModbusPort, open_modbus
+from drivers.wiring.own import OwnWiring
 
 ASTB = [sys.executable, "-m", "astb"]
 ROOT = Path(__file__).parents[2]
@@ -89,7 +90,7 @@ class Site:
 
     def bench(self) -> Bench:
         """Return a bench, not yet connected."""
-        return Bench(self.can(), self.modbus(), self.clock, self.epoch)
+        return Bench(OwnWiring(self.can(), self.modbus(), self.epoch), self.clock)
 
     def shared(self) -> Bench:
         """Return a connected bench that tests use one after the other: arming takes a second of real time."""

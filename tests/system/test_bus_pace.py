@@ -19,6 +19,7 @@ from bench_sim.rig.registers import BUS_NOTE
 from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.modbus_port import ModbusPort, open_modbus
+from drivers.wiring.own import OwnWiring
 
 ROOM = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
 BIT = 2000  # ns, at 500 kbit/s
@@ -48,7 +49,7 @@ def test_over_sockets_frames_come_one_after_the_other_and_the_bench_arms(start_r
     blocks: list[Block] = []
     listener.subscribe(blocks.append)
     modbus = open_modbus("127.0.0.1", rig.modbus_port, timeout=2.0)
-    with undisturbed(), Bench(open_can("tcp", port=rig.can_port), modbus, clock, epoch) as bench:
+    with undisturbed(), Bench(OwnWiring(open_can("tcp", port=rig.can_port), modbus, epoch), clock) as bench:
         bench.arm()
         bench.wait(0.3)
         load, errors = told(modbus)

@@ -15,6 +15,7 @@ from bench_sim.parameters.model_file import Model, write_model
 from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.modbus_port import open_modbus
+from drivers.wiring.own import OwnWiring
 
 ANYWHERE = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
 VIRTUAL = 'name = "virtual"\ntime = "virtual"\n[simulation]\n'
@@ -41,7 +42,7 @@ def test_a_leak_is_seen_over_sockets(start_rig):
         stack.callback(modbus.close)
         can = open_can("tcp", port=rig.can_port)
         stack.callback(can.close)
-        bench = Bench(can, modbus, clock, wall_time_ns() - clock.now())
+        bench = Bench(OwnWiring(can, modbus, wall_time_ns() - clock.now()), clock)
         stack.callback(bench.close)
         bench.connect()
         bench.arm()

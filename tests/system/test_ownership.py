@@ -20,6 +20,7 @@ from drivers.can_port import open_can
 from drivers.commander import BEAT
 from drivers.errors import BenchError, LinkLost, NotCommander
 from drivers.modbus_port import open_modbus
+from drivers.wiring.own import OwnWiring
 
 MODBUS_PLACES, CAN_PLACES = 64, 32
 on_tcp = pytest.mark.parametrize("site", ["tcp"], indirect=True)
@@ -62,7 +63,8 @@ def proxied(site) -> Iterator[tuple[Bench, Proxy]]:
     """A bench whose Modbus goes through a proxy."""
     site.close_shared()
     proxy = Proxy(site.rig.modbus_port)
-    bench = Bench(site.can(), open_modbus("127.0.0.1", proxy.port, timeout=0.5), site.clock, site.epoch)
+    modbus = open_modbus("127.0.0.1", proxy.port, timeout=0.5)
+    bench = Bench(OwnWiring(site.can(), modbus, site.epoch), site.clock)
     try:
         bench.connect()
         yield bench, proxy
@@ -113,7 +115,7 @@ def test_the_commander_gets_in_though_idle_connections_fill_both_doors(start_rig
 
     def connected() -> Bench:
         modbus = open_modbus("127.0.0.1", rig.modbus_port, timeout=2.0)
-        return Bench(open_can("tcp", port=rig.can_port), modbus, clock, epoch)
+        return Bench(OwnWiring(open_can("tcp", port=rig.can_port), modbus, epoch), clock)
 
     with crowd(rig.modbus_port, MODBUS_PLACES), crowd(rig.can_port, CAN_PLACES):
         bench = connected()

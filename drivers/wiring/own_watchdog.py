@@ -1,4 +1,4 @@
-"""The feeding of the rig's watchdog: a commander that can no longer write to the PLC must not go on for long."""
+"""The feeding of our rig's watchdog: a commander that can no longer write to the PLC must not go on for long."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bench_protocol.units import NS, ms, s
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    from drivers.settings import Settings
+    from drivers.wiring.own_modbus import OwnRegisters
 
 #: The rig holds the bench when it has heard no write for so long.
 WATCHDOG: Final = 1 * s
@@ -23,16 +23,16 @@ class WatchdogFeeder:
     When that fails, ``failure`` keeps the reason and the feeding ends: the rig then does what is right.
     """
 
-    def __init__(self, clock: Clock, settings: Settings) -> None:
-        self._clock, self._settings = clock, settings
+    def __init__(self, registers: OwnRegisters) -> None:
+        self._registers = registers
         self._task: Task | None = None
         self.failure: BenchError | None = None
 
-    def start(self) -> None:
+    def start(self, clock: Clock) -> None:
         """Arm the watchdog, and feed it from now on."""
         self.failure = None
-        self._settings.watch(WATCHDOG)
-        self._task = self._clock.every(_PERIOD, lambda: self._settings.between_requests(self._feed))
+        self._registers.watch(WATCHDOG)
+        self._task = clock.every(_PERIOD, lambda: self._registers.between_requests(self._feed))
 
     def stop(self) -> None:
         """Feed it no longer."""
@@ -44,6 +44,6 @@ class WatchdogFeeder:
         if self.failure is not None or self._task is None:
             return
         try:
-            self._settings.watch(WATCHDOG)
+            self._registers.watch(WATCHDOG)
         except BenchError as failure:
             self.failure = failure

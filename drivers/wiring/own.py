@@ -1,0 +1,156 @@
+"""The wiring of our own rig, generated from the table: measurements and set-points on CAN, all else on Modbus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.clock import Clock
+from bench_protocol.messages import TOKEN
+from bench_protocol.table import TABLE
+from bench_protocol.wires import Table
+from bench_protocol.words import FAULT_STATES, LIVE_STATES, STATES
+from drivers.errors import BenchError, LinkLost, NotCommander
+from drivers.wiring.contract import Capabilities, Conduct, Hear, OnLost, Order, Step
+from drivers.wiring.own_can import OwnEar, OwnOutlet, stale_limits
+from drivers.wiring.own_modbus import OwnRegisters, other_map
+from drivers.wiring.own_watchdog import WatchdogFeeder
+
+if TYPE_CHECKING:
+    from drivers.can_port import CanPort
+    from drivers.modbus_port import ModbusPort
+
+
+def _bits(**bits: bool) -> Order:
+    return Order({f"control.{name}": float(bit) for name, bit in bits.items()})
+
+
+#: Where a reset ends.
+_SOUND: Final = tuple(state for state in STATES if state not in FAULT_STATES)
+
+CONDUCT: Final = Conduct(
+    up=(
+        Step(("OFF",), (Order({"action.power_on": 1.0}),), ("DISABLED", *LIVE_STATES)),
+        Step(("BOOT", "INIT"), (), ("DISABLED", *LIVE_STATES)),
+        Step(
+            ("DISABLED",),
+            (_bits(enable=True, hold=False, active=False, reset=False), _bits(reset=True)),
+            LIVE_STATES,
+            afterwards=(_bits(reset=False),),
+        ),
+        Step(("AIR_LOW",), (Order({"action.air_high": 1.0}),), LIVE_STATES[1:]),
+        Step(("AIR_HIGH",), (_bits(hold=False, active=False), _bits(hold=True)), ("HOLD", "ACTIVE")),
+        Step(("HOLD",), (_bits(active=True),), ("ACTIVE",), prepare=(_bits(active=False),), bumpless=True),
+    ),
+    reset=tuple(
+        Step(
+            states,
+            (_bits(enable=True, hold=held, active=False, reset=False), _bits(reset=True)),
+            _SOUND,
+            afterwards=(_bits(reset=False),),
+        )
+        for states, held in ((("FAULT_HOLD",), True), (("FAULT_DISABLED", "ESTOP"), False))
+    ),
+    rest=(_bits(active=False, reset=False), _bits(hold=False), _bits(enable=False)),
+    at_rest=("OFF", "BOOT", "INIT", "DISABLED", "FAULT_DISABLED", "ESTOP"),
+)
+
+
+class OwnWiring:
+    """A CAN port and a Modbus port of a rig that speaks our table; both are closed at its end.
+
+    ``epoch`` is what to subtract from the frames' time stamps (ns) to get times of the bench's clock; 0 in virtual
+    time, where they are the same.
+    """
+
+    def __init__(
+        self,
+        can_port: CanPort,
+        modbus_port: ModbusPort,
+        epoch: int = 0,
+        *,
+        table: Table = TABLE,
+        rig: str = "the rig",
+    ) -> None:
+        self.can, self.modbus, self.epoch = can_port, modbus_port, epoch
+        self.rig, self.table = rig, table
+        self.absent: Mapping[str, str] = {}
+        self.freshness = stale_limits(table)
+        self.capabilities = Capabilities(generator=True, lease=True, watchdog=True, identity=True)
+        self.conduct = CONDUCT
+        self.given: Mapping[str, float] = {}
+        self.outlet = OwnOutlet(table, can_port)
+        self.registers = OwnRegisters(table, modbus_port)
+        self.watchdog = WatchdogFeeder(self.registers)
+        self._ear: OwnEar | None = None
+        self._open = False
+
+    @property
+    def failure(self) -> BenchError | None:
+        """Why commands no longer count: another map, the lease is somebody else's, or the watchdog cannot be fed."""
+        if self._ear is not None and not math.isnan(told := self._ear.map_hash):
+            if differs := other_map(int(told), self.table):
+                return differs
+        failure = self.watchdog.failure
+        if failure is None or isinstance(failure, NotCommander):
+            return failure
+        return LinkLost(f"the rig's watchdog cannot be fed: {failure}")
+
+    def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
+        """Check that the rig speaks our table, take the lease, feed the watchdog and listen.
+
+        Both ports are open already, and every answer of Modbus is bounded by its port, not by ``within``.
+        """
+        del within
+        self._open = True
+        try:
+            self.registers.probe()
+            token = self.registers.take_lease()
+            self.given = {TOKEN: float(token)}
+            self.outlet.bear(token)
+            self.watchdog.start(clock)
+            self._ear = OwnEar(self.table, clock, self.epoch, hear)
+            self.can.on_lost(lambda reason: lost(f"the CAN bus is lost: {reason or 'closed'}"))
+            self.can.subscribe(self._ear.accept)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let go of the lease and of both connections."""
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self.watchdog.stop()
+            with suppress(BenchError):
+                self.registers.return_lease()
+        finally:
+            self.can.close()
+            self.modbus.close()
+
+    def write(self, values: Mapping[str, float]) -> None:
+        """Stage and apply settings, all or none."""
+        self.registers.write(values)
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Read settings in force, contacts and readings through Modbus."""
+        return self.registers.read(names)
+
+    def read_file(self, file: int, record: int, count: int) -> list[int]:
+        """Return ``count`` registers of a file from ``record`` on (Modbus function 20)."""
+        return self.modbus.read_file(file, record, count)
+
+    def act(self, name: str) -> None:
+        """Raise the coil of an action."""
+        self.registers.act(name)
+
+    def say(self, points: Mapping[str, float]) -> None:
+        """Refuse: our rig has no points but the table's signals."""
+        raise KeyError(f"{', '.join(points)}: {self.rig} has no points beside the signals of its table")
+
+    def tally(self) -> dict[str, int]:
+        """Return how many frames were accepted, lost, repeated, malformed… since `open`."""
+        return {} if self._ear is None else self._ear.tally()

@@ -1,0 +1,152 @@
+"""Our own CAN: the table's frames become samples, and set-points become the protected frames of every beat.
+
+Commands that a bus echoes back are not readings: only messages *from the rig* are decoded.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.clock import RealClock, Task, hurry
+from bench_protocol.frames import Block, copied
+from bench_protocol.units import NS, ms
+from bench_protocol.wires import Table
+from drivers.errors import LinkLost
+from drivers.wiring.contract import Beating, Floats, Hear, Ints
+
+if TYPE_CHECKING:
+    from bench_protocol.clock import Clock
+    from drivers.beat import Beat
+    from drivers.can_port import CanPort
+    from drivers.wire import Wire
+
+STALE_AFTER: Final = 100 * ms
+STALE_PERIODS: Final = 3
+NEVER: Final = 2**62
+#: How long the stream goes on while the interpreter is stuck, and how often Python says that it is not.
+AUTONOMY: Final = round(500 * ms * NS)
+_GRANT: Final = round(100 * ms * NS)
+_PRIORITY: Final = 5  #: above everything that computes, below a rig on the same machine
+
+
+def stale_limits(table: Table) -> Ints:
+    """Return for every table row after how many ns without a frame it is stale.
+
+    0 for what CAN does not carry; never for what is sent on events only, whose last news stays true.
+    """
+    limits = np.zeros(len(table.signals), np.int64)
+    for message in table.messages:
+        age = max(STALE_AFTER, STALE_PERIODS / message.rate) if message.rate else None
+        for place in message.fields:
+            limits[table.index[place.signal]] = NEVER if age is None else round(age * NS)
+    return limits
+
+
+class OwnEar:
+    """Decodes what our rig sends, and tells it to whoever hears.
+
+    ``epoch`` (ns) is subtracted from the time stamps of the frames to make them times of ``clock``. With an epoch the
+    stamps come from somebody else's clock, so the age of a reading counts from its arrival instead.
+    """
+
+    def __init__(self, table: Table, clock: Clock, epoch: int, hear: Hear) -> None:
+        from bench_protocol.can_codec import Decoder
+
+        self._clock, self._epoch, self._hear = clock, epoch, hear
+        self._decoder = Decoder(table, from_rig=True)
+        self._map_hash_row = table.index["rig.map_hash"]
+        self._lock = threading.Lock()
+
+    def accept(self, block: Block) -> None:
+        """Take a block of frames in order of arrival."""
+        if self._epoch:
+            block = copied(block)
+            block["time"] -= self._epoch
+        with self._lock:
+            samples = self._decoder.decode(block)
+        if samples.times.size:
+            fresh = self._clock.now() if self._epoch else samples.times
+            self._hear(samples.times, samples.signals, samples.values, fresh)
+
+    @property
+    def map_hash(self) -> float:
+        """Which map the rig says it speaks; NaN before it has told."""
+        return self._decoder.latest.item(self._map_hash_row)
+
+    def tally(self) -> dict[str, int]:
+        """Return how many frames were accepted, lost, repeated, malformed… since the start."""
+        from bench_protocol.can_codec import Tally
+
+        with self._lock:
+            return {kind.name.lower(): int(self._decoder.tally[kind]) for kind in Tally}
+
+
+class OwnOutlet:
+    """Sends the protected command messages, one block per beat.
+
+    In real time the stream goes on while the interpreter is held by what computes, for ``AUTONOMY`` at most
+    (`drivers.beat`).
+    """
+
+    def __init__(self, table: Table, port: CanPort) -> None:
+        from bench_protocol.can_codec import Encoder
+
+        self._port = port
+        self._encoder = Encoder(table)
+        commands = [message.name for message in table.messages if not message.from_rig and message.rate]
+        self._rows = self._encoder.rows(commands)
+
+    def bear(self, token: int) -> None:
+        """Let all that is sent from now on be that of the holder with ``token``; not while the beat goes on."""
+        self._encoder.bind(token)
+
+    def send(self, values: Floats, time: int) -> None:
+        """Send a block by the port: in virtual time, and on buses that only Python can write to."""
+        self._port.send(self._encoder.encode(values, self._rows, time))
+
+    def beat(self, beating: Beating) -> Task | None:
+        """Let compiled code write to the port's wire, if it has one."""
+        from drivers import beat
+
+        wire = self._port.wire
+        if wire is None or not beat.COMPILED or not isinstance(beating.clock, RealClock):
+            return None
+        state = beat.Beat.of(self._encoder, self._rows, beating.setpoints)
+        return _PunctualTask(state, wire, beating, beating.clock)
+
+
+class _PunctualTask:
+    """The compiled beat in a thread of its own, and Python's word from time to time that the plan lives."""
+
+    def __init__(self, state: Beat, wire: Wire, beating: Beating, clock: RealClock) -> None:
+        self._counts, self._ahead = state.counts, AUTONOMY // beating.period
+        begin = clock.monotonic(beating.start)
+        period = clock.monotonic(beating.start + beating.period) - begin
+
+        def run() -> None:
+            from drivers.beat import run_beats
+
+            hurry(_PRIORITY)
+            gate, door = beating.gate.address, wire.gate.address
+            error = run_beats(state, gate, wire.descriptor, door, wire.lines, begin, period)
+            if error:
+                wire.cut()  # half a line may be out
+                beating.failed(LinkLost(f"frames could not be sent: {os.strerror(error)}"))
+
+        self._grant()
+        self._granting = clock.every(_GRANT, self._grant)
+        self._thread = threading.Thread(target=run, name="every 20 ms", daemon=True)
+        self._thread.start()
+
+    def _grant(self) -> None:
+        self._counts["granted"][0] = self._counts["sent"][0] + self._ahead
+
+    def cancel(self) -> None:
+        self._counts["stop"][0] = 1
+        self._granting.cancel()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()

@@ -1,0 +1,232 @@
+"""Our own Modbus map: staged settings, actions, contacts, the slow readings, the probes and the lease."""
+
+from __future__ import annotations
+
+import math
+import struct
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.modbus import NO_AUTHORITY
+from bench_protocol.registers import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, WATCHDOG_ADDRESS, Register
+from bench_protocol.signals import Kind
+from bench_protocol.units import ms
+from bench_protocol.wires import Table
+from drivers.errors import LinkLost, MapMismatch, Misuse, NotCommander, Refused
+
+if TYPE_CHECKING:
+    from drivers.modbus_port import ModbusPort
+
+_SINGLE: Final = struct.Struct(">f")
+_PROBE_REGISTERS: Final = 7
+#: Any word but 0 asks for the lease.
+_ASK: Final = 1
+#: A block that changes under three reads in a row is no block of this rig.
+_READ_TRIES: Final = 3
+
+
+def single(value: float) -> float:
+    """Return ``value`` as an IEEE-754 single carries it."""
+    return float(_SINGLE.unpack(_SINGLE.pack(value))[0])
+
+
+def to_words(value: float) -> tuple[int, int]:
+    """Return ``value`` as two registers, IEEE-754 single, high word first."""
+    word = int.from_bytes(_SINGLE.pack(value), "big")
+    return word >> 16, word & 0xFFFF
+
+
+def from_words(high: int, low: int) -> float:
+    """Return the IEEE-754 single in two registers, high word first."""
+    return float(_SINGLE.unpack(((high << 16) | low).to_bytes(4, "big"))[0])
+
+
+def other_map(map_hash: int, table: Table) -> MapMismatch | None:
+    """Return what is wrong if ``map_hash`` is not that of our ``table``."""
+    if map_hash == table.map_hash:
+        return None
+    return MapMismatch(
+        f"the rig's map hash is {map_hash:#010x}, that of these drivers is {table.map_hash:#010x}: "
+        "bring both to the same version of the table of signals"
+    )
+
+
+class OwnRegisters:
+    """Writes settings all or none, triggers actions, and reads what does not travel on CAN."""
+
+    def __init__(self, table: Table, port: ModbusPort) -> None:
+        self._table, self._port = table, port
+        self._holding = self._registers("holding", Kind.SETTING)
+        self._coils = self._registers("coil", Kind.ACTION)
+        self._contacts = self._registers("discrete", Kind.INTERLOCK)
+        self._active = self._registers("input", Kind.SETTING)
+        self._readings = [
+            r
+            for r in table.registers
+            if r.space == "input"
+            and r.encoding == "float32"
+            and r.signal in table.index
+            and r.signal not in self._active
+        ]
+        self._floats = {r.signal: r for r in (*self._active.values(), *self._readings)}
+        self._known: dict[str, float] = {}
+        self._lock = threading.RLock()
+
+    def _registers(self, space: str, kind: Kind) -> dict[str, Register]:
+        return {
+            register.signal: register
+            for register in self._table.registers
+            if register.space == space
+            and register.signal in self._table.index
+            and self._table[register.signal].kind is kind
+        }
+
+    # -- settings ------------------------------------------------------------------------------------------------
+
+    def write(self, values: Mapping[str, float]) -> None:
+        """Stage ``values`` (SI, within their ranges) in one request and take them over with APPLY.
+
+        ``Refused`` if the rig does not take them over, which then leaves everything, staged values included, as it was.
+        """
+        with self._lock:
+            before = dict(self._settings())
+            self._stage(before, values)
+            try:
+                self.act("action.apply")
+            except Refused as refused:
+                self._stage(before, {name: before[name] for name in values})
+                wanted = ", ".join(
+                    f"{name} = {self._table[name].show(value)}" for name, value in values.items()
+                )
+                raise Refused(f"the rig did not take over {wanted}: {refused}", refused.code) from None
+            self._known.update({name: single(value) for name, value in values.items()})
+
+    def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
+        """Write the registers from the first to the last of ``values``: one request is staged or refused as one."""
+        addresses = [self._holding[name].address for name in values]
+        span = [r for r in self._holding.values() if min(addresses) <= r.address <= max(addresses)]
+        words = [word for r in span for word in to_words(values.get(r.signal, known[r.signal]))]
+        self._commanding(lambda: self._port.write_registers(span[0].address, words))
+
+    def in_force(self) -> dict[str, float]:
+        """Return all settings (SI) as they are in force in the rig, whatever anybody has staged."""
+        registers = list(self._active.values())
+        words = self._port.read_input(registers[0].address, 2 * len(registers))
+        return {r.signal: from_words(*words[2 * k : 2 * k + 2]) for k, r in enumerate(registers)}
+
+    def _settings(self) -> dict[str, float]:
+        if not self._known:
+            self._known = self.in_force()
+        return self._known
+
+    # -- actions, contacts, slow readings ------------------------------------------------------------------------
+
+    def act(self, name: str) -> None:
+        """Trigger an action by its name in the table (``action.apply``)."""
+        address = self._coils[name].address
+        try:
+            self._commanding(lambda: self._port.write_coil(address, True))
+        except Refused as refused:
+            raise Refused(f"{name} was refused in the rig's present state: {refused}", refused.code) from None
+
+    def contacts(self) -> dict[str, bool]:
+        """Return all contacts of the interlocks, read in one request."""
+        first = min(register.address for register in self._contacts.values())
+        bits = self._port.read_discrete(first, len(self._contacts))
+        return {name: bits[register.address - first] for name, register in self._contacts.items()}
+
+    def snapshot(self) -> dict[str, float]:
+        """Return all readings (SI) of one step of the rig: the sequence numbers at both ends of the block agree."""
+        first, last = self._readings[0].address - 1, self._readings[-1].address + 2
+        for _ in range(_READ_TRIES):
+            words = self._port.read_input(first, last - first + 1)
+            if words[0] == words[-1]:
+                return {
+                    r.signal: from_words(*words[r.address - first : r.address - first + 2])
+                    for r in self._readings
+                }
+        raise LinkLost(
+            f"the block of readings at input register {first} changed under {_READ_TRIES} reads in a row"
+        )
+
+    def contact(self, name: str) -> bool:
+        """Return whether a contact of the interlocks is on."""
+        return self._port.read_discrete(self._contacts[name].address, 1)[0]
+
+    def reading(self, name: str) -> float:
+        """Return one reading or setting in force (SI) through Modbus, NaN where the rig has none."""
+        return from_words(*self._port.read_input(self._floats[name].address, 2))
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Return contacts, settings in force and readings (SI); several of a kind in one request."""
+        found: dict[str, float] = {}
+        readings = self._floats.keys() - self._active.keys()
+        for known, one, every in (
+            (self._contacts.keys(), self.contact, self.contacts),
+            (self._active.keys(), self.reading, self.in_force),
+            (readings, self.reading, self.snapshot),
+        ):
+            asked = [name for name in names if name in known]
+            told = every() if len(asked) > 1 else {name: one(name) for name in asked}
+            found.update({name: float(told[name]) for name in asked})
+        if unknown := [name for name in names if name not in found]:
+            raise Misuse(f"{', '.join(unknown)} is not a reading of the Modbus map")
+        return found
+
+    # -- who we are ----------------------------------------------------------------------------------------------
+
+    def probe(self) -> None:
+        """Compare the rig's probe registers and map hash with ours; ``MapMismatch`` says what differs."""
+        words = self._port.read_input(0, _PROBE_REGISTERS)
+        number, word = from_words(*words[3:5]), (words[5] << 16) | words[6]
+        if not math.isclose(number, PROBE_FLOAT, rel_tol=1e-6) or word != PROBE_WORD:
+            raise MapMismatch(
+                f"the probe registers read {number:g} and {word:#010x}, not {PROBE_FLOAT:g} and {PROBE_WORD:#010x}: "
+                "words or bytes arrive in another order, or this is another device"
+            )
+        if differs := other_map((words[1] << 16) | words[2], self._table):
+            raise differs
+
+    def take_lease(self) -> int:
+        """Become the commander; return the token that the rig drew. ``NotCommander`` if somebody else is."""
+        self._lease([_ASK])
+        return self.holder()
+
+    def return_lease(self) -> None:
+        """Let somebody else become the commander."""
+        self._lease([0])
+
+    def holder(self) -> int:
+        """Return the token of whoever holds the bench, 0 if nobody does."""
+        return self._port.read_holding(LEASE_ADDRESS, 1)[0]
+
+    def whose(self) -> str:
+        """Return in words who holds the bench."""
+        token = self.holder()
+        if not token:
+            return "nobody"
+        port = self.reading("rig.holder")
+        where = f"at TCP port {port:.0f}; `ss -tnp` shows its program" if port > 0 else "somewhere on CAN"
+        return f"the commander with token {token}, {where}"
+
+    def watch(self, within: float) -> None:
+        """Let the rig hold the bench unless another write comes ``within`` s (up to 10) of the last; 0 switches off."""
+        self._commanding(lambda: self._port.write_registers(WATCHDOG_ADDRESS, [round(within / ms)]))
+
+    def between_requests(self, call: Callable[[], None]) -> None:
+        """Call ``call`` now, or right after the request that this very thread is waiting for."""
+        self._port.between_requests(call)
+
+    def _lease(self, words: Sequence[int]) -> None:
+        self._commanding(lambda: self._port.write_registers(LEASE_ADDRESS, words))
+
+    def _commanding(self, request: Callable[[], None]) -> None:
+        try:
+            request()
+        except Refused as refused:
+            if refused.code != NO_AUTHORITY:
+                raise
+            raise NotCommander(
+                f"the bench is held by {self.whose()}; it must let go before this one can act"
+            ) from refused
