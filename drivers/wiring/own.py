@@ -90,9 +90,9 @@ class OwnWiring:
     @property
     def failure(self) -> BenchError | None:
         """Why commands no longer count: another map, the lease is somebody else's, or the watchdog cannot be fed."""
-        if self._ear is not None and not math.isnan(told := self._ear.map_hash):
-            if differs := other_map(int(told), self.table):
-                return differs
+        told = math.nan if self._ear is None else self._ear.map_hash
+        if not math.isnan(told) and (differs := other_map(int(told), self.table)):
+            return differs
         failure = self.watchdog.failure
         if failure is None or isinstance(failure, NotCommander):
             return failure
