@@ -26,6 +26,8 @@ from drivers.wiring.keys import convert, duration, meant
 from drivers.wiring.lines import PLAYED, Description, PlayerLimits, Reading, SettingTarget, Target
 from drivers.wiring.user_functions import functions_file, user_function
 
+#: A rig rounds what it is told: by so much of the range of a setting may what it reads back differ.
+_ROUNDED: Final = 0.001
 _NOT_MENTIONED: Final = "the wiring does not mention it"
 _READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
 
@@ -223,7 +225,7 @@ class _Reader:
             if entry.target or entry.read or entry.initial != "":
                 raise WiringError(f"{where} is fixed, and nothing is written or read; right is fixed alone")
             fixed = si_value(f"{where}.fixed", signal, entry.fixed)
-            return SettingTarget("", "", Line(1.0, 0.0), 0.0, fixed, fixed)
+            return SettingTarget("", "", Line(1.0, 0.0), 0.0, 0.0, fixed, fixed)
         point = self._target(where, signal, entry.target)
         if entry.read:
             self._point(f"{where}.read", entry.read, written=False)
@@ -233,7 +235,11 @@ class _Reader:
                 )
         initial = si_value(f"{where}.initial", signal, entry.initial) if entry.initial != "" else math.nan
         within = duration(f"{where}.within", entry.within)
-        return SettingTarget(point, entry.read, self._conversion(where, signal, entry), within, None, initial)
+        tolerance = 0.5 if signal.choices else max(signal.step, _ROUNDED * (signal.high - signal.low))
+        if entry.tolerance:
+            tolerance = quantity(f"{where}.tolerance", entry.tolerance, signal.si, difference=True)
+        one = self._conversion(where, signal, entry)
+        return SettingTarget(point, entry.read, one, within, tolerance, None, initial)
 
     def _conversion(self, where: str, signal: Signal, entry: SignalEntry) -> Conversion:
         return conversion(
@@ -375,7 +381,7 @@ _KEYS: Final = {
     Kind.STATUS: ("from", "value", "function", *_NUMBER),
     Kind.INTERLOCK: ("from", "value", "function", *_NUMBER),
     Kind.SETPOINT: ("to", *_NUMBER),
-    Kind.SETTING: ("to", "read", "fixed", "initial", "within", *_NUMBER),
+    Kind.SETTING: ("to", "read", "fixed", "initial", "within", "tolerance", *_NUMBER),
     Kind.ACTION: ("to", "value"),
 }
 

@@ -26,6 +26,7 @@ class SignalEntry(
     fixed: str | Number = ""  #: what a setting is on this rig, for good
     initial: str | Number = ""  #: what a setting without ``read`` is before it is first written
     within: str = "2 s"  #: how long a setting may take until ``read`` tells it
+    tolerance: str = ""  #: by which ``read`` may differ from what was written
     absent: str = ""  #: why the rig does not have it
 
 

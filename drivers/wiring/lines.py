@@ -55,7 +55,8 @@ class SettingTarget:
     point: str
     read: str  #: "": remembered
     conversion: Conversion
-    within: float  #: s
+    within: float  #: s that the rig may take until ``read`` tells it
+    tolerance: float  #: SI, by which what is read may differ from what was written
     fixed: float | None
     initial: float  #: NaN: unknown
 

@@ -1,0 +1,356 @@
+"""A wiring that a file describes: signals of the bench from and to points of transports."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.clock import Clock
+from bench_protocol.modbus import DEVICE_FAILURE
+from bench_protocol.units import NS, ms
+from bench_protocol.words import STATES
+from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotAvailable, Refused, WiringError
+from drivers.wiring.contract import (
+    Capabilities,
+    Conduct,
+    Floats,
+    Hear,
+    Ints,
+    OnLost,
+    Outlet,
+    Transport,
+)
+from drivers.wiring.lines import Description, SettingTarget
+from drivers.wiring.player import Player
+from drivers.wiring.sources import Sources
+
+#: How often a rig is asked whether it has taken over a setting, or is there.
+_LOOK: Final = round(20 * ms * NS)
+#: What the player says of itself comes with every beat of the set-points; ten of them may be late.
+_PLAYED_STALE: Final = round(200 * ms * NS)
+_PLAYER_READINGS: Final = ("rig.program", "rig.generator_cycle")
+_ACTIVE: Final = float(STATES.index("ACTIVE"))
+
+
+class DescribedWiring:
+    """The wiring of ``rig`` as ``description`` has it, over ``transports`` by name, which it closes.
+
+    WiringError for a point that a transport does not have, or that cannot be written.
+    """
+
+    def __init__(self, rig: str, description: Description, transports: Mapping[str, Transport]) -> None:
+        self.rig, self.table = rig, description.table
+        self._description, self._transports = description, dict(transports)
+        self._check_points()
+        self.absent: Mapping[str, str] = description.absent
+        self.capabilities: Capabilities = description.capabilities
+        self.conduct: Conduct = description.conduct
+        self.failure: BenchError | None = None
+        limits = description.player
+        self._player = Player(rig, self.table, limits, self.absent) if limits else None
+        self._sources = Sources(description, self._stale)
+        self.freshness: Ints = self._freshness()
+        self._known = {name: setting.initial for name, setting in description.settings.items()}
+        self._lock = threading.Lock()
+        self._hear: Hear | None = None
+        self._clock: Clock | None = None
+        self._active = False
+        self._setpoints: Floats = np.full(len(self.table.signals), np.nan)
+
+    @property
+    def given(self) -> Mapping[str, float]:
+        """Nothing: a stranger's rig has no token for its commander."""
+        return {}
+
+    @property
+    def outlet(self) -> Outlet:
+        """Where set-points go: `send`."""
+        return self
+
+    @property
+    def remembered(self) -> tuple[str, ...]:
+        """Settings that no point reads back: they are taken to be what was last written."""
+        settings = self._description.settings.items()
+        return tuple(name for name, one in settings if one.fixed is None and not one.read)
+
+    # -- coming and going ----------------------------------------------------------------------------------------
+
+    def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
+        self._clock, self._hear, self.failure = clock, hear, None
+        deadline = clock.now() + round(within * NS)
+        told = threading.Lock()  # held for good by the first connection that is lost
+
+        def on_lost(name: str, reason: str) -> None:
+            if told.acquire(blocking=False):
+                lost(f"{name}: {reason}")
+
+        try:
+            for name, transport in self._transports.items():
+                left = max(deadline - clock.now(), 0) / NS
+                transport.connect(clock, partial(on_lost, name), within=left)
+            self._check_identity()
+            for name, transport in self._transports.items():
+                transport.subscribe(partial(self._accept, f"{name}."))
+            for name, transport in self._transports.items():
+                if transport.period > 0:
+                    self._await_news(name, transport, clock, deadline, within)
+            self._tell_player(clock.now())
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        self._hear = None
+        for transport in reversed(self._transports.values()):
+            transport.close()
+
+    def _await_news(
+        self, name: str, transport: Transport, clock: Clock, deadline: int, within: float
+    ) -> None:
+        while math.isinf(transport.alive()):
+            if clock.now() >= deadline:
+                raise LinkLost(f"{self.rig} is silent: nothing came on transport {name} within {within:g} s")
+            clock.sleep_until(min(deadline, clock.now() + _LOOK))
+
+    def _check_identity(self) -> None:
+        wanted = self._description.identity
+        for point, found in self._read_points(wanted).items():
+            if found != wanted[point]:
+                raise MapMismatch(
+                    f"this is not the rig that the wiring of {self.rig} describes: {point} reads {found:g}, and "
+                    f"identity in {self._description.where.name} says {wanted[point]:g}"
+                )
+
+    # -- what comes ----------------------------------------------------------------------------------------------
+
+    def _accept(self, prefix: str, time: int, points: Mapping[str, float]) -> None:
+        """Take points of one transport that came at ``time`` (ns)."""
+        with self._lock:
+            try:
+                samples = self._sources.samples(prefix, time, points)
+            except Exception as error:  # a user's function: the thread that receives must outlive it
+                self.failure = Misuse(f"a function of {self._description.functions} failed: {error!r}")
+                return
+            state = samples.get(self.table.index["rig.state"], math.nan)
+            if not math.isnan(state):
+                self._active = state == _ACTIVE
+            self._tell(time, samples)
+
+    def _tell(self, time: int, samples: Mapping[int, float]) -> None:
+        hear = self._hear
+        if hear is not None and samples:
+            rows = np.fromiter(samples.keys(), np.int64, len(samples))
+            values = np.fromiter(samples.values(), np.float64, len(samples))
+            hear(np.full(len(samples), time, np.int64), rows, values, time)
+
+    def _tell_player(self, time: int) -> None:
+        if self._player is not None:
+            told = self._player.told()
+            self._tell(time, {self.table.index[name]: told[name] for name in _PLAYER_READINGS})
+
+    # -- what goes -----------------------------------------------------------------------------------------------
+
+    def send(self, values: Floats, time: int) -> None:
+        """Stream set-points (SI, by table row, NaN where nothing was given yet) and what the player adds to them."""
+        offsets: Mapping[int, float] = {}
+        with self._lock:
+            self._setpoints = values.copy()
+            if self._player is not None:
+                offsets = self._player.advance(time, active=self._active)
+                self._tell_player(time)
+        streams: dict[str, dict[str, float]] = {name: {} for name in self._transports}
+        for name, target in self._description.setpoints.items():
+            signal, row = self.table[name], self.table.index[name]
+            value = float(values[row])
+            if row in offsets:
+                value = min(max(value + offsets[row], signal.low), signal.high)
+            number = target.conversion.number(value)
+            if not math.isnan(number):
+                transport, _, point = target.point.partition(".")
+                streams[transport][point] = number
+        for transport, points in streams.items():
+            if points:
+                self._transports[transport].stream(points, time)
+
+    def write(self, values: Mapping[str, float]) -> None:
+        self._refuse_absent(values)
+        played = {name: value for name, value in values.items() if name in self._description.played}
+        numbers = {name: self._number(name, value) for name, value in values.items() if name not in played}
+        self._refuse_under_program(numbers)
+        written = {name: number for name, number in numbers.items() if number is not None}
+        before = self._before(written)
+        try:
+            self._write_points({self._setting(name).point: number for name, number in written.items()})
+            for name in written:
+                self._acknowledged(name, values[name])
+        except BenchError:
+            with contextlib.suppress(BenchError):
+                self._write_points(before)
+            raise
+        self._known.update({name: values[name] for name in written})
+        if played and self._player is not None:
+            self._player.write(played)
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        self._refuse_absent(names)
+        told = self._player.told() if self._player is not None else {}
+        sources = {name: self._points_of(name) for name in names if name not in told}
+        numbers = self._read_points(point for points in sources.values() for point in points)
+        found = {}
+        for name in names:
+            setting = self._description.settings.get(name)
+            if name in told:
+                found[name] = told[name]
+            elif setting is None:
+                found[name] = self._description.readings[name].si([numbers[p] for p in sources[name]])
+            elif setting.fixed is not None:
+                found[name] = setting.fixed
+            else:
+                found[name] = (
+                    setting.conversion.si(numbers[setting.read]) if setting.read else self._known[name]
+                )
+        return found
+
+    def act(self, name: str) -> None:
+        self._refuse_absent([name])
+        if self._player is not None and name in self._description.played:
+            self._play(name)
+            return
+        point, numbers = self._description.actions[name]
+        for number in numbers:
+            self._write_points({point: number})
+
+    def say(self, points: Mapping[str, float]) -> None:
+        self._write_points(points)
+
+    # -- the player ----------------------------------------------------------------------------------------------
+
+    def _play(self, name: str) -> None:
+        assert self._player is not None
+        if name == "action.program_hold":
+            self._player.hold()
+        elif name == "action.program_stop":
+            self._player.stop()
+        else:
+            controls = [one for one in ("vertical.control", "lateral.control") if one not in self.absent]
+            with self._lock:
+                setpoints, active = self._setpoints, self._active
+            self._player.run(self.read(controls), setpoints, active=active)
+
+    def _refuse_under_program(self, names: Iterable[str]) -> None:
+        if self._player is not None and self._player.busy:
+            for name in names:
+                if name.endswith(".control"):
+                    raise Refused(f"{name} must not change while a program runs", DEVICE_FAILURE)
+
+    # -- settings ------------------------------------------------------------------------------------------------
+
+    def _setting(self, name: str) -> SettingTarget:
+        return self._description.settings[name]
+
+    def _number(self, name: str, value: float) -> float | None:
+        """Return what a setting (SI) is on the wire, None for one that is fixed and stays so."""
+        setting, signal = self._setting(name), self.table[name]
+        if setting.fixed is not None:
+            if abs(value - setting.fixed) > 0.5 * signal.step:
+                raise NotAvailable(
+                    f"{self.rig} has no {name} = {signal.show(value)}: it is always {signal.show(setting.fixed)}"
+                )
+            return None
+        number = setting.conversion.number(value)
+        if math.isnan(number):
+            raise NotAvailable(
+                f"{self.rig} has no {name} = {signal.show(value)}: its wiring gives this choice no number"
+            )
+        return number
+
+    def _before(self, names: Iterable[str]) -> dict[str, float]:
+        """Return the points of settings with what is on them now, as far as that is known."""
+        numbers = {}
+        for name, value in self.read(list(names)).items():
+            setting = self._setting(name)
+            numbers[setting.point] = setting.conversion.number(value)
+        return {point: number for point, number in numbers.items() if not math.isnan(number)}
+
+    def _acknowledged(self, name: str, value: float) -> None:
+        """Wait until the rig tells that it has taken over a setting; Refused if it does not."""
+        setting, signal, clock = self._setting(name), self.table[name], self._clock
+        if not setting.read or clock is None:
+            return
+        deadline = clock.now() + round(setting.within * NS)
+        while True:
+            number = self._read_points([setting.read])[setting.read]
+            found = setting.conversion.si(number)
+            if abs(found - value) <= setting.tolerance:
+                return
+            if clock.now() >= deadline:
+                says = (
+                    f"{number:g}, which is none of its choices" if math.isnan(found) else signal.show(found)
+                )
+                raise Refused(
+                    f"{self.rig} never acknowledged {name} = {signal.show(value)}: {setting.read} still says "
+                    f"{says} after {setting.within:g} s",
+                    DEVICE_FAILURE,
+                )
+            clock.sleep_until(min(deadline, clock.now() + _LOOK))
+
+    # -- points --------------------------------------------------------------------------------------------------
+
+    def _points_of(self, name: str) -> tuple[str, ...]:
+        setting = self._description.settings.get(name)
+        if setting is not None:
+            return (setting.read,) if setting.read else ()
+        return self._description.readings[name].points
+
+    def _read_points(self, points: Iterable[str]) -> dict[str, float]:
+        """Return points by their full names, with one question to each transport."""
+        found = {}
+        for transport, names in _by_transport(points).items():
+            numbers = self._transports[transport].read(names)
+            found.update({f"{transport}.{name}": numbers[name] for name in names})
+        return found
+
+    def _write_points(self, points: Mapping[str, float]) -> None:
+        """Write points by their full names, those of one transport at once, in the order given."""
+        for transport, names in _by_transport(points).items():
+            self._transports[transport].write({name: points[f"{transport}.{name}"] for name in names})
+
+    def _refuse_absent(self, names: Iterable[str]) -> None:
+        for name in names:
+            if name in self.absent:
+                raise NotAvailable(f"{self.rig} has no {name}: {self.absent[name]}")
+
+    def _check_points(self) -> None:
+        for key, point, written in self._description.points:
+            transport, _, name = point.partition(".")
+            try:
+                self._transports[transport].require(name, writable=written)
+            except WiringError as error:
+                raise WiringError(f"{key} = {point!r}: {error}") from None
+
+    def _stale(self, point: str) -> float:
+        transport, _, name = point.partition(".")
+        return self._transports[transport].stale(name)
+
+    def _freshness(self) -> Ints:
+        limits = np.zeros(len(self.table.signals), np.int64)
+        for name, limit in self._sources.limits.items():
+            limits[self.table.index[name]] = limit
+        if self._player is not None:
+            for name in _PLAYER_READINGS:
+                limits[self.table.index[name]] = _PLAYED_STALE
+        return limits
+
+
+def _by_transport(points: Iterable[str]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for point in dict.fromkeys(points):
+        transport, _, name = point.partition(".")
+        found.setdefault(transport, []).append(name)
+    return found

@@ -1,0 +1,154 @@
+"""The player streams what the rig's own generator would do: the generator is the oracle, sample by sample."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bench_protocol.rates import TICK
+from bench_protocol.table import TABLE
+from bench_protocol.units import kN, mm, mrad
+from bench_protocol.words import AXES, CONTROL_MODES, PROGRAM_STATES, WAVES
+from bench_sim.rig.controls import CONTROLS, Target
+from bench_sim.rig.generator import FunctionGenerator
+from bench_sim.rig.tick import _generate
+from drivers.errors import NotAvailable, Refused
+from drivers.wiring.lines import PlayerLimits
+from drivers.wiring.player import Player
+
+BEAT = 20_000_000
+TICKS = round(BEAT / 1e9 / TICK)
+LEVER = 1.2
+SETTINGS = {
+    "generator.amplitude": 12 * mm,
+    "generator.roll_amplitude": 8 * mrad,
+    "generator.force_amplitude": 3 * kN,
+    "generator.frequency": 0.83,
+    "generator.cycles": 3.0,
+}
+MODES = {name: CONTROL_MODES.index(name) for name in CONTROL_MODES}
+
+
+def _player(**settings: float) -> Player:
+    limits = PlayerLimits(LEVER, 0.6, 0.2, 50 * kN)
+    player = Player("hall", TABLE, limits, {"lateral.force_setpoint": "no force control"})
+    player.write(SETTINGS | settings)
+    return player
+
+
+def _rows(axis: str, mode: str) -> dict[int, int]:
+    """Return the target of the rig by the table row of its set-point."""
+    targets = {"vertical": (0, 1), "roll": (0, 1)}.get(axis) or (Target[axis.upper()],)
+    names = [Target(target).name.lower() for target in targets]
+    if axis.startswith("platform"):
+        names = [f"{name.replace('_', '.', 1)}_setpoint" for name in names]
+    else:
+        names = [f"{name}.{mode}_setpoint" for name in names]
+    return {TABLE.index[name]: int(target) for name, target in zip(names, targets, strict=True)}
+
+
+def _run(player: Player, mode: str, base: float = 0.0) -> None:
+    setpoints = np.full(len(TABLE.signals), base)
+    player.run(dict.fromkeys(("vertical.control", "lateral.control"), MODES[mode]), setpoints, active=True)
+
+
+@pytest.mark.parametrize("wave", WAVES)
+@pytest.mark.parametrize(
+    ("axis", "mode"),
+    [("vertical", "displacement"), ("vertical", "force"), ("roll", "displacement"), ("lateral", "displacement"),
+     ("platform_vertical", "off"), ("platform_lateral", "force"), ("platform_roll", "off")],
+)  # fmt: skip
+def test_every_sample_is_that_of_the_rigs_generator(axis, mode, wave):
+    settings = SETTINGS | {"generator.axis": AXES.index(axis), "generator.wave": WAVES.index(wave)}
+    controls = np.zeros(1, CONTROLS)
+    controls["control"] = MODES[mode]
+    rig = FunctionGenerator(controls[0], settings, LEVER)
+    player = _player(**{name: settings[name] for name in ("generator.axis", "generator.wave")})
+    assert rig.run()
+    _run(player, mode)
+    rows = _rows(axis, mode)
+    ended = False
+    for beat in range(1 + math.ceil(3.0 / 0.83 * 50) + 5):
+        offsets = player.advance(beat * BEAT, active=True)
+        assert {row: offsets.get(row, 0.0) for row in rows} == pytest.approx(
+            {row: float(controls["offset"][0, target]) for row, target in rows.items()}, rel=1e-9, abs=1e-9
+        )
+        assert set(offsets) <= set(rows)
+        told = player.told()
+        assert told["rig.program"] == controls["program"][0]
+        assert told["rig.generator_cycle"] == math.floor(controls["phase"][0])
+        ended = PROGRAM_STATES[int(told["rig.program"])] == "IDLE"
+        for _ in range(TICKS):
+            _generate(controls[0])
+    assert ended
+    assert told["rig.generator_cycle"] == 3
+
+
+def test_a_held_program_stays_where_it_is_and_goes_on():
+    player = _player()
+    _run(player, "displacement")
+    for beat in range(30):
+        before = player.advance(beat * BEAT, active=True)
+    player.hold()
+    assert player.advance(100 * BEAT, active=True) == before
+    assert PROGRAM_STATES[int(player.told()["rig.program"])] == "HOLD"
+    _run(player, "displacement")
+    assert player.advance(101 * BEAT, active=True) == before
+    assert player.advance(102 * BEAT, active=True) != before
+
+
+def test_a_stopped_program_comes_back_within_a_second():
+    player = _player()
+    _run(player, "displacement")
+    for beat in range(46):
+        last = player.advance(beat * BEAT, active=True)
+    player.stop()
+    assert PROGRAM_STATES[int(player.told()["rig.program"])] == "STOPPED"
+    way = [player.advance((46 + k) * BEAT, active=True) for k in range(52)]
+    row = min(last)
+    assert abs(last[row]) > 1 * mm
+    assert [offset.get(row, 0.0) for offset in way[:51]] == pytest.approx(np.linspace(last[row], 0.0, 51))
+    assert way[51] == {}
+
+
+def test_a_bench_that_is_not_active_any_more_has_no_program():
+    player = _player()
+    _run(player, "displacement")
+    player.advance(0, active=True)
+    player.advance(BEAT, active=True)
+    assert player.advance(2 * BEAT, active=False) == {}
+    assert not player.busy
+    assert PROGRAM_STATES[int(player.told()["rig.program"])] == "STOPPED"
+
+
+@pytest.mark.parametrize(
+    ("settings", "mode", "message"),
+    [
+        ({}, "off", "vertical cannot move so: vertical.control is off"),
+        ({"generator.axis": 1}, "force", "roll cannot move so: vertical.control is force"),
+        ({"generator.amplitude": 90 * mm, "generator.frequency": 2}, "displacement",
+         "sine on vertical reaches 1.13 m/s, and the wiring"),
+        ({"generator.frequency": 12, "generator.amplitude": 0}, "displacement", "12 Hz is too fast for 50"),
+        ({"generator.force_amplitude": 9 * kN}, "force", "would go from 186 kN to 204 kN, and can from -200 to 200 kN"),
+    ],
+)  # fmt: skip
+def test_what_a_generator_refuses(settings, mode, message):
+    with pytest.raises(Refused) as told:
+        _run(_player(**settings), mode, base=195 * kN if mode == "force" and len(settings) == 1 else 0.0)
+    assert message in str(told.value)
+
+
+def test_states_in_which_an_action_means_nothing():
+    player = _player()
+    for act in (player.hold, player.stop):
+        with pytest.raises(Refused, match="no program runs"):
+            act()
+    with pytest.raises(Refused, match="not ACTIVE"):
+        player.run({}, np.zeros(len(TABLE.signals)), active=False)
+    with pytest.raises(Refused, match="has no value to ride on"):
+        _run(player, "displacement", base=math.nan)
+    with pytest.raises(NotAvailable, match=r"hall has no lateral\.force_setpoint, .*: no force control"):
+        _run(_player(**{"generator.axis": AXES.index("lateral")}), "force")
+    _run(player, "displacement")
+    with pytest.raises(Refused, match="runs already"):
+        _run(player, "displacement")
