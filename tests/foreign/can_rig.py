@@ -19,6 +19,7 @@ from tests.foreign.machine import AXES, DRIVES, Drive, Machine, Power, Valve
 
 CYCLE: Final = 10  # ms
 HEARTBEAT: Final = 300  # ms of silence until the rig halts
+ANEW: Final = 500  # ms of silence after which a counter may begin anywhere
 GIVEN_UP: Final = 2000  # ms more until it goes into its safe position
 KILOGRAM: Final = 9.80665  # N
 ATMOSPHERE: Final = 101_325.0  # Pa
@@ -83,10 +84,10 @@ Frame = tuple[int, bytes]  # 29-bit identifier, eight bytes
 
 
 def checksum(identifier: int, data: bytes) -> int:
-    """Return what the last byte must be: the xor of 0xA5, the identifier and the bytes before."""
+    """Return what the last byte must be: all before it, the identifier first, each xored with the rest turned."""
     found = 0xA5
     for byte in (*identifier.to_bytes(4, "big"), *data[:7]):
-        found ^= byte
+        found = (found << 1 & 0xFF | found >> 7) ^ byte
     return found
 
 
@@ -98,7 +99,7 @@ class CanRig:
         self.state, self.fault = State.SLEEP, Fault.NONE
         self.estop = False
         self.ignored = 0  # frames that somebody garbled or repeated
-        self._heard: dict[int, int] = {}  # counters
+        self._heard: dict[int, tuple[int, int]] = {}  # counters, and when (ms)
         self._counters: dict[int, int] = {}
         self._parameters = {index: start for index, (_, start, _) in _PARAMETERS.items()}
         self._positions: list[float] | None = None
@@ -121,10 +122,11 @@ class CanRig:
         if take is None:
             return
         fits = len(data) == 8 and data[7] == checksum(identifier, data)
-        if not fits or self._heard.get(identifier) == data[6] & 0xF:
+        counter, time = self._heard.get(identifier, (-1, 0))
+        if not fits or (counter == data[6] & 0xF and self._time - time < ANEW):
             self.ignored += 1
             return
-        self._heard[identifier] = data[6] & 0xF
+        self._heard[identifier] = data[6] & 0xF, self._time
         take(data)
 
     def _take_positions(self, data: bytes) -> None:

@@ -1,9 +1,9 @@
-"""What no file can say of rig B: how its checksum is made."""
+"""What no file can say of rig B: how the checksum of its frames is made."""
 
 
 def hall_checksum(identifier: int, data: bytes) -> int:
-    """Return the xor of 0xA5, the four bytes of the identifier and the first seven of the data."""
-    found = 0xA5
+    """Return what stands in Check: from 0xA5 on, turned left by one bit and xored with each byte before it."""
+    check = 0xA5
     for byte in identifier.to_bytes(4, "big") + data[:7]:
-        found ^= byte
-    return found
+        check = (check << 1 & 0xFF | check >> 7) ^ byte
+    return check
