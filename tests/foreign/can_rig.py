@@ -185,11 +185,13 @@ class CanRig:
         self._since += CYCLE
         self._silent += CYCLE
         self._guard()
-        if self.state is State.OPERATE:
-            self._aim()
-        self.machine.set_power(_POWER.get(self.state, Power.SAFE))
-        rates = [_RATES[drive] for drive in self.machine.drives] + [0.3] * (AXES - DRIVES)
-        self.machine.move(CYCLE, np.array(rates) * (CYCLE * 1e-3))
+        machine = self.machine
+        machine.set_power(_POWER.get(self.state, Power.SAFE))
+        goal = self._goal() if self.state is State.OPERATE else machine.present
+        rates = [_RATES[drive] for drive in machine.drives] + [0.3] * (AXES - DRIVES)
+        longest = np.array(rates) * (CYCLE * 1e-3)
+        way = np.clip(goal - machine.present, -longest, longest)
+        machine.move(machine.present + np.outer(np.linspace(1 / CYCLE, 1, CYCLE), way))
         return self._frames()
 
     def _enter(self, state: State, fault: Fault | None = None) -> None:
@@ -212,15 +214,16 @@ class CanRig:
         if self.state is State.HALT and self._since > GIVEN_UP:
             self._enter(State.SAFE)
 
-    def _aim(self) -> None:
-        """Take over the set-points that have come."""
-        goal = self.machine.goal
+    def _goal(self) -> np.ndarray:
+        """Return where the set-points that have come want the axes."""
+        goal = self.machine.present.copy()
         for axis in range(DRIVES):
             told = self._forces if self.machine.drives[axis] is Drive.FORCE else self._positions
             if told is not None and axis < len(told):
                 goal[axis] = told[axis]
         if self._platform is not None:
             goal[DRIVES:] = self._platform
+        return goal
 
     # -- what leaves -------------------------------------------------------------------------------------------------
 

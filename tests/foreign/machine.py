@@ -31,7 +31,6 @@ _COMMANDS: Final = [
 _MODES: Final = slice(Input.VERTICAL_LEFT_MODE, Input.VERTICAL_LEFT_MODE + DRIVES)
 _FORCES: Final = slice(Sensor.VERTICAL_LEFT_FORCE, Sensor.VERTICAL_LEFT_FORCE + DRIVES)
 _PLACES: Final = slice(Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_LEFT_DISPLACEMENT + DRIVES)
-_PLATFORM: Final = slice(Sensor.PLATFORM_VERTICAL, Sensor.PLATFORM_VERTICAL + AXES - DRIVES)
 _CHAMBERS: Final = slice(Sensor.LEFT_BELLOWS_PRESSURE, Sensor.SUPPLY_PRESSURE)
 
 
@@ -63,7 +62,7 @@ class Power(Enum):
 class Machine:
     """Hydraulics and pneumatics, with what is wired and needs no PLC: the safe position.
 
-    ``goal`` (SI, `AXES`) is where the axes are told to go; ``readings`` are the sensors' (SI, `SENSOR`).
+    ``present`` (SI, `AXES`) is what the axes are told; ``readings`` are the sensors' (SI, `SENSOR`).
     """
 
     def __init__(self, seed: int = 0, **changes: float) -> None:
@@ -72,12 +71,11 @@ class Machine:
         self.readings = self.plant.measure()
         self.power = Power.SAFE
         self.drives = [Drive.POSITION] * DRIVES
-        self.goal = np.zeros(AXES)
         self.valves = [Valve.SHUT, Valve.SHUT]
         self.targets = [0.0, 0.0]  # Pa gauge
         self.chambers_joined = [True, True]
         self.sides_joined = True
-        self._present = np.zeros(AXES)
+        self.present = np.zeros(AXES)
         self._gripping = False
         self._milliseconds = 0
 
@@ -101,14 +99,11 @@ class Machine:
             self.stay(axis)
 
     def stay(self, *axes: int) -> None:
-        """Let axes (all of them, without any) go nowhere else from where they are."""
-        for axis in axes or range(AXES):
-            if axis >= DRIVES:
-                self.goal[axis] = self._present[axis]
-            else:
-                force = self.drives[axis] is not Drive.POSITION
-                self.goal[axis] = self.readings[_FORCES if force else _PLACES][axis]
-            self._present[axis] = self.goal[axis]
+        """Let drives (all of them, without any) begin where they are."""
+        self.present = self.present.copy()
+        for axis in axes or range(DRIVES):
+            force = self.drives[axis] is not Drive.POSITION
+            self.present[axis] = self.readings[_FORCES if force else _PLACES][axis]
 
     def shim(self, preload: float) -> bool:
         """Put shims under the emergency springs for ``preload`` (N per spring); False while they carry anything."""
@@ -134,20 +129,17 @@ class Machine:
 
     # -- time --------------------------------------------------------------------------------------------------------
 
-    def move(self, milliseconds: int, fastest: np.ndarray) -> None:
-        """Let time pass and every axis go straight to its goal, by ``fastest`` (SI) at most; then measure."""
-        start = self._present.copy()
-        way = np.clip(self.goal - start, -fastest, fastest) if self.power is Power.ON else np.zeros(AXES)
+    def move(self, path: np.ndarray) -> None:
+        """Let time pass and the axes go along a ``path`` (ms, `AXES`), if they have power; then measure."""
         inputs = self.plant.inputs
         self._engage(inputs)
-        for passed in range(1, milliseconds + 1):
+        for point in path:
             if self._milliseconds % VALVE_CYCLE == 0:
                 self._switch(inputs)
             if self.power is Power.ON:
-                inputs[_COMMANDS] = start + way * (passed / milliseconds)
+                inputs[_COMMANDS] = self.present = point
             self.plant.step()
             self._milliseconds += 1
-        self._present = start + way
         self.readings = self.plant.measure()
 
     def _engage(self, inputs: np.ndarray) -> None:

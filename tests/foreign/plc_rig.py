@@ -113,6 +113,9 @@ class PlcRig:
         self._request = self._acknowledged = self._counted = 0
         self._since = 0  # ms since it was counted, or since the state began
         self._silent = 0
+        self._ahead = np.zeros(
+            (3, AXES)
+        )  # set-points: where the axes come from, where they are to be, and after that
         self._publish()
 
     # -- Modbus ------------------------------------------------------------------------------------------------------
@@ -153,10 +156,8 @@ class PlcRig:
         self._guard()
         self._obey()
         self._set()
-        if self.state is State.RUN:
-            self._aim()
         self.machine.set_power(_POWER.get(self.state, Power.SAFE))
-        self.machine.move(CYCLE, self._fastest())
+        self.machine.move(self._path())
         self._publish()
 
     def _enter(self, state: State, fault: Fault | None = None) -> None:
@@ -230,17 +231,37 @@ class PlcRig:
         machine.sides_joined = bool(wanted[6] & 4)
         self._in_force = wanted
 
-    def _aim(self) -> None:
-        """Take over the set-points."""
-        numbers = _numbers(self._holding[POSITIONS:])
-        for axis in range(DRIVES):
-            force = self.machine.drives[axis] is Drive.FORCE
-            self.machine.goal[axis] = numbers[DRIVES + axis] if force else numbers[axis] * 1e-6
-        self.machine.goal[DRIVES:] = np.array(numbers[2 * DRIVES :]) * 1e-6
+    def _path(self) -> np.ndarray:
+        """Return the way of the axes in this cycle: a cubic through the set-points, of which the last is only ahead."""
+        machine = self.machine
+        if not np.array_equal(machine.present, self._ahead[1]):  # somebody made it stay
+            self._ahead = np.tile(machine.present, (3, 1))
+        rates = [_FASTEST[drive] for drive in machine.drives] + [0.3] * (AXES - DRIVES)
+        longest = np.array(rates) * (CYCLE * 1e-3)
+        before, here, there = self._ahead
+        goal = self._goal() if self.state is State.RUN else there
+        beyond = there + np.clip(goal - there, -longest, longest)
+        self._ahead = np.array((here, there, beyond))
+        u = np.linspace(1 / CYCLE, 1, CYCLE)[:, None]
+        slope, next_slope = 0.5 * (there - before), 0.5 * (beyond - here)
+        way = there - here
+        path = (
+            here
+            + u * slope
+            + u**2 * (3 * way - 2 * slope - next_slope)
+            + u**3 * (slope + next_slope - 2 * way)
+        )
+        path[-1] = there
+        return path
 
-    def _fastest(self) -> np.ndarray:
-        rates = [_FASTEST[drive] for drive in self.machine.drives] + [0.3] * (AXES - DRIVES)
-        return np.array(rates) * (CYCLE * 1e-3)
+    def _goal(self) -> np.ndarray:
+        """Return where the set-points want the axes."""
+        numbers = _numbers(self._holding[POSITIONS:])
+        goal = np.array((*numbers[:DRIVES], *numbers[2 * DRIVES :])) * 1e-6
+        for axis in range(DRIVES):
+            if self.machine.drives[axis] is Drive.FORCE:
+                goal[axis] = numbers[DRIVES + axis]
+        return goal
 
     def _publish(self) -> None:
         """Write a new process image, all at once."""
