@@ -227,3 +227,26 @@ class BatchSimulator(Protocol):
     """
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]: ...
+
+
+@runtime_checkable
+class HasUnseenErrors(Protocol):
+    """What a simulator may know of its inputs: errors that its nuisances imitate exactly, so that no data tell of them.
+
+    The zero of a height sensor makes every volume and area another one, and leaves no trace beside that.
+    """
+
+    @property
+    def unseen_errors(self) -> Sequence[Mapping[str, float]]:
+        """What one standard deviation of each such error does to the nuisances, by name in their own units."""
+        ...
+
+
+@runtime_checkable
+class HasReferences(Protocol):
+    """A simulator that knows how to learn some of its nuisances otherwise, such as by a calibration."""
+
+    @property
+    def references(self) -> Mapping[str, str]:
+        """What to do, in words, by the name of the nuisance that becomes known by it."""
+        ...

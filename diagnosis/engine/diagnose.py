@@ -129,7 +129,7 @@ def _finding(
         not_seen=unseen(judgement.screened.screening, named.linearisation, [c.effect for c in accepted]),
         next_runs=next_runs,
         next_sensors=next_sensors,
-        shifts=shifts(best, extended, covariance if extended is named else extended.covariance()),
+        shifts=shifts(best, extended, covariance if extended is named else widened(extended, ())),
         panel=tests,
         confusability=confusability(first),
         unknowns=list(judgement.unknowns),

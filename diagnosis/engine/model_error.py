@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 The covariance of least squares knows of noise alone. Where the model is rougher than the noise, the numbers are off by
-what they take up of its error, however many samples there are. Two measures of that are added to the covariance:
+what they take up of its error, however many samples there are. Three measures of that are added to the covariance:
 
 * **A smooth error of the form** (`_of_form`). A simulator's surfaces stand for whatever a model may lack. Take the
   coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off
@@ -17,6 +17,8 @@ what they take up of its error, however many samples there are. Two measures of 
   numbers with a gradient of its own. In a right model they differ as noise does; specimens, mountings and days make
   them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
   Student's factor for so few of them. It counts where it is the larger one.
+* **Errors without a trace** (`_unseen`). A simulator may know of its inputs that an error of theirs is imitated exactly
+  by its parameters, as a laser's zero is by areas and volumes. However good the fit, they are off by as much.
 
 Estimates stay what they are; only their intervals grow. With the structure right and noise alone, both add next to
 nothing.
@@ -28,7 +30,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.contracts import Array
+from diagnosis.contracts import Array, HasUnseenErrors
 from diagnosis.engine.config import LEAST_REPEATS, SHOWN_INFORMATION, SPREADS_TRIED, WIDER_SURFACE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import inverse
@@ -41,12 +43,29 @@ def widened(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
     covariance = _of_form(model, tests)
     repeats = _of_repeats(model)
     if repeats is None:
-        return covariance
+        return covariance + _unseen(model)
     ratio = np.divide(
         repeats, np.diagonal(covariance), out=np.ones_like(repeats), where=np.diagonal(covariance) > 0.0
     )
     wider = np.sqrt(np.maximum(ratio, 1.0))
-    return covariance * np.outer(wider, wider)
+    return covariance * np.outer(wider, wider) + _unseen(model)
+
+
+def _unseen(model: FittedModel) -> Array:
+    """Return the covariance (k, k) of errors that leave no trace in the data."""
+    simulator, coordinates = model.replay.simulator, model.point.coordinates
+    total = np.zeros((len(coordinates), len(coordinates)))
+    for error in simulator.unseen_errors if isinstance(simulator, HasUnseenErrors) else ():
+        moved = np.array(
+            [
+                0.0 if c.owner else c.to_number(value + error.get(c.parameter.name, 0.0)) - number
+                for c, value, number in zip(
+                    coordinates, model.point.values(), model.point.numbers, strict=True
+                )
+            ]
+        )
+        total += np.outer(moved, moved)
+    return total
 
 
 def _of_form(model: FittedModel, tests: Sequence[Omnibus]) -> Array:

@@ -18,27 +18,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from diagnosis.contracts import Array, DiagnosisError, Experiment, MeasuredRun
+from diagnosis.contracts import Array, DiagnosisError, Experiment, HasReferences, MeasuredRun
 from diagnosis.engine.config import MOST_REFERENCES, SEPARABLE, WORTH_A_REFERENCE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.whitening import filters
 from diagnosis.finding import NextRun, NextSensor, number
-
-
-@runtime_checkable
-class HasReferences(Protocol):
-    """A simulator that knows how to learn some of its nuisances otherwise, such as by a calibration."""
-
-    @property
-    def references(self) -> Mapping[str, str]:
-        """What to do, in words, by the name of the nuisance that becomes known by it."""
-        ...
 
 
 def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[NextRun]:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from diagnosis.contracts import (
     Array,
+    BatchSimulator,
     Channel,
     Dataset,
     DiagnosisError,
     Effects,
     Experiment,
+    HasReferences,
+    HasUnseenErrors,
     Hypothesis,
+    Job,
     Nuisance,
     Role,
     Simulator,
@@ -46,8 +50,28 @@ class MeasuredChannels:
     def surfaces(self) -> tuple[Surface, ...]:
         return self.simulator.surfaces
 
+    @property
+    def unseen_errors(self) -> Sequence[Mapping[str, float]]:
+        return self.simulator.unseen_errors if isinstance(self.simulator, HasUnseenErrors) else ()
+
+    @property
+    def references(self) -> Mapping[str, str]:
+        return self.simulator.references if isinstance(self.simulator, HasReferences) else {}
+
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
         return self.simulator.run(experiment, parameters, effects)[:, list(self.places)]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredBatch(MeasuredChannels):
+    """The same of a simulator that can do many jobs at once."""
+
+    batch: BatchSimulator
+
+    def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
+        places = list(self.places)
+        for outputs in self.batch.run_many(jobs):
+            yield outputs[:, places]
 
 
 def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator]:
@@ -70,9 +94,10 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
     data = replace(dataset, channels=channels, runs=runs)
     if channels == simulator.channels:
         return data, simulator
-    return data, MeasuredChannels(
-        simulator, channels, tuple(names.index(channel.name) for channel in channels)
-    )
+    places = tuple(names.index(channel.name) for channel in channels)
+    if isinstance(simulator, BatchSimulator):
+        return data, MeasuredBatch(simulator, channels, places, simulator)
+    return data, MeasuredChannels(simulator, channels, places)
 
 
 def split(dataset: Dataset, seed: int) -> Dataset:

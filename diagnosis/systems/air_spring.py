@@ -53,6 +53,7 @@ from diagnosis.systems.air_spring_parameters import (
     hypotheses,
     locate,
     nuisances,
+    zeros_of_heights,
 )
 from diagnosis.systems.air_spring_parity import parity
 from diagnosis.systems.air_spring_surfaces import TERMS
@@ -146,6 +147,7 @@ class AirSpring:
             parameters, tuple(zip(self.channels, self._sensors, strict=True))
         )
         self.surfaces: tuple[Surface, ...] = tuple(term.surface for term in self._terms.values())
+        self.unseen_errors: tuple[Mapping[str, float], ...] = zeros_of_heights(parameters)
         #: What `run_many` has done so far (`diagnosis.systems.air_spring_batch.read_all`), and for how many ``jobs``.
         self.effort: Counter[str] = Counter()
         self._lock = Lock()

@@ -121,6 +121,26 @@ def _tolerances(parameters: Parameters) -> Iterator[Nuisance]:
         yield _tolerance(parameters, name, name, 0, share)
 
 
+def zeros_of_heights(parameters: Parameters) -> tuple[dict[str, float], ...]:
+    """Return what one standard deviation of the zero of each laser does to the springs' own values.
+
+    Where ζ is read too high by b, V = V_0 + (A_0 + A_1 ζ/2) ζ − (κ_0 + κ_1 ζ) Y/2 is that of another spring, whose A_0
+    is less by A_1 b, V_0 by A_0 b and κ_0 by κ_1 b. What the shell's force is off by passes for zeros of load cells.
+    """
+    par = parameters.record
+    errors = []
+    for place, side in enumerate(_SIDES):
+        zero = float(par.sensor_accuracy[Sensor.LEFT_HEIGHT + place]) / sqrt(3.0)
+        errors.append(
+            {
+                f"{side}.effective_area": -float(par.effective_area_slope[place]) * zero,
+                f"{side}.bellows_volume": -float(par.effective_area[place]) * zero,
+                "membrane_length": -0.5 * float(par.membrane_length_slope[place]) * zero,
+            }
+        )
+    return tuple(errors)
+
+
 def _pin_accuracy(parameters: Parameters) -> float:
     """Standard deviation of the offset of a vertical actuator's transducer, against the sensors that tell the motion.
 

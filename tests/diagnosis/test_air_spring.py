@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench_protocol.units import Hz, mm, mrad
+from bench_protocol.units import Hz, bar, mm, mrad
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import EXTRA_BRANCHES
 from bench_sim.parameters import load
@@ -305,3 +305,27 @@ def test_what_is_missing_is_named(made):
     dry = Experiment("dry", made.experiment.time, made.experiment.inputs, {})
     with pytest.raises(DiagnosisError, match=r"run dry: the setting left\.bellows_pressure is missing"):
         made.simulator.run(dry, {}, {})
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_a_zero_of_a_height_leaves_no_trace_beside_another_spring(place):
+    """Seen too high, it is another spring: of the misfit nothing stays but constants, which pass for zeros."""
+    simulator = AirSpring(load("astb"), effects={})
+    time = 5e-3 * np.arange(400)
+    moved = 5 * mm * np.minimum(time, 1.0) * np.sin(2.0 * np.pi * 1.5 * time)
+    inputs = {"left.height": moved, "right.height": -moved, "shear": 2.0 * moved}
+    begin = {"left.bellows_pressure": 2.06 * bar, "right.bellows_pressure": 2.06 * bar}
+    true = simulator.run(Experiment("true", time, inputs, begin), {}, {})
+    side, error = ("left", "right")[place], simulator.unseen_errors[place]
+    zero = float(simulator.parameters.record.sensor_accuracy[place]) / np.sqrt(3.0)
+    seen = Experiment("seen", time, inputs | {f"{side}.height": inputs[f"{side}.height"] + zero}, begin)
+    nominal = {nuisance.name: nuisance.nominal for nuisance in simulator.nuisances}
+    another = {name: nominal[name] + shift for name, shift in error.items()}
+    left = [np.std(simulator.run(seen, values, {}) - true, axis=0) for values in ({}, another)]
+    noise = np.array([channel.noise for channel in simulator.channels])
+    pressures = [
+        k for k, c in enumerate(simulator.channels) if c.name.startswith(side) and c.kind == "pressure"
+    ]
+    assert (left[1][pressures] < 0.05 * left[0][pressures]).all()
+    assert (left[1] < 0.002 * noise).all()
+    assert (left[0] > 0.004 * noise).any()

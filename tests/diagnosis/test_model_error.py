@@ -52,6 +52,29 @@ def test_a_rough_model_widens_what_the_roughness_can_move_and_an_exact_one_hardl
     assert wider["rough"] > 4.0 * wider["exact"]
 
 
+class Blind(Oscillator):
+    """Its displacement sensor reads so wrongly that the stiffness is uncertain by 3 N/m, with no trace in the data."""
+
+    unseen_errors = ({"stiffness": 3.0, "mass": -0.01},)
+
+
+def test_an_error_without_a_trace_widens_what_imitates_it_and_nothing_else(laboratory):
+    lab = laboratory(Blind(), samples=600)
+    replay = Replay(lab.simulator, lab.measure(3).of("fit"), 1)
+    model = fit(
+        replay,
+        white([c.noise for c in lab.simulator.channels]),
+        base_point(lab.simulator.nuisances, replay.names),
+    )
+    added = widened(model, ()) - model.covariance()
+    i, j = places(model, "stiffness", "mass")
+    scale = [coordinate.scale for coordinate in model.point.coordinates]
+    assert added[i, i] == pytest.approx((3.0 / scale[i]) ** 2)
+    assert added[i, j] == pytest.approx(-3.0 * 0.01 / (scale[i] * scale[j]))
+    others = np.delete(np.delete(added, [i, j], axis=0), [i, j], axis=1)
+    assert (others == 0.0).all()
+
+
 @pytest.mark.slow
 def test_intervals_hold_the_truth_of_a_rough_model(laboratory):
     """Of a stiffness, with a random force over displacement and speed that nobody models: plain intervals miss it."""

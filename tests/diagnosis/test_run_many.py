@@ -8,9 +8,10 @@ import pytest
 from bench_protocol.units import mm
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from diagnosis.contracts import BatchSimulator, Channel, Experiment, Job, MeasuredRun, Nuisance
+from diagnosis.contracts import BatchSimulator, Channel, Dataset, Experiment, Job, MeasuredRun, Nuisance
 from diagnosis.engine.fitting.point import base_point
 from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.runs import measured_channels
 from diagnosis.systems import air_spring_batch
 from diagnosis.systems.air_spring import AirSpring
 
@@ -209,3 +210,18 @@ def test_a_replay_asks_for_many_where_it_can(workers):
     assert sum(many.calls) == sum(one.calls) == 3 + 6
     # Three predictions, then six differences: four are the fewest that are worth a batch of their own.
     assert sorted(many.calls) == ([3, 6] if workers == 1 else [2, 3, 4])
+
+
+def test_a_simulator_of_which_fewer_channels_were_measured_still_does_many_jobs_at_once(bench, integrated):
+    """The channels of the data choose columns; who measured nothing but pressures is not made to wait for that."""
+    experiment = shaken("few", seconds=1.0)
+    kept = [k for k, channel in enumerate(bench.simulator.channels) if channel.kind == "pressure"]
+    nothing = np.zeros(len(experiment.time), np.bool_)
+    run = MeasuredRun(experiment, bench.simulator.run(experiment, {}, {})[:, kept], ~nothing, nothing)
+    data = Dataset(tuple(bench.simulator.channels[k] for k in kept), (run,))
+    _, few = measured_channels(data, bench.simulator)
+    assert isinstance(few, BatchSimulator)
+    (outputs,) = few.run_many([Job(experiment, {}, {})])
+    assert len(integrated) == 2
+    assert np.abs((outputs - run.outputs) / bench.noise[kept]).max() < 1e-3
+    assert few.unseen_errors == bench.simulator.unseen_errors
