@@ -9,9 +9,9 @@ import select
 import socket
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import can
 import numpy as np
@@ -290,6 +290,14 @@ def open_can(spec: str = "auto", *, host: str = HUB_HOST, port: int = HUB_PORT) 
         return PythonCanPort(bus)
     except (can.CanError, OSError) as error:
         raise LinkLost(f"the CAN bus '{spec}' cannot be opened: {error}") from error
+
+
+def open_bus(interface: str, channel: str | None, options: Mapping[str, Any]) -> PythonCanPort:
+    """Open any bus that python-can knows; LinkLost, in words, if it cannot be opened."""
+    try:
+        return PythonCanPort(can.Bus(channel=channel, interface=interface, ignore_config=True, **options))
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        raise LinkLost(f"the CAN bus {channel!r} of {interface!r} cannot be opened: {error}") from error
 
 
 def resolve_can(spec: str) -> str:

@@ -39,6 +39,13 @@ class Ear:
             self._clock, self._on_lost = clock, lost
             self._last, self._heard, self._lost, self._open = -1, -1, "", True
 
+    def when_lost(self, lost: OnLost) -> None:
+        """Call ``lost`` from now on, at once if the connection is lost already."""
+        with self._lock:
+            self._on_lost = lost
+            if self._lost:
+                lost(self._lost)
+
     def subscribe(self, hear: OnPoints) -> None:
         """Call ``hear`` with all that is told from now on."""
         with self._lock:

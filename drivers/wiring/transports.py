@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
 KINDS: Final = ("can", "modbus", "opcua")
-#: A function of a description's own file, over floats or bytes.
-Function = Callable[..., Any]
 
 
 def open_transport(
@@ -26,12 +24,12 @@ def open_transport(
     table: Mapping[str, Any],
     where: Path,
     *,
-    functions: Mapping[str, Function] | None = None,
+    functions: Path | None = None,
     port: Callable[[], CanPort | ModbusPort] | None = None,
 ) -> Transport:
-    """Return the transport that ``table``, what stands under ``[transports.NAME]``, describes; it is not yet connected.
+    """Return the transport that ``table`` describes, which stands under ``[transports.NAME]``; it is not yet connected.
 
-    ``where`` is the directory that paths in the description start from, ``functions`` are those of its Python file,
+    ``where`` is the directory that paths in the description start from, ``functions`` its Python file, if it has one,
     and ``port`` opens a CAN or Modbus port in the place of the one described: in memory, say. WiringError, with the
     key, its value and what would be right, for what cannot be.
     """
@@ -43,6 +41,10 @@ def open_transport(
             'your own as "package.module:factory" or "file.py:factory"'
         )
     opener: Any = port
+    if kind == "can":
+        from drivers.wiring.can import CanTransport
+
+        return CanTransport(name, table, where, functions=functions, port=opener)
     if kind == "modbus":
         from drivers.wiring.modbus import ModbusTransport
 

@@ -1,0 +1,375 @@
+"""A transport on CAN: points are signals of messages, heard as they come, streamed at the rig's rate or written once.
+
+::
+
+    [transports.bus]
+    kind = "can"
+    bus = "can0"                  # auto | tcp (a socketcand server at host, port) | an interface
+    # or any bus of python-can's: interface = "slcan", channel = "/dev/ttyACM0", options = { bitrate = 500000 }
+    dbc = "plant_b.dbc"           # or any other file that cantools reads; without one, ids and bits below
+    node = "BENCH"                # our name in the DBC: only its messages can be written; optional
+    stale = "100 ms"              # per page; without it three times the cycle time in the DBC, and at least 100 ms
+    answers = true                # false for a rig that says nothing by itself
+
+    [transports.bus.messages.Setpoints]
+    every = "10 ms"               # sent at this rate once all its signals have a value; without it when written
+    counter = "Alive"             # counts from 0, up to what its bits carry or to counter_period
+    checksum = { signal = "Crc", scheme = "xor8", start = 0xA5, identifier = true }  # | sum8 | e2e_p1 | function:NAME
+    values = { Reserved = 0 }     # of signals that nobody writes
+
+    [transports.bus.messages.Cells]                     # without a DBC
+    id = 0x18FF1004
+    length = 8
+
+    [transports.bus.points]
+    "Cells.Cell1" = { start = 7, length = 16, byte_order = "big", signed = true, scale = 0.5, null = -32768 }
+
+Counters and checksums are filled in when a message is sent and checked when it is received; what is wrong is counted
+(``counts``) and not handed on. A multiplexed message is sent page by page. What is sent by itself pauses while
+set-points, once they were streamed, are not: a dead bench must not look alive.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta
+
+from bench_protocol.clock import Clock, Task, wall_time_ns
+from bench_protocol.frames import LENGTH_MAX, frame, join, payload
+from bench_protocol.units import NS, ms, s
+from drivers.errors import LinkLost, WiringError
+from drivers.wiring.can_messages import Message, read_messages
+from drivers.wiring.contract import OnLost, OnPoints
+from drivers.wiring.ear import Ear, Grant
+from drivers.wiring.keys import convert, duration, meant
+
+if TYPE_CHECKING:
+    from bench_protocol.frames import Block
+    from drivers.can_port import CanPort
+
+_LOOK: Final = round(5 * ms * NS)
+#: Time stamps beyond are of the day; in memory they are of the bench's clock.
+_OF_THE_DAY: Final = 10**17
+#: A time stamp further behind is of somebody else's clock.
+_LAG_MAX: Final = round(1 * s * NS)
+
+
+class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What stands under ``[transports.NAME]``."""
+
+    kind: str
+    bus: str = "auto"
+    host: str = "127.0.0.1"
+    port: Annotated[int, Meta(ge=1, le=0xFFFF)] = 29536
+    interface: str | None = None
+    channel: str | None = None
+    options: dict[str, Any] = {}
+    dbc: str | None = None
+    node: str | None = None
+    stale: str | None = None
+    answers: bool = True
+    messages: dict[str, Any] = {}
+    points: dict[str, Any] = {}
+
+
+class CanTransport:
+    """A `Transport` on a CAN bus; what is wrong in its description is a WiringError of the constructor.
+
+    ``functions`` is the description's Python file, and ``port`` opens a bus in the place of the one described.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        table: Mapping[str, Any],
+        where: Path,
+        *,
+        functions: Path | None = None,
+        port: Callable[[], CanPort] | None = None,
+    ) -> None:
+        place = f"transports.{name}"
+        self.name, self._keys, self._opener = name, convert(place, table, CanKeys), port
+        keys = self._keys
+        stale = None if keys.stale is None else duration(f"{place}: stale", keys.stale)
+        self._messages = read_messages(place, table, where, functions, stale)
+        if not self._messages:
+            raise WiringError(
+                f"{place}: there are no messages; dbc names a file of them, or each needs its id"
+            )
+        self._by_id = {
+            (one.coding.frame_id, one.coding.is_extended_frame): one for one in self._messages.values()
+        }
+        self._ours = {one.name for one in self._messages.values() if one.every}
+        if keys.node is not None:
+            self._check_node(place, keys.node)
+        self.counts: dict[str, dict[str, int]] = {}  #: frames lost, repeated, corrupt, or of an unknown page
+        self._where = f"{name} on {keys.channel or keys.bus}"
+        self._ear, self._grant = Ear(self._where), Grant()
+        self._latest: dict[str, tuple[float, int]] = {}
+        self._lock = threading.RLock()
+        self._port: CanPort | None = None
+        self._clock: Clock | None = None
+        self._epoch = 0
+        self._tasks: list[Task] = []
+        self._turns: dict[str, int] = {}
+
+    def _check_node(self, place: str, node: str) -> None:
+        nodes = {sender for one in self._messages.values() for sender in one.coding.senders}
+        if node not in nodes:
+            raise WiringError(f"{place}: node = {node!r} sends nothing in the DBC; {meant(node, nodes)}")
+        for name in sorted(self._ours):
+            if node not in self._messages[name].coding.senders:
+                senders = ", ".join(self._messages[name].coding.senders)
+                raise WiringError(
+                    f"{place}.messages.{name}: every is for what {node} sends; {senders} sends it"
+                )
+        self._ours = {one.name for one in self._messages.values() if node in one.coding.senders}
+
+    # -- what there is -------------------------------------------------------------------------------------------
+
+    @property
+    def period(self) -> float:
+        """How often points come by themselves (s) at the slowest."""
+        return max(
+            (one.stale / 3 for one in self._messages.values() if one.name not in self._ours), default=0.0
+        )
+
+    def require(self, name: str, *, writable: bool = False) -> None:
+        """WiringError unless there is a point ``Message.Signal``, and one of ours if it is to be written."""
+        message, signal = self._find(name)
+        place = f"transports.{self.name}: {name}"
+        if message.coding.length > LENGTH_MAX:
+            raise WiringError(
+                f"{place}: {message.name} has {message.coding.length} bytes; a CAN frame carries 8"
+            )
+        if not writable:
+            return
+        if signal in message.guards:
+            raise WiringError(f"{place} is filled in by the transport; nobody else writes it")
+        if not message.sendable:
+            raise WiringError(f"{place}: {message.name} has pages within pages, which can be read only")
+        if self._keys.node is not None and message.name not in self._ours:
+            raise WiringError(
+                f"{place} is sent by {', '.join(message.coding.senders)}, not by {self._keys.node}"
+            )
+
+    def _find(self, name: str) -> tuple[Message, str]:
+        head, _, signal = name.partition(".")
+        message = self._messages.get(head)
+        if message is None:
+            raise WiringError(
+                f"transports.{self.name} has no message for {name!r}; {meant(head, self._messages)}"
+            )
+        if signal not in message.limits:
+            raise WiringError(
+                f"transports.{self.name}: {head} has no signal {signal!r}; {meant(signal, message.limits)}"
+            )
+        return message, signal
+
+    def stale(self, name: str) -> float:
+        """Return after how long without its message (s) a point is stale."""
+        return self._find(name)[0].stale
+
+    @property
+    def waiting(self) -> dict[str, list[str]]:
+        """Messages that are to be sent all the time and cannot yet, each with the signals that have no value."""
+        with self._lock:
+            lacking = {
+                name: one.missing(None)
+                for name, one in self._messages.items()
+                if one.every and not one.selector
+            }
+        return {name: missing for name, missing in lacking.items() if missing}
+
+    # -- the connection ------------------------------------------------------------------------------------------
+
+    def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
+        """Join the bus and wait for the rig's first message; LinkLost if none comes ``within`` s."""
+        self._clock, self._grant = clock, Grant()
+        self._epoch = wall_time_ns() - clock.now()
+        self._latest, self.counts = {}, {}
+        port = self._opener() if self._opener is not None else self._join()
+        self._port = port
+        told: list[str] = []
+        self._ear.open(clock, told.append)
+        port.subscribe(self._receive)
+        port.on_lost(self._ear.lose)
+        periods = {one.every for one in self._messages.values() if one.every}
+        for period in sorted(periods):
+            self._tasks.append(clock.every(round(period * NS), partial(self._send_cyclic, period)))
+        deadline = clock.now() + round(within * NS)
+        while self._keys.answers and not self._latest and not told and clock.now() < deadline:
+            clock.sleep_until(min(deadline, clock.now() + _LOOK))
+        if told or (self._keys.answers and not self._latest):
+            self.close()
+            silent = f"{self._where}: none of its {len(self._messages)} messages came in {within:g} s"
+            raise LinkLost(told[0] if told else f"{silent}; is the rig running?")
+        self._ear.when_lost(lost)
+
+    def _join(self) -> CanPort:
+        from drivers.can_port import open_bus, open_can
+
+        keys = self._keys
+        if keys.interface is not None:
+            return open_bus(keys.interface, keys.channel, keys.options)
+        return open_can(keys.bus, host=keys.host, port=keys.port)
+
+    def subscribe(self, hear: OnPoints) -> None:
+        """Call ``hear(time, points)`` with each sound message from now on."""
+        self._ear.subscribe(hear)
+
+    def alive(self) -> float:
+        """Return how long ago a sound message came (s); infinite before the first."""
+        return self._ear.silence()
+
+    def close(self) -> None:
+        """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
+        self._ear.close()
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            task.cancel()
+        if self._port is not None:
+            self._port.close()
+
+    # -- receiving -------------------------------------------------------------------------------------------------
+
+    def _receive(self, block: Block) -> None:
+        for record in block:
+            message = self._by_id.get((int(record["id"]), bool(record["extended"])))
+            if message is not None and message.name not in self._ours:
+                self._accept(message, payload(record), self._time(int(record["time"])))
+
+    def _time(self, stamp: int) -> int:
+        """Return the bench's time of a stamp: of the day if a real bus gave it, else the bench's own."""
+        if stamp < _OF_THE_DAY:
+            return stamp
+        assert self._clock is not None
+        now, time = self._clock.now(), stamp - self._epoch
+        return min(now, time) if now - time < _LAG_MAX else now
+
+    def _accept(self, message: Message, data: bytes, time: int) -> None:
+        from cantools import Error as CodingError
+
+        if len(data) < message.coding.length or not message.sound(data):
+            self._note(message, "corrupt")
+            return
+        try:
+            values = message.decode(data)
+        except CodingError:  # a page that nobody described
+            self._note(message, "unknown")
+            return
+        if message.keys.counter:
+            step = (int(values[message.keys.counter]) - message.heard) % message.counter_period
+            old = self._latest.get(f"{message.name}.{message.keys.counter}")
+            if old is not None and time - old[1] < message.stale * NS:
+                if step == 0:
+                    self._note(message, "repeated")
+                    return
+                self._note(message, "lost", step - 1)
+            message.heard = int(values[message.keys.counter])
+        points = {f"{message.name}.{signal}": value for signal, value in values.items()}
+        with self._lock:
+            self._latest.update({name: (value, time) for name, value in points.items()})
+        self._ear.tell(time, points)
+
+    def _note(self, message: Message, what: str, count: int = 1) -> None:
+        if count:
+            tally = self.counts.setdefault(message.name, {})
+            tally[what] = tally.get(what, 0) + count
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Return what came last; NaN for what is stale, or never came. A bus cannot be asked."""
+        for name in names:
+            self.require(name)
+        self._ear.check()
+        assert self._clock is not None
+        now = self._clock.now()
+        with self._lock:
+            found = {name: self._latest.get(name) for name in names}
+        return {
+            name: last[0] if last is not None and now - last[1] <= self.stale(name) * NS else math.nan
+            for name, last in found.items()
+        }
+
+    # -- sending ---------------------------------------------------------------------------------------------------
+
+    def write(self, points: Mapping[str, float]) -> None:
+        """Send points in the order given, neighbours of one message in one frame; ValueError if one does not fit."""
+        taken = self._taken(points)
+        self._ear.check()
+        with self._lock:
+            for (name, of_point), group in groupby(taken, lambda one: (one[0].name, one[0].page_of(one[1]))):
+                message = self._messages[name]
+                self._ours.add(name)
+                message.values.update({signal: value for _, signal, value in group})
+                page = of_point
+                if page is None and message.selector:
+                    page = int(message.values.get(message.selector, message.pages()[0]))
+                if missing := message.missing(page):
+                    raise ValueError(
+                        f"{message.name} cannot be sent: {', '.join(missing)} has no value yet; give it one too, or "
+                        f"for good with values = {{ {missing[0]} = … }} in messages.{message.name}"
+                    )
+                self._send([message.encode(page)], [message])
+
+    def stream(self, points: Mapping[str, float], time: int) -> None:
+        """Take the present value of points that go out at the rate of their message; NaN leaves what was there."""
+        taken = self._taken({name: value for name, value in points.items() if not math.isnan(value)})
+        self._ear.check()
+        with self._lock:
+            self._grant.renew(time)
+            for message, signal, value in taken:
+                if not message.every:
+                    raise WiringError(
+                        f"transports.{self.name}: {message.name}.{signal} is streamed, so messages.{message.name} "
+                        'needs how often: every = "10 ms"'
+                    )
+                message.values[signal] = value
+
+    def _taken(self, points: Mapping[str, float]) -> list[tuple[Message, str, float]]:
+        taken = []
+        for name, value in points.items():
+            self.require(name, writable=True)
+            message, signal = self._find(name)
+            low, high = message.limits[signal]
+            if not low <= value <= high:
+                raise ValueError(f"{name} = {value:g} does not fit: it carries {low:g} to {high:g}")
+            taken.append((message, signal, float(value)))
+        return taken
+
+    def _send_cyclic(self, period: float) -> None:
+        assert self._clock is not None
+        if not self._grant.given(self._clock.now()):
+            return
+        with self._lock:
+            due = []
+            for message in self._messages.values():
+                if message.every == period:
+                    every_page: list[int | None] = [*message.pages()] or [None]
+                    pages = [page for page in every_page if not message.missing(page)]
+                    if pages:
+                        turn = self._turns.get(message.name, 0)
+                        self._turns[message.name] = turn + 1
+                        due.append((message, message.encode(pages[turn % len(pages)])))
+            try:
+                self._send([data for _, data in due], [message for message, _ in due])
+            except LinkLost as error:
+                self._ear.lose(str(error))
+
+    def _send(self, data: Sequence[bytes], messages: Sequence[Message]) -> None:
+        assert self._clock is not None and self._port is not None
+        now = self._clock.now()
+        block = join(
+            frame(message.coding.frame_id, one, now, extended=message.coding.is_extended_frame)
+            for message, one in zip(messages, data, strict=True)
+        )
+        if block.size:
+            self._port.send(block)

@@ -1,0 +1,79 @@
+"""How CAN messages are protected against loss, repetition and corruption: counters and checksums by scheme."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import reduce
+from operator import xor
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from drivers.errors import WiringError
+from drivers.wiring.keys import meant
+
+#: Returns the checksum of a frame: its identifier, and its data with the checksum's own bits 0.
+Checksum = Callable[[int, bytes], int]
+SCHEMES: Final = ("sum8", "xor8", "e2e_p1", "function:NAME")
+E2E_COUNTER_PERIOD: Final = 15
+
+
+class ChecksumKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A checksum over all bytes of a frame."""
+
+    signal: str  #: where it stands
+    scheme: str  #: sum8 | xor8 | e2e_p1 (AUTOSAR profile 1) | function:NAME of the description's Python file
+    data_id: int | None = None  #: of e2e_p1
+    start: int = 0  #: what sum8 and xor8 begin with
+    identifier: bool = False  #: sum8 and xor8 take the identifier's bytes (4, or 2 of a standard one) as well
+
+
+def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | None) -> Checksum:
+    """Return what computes the checksum; WiringError for a scheme that nobody knows."""
+    scheme, _, name = keys.scheme.partition(":")
+    if scheme not in ("sum8", "xor8", "e2e_p1", "function"):
+        raise WiringError(f"{where}: scheme = {keys.scheme!r} is none; {meant(keys.scheme, SCHEMES)}")
+    if (scheme == "e2e_p1") != (keys.data_id is not None):
+        raise WiringError(
+            f"{where}: e2e_p1 needs its data_id, 0 to 0xFFFF"
+            if scheme == "e2e_p1"
+            else f"{where}: data_id = {keys.data_id} is for e2e_p1; {scheme} has none"
+        )
+    if scheme == "function":
+        return _own(f"{where}: scheme", name, functions)
+    if scheme == "e2e_p1":
+        return _profile_1(where, keys.data_id or 0)
+    size = (4 if extended else 2) if keys.identifier else 0
+    add: Callable[[int, int], int] = xor if scheme == "xor8" else _sum
+    return lambda identifier, data: reduce(
+        add, identifier.to_bytes(size, "big") + data if size else data, keys.start
+    )
+
+
+def _sum(total: int, byte: int) -> int:
+    return (total + byte) & 0xFF
+
+
+def _profile_1(where: str, data_id: int) -> Checksum:
+    if not 0 <= data_id <= 0xFFFF:
+        raise WiringError(f"{where}: data_id = {data_id:#x} does not fit in 16 bits")
+
+    def crc(identifier: int, data: bytes) -> int:
+        import numpy as np
+
+        from bench_protocol.e2e import crc8
+
+        del identifier
+        return int(crc8(np.frombuffer(data, np.uint8), data_id))
+
+    return crc
+
+
+def _own(where: str, name: str, functions: Path | None) -> Checksum:
+    from drivers.wiring.user_functions import find_function
+
+    if functions is None:
+        raise WiringError(f'{where} = "function:{name}" needs functions = "file.py" in the description')
+    function: Callable[..., Any] = find_function(where, functions, name)
+    return lambda identifier, data: int(function(identifier, data))

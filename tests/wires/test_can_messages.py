@@ -1,0 +1,212 @@
+"""Messages described without a DBC, schemes of checksums, and every description of a bus that cannot be."""
+
+from collections.abc import Callable
+from functools import reduce
+from operator import xor
+from pathlib import Path
+
+import cantools
+import e2e.p01
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_protocol.clock import VirtualClock
+from bench_protocol.frames import Block, frame, payload
+from drivers.errors import WiringError
+from drivers.memory import InMemoryCan
+from drivers.wiring.can import CanTransport
+from drivers.wiring.transports import open_transport
+from tests.wires.can_stand import BUS, write_files
+
+
+@pytest.fixture(scope="module")
+def where(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_files(tmp_path_factory.mktemp("wiring"))
+
+
+# --- without a DBC ------------------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 20), st.floats(0, 1)), min_size=1, max_size=6),
+    st.sampled_from(["little", "big"]),
+    st.booleans(),
+    st.sampled_from([1.0, 0.5, 0.01, -2.0]),
+    st.sampled_from([0.0, -300.0, 7.5]),
+    st.integers(0, 0x1FFF_FFFF),
+)
+def test_own_bits_are_coded_as_cantools_codes_them(
+    fields: list[tuple[int, float]],
+    order: str,
+    signed: bool,
+    scale: float,
+    offset: float,
+    identifier: int,
+) -> None:
+    """The description gives bits, cantools a DBC of the same bits; frames of either are read by the other."""
+    points, lines, raws, start = {}, [], {}, 0
+    for k, (length, fraction) in enumerate(fields):
+        if start + length > 64:
+            break
+        place = start if order == "little" else start // 8 * 8 + 7 - start % 8
+        points[f"M.s{k}"] = {
+            "start": place, "length": length, "byte_order": order, "signed": signed, "scale": scale, "offset": offset,
+        }  # fmt: skip
+        coded = f"{place}|{length}@{int(order == 'little')}{'-' if signed else '+'} ({scale},{offset})"
+        lines.append(f' SG_ s{k} : {coded} [0|0] "" X')
+        low = -(1 << length - 1) if signed else 0
+        raws[f"M.s{k}"] = low + round(fraction * ((1 << length) - 1))
+        start += length
+    number = identifier | 0x8000_0000 if identifier > 0x7FF else identifier
+    foreign = cantools.database.load_string(
+        'VERSION ""\nNS_ :\nBS_:\nBU_: X\n' + f"BO_ {number} M: 8 X\n" + "\n".join(lines) + "\n"
+    ).messages[0]
+    sent: list[Block] = []
+    table = {"kind": "can", "messages": {"M": {"id": identifier}}, "points": points, "answers": False}
+    ports: list[InMemoryCan] = []
+
+    def port() -> InMemoryCan:
+        ports.append(InMemoryCan(sent.append))
+        return ports[-1]
+
+    values = {name: offset + scale * raw for name, raw in raws.items()}
+    writer, reader = (CanTransport("bus", table, Path(), port=port) for _ in range(2))
+    writer.connect(VirtualClock(), pytest.fail, within=1.0)
+    writer.write(values)
+    (record,) = sent[0]
+    assert (record["id"], record["extended"]) == (identifier, identifier > 0x7FF)
+    told = foreign.decode(payload(record), scaling=False)
+    assert told == {name[2:]: raw for name, raw in raws.items()}
+    reader.connect(VirtualClock(), pytest.fail, within=1.0)
+    data_bytes = foreign.encode({name[2:]: raw for name, raw in raws.items()}, scaling=False)
+    ports[-1].deliver(frame(identifier, data_bytes, extended=identifier > 0x7FF))
+    assert reader.read(list(values)) == pytest.approx(values)
+
+
+@pytest.mark.parametrize(
+    ("guard", "expected"),
+    [
+        ({"scheme": "sum8"}, lambda data: sum(data) % 256),
+        ({"scheme": "sum8", "start": 3, "identifier": True}, lambda data: (3 + 1 + 0x23 + sum(data)) % 256),
+        ({"scheme": "xor8"}, lambda data: reduce(xor, data, 0)),
+        ({"scheme": "function:weighted"}, lambda data: sum(k * byte for k, byte in enumerate(data, 1)) % 251),
+        ({"scheme": "e2e_p1", "data_id": 0x4321}, None),
+    ],
+)
+def test_each_scheme(where: Path, guard: dict, expected: Callable | None) -> None:
+    sent: list[Block] = []
+    table = {
+        "kind": "can",
+        "answers": False,
+        "messages": {"M": {"id": 0x123, "counter": "n", "checksum": {"signal": "c", **guard}}},
+        "points": {
+            "M.c": {"start": 0, "length": 8},
+            "M.n": {"start": 8, "length": 4},
+            "M.v": {"start": 16, "length": 48},
+        },
+    }
+    port = InMemoryCan(sent.append)
+    transport = CanTransport("bus", table, where, functions=where / "own.py", port=lambda: port)
+    transport.connect(VirtualClock(), pytest.fail, within=1.0)
+    for k in range(20):
+        transport.write({"M.v": k * 0x0123_4567_89})
+    for k, block in enumerate(sent):
+        data = payload(block[0])
+        if expected is None:
+            foreign = bytearray(b"\0" + data[1:])
+            e2e.p01.e2e_p01_protect(foreign, 0x4321, increment_counter=False)
+            assert bytes(foreign) == data
+        else:
+            assert data[0] == expected(b"\0" + data[1:])
+            assert data[1] & 0xF == k % 16
+
+
+# --- descriptions that cannot be ------------------------------------------------------------------------------------
+
+
+def messages(**changes: object) -> dict:
+    return {"messages": {**BUS["messages"], **changes}}
+
+
+def own(points: dict, **keys: object) -> dict:
+    return {"dbc": None, "messages": {"M": {"id": 0x100, **keys}}, "points": points}
+
+
+BITS = {"start": 0, "length": 8}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"buss": "x"}, "transports.bus: there is no key 'buss' here; did you mean 'bus'"),
+        ({"dbc": "none.dbc"}, "dbc = 'none.dbc' cannot be read: No such file"),
+        ({"dbc": "own.py"}, "dbc = 'own.py' is not understood"),
+        ({"node": "HOSTS"}, "node = 'HOSTS' sends nothing in the DBC; did you mean 'HOST'"),
+        ({"node": "RIG"}, "messages.Heart: every is for what RIG sends; HOST sends it"),
+        ({"stale": "soon"}, "stale = 'soon' is not a time"),
+        (messages(Height={}), "messages.Height: no message of this name in rig.dbc; did you mean 'Heights'"),
+        (messages(Set={"id": 5}), "messages.Set: id = 0x5, but the DBC describes Set already"),
+        (messages(Set={"every": "0 ms"}), "messages.Set: every = '0 ms' is not a time"),
+        (
+            messages(Set={"counter": "Alife"}),
+            "messages.Set: there is no signal 'Alife'; did you mean 'Alive'",
+        ),
+        (
+            messages(Set={"counter": "Alive", "counter_period": 17}),
+            "counter_period = 17 does not fit: Alive has 16",
+        ),
+        (messages(Set={"values": {"Mode": 300}}), "messages.Set: values: Mode = 300 does not fit"),
+        (
+            messages(Set={"checksum": {"signal": "Crc", "scheme": "crc"}}),
+            "scheme = 'crc' is none; there is e2e_p1",
+        ),
+        (
+            messages(Set={"checksum": {"signal": "CRC", "scheme": "xor8"}}),
+            "checksum: there is no signal 'CRC'",
+        ),
+        (messages(Set={"checksum": {"signal": "Alive", "scheme": "xor8"}}), "Alive has 4 bits, xor8 makes 8"),
+        (messages(Set={"checksum": {"signal": "Crc", "scheme": "e2e_p1"}}), "e2e_p1 needs its data_id"),
+        (
+            messages(Set={"checksum": {"signal": "Mode", "scheme": "e2e_p1", "data_id": 1}}),
+            "in byte 0; Mode is",
+        ),
+        (
+            messages(Set={"checksum": {"signal": "Crc", "scheme": "function:wait"}}),
+            "'wait' is no function of own.py",
+        ),
+        (messages(Set={"checksum": {"scheme": "sum8"}}), "checksum: .*missing required field `signal`"),
+        ({"points": {"Heights": {"null": 1}}}, "Heights is no name; points of CAN are"),
+        ({"points": {"Heights.Lefft": {"null": 1}}}, "Heights has no signal 'Lefft'; did you mean 'Left'"),
+        ({"points": {"Heights.Left": {"scale": 2.0}}}, "Heights.Left: scale is said by the DBC already"),
+        (
+            {"points": {"Weights.Left": {"null": 1}}},
+            "no message 'Weights' in rig.dbc; did you mean 'Heights'",
+        ),
+        ({"dbc": None, "messages": {}, "points": {}}, "there are no messages"),
+        (
+            {"dbc": None, "messages": {"M": {}}, "points": {}},
+            "no message of this name.*Without a DBC it needs its id",
+        ),
+        (own({}), 'it has no points; "M.Signal" ='),
+        (own({"M.a": BITS}, id=0x800, extended=False), r"id = 0x800 is no 11-bit identifier \(0 to 0x7ff\)"),
+        (own({"M.a": BITS}, id=0x2000_0000), "id = 0x20000000 is no 29-bit identifier"),
+        (own({"M.a": BITS}, length=9), "length = 9 bytes is more than a CAN frame carries, 8"),
+        (own({"M.a": {"start": 60, "length": 8}}), "messages.M: the signal a does not fit in message M"),
+        (own({"M.a": BITS, "M.b": {"start": 7, "length": 2}}), "signals .* overlapping"),
+        (own({"M.a": {"start": 3}}), r"M\.a needs start and length"),
+        (own({"M.a": {**BITS, "float": True}}), r"M\.a: length = 8 is no float"),
+        (own({"M.a": {**BITS, "page": 2}}), r"M\.a: page = 2, but no point of M is its selector"),
+        (own({"M.a": {**BITS, "scale": 0}}), r"M\.a: scale = 0 maps everything"),
+        (
+            {"messages": {"M": {"id": 0x201}}, "points": {"M.a": BITS}},
+            "Air and M have the same identifier, 0x201",
+        ),
+    ],
+)
+def test_a_description_that_cannot_be(changes: dict, words: str, where: Path) -> None:
+    def never() -> InMemoryCan:
+        raise AssertionError("the bus is not opened")
+
+    with pytest.raises(WiringError, match=words):
+        open_transport("bus", {**BUS, **changes}, where, functions=where / "own.py", port=never)
