@@ -33,6 +33,7 @@ def junit(result: Result) -> bytes:
         ("specimen serial number", result.specimen and result.specimen.serial_number),
         ("specimen drawing", result.specimen and result.specimen.drawing),
         ("seed", result.seed),
+        *((f"parameter {name}", text) for name, text in result.parameters.items()),
         ("verdict", result.verdict),
     ):
         if value not in (None, ""):

@@ -255,6 +255,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     phases: list[Phase] = []
     reason: str = ""
     rig: str = ""
+    parameters: dict[str, str] = {}  #: of the plan, as people write them
     specimen: Sample | None = None
     seed: int | None = None
     timing: Timing | None = None

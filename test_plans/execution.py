@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from math import isnan
 from pathlib import Path
@@ -15,7 +15,7 @@ from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.loads import SpecimenError
-from test_plans.plan import Part, Plan
+from test_plans.plan import Plan
 from test_plans.punctuality import lateness, timing
 from test_plans.readings import CHAMBERS
 from test_plans.recording import Recording, begin_recording, keep_settings
@@ -58,15 +58,15 @@ def execute(
 
     start = bench.clock.now()
     spring = specimen or ordinary()
-    facts = {"plan": plan.name, "specimen": spring.facts, **(meta or {})}
+    facts = {"plan": plan.name, "set": plan.written, "specimen": spring.facts, **(meta or {})}
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring)
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
-        first, interrupted = _attempt(run, "set-up", plan.setup)
+        first, interrupted = _attempt(run, "set-up", plan.bound(plan.setup))
         if not first:
-            first, interrupted = _attempt(run, "main", plan.main)
-        last, again = _attempt(run, "tear-down", plan.teardown)
+            first, interrupted = _attempt(run, "main", plan.bound(plan.main))
+        last, again = _attempt(run, "tear-down", plan.bound(plan.teardown))
         left = _air_left(bench) if interrupted or again else ""
         strangers = bench.strangers()
         for told in filter(None, (left, strangers)):
@@ -84,6 +84,7 @@ def execute(
         curves=run.curves,
         phases=phases_of(run.phases, start, bench.clock.now()),
         rig=rig,
+        parameters=plan.written,
         specimen=Sample(**spring.facts),
         seed=seed,
         timing=punctuality,
@@ -150,7 +151,7 @@ def _air_left(bench: Bench) -> str:
     return f"the springs still hold pressure: {told}"
 
 
-def _attempt(run: Run, name: str, part: Part) -> tuple[str, bool]:
+def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, bool]:
     """Run one part; return what went wrong, whose fault it is included, and whether the operator stopped it."""
     interrupted = False
     try:

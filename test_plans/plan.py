@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import overload
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, overload
 
+from test_plans.parameters import Parameter, Value, declared_parameters, read_all
 from test_plans.run import PlanError, Run
 from test_plans.steps import make_safe, power_up
 
-#: A part of a plan: a function that is given the run.
-Part = Callable[[Run], None]
+#: A part of a plan: a function that is given the run, and those of the plan's parameters that it names.
+Part = Callable[..., None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +22,8 @@ class Plan:
     """A test instruction: set-up, main part and tear-down, which always runs.
 
     The instruction is the docstring of the main part, the title its first line. ``lasts`` is how long it takes (s of
-    the bench's time, 0 if nobody knows): it moves the progress bar and limits nothing.
+    the bench's time, 0 if nobody knows): it moves the progress bar and limits nothing. ``parameters`` are what the main
+    part may be given by name, ``values`` (SI) what it will be given.
     """
 
     name: str
@@ -30,6 +33,25 @@ class Plan:
     setup: Part
     teardown: Part
     lasts: float = 0.0
+    parameters: tuple[Parameter, ...] = ()
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+    def given(self, texts: Mapping[str, Any]) -> Plan:
+        """Return the plan with some parameters as written in ``texts``, such as ``20 mm``, the others by default.
+
+        ParameterRefused, with name, value, unit and range, for what it does not take.
+        """
+        return replace(self, values=read_all(self.name, self.parameters, texts))
+
+    def bound(self, part: Part) -> Callable[[Run], None]:
+        """Return one of the parts of this plan with the parameters that it names."""
+        names = inspect.signature(part).parameters
+        return partial(part, **{name: value for name, value in self.values.items() if name in names})
+
+    @property
+    def written(self) -> dict[str, str]:
+        """The values of the parameters as people write them."""
+        return {one.name: one.show(self.values[one.name]) for one in self.parameters}
 
 
 @overload
@@ -49,7 +71,9 @@ def plan(
     """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., lasts=...)``.
 
     The name is the function's, the instruction its docstring (or that of its module). Without parts of its own a plan
-    begins by arming the bench and ends by letting the air off and disarming. PlanError without a docstring.
+    begins by arming the bench and ends by letting the air off and disarming. What the function takes beside the run are
+    the plan's parameters, which the other parts may name too. PlanError without a docstring, or for a parameter that
+    has no default, no unit or no range.
     """
     if main is not None:
         return _plan(main, setup, teardown, lasts)
@@ -60,4 +84,17 @@ def _plan(main: Part, setup: Part, teardown: Part, lasts: float) -> Plan:
     instruction = inspect.cleandoc(main.__doc__ or sys.modules[main.__module__].__doc__ or "")
     if not instruction:
         raise PlanError(f"plan {main.__name__} has no docstring; it must say what is tested and what is good")
-    return Plan(main.__name__, instruction.splitlines()[0], instruction, main, setup, teardown, lasts)
+    try:
+        parameters = declared_parameters(main)
+    except (TypeError, NameError) as error:
+        raise PlanError(f"plan {main.__name__}: {error}") from None
+    known = {one.name for one in parameters}
+    for part in (setup, teardown):
+        for name in list(inspect.signature(part).parameters)[1:]:
+            if name not in known:
+                raise PlanError(
+                    f"plan {main.__name__} has no parameter {name}, which {part.__name__} asks for"
+                )
+    title = instruction.splitlines()[0]
+    values = {one.name: one.default for one in parameters}
+    return Plan(main.__name__, title, instruction, main, setup, teardown, lasts, parameters, values)

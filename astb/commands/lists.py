@@ -15,12 +15,21 @@ if TYPE_CHECKING:
 
 
 @click.command("plans")
-def plans_command() -> None:
-    """List the test plans."""
-    known = known_plans()
-    width = max(map(len, known))
-    for name, plan in known.items():
-        click.echo(f"{name:<{width}}  {plan.title}")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+def plans_command(names: tuple[str, ...]) -> None:
+    """List the test plans, or the instruction of each NAME and its parameters with unit, range and default."""
+    for name in names:
+        plan = known_plan(name)
+        click.echo(f"{plan.name}\n\n{plan.instruction}\n")
+        for one in plan.parameters:
+            click.echo(f"    --set {one.name + '=' + one.show(one.default):<32} {one.allowed}")
+        if not plan.parameters:
+            click.echo("    no parameters")
+    if not names:
+        known = known_plans()
+        width = max(map(len, known))
+        for name, plan in known.items():
+            click.echo(f"{name:<{width}}  {plan.title}")
 
 
 @click.command("specimens")
@@ -95,6 +104,14 @@ def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None) -> Non
         click.echo(f"map {TABLE.map_hash:08x}")
         for row in TABLE.signals:
             click.echo(f"{row.name:<38} {row.kind:<12} {row.range_text():<28.60} {row.description}")
+
+
+def known_plan(name: str) -> "Plan":
+    """Return a test plan by name; misuse if there is none."""
+    known = known_plans()
+    if name not in known:
+        misuse(f"there is no plan {name!r}; `astb plans` lists {', '.join(known)}")
+    return known[name]
 
 
 def known_plans() -> "dict[str, Plan]":

@@ -5,8 +5,8 @@ from typing import Final
 
 import click
 
-from astb.commands.lists import known_plans
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
+from astb.commands.plan_values import chosen_plans
 from astb.exit_codes import BLOCKED, FAIL, PASS, blocked, misuse
 
 _EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
@@ -27,6 +27,21 @@ _EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
     help="What is on the bench, with its limits: a name that `astb specimens` lists, or a TOML file.",
 )
 @click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Set a parameter of the plans, such as amplitude=20mm, or of one, PLAN.amplitude=20mm; repeatable. "
+    "`astb plans PLAN` lists them.",
+)
+@click.option(
+    "--with",
+    "values_path",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help='Parameters of the plans in a TOML file: NAME = "VALUE", for one plan in a table [PLAN]; --set goes over it.',
+)
+@click.option(
     "--out",
     "out",
     type=click.Path(path_type=Path),
@@ -43,6 +58,8 @@ def run_command(
     effects: tuple[str, ...],
     sealed: str | None,
     specimen_name: str | None,
+    settings: tuple[str, ...],
+    values_path: Path | None,
     out: Path,
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
@@ -59,10 +76,7 @@ def run_command(
     from bench_records.layout import RecordError
     from drivers.errors import BenchError
 
-    known = known_plans()
-    unknown = [name for name in plans if name not in known]
-    if unknown:
-        misuse(f"there is no plan {unknown[0]!r}; `astb plans` lists {', '.join(known)}")
+    chosen = chosen_plans(plans, settings, values_path)
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_path)
     rig = simulated(rig, path, model, effects, sealed)
@@ -70,7 +84,7 @@ def run_command(
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         results = run_plans(
-            [known[name] for name in plans],
+            chosen,
             rig,
             path,
             virtual=virtual,

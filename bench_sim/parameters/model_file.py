@@ -27,12 +27,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from bench_protocol.written_values import fitting_unit, write_value
 from bench_sim.model.layout import Sensor
 from bench_sim.model.quantities import QUANTITIES, SENSOR_QUANTITIES
 from bench_sim.parameters.effects import Effects, Set, find_effect, read_effect, with_effects
 from bench_sim.parameters.loading import ParameterError, read_toml, unknown
 from bench_sim.parameters.sensors import sensor_units
-from bench_sim.parameters.values import fitting_unit, read_value, write_value
+from bench_sim.parameters.values import read_value
 
 #: What is said of the keys of a table, by its parameter, effect or surface.
 Notes = Mapping[str, Mapping[str, str]]

@@ -1,60 +1,14 @@
-"""Numbers with units as people write them: read into SI, and written so that reading gives the same number again."""
+"""Values in parameter and rig files, as people write them."""
 
-import re
-from math import isfinite, log10
-from typing import Any, Final
+from typing import Any
 
-import numpy as np
-
-from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.written_values import NotAValue, read_written
 from bench_sim.parameters.loading import ParameterError
-
-_NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf))\s*(\S*)\s*")
 
 
 def read_value(what: str, text: Any, si: str) -> float:
-    """Return ``text``, such as ``0.2 mm2`` or ``0.2mm2``, in the SI unit ``si``; only a pure number needs no unit.
-
-    Raises `ParameterError`, which begins with ``what``.
-    """
-    fitting = " or ".join(unit for unit, (base, *_) in WRITTEN_UNITS.items() if base == si)
-    match = _NUMBER.fullmatch(str(text))
-    if match is None or isinstance(text, bool):
-        raise ParameterError(f"{what} = {text!r} is not a number with its unit ({fitting})")
-    unit = match[2] or "1"
-    base, factor, _ = WRITTEN_UNITS.get(unit, ("", 0.0, 0.0))
-    if base != si:
-        raise ParameterError(f"{what} = {text!r} is not in {fitting}")
-    return float(match[1]) * factor
-
-
-def fitting_unit(number: float, si: str) -> str:
-    """Return the first unit for ``si`` in which ``number`` lies from 0.1 to 1000, or comes nearest to that."""
-    if not (number and isfinite(number)):
-        return si
-
-    def misfit(unit: str) -> float:
-        magnitude = log10(abs(number)) - log10(WRITTEN_UNITS[unit].factor)
-        return max(-1.0 - magnitude, magnitude - 3.0, 0.0)
-
-    return min((unit for unit, (base, *_) in WRITTEN_UNITS.items() if base == si), key=misfit)
-
-
-def write_value(number: float, si: str, unit: str, digits: int | None = None) -> str:
-    """Return ``number`` (SI) in ``unit``: so many significant ``digits`` of it, for people.
-
-    Without ``digits`` `read_value` gives exactly ``number``; where ``unit`` cannot say it, SI does.
-    """
-    factor = WRITTEN_UNITS[unit].factor
-    quotient = number / factor
-    if digits:
-        return f"{float(f'{quotient:.{digits}g}')!r} {unit}".removesuffix(" 1")
-    for shown in (
-        float(f"{quotient:.12g}"),
-        quotient,
-        np.nextafter(quotient, np.inf),
-        np.nextafter(quotient, -np.inf),
-    ):
-        if float(shown) * factor == number:
-            return f"{float(shown)!r} {unit}".removesuffix(" 1")
-    return f"{number!r} {si}".removesuffix(" 1")
+    """Return ``text``, such as ``0.2 mm2``, in the SI unit ``si``; `ParameterError`, which begins with ``what``."""
+    try:
+        return read_written(what, text, si)
+    except NotAValue as error:
+        raise ParameterError(str(error)) from None

@@ -6,12 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.written_values import fitting_unit, write_value
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.model.layout import Input, Sensor, State
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.effects import parse_effect, with_effects
-from bench_sim.parameters.values import fitting_unit, read_value, write_value
+from bench_sim.parameters.values import read_value
 
 BASE = load("astb")
 NAMES = [

@@ -1,0 +1,60 @@
+"""The plans that a command is told to run, with the parameters that it gives them."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from astb.commands.lists import known_plan
+from astb.commands.options import pairs
+from astb.exit_codes import misuse
+
+if TYPE_CHECKING:
+    from test_plans.plan import Plan
+
+
+def chosen_plans(names: Sequence[str], settings: Sequence[str], path: Path | None) -> "list[Plan]":
+    """Return the plans, with parameters from the TOML file ``path`` and, over it, from ``settings`` (NAME=VALUE).
+
+    A name with a dot is meant for one plan, PLAN.NAME, and goes over the name alone, which is meant for all of them.
+    Ends the command over what a plan does not take, before anything moves.
+    """
+    from test_plans.parameters import ParameterRefused
+
+    plans = [known_plan(name) for name in names]
+    given = _read(path) if path else {}
+    given |= pairs(
+        settings, "has no value: NAME=VALUE would be right, such as amplitude=20mm", option="--set "
+    )
+    for name in given:
+        plan, dot, _ = name.partition(".")
+        if dot and plan not in names:
+            misuse(f"{name} is meant for the plan {plan}, which is not to be run: {', '.join(names)}")
+    try:
+        return [plan.given(_meant_for(plan.name, given)) for plan in plans]
+    except ParameterRefused as error:
+        misuse(error)
+
+
+def _meant_for(plan: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    alone = {name: value for name, value in given.items() if "." not in name}
+    own = {
+        name.removeprefix(f"{plan}."): value for name, value in given.items() if name.startswith(f"{plan}.")
+    }
+    return alone | own
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        misuse(f"--with {path} cannot be read: {error.strerror}")
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        misuse(f"--with {path} is not TOML: {error}")
+    given: dict[str, Any] = {}
+    for name, value in content.items():
+        if isinstance(value, dict):
+            given |= {f"{name}.{inner}": one for inner, one in value.items()}
+        else:
+            given[name] = value
+    return given

@@ -1,0 +1,132 @@
+"""The parameters of a plan: what its function may be given by name, with unit and range, as people write it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.written_values import NotAValue, read_written
+
+Value = float | int | str
+
+
+class ParameterRefused(ValueError):
+    """A value that a plan's parameter does not take; the text has name, value, unit and range."""
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """What a number may be, both ends (SI) included, and its unit for people: ``Range(1 * mm, 50 * mm, "mm")``."""
+
+    low: float
+    high: float
+    unit: str = "1"
+
+    def __post_init__(self) -> None:
+        if self.unit not in WRITTEN_UNITS:
+            raise ValueError(f"Range: unit {self.unit!r} is not one of {', '.join(WRITTEN_UNITS)}")
+        if not self.low < self.high:
+            raise ValueError(f"Range: nothing lies from {self.low:g} to {self.high:g}; low comes first")
+
+    @property
+    def factor(self) -> float:
+        """The SI value of one unit."""
+        return WRITTEN_UNITS[self.unit].factor
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        low, high = (f"{end / self.factor:.6g}" for end in (self.low, self.high))
+        return f"{low} to {high} {'' if self.unit == '1' else self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One keyword parameter of a plan: a number within a ``range``, or one of some ``choices``."""
+
+    name: str
+    default: Value
+    range: Range | None = None
+    choices: tuple[str, ...] = ()
+    whole: bool = False  #: a number without fraction
+
+    def read(self, text: Any) -> Value:
+        """Return ``text``, such as ``20 mm`` or ``AW3``, as the plan takes it (SI). ParameterRefused if it does not."""
+        if self.range is None:
+            if text not in self.choices:
+                raise ParameterRefused(f"{self.name} = {text!r} is none of {', '.join(self.choices)}")
+            return str(text)
+        try:
+            value = read_written(self.name, text, WRITTEN_UNITS[self.range.unit].si)
+        except NotAValue as error:
+            raise ParameterRefused(f"{error}; {self.range} would be right") from None
+        if value not in self.range:
+            raise ParameterRefused(f"{self.name} = {self.show(value)} is outside {self.range}")
+        if self.whole and value != round(value):
+            raise ParameterRefused(
+                f"{self.name} = {self.show(value)} is no whole number; {self.range} has some"
+            )
+        return round(value) if self.whole else value
+
+    def show(self, value: Value) -> str:
+        """Return ``value`` (SI) as people write it."""
+        if self.range is None or isinstance(value, str):
+            return str(value)
+        unit = "" if self.range.unit == "1" else self.range.unit
+        return f"{value / self.range.factor:.12g} {unit}".rstrip()
+
+    @property
+    def allowed(self) -> str:
+        """What it may be, in words."""
+        return str(self.range) if self.range else ", ".join(self.choices)
+
+
+def declared_parameters(function: Callable[..., None]) -> tuple[Parameter, ...]:
+    """Return the parameters of a plan's function: all of its own but the first, which is the run.
+
+    TypeError for one without a default, or with neither a range nor choices, or with a default outside of them.
+    """
+    names = list(inspect.signature(function).parameters.values())[1:]
+    if not names:
+        return ()
+    hints = get_type_hints(function, include_extras=True)
+    return tuple(_declared(one.name, hints.get(one.name), one.default) for one in names)
+
+
+def _declared(name: str, hint: Any, default: Any) -> Parameter:
+    if default is inspect.Parameter.empty:
+        raise TypeError(f"parameter {name} has no default; every plan runs without being told anything")
+    kind, *rest = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if get_origin(kind) is Literal:
+        one = Parameter(name, default, choices=get_args(kind))
+    elif kind in {float, int} and rest and isinstance(rest[0], Range):
+        one = Parameter(name, default, rest[0], whole=kind is int)
+    else:
+        raise TypeError(
+            f"parameter {name} is declared {hint}; Annotated[float, Range(1 * mm, 50 * mm, 'mm')] or "
+            "Literal['AW0', 'AW3'] would be right"
+        )
+    if default not in (one.range or one.choices):
+        raise TypeError(
+            f"parameter {name} has the default {one.show(default)}, which is not one of {one.allowed}"
+        )
+    return one
+
+
+def read_all(plan: str, known: tuple[Parameter, ...], given: Mapping[str, Any]) -> dict[str, Value]:
+    """Return the values of all ``known`` parameters of a plan, those ``given`` as texts and the others by default."""
+    by_name = {one.name: one for one in known}
+    for name in given:
+        if name not in by_name:
+            near = get_close_matches(name, by_name, n=1)
+            right = f"{near[0]} would be one" if near else f"it has {', '.join(by_name) or 'none'}"
+            raise ParameterRefused(f"{plan} has no parameter {name}; {right}")
+    try:
+        return {one.name: one.read(given[one.name]) if one.name in given else one.default for one in known}
+    except ParameterRefused as error:
+        raise ParameterRefused(f"{plan}: {error}") from None

@@ -1,0 +1,147 @@
+"""Parameters of a plan: declared beside the function, read as people write them, refused before anything moves."""
+
+import math
+import re
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_protocol.units import Hz, mm, s
+from bench_records.junit import junit
+from bench_records.record import read
+from bench_records.report import write_report
+from bench_records.result import read_result
+from test_plans.execution import execute
+from test_plans.parameters import ParameterRefused, Range
+from test_plans.plan import plan
+from test_plans.run import PlanError, Run
+
+
+def take_up(run: Run, load: str) -> None:
+    run.say(f"takes up {load}")
+
+
+@plan(setup=take_up, teardown=lambda run: None)
+def probe(
+    run: Run,
+    *,
+    amplitude: Annotated[float, Range(1 * mm, 50 * mm, "mm")] = 20 * mm,
+    cycles: Annotated[int, Range(1, 20)] = 3,
+    load: Literal["AW0", "AW3"] = "AW0",
+) -> None:
+    """Probe: a plan with parameters."""
+    run.check("amplitude", amplitude, "mm", low=0.0, high=1.0)
+    run.check("cycles", cycles, "1", low=0.0, high=100.0)
+    run.say(f"main {load}")
+
+
+def test_a_plan_knows_its_parameters_with_unit_range_and_default():
+    told = [(one.name, one.show(one.default), one.allowed) for one in probe.parameters]
+    assert told == [
+        ("amplitude", "20 mm", "1 to 50 mm"),
+        ("cycles", "3", "1 to 20"),
+        ("load", "AW0", "AW0, AW3"),
+    ]
+    assert probe.values == {"amplitude": 0.020, "cycles": 3, "load": "AW0"}
+
+
+def test_values_are_read_as_people_write_them_and_a_set_plan_leaves_the_first_as_it_was():
+    made = probe.given({"amplitude": "3.5mm", "load": "AW3", "cycles": 7})
+    assert made.values == {"amplitude": 0.0035, "cycles": 7, "load": "AW3"}
+    assert probe.given({"amplitude": "0.05 m"}).values["amplitude"] == 50 * mm, "both ends belong to it"
+    assert probe.values["amplitude"] == 20 * mm
+
+
+@given(st.floats(0.001, 0.05))
+def test_what_is_shown_reads_as_the_same_number(value):
+    (amplitude, *_) = probe.parameters
+    if value in amplitude.range:
+        assert amplitude.read(amplitude.show(value)) == pytest.approx(value, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("texts", "told"),
+    [
+        ({"amplitude": "80mm"}, "probe: amplitude = 80 mm is outside 1 to 50 mm"),
+        ({"amplitude": "-5 mm"}, "probe: amplitude = -5 mm is outside 1 to 50 mm"),
+        ({"amplitude": "nan mm"}, "probe: amplitude = nan mm is outside 1 to 50 mm"),
+        ({"amplitude": "20"}, "probe: amplitude = '20' is not in m or mm; 1 to 50 mm would be right"),
+        ({"amplitude": "20 bar"}, "probe: amplitude = '20 bar' is not in m or mm; 1 to 50 mm would be right"),
+        ({"amplitude": "wide"}, "probe: amplitude = 'wide' is not a number with its unit (m or mm); 1 to 50"),
+        ({"amplitude": True}, "probe: amplitude = True is not a number with its unit"),
+        ({"cycles": "2.5"}, "probe: cycles = 2.5 is no whole number; 1 to 20 has some"),
+        ({"load": "AW9"}, "probe: load = 'AW9' is none of AW0, AW3"),
+        ({"amplitud": "20mm"}, "probe has no parameter amplitud; amplitude would be one"),
+        ({"x": "1"}, "probe has no parameter x; it has amplitude, cycles, load"),
+    ],
+)
+def test_a_bad_value_is_refused_with_name_value_unit_and_range(texts, told):
+    with pytest.raises(ParameterRefused, match=re.escape(told)):
+        probe.given(texts)
+
+
+def test_parts_are_given_what_they_name_and_the_values_stand_with_the_result(bench_composed, tmp_path):
+    with bench_composed() as made:
+        result = execute(probe.given({"amplitude": "12.5 mm", "load": "AW3"}), made.bench, tmp_path)
+    assert [one.number for one in result.checks] == [12.5 * mm, 3.0]
+    notes = [event.text for event in read(tmp_path).events if event.kind == "note"]
+    assert ("takes up AW3" in notes, "main AW3" in notes) == (True, True)
+    assert read_result(tmp_path).parameters == {"amplitude": "12.5 mm", "cycles": "3", "load": "AW3"}
+    assert b'name="parameter amplitude" value="12.5 mm"' in junit(result)
+    assert read(tmp_path).meta["set"]["load"] == "AW3"
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert "<dt>amplitude</dt><dd>12.5 mm</dd>" in page[: page.index("</header>")]
+
+
+def without_default(run: Run, *, time: Annotated[float, Range(1 * s, 2 * s, "s")]) -> None:
+    """A parameter that has to be given."""
+
+
+def without_range(run: Run, *, time: float = 1 * s) -> None:
+    """A parameter without a range."""
+
+
+def outside(run: Run, *, time: Annotated[float, Range(1 * s, 2 * s, "s")] = 3 * s) -> None:
+    """A default that the plan itself would refuse."""
+
+
+def no_choice(run: Run, *, load: Literal["AW0"] = "AW3") -> None:
+    """A default that is no choice."""
+
+
+@pytest.mark.parametrize(
+    ("main", "told"),
+    [
+        (without_default, "plan without_default: parameter time has no default"),
+        (without_range, "plan without_range: parameter time is declared <class 'float'>; Annotated"),
+        (outside, "plan outside: parameter time has the default 3 s, which is not one of 1 to 2 s"),
+        (no_choice, "plan no_choice: parameter load has the default AW3, which is not one of AW0"),
+    ],
+)
+def test_a_parameter_that_is_declared_badly_is_the_plans_fault(main, told):
+    with pytest.raises(PlanError, match=re.escape(told)):
+        plan(main)
+
+
+def test_a_set_up_that_asks_for_what_the_plan_does_not_have_is_told():
+    def nothing(run: Run) -> None:
+        """Nothing to set."""
+
+    with pytest.raises(PlanError, match="plan nothing has no parameter load, which take_up asks for"):
+        plan(setup=take_up)(nothing)
+
+
+@pytest.mark.parametrize(
+    ("ends", "told"),
+    [((2, 1, "mm"), "nothing lies from 2 to 1"), ((1, 2, "furlong"), "unit 'furlong' is not one of")],
+)
+def test_a_range_that_holds_nothing_is_refused(ends, told):
+    with pytest.raises(ValueError, match=told):
+        Range(*ends)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_nothing_that_is_no_number_lies_in_a_range(value):
+    assert value not in Range(0.1 * Hz, 10 * Hz, "Hz")
