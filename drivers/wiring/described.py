@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -25,10 +25,17 @@ from drivers.wiring.contract import (
     OnLost,
     Outlet,
     Transport,
+    refuse_absent,
 )
 from drivers.wiring.lines import Description, SettingTarget
 from drivers.wiring.player import Player
 from drivers.wiring.sources import Sources
+from drivers.wiring.transports import open_transport
+from drivers.wiring.user_functions import functions_of
+
+if TYPE_CHECKING:
+    from drivers.can_port import CanPort
+    from drivers.modbus_port import ModbusPort
 
 #: How often a rig is asked whether it has taken over a setting, or is there.
 _LOOK: Final = round(20 * ms * NS)
@@ -36,6 +43,26 @@ _LOOK: Final = round(20 * ms * NS)
 _PLAYED_STALE: Final = round(200 * ms * NS)
 _PLAYER_READINGS: Final = ("rig.program", "rig.generator_cycle")
 _ACTIVE: Final = float(STATES.index("ACTIVE"))
+
+
+def open_described(
+    rig: str, description: Description, ports: Mapping[str, Callable[[], CanPort | ModbusPort]] | None = None
+) -> DescribedWiring:
+    """Return the wiring of ``rig`` with the transports of its description, not yet connected.
+
+    ``ports``, by transport, open a CAN or Modbus port in the place of the one described: in memory, say. WiringError
+    for what a transport cannot be, or does not have.
+    """
+    where = description.where
+    functions = functions_of(f"{where}: functions", description.functions)
+    transports = {}
+    for name, table in description.transports.items():
+        port = (ports or {}).get(name)
+        try:
+            transports[name] = open_transport(name, table, where.parent, functions=functions, port=port)
+        except WiringError as error:
+            raise WiringError(f"{where}: {error}") from error
+    return DescribedWiring(rig, description, transports)
 
 
 class DescribedWiring:
@@ -179,7 +206,7 @@ class DescribedWiring:
                 self._transports[transport].stream(points, time)
 
     def write(self, values: Mapping[str, float]) -> None:
-        self._refuse_absent(values)
+        refuse_absent(self, *values)
         played = {name: value for name, value in values.items() if name in self._description.played}
         numbers = {name: self._number(name, value) for name, value in values.items() if name not in played}
         self._refuse_under_program(numbers)
@@ -198,7 +225,7 @@ class DescribedWiring:
             self._player.write(played)
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        self._refuse_absent(names)
+        refuse_absent(self, *names)
         told = self._player.told() if self._player is not None else {}
         sources = {name: self._points_of(name) for name in names if name not in told}
         numbers = self._read_points(point for points in sources.values() for point in points)
@@ -218,7 +245,7 @@ class DescribedWiring:
         return found
 
     def act(self, name: str) -> None:
-        self._refuse_absent([name])
+        refuse_absent(self, name)
         if self._player is not None and name in self._description.played:
             self._play(name)
             return
@@ -320,11 +347,6 @@ class DescribedWiring:
         """Write points by their full names, those of one transport at once, in the order given."""
         for transport, names in _by_transport(points).items():
             self._transports[transport].write({name: points[f"{transport}.{name}"] for name in names})
-
-    def _refuse_absent(self, names: Iterable[str]) -> None:
-        for name in names:
-            if name in self.absent:
-                raise NotAvailable(f"{self.rig} has no {name}: {self.absent[name]}")
 
     def _check_points(self) -> None:
         for key, point, written in self._description.points:

@@ -125,7 +125,6 @@ class _Reader:
         conduct = self._conduct()
         capabilities = Capabilities(
             generator=keys.capabilities.generator,
-            identity=bool(identity),
             latency=latency,
             notes=keys.capabilities.notes,
         )

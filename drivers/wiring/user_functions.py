@@ -27,7 +27,7 @@ def functions_file(where: str, name: str, directory: Path) -> Path | None:
 
 def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
     """Return the function ``name`` of ``path``, of so many numbers; WiringError, with ``where``, if it is none."""
-    function = find_function(where, path, name)
+    function = _find(where, path, name)
     try:
         inspect.signature(function).bind(*[0.0] * arguments)
     except TypeError as error:
@@ -41,21 +41,34 @@ def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
     return combine
 
 
-def find_function(where: str, path: Path, name: str) -> Callable[..., Any]:
+def functions_of(where: str, path: Path | None) -> dict[str, Callable[..., Any]]:
+    """Return all functions of a file by name, none without a file; WiringError if it cannot be run."""
+    return {} if path is None else _own(_load(where, path))
+
+
+def _own(module: ModuleType) -> dict[str, Callable[..., Any]]:
+    return {name: one for name, one in vars(module).items() if inspect.isfunction(one)}
+
+
+def _find(where: str, path: Path, name: str) -> Callable[..., Any]:
     """Return the function ``name`` of the file ``path``; WiringError, which begins with ``where``."""
-    try:
-        module = _load(path)
-    except Exception as error:  # whatever a user's file does wrong
-        raise WiringError(f"{where} = {name!r}: {path.name} cannot be run: {error!r}") from error
-    own = [key for key, value in vars(module).items() if inspect.isfunction(value)]
-    function = vars(module).get(name)
-    if not callable(function):
+    own = _own(_load(f"{where} = {name!r}", path))
+    if name not in own:
         raise WiringError(f"{where} = {name!r} is no function of {path.name}; {meant(name, own)}")
-    return function
+    return own[name]
+
+
+def _load(where: str, path: Path) -> ModuleType:
+    try:
+        return _module(path, path.stat().st_mtime_ns)
+    except Exception as error:  # whatever a user's file does wrong
+        raise WiringError(f"{where}: {path.name} cannot be run: {error!r}") from error
 
 
 @cache
-def _load(path: Path) -> ModuleType:
+def _module(path: Path, changed: int) -> ModuleType:
+    """Return what ``path`` defines; ``changed`` (ns) tells one content of it from another."""
+    del changed
     spec = spec_from_file_location(f"wiring_functions_{path.stem}", path)
     assert spec is not None and spec.loader is not None, "a .py file"
     module = module_from_spec(spec)
