@@ -77,6 +77,7 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     can: Can = Can()
     modbus: Modbus = Modbus()
     simulation: Simulation | None = None
+    wiring: str | dict[str, Any] = ""  #: of a rig that speaks otherwise: path of its file, or its keys
 
 
 def read(path: Path) -> RigFile:
@@ -97,6 +98,12 @@ def read(path: Path) -> RigFile:
     if rig.time == "virtual" and rig.simulation is None:
         raise RigFileError(
             f"rig file {path}: time = virtual needs a [simulation] table, a real rig has real time"
+        )
+    beside = [key for key in ("can", "modbus", "simulation") if key in content]
+    if rig.wiring and beside:
+        raise RigFileError(
+            f"rig file {path}: {' and '.join(beside)} beside wiring: a rig with a wiring is a real one, and its "
+            "addresses are the wiring's; right is one of them"
         )
     return rig
 

@@ -157,6 +157,8 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
         "versions": {"astb": version("astb"), **{name: version(name) for name in _LIBRARIES}},
         "seed": session.seed,
     }
+    if session.wiring is not None:
+        facts["wiring"] = {"file": session.wiring.where.name, "sha256": session.wiring.digest}
     if session.parameters is not None:
         facts["parameters"] = {"name": session.parameters.name, "sha256": session.parameters.digest()}
         if session.parameters.effects:

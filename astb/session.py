@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bench_sim.rig.faults.panel import PlannedFault
     from bench_sim.rig.rig import Rig
     from drivers.bench import Bench
+    from drivers.wiring.lines import Description
 
 #: A first start compiles the model; afterwards the rig is up within two seconds.
 START_LIMIT: Final = 180 * s
@@ -35,6 +36,7 @@ class Session:
     virtual: bool
     parameters: "Parameters | None"  #: of the simulation, None for a real rig
     seed: int | None
+    wiring: "Description | None" = None  #: of a rig that does not speak as ours do
 
 
 def simulated_parameters(simulation: Simulation) -> "Parameters":
@@ -121,6 +123,10 @@ def open_session(
         with virtual_session(build_rig(rig.simulation, seed), rig.simulation, seed) as session:
             yield session
         return
+    if rig.wiring:
+        with wired_session(rig, path) as session:
+            yield session
+        return
     with contextlib.ExitStack() as stack:
         if rig.simulation and not answers(rig):
             say(f"no rig answers at {rig.modbus.host}:{rig.modbus.port}: starting one")
@@ -174,6 +180,34 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
         parameters = simulated_parameters(simulation) if simulation else None
         known = simulation.seed if simulation and seed is None else seed
         yield Session(bench, clock, False, parameters, known)
+
+
+@contextlib.contextmanager
+def wired_session(rig: RigFile, path: Path) -> Iterator[Session]:
+    """Yield a session with a rig that speaks as its wiring describes.
+
+    WiringError, before anything is connected, for a wiring that cannot be.
+    """
+    from drivers.bench import Bench
+    from drivers.wiring.described import open_described
+
+    hurry_process()
+    clock = RealClock()
+    description = wiring_of(rig, path)
+    bench = Bench(open_described(rig.name, description), clock)
+    try:
+        yield Session(bench, clock, False, None, None, description)
+    finally:
+        bench.close()
+
+
+def wiring_of(rig: RigFile, path: Path) -> "Description":
+    """Return the description of the wiring of ``rig``, whose file is ``path``; WiringError if it cannot be."""
+    from drivers.wiring.description import describe, read_description
+
+    if isinstance(rig.wiring, str):
+        return read_description(path.parent / rig.wiring, TABLE)
+    return describe(rig.wiring, path, TABLE, "wiring")
 
 
 def answers(rig: RigFile) -> bool:

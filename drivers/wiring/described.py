@@ -31,7 +31,6 @@ from drivers.wiring.lines import Description, SettingTarget
 from drivers.wiring.player import Player
 from drivers.wiring.sources import Sources
 from drivers.wiring.transports import open_transport
-from drivers.wiring.user_functions import functions_of
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort
@@ -54,12 +53,13 @@ def open_described(
     for what a transport cannot be, or does not have.
     """
     where = description.where
-    functions = functions_of(f"{where}: functions", description.functions)
     transports = {}
     for name, table in description.transports.items():
         port = (ports or {}).get(name)
         try:
-            transports[name] = open_transport(name, table, where.parent, functions=functions, port=port)
+            transports[name] = open_transport(
+                name, table, where.parent, functions=description.functions, port=port
+            )
         except WiringError as error:
             raise WiringError(f"{where}: {error}") from error
     return DescribedWiring(rig, description, transports)

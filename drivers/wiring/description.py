@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
@@ -130,6 +131,7 @@ class _Reader:
         )
         return Description(
             self._where,
+            self._digest(),
             self._table,
             keys.description,
             keys.transports,
@@ -145,6 +147,12 @@ class _Reader:
             self._absent,
             tuple(self._points),
         )
+
+    def _digest(self) -> str:
+        digest = sha256(msgspec.json.encode(msgspec.to_builtins(self._keys), order="deterministic"))
+        if self._functions is not None:
+            digest.update(self._functions.read_bytes())
+        return digest.hexdigest()
 
     # -- signals -------------------------------------------------------------------------------------------------
 

@@ -76,6 +76,7 @@ class Description:
     """What a wiring file says, checked as far as it can be without its transports."""
 
     where: Path
+    digest: str  #: SHA-256 of the keys and of the user's functions
     table: Table
     text: str
     transports: Mapping[str, Mapping[str, Any]]

@@ -27,7 +27,7 @@ def functions_file(where: str, name: str, directory: Path) -> Path | None:
 
 def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
     """Return the function ``name`` of ``path``, of so many numbers; WiringError, with ``where``, if it is none."""
-    function = _find(where, path, name)
+    function = find_function(where, path, name)
     try:
         inspect.signature(function).bind(*[0.0] * arguments)
     except TypeError as error:
@@ -41,21 +41,16 @@ def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
     return combine
 
 
-def functions_of(where: str, path: Path | None) -> dict[str, Callable[..., Any]]:
-    """Return all functions of a file by name, none without a file; WiringError if it cannot be run."""
-    return {} if path is None else _own(_load(where, path))
-
-
-def _own(module: ModuleType) -> dict[str, Callable[..., Any]]:
-    return {name: one for name, one in vars(module).items() if inspect.isfunction(one)}
-
-
-def _find(where: str, path: Path, name: str) -> Callable[..., Any]:
+def find_function(where: str, path: Path, name: str) -> Callable[..., Any]:
     """Return the function ``name`` of the file ``path``; WiringError, which begins with ``where``."""
     own = _own(_load(f"{where} = {name!r}", path))
     if name not in own:
         raise WiringError(f"{where} = {name!r} is no function of {path.name}; {meant(name, own)}")
     return own[name]
+
+
+def _own(module: ModuleType) -> dict[str, Callable[..., Any]]:
+    return {name: one for name, one in vars(module).items() if inspect.isfunction(one)}
 
 
 def _load(where: str, path: Path) -> ModuleType:

@@ -1,0 +1,88 @@
+"""A rig file that names a wiring, on the command line: what is refused before anything is sent, and how it ends."""
+
+import socket
+
+import pytest
+
+from astb.exit_codes import BLOCKED, MISUSE
+
+WIRING = """
+[transports.plc]
+kind = "modbus"
+host = "127.0.0.1"
+port = PORT
+[transports.plc.groups.fast]
+every = "50 ms"
+[transports.plc.points]
+state = { table = "input", address = 1, group = "fast" }
+command = { table = "holding", address = 0 }
+[signals]
+"rig.state" = { from = "plc.state", choices = { DISABLED = 0, ACTIVE = 3 } }
+[[conduct.up]]
+start = ["DISABLED"]
+orders = [{ "plc.command" = 3 }]
+end = ["ACTIVE"]
+"""
+
+
+@pytest.fixture
+def run(astb_here, tmp_path):
+    """Run aw0 on a rig whose files say this, at a port at which nobody listens: exit code and complaint."""
+
+    def call(wiring: str = WIRING, rig: str = 'name = "hall"\nwiring = "hall_wiring.toml"\n', *options: str):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            port = server.getsockname()[1]
+        (tmp_path / "hall_wiring.toml").write_text(wiring.replace("PORT", str(port)))
+        (tmp_path / "hall.toml").write_text(rig)
+        code, _, err = astb_here(tmp_path, "run", "aw0", "--rig", "hall.toml", *options)
+        return code, err
+
+    return call
+
+
+def test_a_rig_that_does_not_answer_blocks_the_plan(run):
+    code, err = run()
+    assert code == BLOCKED
+    assert "127.0.0.1" in err
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "message"),
+    [
+        ('"rig.state"', '"rig.stat"', "hall_wiring.toml: signals.\"rig.stat\" is no signal; did you mean 'rig.state'?"),
+        ('"plc.state"', '"plc.stat"', 'hall_wiring.toml: signals."rig.state".from = \'plc.stat\': '),
+        ("address = 1,", "address = 70000,", "hall_wiring.toml: transports.plc"),
+        ('kind = "modbus"', 'kind = "modbos"', "hall_wiring.toml: transports.plc"),
+        ('end = ["ACTIVE"]', 'end = ["HOLD"]', "the rig never reports HOLD"),
+    ],
+)  # fmt: skip
+def test_a_wiring_that_cannot_be_is_misuse(run, was, becomes, message):
+    code, err = run(WIRING.replace(was, becomes))
+    assert code == MISUSE
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("rig", "message"),
+    [
+        ('name = "a"\nwiring = "w.toml"\n[simulation]\n', "simulation beside wiring"),
+        ('name = "a"\nwiring = "w.toml"\n[can]\n[modbus]\n', "can and modbus beside wiring"),
+        ('name = "a"\nwiring = "none.toml"\n', "wiring file none.toml cannot be read: No such file"),
+        ('name = "a"\nwiring = 3\n', "wiring = 3: expected"),
+        ('name = "a"\n[wiring]\ntransports = {}\nsignals = {}\n', "hall.toml: wiring.transports is empty"),
+        (
+            'name = "a"\n[wiring]\nsignal = {}\n',
+            "hall.toml: wiring: there is no key 'signal' here; did you mean",
+        ),
+    ],
+)
+def test_a_rig_file_that_does_not_go_with_its_wiring(run, rig, message):
+    code, err = run(WIRING, rig)
+    assert code == MISUSE
+    assert message in err
+
+
+def test_a_rig_with_a_wiring_has_real_time(run):
+    code, err = run(WIRING, 'name = "hall"\nwiring = "hall_wiring.toml"\n', "--virtual")
+    assert code == MISUSE
+    assert "without a [simulation] table there is nothing to run in virtual time" in err
