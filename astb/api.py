@@ -1,8 +1,7 @@
 """What stands behind ``import astb``: a bench to try things on, and plans that run on it."""
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -20,51 +19,68 @@ VIRTUAL: Final = "virtual"
 _LOG: Final = logging.getLogger("astb")
 
 
-@contextmanager
-def open_bench(
-    rig: "str | Path" = VIRTUAL, *, virtual: bool = False, seed: int | None = None
-) -> "Iterator[Bench]":
-    """Yield a connected bench on ``rig``, not yet armed: the path of a rig file, or its name in ``rigs/``.
+def open_bench(rig: str | Path = VIRTUAL, *, virtual: bool = False, seed: int | None = None) -> "Bench":
+    """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or its name in ``rigs/``.
 
     ``virtual`` is a simulated rig in virtual time and in this process, and what ``virtual=True`` makes of any simulated
-    rig. One in real time that does not answer is started, and stopped at the end. ``seed`` draws a simulated rig's
-    sensors and their noise. At the end the bench is disarmed and closed; air that is in the springs stays there.
+    rig. One in real time that does not answer is started, and stopped with the bench. ``seed`` draws a simulated rig's
+    sensors and their noise.
+
+    Use it with ``with``, or call ``close``; when the interpreter ends it is closed in any case. Closing disarms; what
+    air is in the springs the rig holds until it has vented it.
 
     RigFileError for a file that is none, LinkLost, MapMismatch or NotCommander for a rig that cannot be commanded.
     """
-    from astb.run import connected
+    import atexit
+
+    from astb.run import describe
     from astb.session import open_session
+    from drivers.errors import BenchError
 
     file, path = find_rig(rig)
-    with open_session(file, path, virtual=virtual, seed=seed, say=_LOG.info) as session, connected(session):
-        yield session.bench
+    with ExitStack() as stack:
+        session = stack.enter_context(open_session(file, path, virtual=virtual, seed=seed, say=_LOG.info))
+        bench = session.bench
+        bench.about = describe(session, file)
+        bench.connect()
+        with suppress(BenchError):  # so that devices can show them; whoever needs them will ask, and be told
+            bench.settings.in_force()
+            bench.settings.contacts()
+        atexit.register(bench.close)
+        bench.closing.callback(atexit.unregister, bench.close)
+        bench.closing.push(stack.pop_all())
+    return bench
 
 
 def run_plan(
-    plan: "str | Plan", rig: "str | Path" = VIRTUAL, out: str | Path = "runs", *, seed: int | None = None
+    plan: "str | Plan",
+    on: "str | Path | Bench" = VIRTUAL,
+    out: str | Path = "runs",
+    *,
+    seed: int | None = None,
+    report: bool = True,
 ) -> "tuple[Result, Path]":
-    """Run a plan, by its name or itself, on ``rig`` as `open_bench` knows it; return its result and its record.
+    """Run a plan, by its name or itself, on a bench or a rig as `open_bench` knows it; return result and record.
 
-    The record is a new directory in ``out``, with a report; what lies there already is not touched. PlanError for a
-    plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises nothing: the verdict is
-    *blocked*, the reason says whose fault it was.
+    The record is a new directory in ``out``, with a report unless that is not wanted; what lies there already is not
+    touched. PlanError for a plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises
+    nothing: the verdict is *blocked*, the reason says whose fault it was.
     """
-    from astb.run import connected, describe, new_directory, undisturbed
-    from astb.session import open_session
+    from astb.run import new_directory, undisturbed
     from bench_records.report import write_report
     from test_plans.execution import execute
 
     chosen = find_plan(plan)
-    file, path = find_rig(rig)
-    with (
-        open_session(file, path, seed=seed, say=_LOG.info) as session,
-        connected(session),
-        undisturbed(),
-    ):
+    with ExitStack() as stack:
+        bench = stack.enter_context(open_bench(on, seed=seed)) if isinstance(on, str | Path) else on
         directory = new_directory(Path(out), chosen.name)
-        about = describe(session, file)
-        result = execute(chosen, session.bench, directory, meta=about, rig=file.name, seed=session.seed)
-    write_report(directory)
+        about = bench.about
+        stack.enter_context(undisturbed())
+        result = execute(
+            chosen, bench, directory, meta=about, rig=about.get("rig", ""), seed=about.get("seed")
+        )
+    if report:
+        write_report(directory)
     return result, directory
 
 

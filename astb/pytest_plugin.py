@@ -10,7 +10,6 @@ import pytest
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
-    from astb.session import Session
     from bench_records.result import Result
     from drivers.bench import Bench
     from test_plans.plan import Plan
@@ -67,50 +66,35 @@ def rig(_rig_and_path: "tuple[RigFile, Path]") -> "RigFile":
 
 
 @pytest.fixture
-def _session(request: pytest.FixtureRequest) -> "Iterator[Session]":
-    request.node.stash[_ASKED] = True
-    rig, path = request.getfixturevalue("_rig_and_path")
-    from astb.run import connected, undisturbed
-    from astb.session import open_session
-
-    with open_session(rig, path, say=_LOG.info) as session, connected(session), undisturbed():
-        yield session
-        _make_safe(session.bench)
-
-
-@pytest.fixture
-def bench(_session: "Session") -> "Bench":
+def bench(request: pytest.FixtureRequest) -> "Iterator[Bench]":
     """A connected bench; at the end of the test it is made safe (no air, no forces, disarmed) and closed."""
-    return _session.bench
+    request.node.stash[_ASKED] = True
+    request.getfixturevalue("_rig_and_path")
+    from astb.api import open_bench
+    from astb.run import undisturbed
+
+    with open_bench(request.config.getoption("astb_rig")) as opened, undisturbed():
+        yield opened
+        _make_safe(opened)
 
 
 @pytest.fixture
-def run(
-    _session: "Session", rig: "RigFile", request: pytest.FixtureRequest, tmp_path: Path
-) -> "Callable[[str | Plan], Result]":
+def run(bench: "Bench", request: pytest.FixtureRequest, tmp_path: Path) -> "Callable[[str | Plan], Result]":
     """Run a plan on `bench`, by its name or itself, and return its result: `run("aw0")`; BLOCKED if none was judged."""
-    from astb.api import find_plan
-    from astb.run import describe, new_directory
-    from bench_records.report import write_report
+    from astb.api import run_plan
     from bench_records.result import Outcome
-    from test_plans.execution import execute
 
     records = request.config.getoption("astb_records")
 
-    def run_plan(plan: "str | Plan") -> "Result":
-        chosen = find_plan(plan)
-        directory = new_directory(records or tmp_path, chosen.name)
-        about = describe(_session, rig)
-        result = execute(chosen, _session.bench, directory, meta=about, rig=rig.name, seed=_session.seed)
-        if records:
-            write_report(directory)
-        told = [f"{chosen.name}: {result.verdict}, record in {directory}", *map(str, result.checks)]
+    def run_one(plan: "str | Plan") -> "Result":
+        result, directory = run_plan(plan, bench, records or tmp_path, report=bool(records))
+        told = [f"{result.plan}: {result.verdict}, record in {directory}", *map(str, result.checks)]
         request.node.add_report_section("call", "plan", "\n".join(told))
         if result.verdict is Outcome.BLOCKED:
-            raise Blocked(f"{chosen.name}: {result.reason}")
+            raise Blocked(f"{result.plan}: {result.reason}")
         return result
 
-    return run_plan
+    return run_one
 
 
 class _NoLog:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Mapping
+from contextlib import ExitStack, suppress
 from types import TracebackType
-from typing import Final, Self
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
 
 from bench_protocol.clock import Clock
 from bench_protocol.signals import Kind
@@ -14,7 +14,7 @@ from bench_protocol.units import NS, s
 from bench_protocol.words import ACTUATORS, FAULT_STATES, LIVE_STATES, PLATFORM_AXES
 from drivers.air import Air
 from drivers.axes import Lateral, Platform, Vertical, VerticalActuator
-from drivers.declarations import Device
+from drivers.declarations import Device, no_such_attribute
 from drivers.devices import (
     Actions,
     Control,
@@ -46,26 +46,29 @@ class Bench(Link):
     rig lacks says so when it is asked for.
     """
 
-    __slots__ = (
-        "action",
-        "air",
-        "control",
-        "devices",
-        "emergency",
-        "generator",
-        "interlock",
-        "lateral",
-        "lease",
-        "left",
-        "load_cell",
-        "platform",
-        "rig",
-        "right",
-        "supply",
-        "vertical",
-        "vertical_left",
-        "vertical_right",
-    )
+    #: With a line for each in ``help``.
+    __slots__ = {
+        "about": "What records say of where this bench is from, by keyword.",
+        "action": "The coils: `bench.action.program_stop()`.",
+        "air": "The valves of both springs.",
+        "closing": "What else ends with this bench: a context stack that `close` closes.",
+        "control": "The bits of the Control message.",
+        "devices": "All devices.",
+        "emergency": "The last CANopen emergency of the rig.",
+        "generator": "The function generator.",
+        "interlock": "The contacts, read when asked.",
+        "lateral": "The lateral actuator and what stands in its direction.",
+        "lease": "A request for the lease on CAN.",
+        "left": "The left air spring with its auxiliary chamber.",
+        "load_cell": "The six cells under the platform.",
+        "platform": "The vibration platform.",
+        "rig": "What the rig says of itself, and how it is set up.",
+        "right": "The right air spring with its auxiliary chamber.",
+        "supply": "The air supply.",
+        "vertical": "Both vertical actuators together.",
+        "vertical_left": "The left vertical actuator.",
+        "vertical_right": "The right vertical actuator.",
+    }
 
     def __init__(self, wiring: Wiring, clock: Clock) -> None:
         super().__init__(wiring, clock)
@@ -86,6 +89,8 @@ class Bench(Link):
         self.interlock = Interlocks(self, "interlock")
         self.air = Air(self, "air")
         self.generator = Generator(self, "generator")
+        self.about: Mapping[str, Any] = {}
+        self.closing = ExitStack()
         parts = (getattr(self, name) for name in self.__slots__ if name != "devices")
         self.devices: tuple[Device, ...] = tuple(part for part in parts if isinstance(part, Device))
 
@@ -129,15 +134,29 @@ class Bench(Link):
             self._armed = False
             self.commander.stop()
             self.wiring.close()
+            self.closing.close()
 
     def __enter__(self) -> Self:
-        self.connect()
+        if not self._connected:
+            self.connect()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        code = self.readings.known("rig.state")
+        told = UNKNOWN if math.isnan(code) else self.table["rig.state"].show(code)
+        state = f"state {told}" if self._connected else "not connected"
+        names = ", ".join(device._name for device in self.devices)
+        return f"<{type(self).__name__} on {self.wiring.rig}, {state}: {names}>"
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> NoReturn:
+            raise no_such_attribute(self, name, "bench")
 
     # -- states --------------------------------------------------------------------------------------------------
 

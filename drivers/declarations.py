@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, NoReturn, Self, TypeVar, overload
 
 from bench_protocol.signals import Kind
 from bench_protocol.suggestion import meant
 from drivers.link import Link
 from drivers.reading import Sample
+
+#: A device shows itself in one line if it fits, else in one for each signal.
+REPR_WIDTH: Final = 100
 
 
 class Device:
@@ -22,7 +26,9 @@ class Device:
         object.__setattr__(self, "_link", link)
         object.__setattr__(self, "_name", name)
         for declaration in self.declarations():
-            declaration.check(link.table[declaration.full_name(self)].kind, declaration.full_name(self))
+            signal = link.table[declaration.full_name(self)]
+            declaration.check(signal.kind, signal.name)
+            declaration.__doc__ = f"{signal.description} ({signal.kind}, {signal.range_text()})."
 
     @classmethod
     def declarations(cls) -> list[Declaration[Any]]:
@@ -43,12 +49,10 @@ class Device:
         """Return value, age and quality of one of its readings."""
         return self._link.sample(f"{self._name}.{attribute}")
 
-    def __getattr__(self, name: str) -> NoReturn:
-        if name.startswith("_"):  # asked for by copies, notebooks and the like
-            raise AttributeError(name)
-        known = [one for one in dir(type(self)) if not one.startswith("_")]
-        # With a name of its own Python would add what it thinks was meant, and say it twice.
-        raise AttributeError(f"{self._name} has no {name!r}; {meant(name, known)}", name="", obj=None)
+    if not TYPE_CHECKING:  # which knows all names, and would take this for any other
+
+        def __getattr__(self, name: str) -> NoReturn:
+            raise no_such_attribute(self, name, "" if name.startswith("_") else self._name)
 
     def __setattr__(self, name: str, value: object) -> None:
         if not hasattr(type(self), name):
@@ -57,7 +61,25 @@ class Device:
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self._name}>"
+        """Return what is known of it without asking the rig: never slow, never an error."""
+        told = [line.show(self._link, line.full_name(self)) for line in self.declarations()]
+        head = f"<{type(self).__name__} {self._name}"
+        if not told:
+            return f"{head}>"
+        text = f"{head}: {', '.join(told)}>"
+        return text if len(text) <= REPR_WIDTH else "\n    ".join((f"{head}:", *told)) + ">"
+
+
+def no_such_attribute(thing: object, name: str, called: str) -> AttributeError:
+    """Return the error for a ``name`` that ``thing`` lacks, with the name that is nearest; its own name is ``called``.
+
+    What begins with an underscore is asked for by copies, notebooks and the like: nobody has misspelt it.
+    """
+    if name.startswith("_"):
+        return AttributeError(name)
+    known = [one for one in dir(type(thing)) if not one.startswith("_")]
+    # With a name and an object of its own Python would add what it thinks was meant, and say it twice.
+    return AttributeError(f"{called} has no {name!r}; {meant(name, known)}", name="", obj=None)
 
 
 T = TypeVar("T")
@@ -95,6 +117,23 @@ class Declaration(Generic[T]):
     def __set__(self, device: Device, value: T) -> None:
         self.set(device._link, self.full_name(device), value)
 
+    def show(self, link: Link, name: str) -> str:
+        """Return for people what is known of the signal without asking the rig."""
+        if name in link.wiring.absent:
+            return f"{self.attribute}: absent ({link.wiring.absent[name]})"
+        value = self.known(link, name)
+        if math.isnan(value):
+            return f"{self.attribute}: {self.unknown(link, name)}"
+        return f"{self.attribute} = {link.table[name].show(value)}"
+
+    def known(self, link: Link, name: str) -> float:
+        """Return the value (SI) as far as it is known without asking the rig, NaN if it is not."""
+        return link.settings.known(name)
+
+    def unknown(self, link: Link, name: str) -> str:
+        """Return why the value is not known, in words."""
+        return "not read yet"
+
     def get(self, link: Link, name: str) -> T:
         """Return the present value."""
         raise AttributeError(f"{name} cannot be read")
@@ -104,7 +143,17 @@ class Declaration(Generic[T]):
         raise AttributeError(f"{name} is read from the rig and cannot be set")
 
 
-class Reading(Declaration[float]):
+class Reported(Declaration[T]):
+    """What the rig reports by itself, or when it is asked."""
+
+    def known(self, link: Link, name: str) -> float:
+        return link.readings.known(name)
+
+    def unknown(self, link: Link, name: str) -> str:
+        return link.readings.unknown(name)
+
+
+class Reading(Reported[float]):
     """A number that the rig reports: SI, NaN unless fresh and available."""
 
     kinds = (Kind.MEASUREMENT, Kind.STATUS)
@@ -113,7 +162,7 @@ class Reading(Declaration[float]):
         return link.readings.value(name)
 
 
-class ChoiceReading(Declaration[str]):
+class ChoiceReading(Reported[str]):
     """One of several named states that the rig reports; ``"unknown"`` unless fresh."""
 
     kinds = (Kind.STATUS,)
@@ -131,10 +180,20 @@ class Contact(Declaration[bool]):
         return link.settings.contact(name)
 
 
-class Setpoint(Declaration[float]):
-    """A value that the commander streams. Assigning jumps (the rig slews within one beat); ``move_to`` ramps."""
+class Streamed(Declaration[T]):
+    """What the commander streams."""
 
     kinds = (Kind.SETPOINT,)
+
+    def known(self, link: Link, name: str) -> float:
+        return link.commander.value(name)
+
+    def unknown(self, link: Link, name: str) -> str:
+        return "not given"
+
+
+class Setpoint(Streamed[float]):
+    """A value that the commander streams. Assigning jumps (the rig slews within one beat); ``move_to`` ramps."""
 
     def get(self, link: Link, name: str) -> float:
         return link.commander.value(name)
@@ -143,10 +202,8 @@ class Setpoint(Declaration[float]):
         link.commander.set(name, value)
 
 
-class Bit(Declaration[bool]):
+class Bit(Streamed[bool]):
     """A bit of the Control message."""
-
-    kinds = (Kind.SETPOINT,)
 
     def get(self, link: Link, name: str) -> bool:
         return link.commander.value(name) == 1
@@ -186,3 +243,6 @@ class Action(Declaration[Callable[[], None]]):
 
     def get(self, link: Link, name: str) -> Callable[[], None]:
         return lambda: link.settings.act(name)
+
+    def unknown(self, link: Link, name: str) -> str:
+        return link.table[name].description

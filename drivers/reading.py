@@ -75,6 +75,16 @@ class Readings:
         """Return the value of ``name`` (SI) as :meth:`value` does, but NaN if the rig does not have it."""
         return math.nan if name in self._wiring.absent else self.value(name)
 
+    def known(self, name: str) -> float:
+        """Return the value of ``name`` (SI) as far as it came by itself, NaN otherwise: nothing is asked of the rig."""
+        return self.value(name) if self._limits[self._table.index[name]] else math.nan
+
+    def unknown(self, name: str) -> str:
+        """Return in words why `known` knows nothing."""
+        if not self._limits[self._table.index[name]]:
+            return "read when asked"
+        return _quality(self.sample(name))
+
     def choice(self, name: str) -> str:
         """Return the name of the state that the signal ``name`` tells; ``"unknown"`` unless it is good."""
         value = self.value(name)
@@ -86,8 +96,7 @@ class Readings:
         sample = self.sample(name)
         if sample.quality is Quality.GOOD:
             return f"{name} = {self._table[name].show(sample.value)}"
-        since = f" for {sample.age:.3g} s" if sample.quality is Quality.STALE else ""
-        return f"{name} is {sample.quality}{since}"
+        return f"{name} is {_quality(sample)}"
 
     def _asked(self, name: str) -> float:
         refuse_absent(self._wiring, name)
@@ -102,3 +111,8 @@ class Readings:
             yield seen
         finally:
             self._seen = None
+
+
+def _quality(sample: Sample) -> str:
+    since = f" for {sample.age:.3g} s" if sample.quality is Quality.STALE else ""
+    return f"{sample.quality}{since}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from bench_protocol.signals import Kind
@@ -22,6 +22,7 @@ class Settings:
 
     def __init__(self, wiring: Wiring) -> None:
         self._wiring, self._table = wiring, wiring.table
+        self._known: dict[str, float] = {}
         #: Hears what the rig took over.
         self.applied: Callable[[dict[str, float]], None] = lambda values: None
 
@@ -52,6 +53,7 @@ class Settings:
         refuse_absent(self._wiring, *checked)
         if checked:
             self._wiring.write(checked)
+            self._known.update(checked)
             self.applied(checked)
 
     def read(self, name: str) -> float:
@@ -67,7 +69,7 @@ class Settings:
 
     def in_force(self) -> dict[str, float]:
         """Return all settings (SI) that the rig has, as they are in force, whatever anybody has staged."""
-        return self._wiring.read(self._present(Kind.SETTING))
+        return self._read(self._present(Kind.SETTING))
 
     # -- actions, contacts, slow readings ------------------------------------------------------------------------
 
@@ -85,18 +87,27 @@ class Settings:
 
     def contacts(self) -> dict[str, bool]:
         """Return all contacts of the interlocks that the rig has."""
-        told = self._wiring.read(self._present(Kind.INTERLOCK))
+        told = self._read(self._present(Kind.INTERLOCK))
         return {name: on == 1 for name, on in told.items()}
 
     def reading(self, name: str) -> float:
         """Ask the rig for one value (SI) now; NaN where it has none."""
         refuse_absent(self._wiring, name)
-        return self._wiring.read([name])[name]
+        return self._read([name])[name]
 
     def readings(self, *names: str) -> dict[str, float]:
         """Ask the rig for several values (SI) now, as one snapshot if it can."""
         refuse_absent(self._wiring, *names)
-        return self._wiring.read(names)
+        return self._read(names)
+
+    def known(self, name: str) -> float:
+        """Return what was read or written last (SI), without asking the rig; NaN before the first time."""
+        return self._known.get(name, math.nan)
+
+    def _read(self, names: Sequence[str]) -> dict[str, float]:
+        told = self._wiring.read(names)
+        self._known.update(told)
+        return told
 
     def _present(self, kind: Kind) -> list[str]:
         return [signal.name for signal in self._table.of_kind(kind) if signal.name not in self._wiring.absent]

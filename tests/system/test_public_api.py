@@ -1,0 +1,175 @@
+"""`import astb`: the page runs as printed, devices show themselves whatever the wires do, and names are complete."""
+
+import csv
+import doctest
+import math
+import pydoc
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import astb
+from astb.api import find_plan, find_rig
+from astb.rig_file import RigFileError
+from bench_protocol.table import TABLE
+from bench_protocol.units import s
+from drivers.errors import NotAvailable
+from test_plans.run import PlanError
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-the-bench-from-python.md"
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+class Readings(doctest.OutputChecker):
+    """Compares words; a reading is another one in each library's version."""
+
+    def check_output(self, want: str, got: str, optionflags: int) -> bool:
+        return super().check_output(
+            *(re.sub(r"-?\d+\.\d+", "0.0", text) for text in (want, got)), optionflags
+        )
+
+
+def addresses(can: int, modbus: int) -> str:
+    return f'name = "here"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
+
+
+def test_the_session_of_the_page_goes_as_printed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (text,) = blocks("pycon")
+    session = doctest.DocTestParser().get_doctest(text, {}, "page", str(PAGE), 0)
+    said: list[str] = []
+    runner = doctest.DocTestRunner(Readings())
+    results = runner.run(session, out=said.append)
+    assert results.failed == 0, "".join(said)
+    assert results.attempted > 10
+
+
+@pytest.mark.real_time
+def test_the_program_of_the_page_runs_as_printed(tmp_path):
+    (tmp_path / "rigs").mkdir()
+    (tmp_path / "rigs" / "local.toml").write_text(
+        addresses(free_port(), free_port()) + "[simulation]\nseed = 0\n"
+    )
+    (program,) = blocks("python")
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.reader(done.stdout.splitlines()))
+    platform = [float(row[1]) for row in rows[1:]]
+    assert max(platform) - min(platform) == pytest.approx(4, abs=0.5)
+
+
+@pytest.mark.real_time
+def test_a_program_that_forgets_to_close_leaves_the_bench_disarmed(start_rig, tmp_path):
+    rig = start_rig()
+    (tmp_path / "rig.toml").write_text(addresses(rig.can_port, rig.modbus_port))
+    program = "import astb; bench = astb.open_bench('rig.toml'); bench.arm(); print(bench.state)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.stdout, done.stderr) == ("ACTIVE\n", "")
+    with astb.open_bench(tmp_path / "rig.toml") as bench:
+        assert bench.rig.state == "DISABLED"
+        assert bench.rig.reason == "disabled by the commander"
+
+
+def test_nothing_is_loaded_before_it_is_asked_for():
+    look = "import sys, astb; print('numpy' in sys.modules, 'drivers' in sys.modules, *dir(astb))"
+    done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)
+    numpy, drivers, *names = done.stdout.split()
+    assert (numpy, drivers) == ("False", "False")
+    assert set(astb.__all__) <= set(names)
+    for name in astb.__all__:
+        assert getattr(astb, name).__doc__
+    with pytest.raises(AttributeError, match="it offers errors, open_bench"):
+        astb.open_bnch  # noqa: B018
+
+
+@pytest.fixture
+def bench():
+    with astb.open_bench("virtual") as bench:
+        bench.wait(1 * s)
+        yield bench
+
+
+def test_every_signal_is_in_dir_and_help(bench):
+    assert {device._name for device in bench.devices} <= set(dir(bench))
+    for device in bench.devices:
+        text = pydoc.plain(pydoc.render_doc(device))
+        for line in device.declarations():
+            signal = TABLE[line.full_name(device)]
+            assert line.attribute in dir(device)
+            assert signal.description.split()[0] in text
+    assert "height" in pydoc.plain(pydoc.render_doc(bench.left))
+    assert "The left air spring" in pydoc.plain(pydoc.render_doc(type(bench)))
+
+
+def test_a_device_shows_itself_without_asking_the_rig(bench, monkeypatch):
+    def asked(names):
+        raise AssertionError(f"the rig was asked for {names}")
+
+    monkeypatch.setattr(bench.wiring, "read", asked, raising=False)
+    for device in (bench, *bench.devices):
+        assert repr(device)
+    assert "height = -5" in repr(bench.left)
+    assert "left_mode = hold" in repr(bench.air), "read once, when the bench was opened"
+    assert "lateness_50us: read when asked" in repr(bench.rig)
+    assert "force_setpoint: not given" in repr(bench.lateral)
+
+
+def test_what_is_absent_stale_or_closed_is_shown_as_that(bench):
+    bench.wiring.absent = {"left.auxiliary_temperature": "no thermometer fitted", "rig.reason": "not told"}
+    assert "auxiliary_temperature: absent (no thermometer fitted)" in repr(bench.left)
+    assert "reason: absent (not told)" in repr(bench.rig)
+    bench.wiring.absent = {}
+    bench.wiring.can.lose("cut")
+    bench.clock.sleep_until(bench.clock.now() + 10**9)
+    assert re.search(r"height: stale for 1 s", repr(bench.left))
+    assert math.isnan(bench.left.height)
+    bench.close()
+    assert "not connected" in repr(bench)
+
+
+def test_what_is_absent_says_so_when_asked(bench):
+    bench.wiring.absent = {"rig.lateness_50us": "it keeps no histogram"}
+    with pytest.raises(NotAvailable, match=r"has no rig\.lateness_50us: it keeps no histogram"):
+        bench.rig.lateness_50us  # noqa: B018
+
+
+def test_misspelt_names_are_answered(bench, tmp_path, monkeypatch):
+    with pytest.raises(AttributeError, match="bench has no 'lefft'; did you mean 'left'"):
+        bench.lefft  # noqa: B018
+    with pytest.raises(PlanError, match="no plan 'leakdown'; did you mean 'leak_down'"):
+        find_plan("leakdown")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RigFileError, match="no rig 'hall': the path of a rig file, or virtual"):
+        find_rig("hall")
+
+
+def test_a_bench_that_is_closed_twice_or_never_connected_is_no_trouble(tmp_path):
+    bench = astb.open_bench("virtual", seed=3)
+    assert bench.about["seed"] == 3
+    with bench:
+        pass
+    bench.close()
+    (tmp_path / "gone.toml").write_text(addresses(1, 1))
+    with pytest.raises(astb.errors.LinkLost, match="is the rig running"):
+        astb.open_bench(tmp_path / "gone.toml")
