@@ -144,12 +144,13 @@ def begin_recording(table: Table, clock: Clock, directory: Path | str, meta: dic
 def keep_settings(run: Run, values: Mapping[str, float]) -> None:
     """Let the record keep settings in force from now on: numbers in SI, choices as their names."""
     table = run.bench.table
+    known = {name: value for name, value in values.items() if not isnan(value)}
     data = {
         name: table[name].choices[round(value)] if table[name].choices else value
-        for name, value in values.items()
+        for name, value in known.items()
     }
     run.keep(
         "setting",
-        ", ".join(f"{name}: {table[name].show(value)}" for name, value in values.items()),
+        ", ".join(f"{name}: {table[name].show(value)}" for name, value in known.items()),
         **data,
     )

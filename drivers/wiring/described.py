@@ -127,6 +127,7 @@ class DescribedWiring:
             for name, transport in self._transports.items():
                 if transport.period > 0:
                     self._await_news(name, transport, clock, deadline, within)
+            self._await_settings(clock, deadline)
             self._tell_player(clock.now())
         except BaseException:
             self.close()
@@ -143,6 +144,12 @@ class DescribedWiring:
         while math.isinf(transport.alive()):
             if clock.now() >= deadline:
                 raise LinkLost(f"{self.rig} is silent: nothing came on transport {name} within {within:g} s")
+            clock.sleep_until(min(deadline, clock.now() + _LOOK))
+
+    def _await_settings(self, clock: Clock, deadline: int) -> None:
+        """Let every setting be told once: on a bus they come in their turn. What never comes stays unknown."""
+        told = [setting.read for setting in self._description.settings.values() if setting.read]
+        while any(map(math.isnan, self._read_points(told).values())) and clock.now() < deadline:
             clock.sleep_until(min(deadline, clock.now() + _LOOK))
 
     def _check_identity(self) -> None:
