@@ -1,12 +1,18 @@
 """The rigs of strangers in virtual time: their bytes and frames cross the memory of one process."""
 
+from pathlib import Path
+
 import numpy as np
 
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import FRAME, Block
 from bench_protocol.socketcand import iterate
+from bench_protocol.table import TABLE
+from drivers.bench import Bench
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
+from drivers.wiring.described import open_described
+from drivers.wiring.description import read_description
 from tests.foreign.can_rig import CYCLE as HALL_CYCLE
 from tests.foreign.can_rig import CanRig
 from tests.foreign.plc_rig import CYCLE as PLC_CYCLE
@@ -18,11 +24,14 @@ _NS = 1_000_000  # in a millisecond
 class _Paced:
     """A rig that goes through its cycles while the clock passes."""
 
+    name: str
+    transport: str
     cycle_time: int
 
     def __init__(self) -> None:
         self.clock = VirtualClock()
         self._done = 0
+        self.silent = False
         self.clock.attach(self._advance)
 
     def _advance(self, until: int) -> None:
@@ -34,28 +43,37 @@ class _Paced:
     def cycle(self) -> None:
         raise NotImplementedError
 
+    def bench(self) -> Bench:
+        """Return a bench on a port of its own and the wiring file of the rig, not yet connected."""
+        description = read_description(Path(__file__).with_name(f"{self.name}_wiring.toml"), TABLE)
+        return Bench(open_described(self.name, description, {self.transport: self.port}), self.clock)
+
+    def port(self):
+        raise NotImplementedError
+
 
 class VirtualPlc(_Paced):
     """Rig A, and a port to it."""
 
+    name, transport = "plant_a", "plc"
     cycle_time = PLC_CYCLE
 
     def __init__(self, seed: int = 1, **changes: float) -> None:
         super().__init__()
         self.rig = PlcRig(seed, **changes)
-        self.there = True
 
     def cycle(self) -> None:
         self.rig.cycle()
 
     def port(self) -> InMemoryModbus:
         """Return a new connection."""
-        return InMemoryModbus(lambda request: self.rig.answer(request) if self.there else b"")
+        return InMemoryModbus(lambda request: b"" if self.silent else self.rig.answer(request))
 
 
 class VirtualHall(_Paced):
     """Rig B, and its bus."""
 
+    name, transport = "hall_b", "bus"
     cycle_time = HALL_CYCLE
 
     def __init__(self, seed: int = 1, **changes: float) -> None:
@@ -70,7 +88,7 @@ class VirtualHall(_Paced):
             record["time"] = self._done * HALL_CYCLE * _NS
             record["id"], record["extended"], record["length"] = identifier, 1, len(data)
             record["data"][: len(data)] = np.frombuffer(data, np.uint8)
-        for port in self._ports:
+        for port in () if self.silent else self._ports:
             port.deliver(block)
 
     def port(self) -> InMemoryCan:
