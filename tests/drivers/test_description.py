@@ -13,6 +13,7 @@ from bench_protocol.units import bar, kN, mm, s
 from drivers.errors import WiringError
 from drivers.wiring.contract import Order
 from drivers.wiring.conversion import Calibration, conversion
+from drivers.wiring.described import open_described
 from drivers.wiring.description import describe, read_description
 from drivers.wiring.expression import expression
 
@@ -315,6 +316,15 @@ def test_a_bad_description_says_what_would_be_right(text, message):
         described(text)
     assert message in str(told.value)
     assert str(told.value).startswith("hall.toml: ")
+
+
+def test_the_example_of_the_reference_page_is_a_wiring_whose_points_are_there():
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "wiring.md").read_text()
+    example = next(block for block in page.split("```toml\n") if block.startswith("description")).split(
+        "```"
+    )[0]
+    wiring = open_described("hall", described(example))
+    assert wiring.absent["left.bellows_temperature"] == "no thermometer in the bellows"
 
 
 def test_what_stands_under_a_key_of_a_rig_file_says_so():
