@@ -112,6 +112,25 @@ class Grant:
         return self._renewed < 0 or now - self._renewed <= _PATIENCE
 
 
+class Outbox:
+    """The latest value of each point that waits to be written."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._values: dict[str, float] = {}
+
+    def put(self, values: Mapping[str, float]) -> None:
+        """Let ``values`` take the place of those that still wait."""
+        with self._lock:
+            self._values.update(values)
+
+    def take(self) -> dict[str, float]:
+        """Return what waits, which then waits no more."""
+        with self._lock:
+            values, self._values = self._values, {}
+        return values
+
+
 def unhurried(clock: Clock, period: float, call: Callable[[], None]) -> Task:
     """Call ``call`` every ``period`` s on absolute deadlines; beats that pass while it still works are left out."""
     step = round(period * NS)

@@ -16,6 +16,13 @@ T = TypeVar("T", bound=msgspec.Struct)
 _DURATION: Final = re.compile(r"([0-9.eE+-]+) *(min|[num]?s|h)")
 
 
+class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A point that the rig wants to see counting up."""
+
+    point: str
+    every: str
+
+
 def meant(word: str, words: Iterable[str]) -> str:
     """Return what to say of a ``word`` that is none of ``words``: the one that was meant, or all of a short list."""
     known = sorted(words)

@@ -46,8 +46,8 @@ from bench_protocol.modbus import BITS_WRITE_MAX, REGISTERS_WRITE_MAX
 from bench_protocol.units import ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints
-from drivers.wiring.ear import Ear, Grant, unhurried
-from drivers.wiring.keys import convert, duration, meant
+from drivers.wiring.ear import Ear, Grant, Outbox, unhurried
+from drivers.wiring.keys import AliveKeys, convert, duration, meant
 from drivers.wiring.registers import ByteOrder, RegisterPoint, Span, WordOrder, read_points, spans
 
 if TYPE_CHECKING:
@@ -63,13 +63,6 @@ class GroupKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     every: str
     stale: str | None = None
     gap: Annotated[int, Meta(ge=0, le=124)] = 0
-
-
-class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A point that the rig wants to see counting."""
-
-    point: str
-    every: str
 
 
 class ModbusKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -128,9 +121,8 @@ class ModbusTransport:
             "silent": 0,
             "refused": 0,
         }  #: requests of the background, those without an answer…
-        self._ear, self._grant = Ear(self._where), Grant()
-        self._streamed: dict[str, float] = {}
-        self._writing, self._taking = threading.RLock(), threading.Lock()
+        self._ear, self._grant, self._outbox = Ear(self._where), Grant(), Outbox()
+        self._writing = threading.RLock()
         self._port: ModbusPort | None = None
         self._clock: Clock | None = None
         self._tasks: list[Task] = []
@@ -185,7 +177,7 @@ class ModbusTransport:
         """Connect and read each group once. LinkLost if nobody answers, Refused if a group is outside the map."""
         self._clock = clock
         self._port = self._open(min(self._timeout, within))
-        self._streamed, self._grant = {}, Grant()
+        self._outbox, self._grant = Outbox(), Grant()
         self._ear.open(clock, lost)
         try:
             for _, requests in self._groups:
@@ -287,8 +279,7 @@ class ModbusTransport:
                 self._points[name].encode(value)
                 news[name] = value
         self._grant.renew(time)
-        with self._taking:
-            self._streamed.update(news)
+        self._outbox.put(news)
 
     # -- what recurs -----------------------------------------------------------------------------------------------
 
@@ -309,9 +300,7 @@ class ModbusTransport:
         self._ear.tell((before + self._now()) // 2, span.decode(words))
 
     def _send_stream(self) -> None:
-        with self._taking:
-            values, self._streamed = self._streamed, {}
-        self._in_background(values)
+        self._in_background(self._outbox.take())
 
     def _count(self) -> None:
         assert self._alive is not None

@@ -49,6 +49,10 @@ def open_transport(
         from drivers.wiring.modbus import ModbusTransport
 
         return ModbusTransport(name, table, port=opener)
+    if kind == "opcua":
+        from drivers.wiring.opcua import OpcUaTransport
+
+        return OpcUaTransport(name, table)
     return _own(name, kind, table, where)
 
 

@@ -1,0 +1,37 @@
+"""An event loop in a thread of its own, for transports on libraries that have nothing else."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+class EventLoop:
+    """Runs coroutines for threads that wait for them."""
+
+    def __init__(self, name: str) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name=name, daemon=True)
+        self._thread.start()
+
+    def run(self, work: Coroutine[Any, Any, T], within: float) -> T:
+        """Return what ``work`` returns; TimeoutError after ``within`` s."""
+        return asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, within), self._loop).result()
+
+    def stop(self) -> None:
+        """End the loop, and what still runs in it."""
+
+        async def cancel() -> None:
+            rest = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+            for task in rest:
+                task.cancel()
+            await asyncio.gather(*rest, return_exceptions=True)
+
+        asyncio.run_coroutine_threadsafe(cancel(), self._loop).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()

@@ -1,0 +1,419 @@
+"""A transport on OPC UA, through asyncua: points are variables of a server, subscribed or read, and written by node id.
+
+::
+
+    [transports.cell]
+    kind = "opcua"                                  # needs asyncua: pip install "astb[opcua]"
+    url = "opc.tcp://127.0.0.1:4840/rig"
+    every = "50 ms"                                 # how often the server samples and what is new is handed on
+    stale = "300 ms"                                # three periods, and at least 300 ms, where nothing is said
+    timeout = "1 s"                                 # for each answer
+    patience = "2 s"                                # silence after which the connection counts as lost
+    user = "bench"                                  # and password; optional
+    alive = { point = "heartbeat", every = "100 ms" }   # a point that counts up while somebody commands
+
+    [transports.cell.points]
+    height = { node = "ns=2;s=Left.Height", scale = 0.001 }     # number = scale · what the server says + offset
+    target = { node = "ns=2;i=1012" }
+    serial = { node = "ns=2;s=Serial", subscribe = false }      # read when asked; text(name) reads a text
+
+A server tells only what changes. As long as it answers, what it has not told anew is as it was, and handed on as such.
+A value whose status is not good is NaN. Times are those of arrival.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import struct
+import threading
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import msgspec
+
+from bench_protocol.clock import Clock, Task
+from bench_protocol.units import ms, s
+from drivers.errors import BenchError, LinkLost, MapMismatch, Refused, WiringError
+from drivers.wiring.contract import OnLost, OnPoints
+from drivers.wiring.ear import Ear, Grant, Outbox, unhurried
+from drivers.wiring.event_loop import EventLoop
+from drivers.wiring.keys import AliveKeys, convert, duration, meant
+
+if TYPE_CHECKING:
+    from asyncua import Client, ua
+
+T = TypeVar("T")
+_STALE_PERIODS: Final = 3
+_STALE_MIN: Final = 300 * ms
+_COUNT_MAX: Final = 0x7FFF
+_CLOSING: Final = 2 * s
+# What asyncua logs as an error is raised here as an exception; without this it is also printed.
+logging.getLogger("asyncua").addHandler(logging.NullHandler())
+
+
+class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A point that is a variable of the server: number = scale · value + offset."""
+
+    node: str
+    scale: float = 1.0
+    offset: float = 0.0
+    subscribe: bool = True
+
+
+class OpcUaKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What stands under ``[transports.NAME]``."""
+
+    kind: str
+    url: str
+    points: dict[str, Any]
+    every: str = "50 ms"
+    stale: str | None = None
+    timeout: str = "1 s"
+    patience: str = "2 s"
+    user: str | None = None
+    password: str | None = None
+    alive: dict[str, Any] | None = None
+
+
+class OpcUaTransport:
+    """A `Transport` to an OPC UA server; what is wrong in its description is a WiringError of the constructor."""
+
+    def __init__(self, name: str, table: Mapping[str, Any]) -> None:
+        place = f"transports.{name}"
+        if find_spec("asyncua") is None:
+            raise WiringError(
+                f"{place}: kind = 'opcua' needs the library asyncua: pip install \"astb[opcua]\""
+            )
+        self.name, self._keys = name, convert(place, table, OpcUaKeys)
+        keys = self._keys
+        if not keys.url.startswith("opc.tcp://"):
+            raise WiringError(f'{place}: url = {keys.url!r} is no address like "opc.tcp://127.0.0.1:4840"')
+        self._every = duration(f"{place}: every", keys.every)
+        self._timeout = duration(f"{place}: timeout", keys.timeout)
+        self._patience = duration(f"{place}: patience", keys.patience)
+        self._stale = (
+            max(_STALE_PERIODS * self._every, _STALE_MIN)
+            if keys.stale is None
+            else duration(f"{place}: stale", keys.stale)
+        )
+        if not keys.points:
+            raise WiringError(
+                f'{place}.points: there are none; each is a line like height = {{ node = "ns=2;s=Height" }}'
+            )
+        self._points = {
+            one: convert(f"{place}.points: {one}", said, NodeKeys) for one, said in keys.points.items()
+        }
+        self._ids = {one: _node_id(f"{place}.points: {one}", said) for one, said in self._points.items()}
+        for one, node in self._ids.items():
+            first = next(other for other, same in self._ids.items() if same == node)
+            if first != one:
+                raise WiringError(
+                    f"{place}.points: {first} and {one} are the same node, {self._points[one].node}"
+                )
+        self._alive: tuple[str, float] | None = None
+        if keys.alive is not None:
+            alive = convert(f"{place}.alive", keys.alive, AliveKeys)
+            self.require(alive.point, writable=True)
+            self._alive = alive.point, duration(f"{place}.alive: every", alive.every)
+        self._where = f"{name} at {keys.url}"
+        self._ear, self._grant, self._outbox = Ear(self._where), Grant(), Outbox()
+        self._types: dict[str, ua.VariantType] = {}
+        self._loop: EventLoop | None = None
+        self._client: Client | None = None
+        self._clock: Clock | None = None
+        self._tasks: list[Task] = []
+        self._news: list[tuple[int, str, float]] = []
+        self._known: dict[str, float] = {}
+        self._news_lock, self._closing = threading.Lock(), threading.Lock()
+        self._beats = 0
+
+    # -- what there is -------------------------------------------------------------------------------------------
+
+    @property
+    def period(self) -> float:
+        """How often points come by themselves (s); 0 if all are read when asked."""
+        return self._every if any(point.subscribe for point in self._points.values()) else 0.0
+
+    def require(self, name: str, *, writable: bool = False) -> None:
+        """WiringError unless there is a point of that name; whether it can be written only the server knows."""
+        del writable
+        if name not in self._points:
+            raise WiringError(f"transports.{self.name} has no point {name!r}; {meant(name, self._points)}")
+
+    def stale(self, name: str) -> float:
+        """Return after how long without news (s) a point is stale; 0 if it is read when asked."""
+        self.require(name)
+        return self._stale if self._points[name].subscribe else 0.0
+
+    # -- the connection ------------------------------------------------------------------------------------------
+
+    def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
+        """Connect and subscribe. LinkLost if nobody answers, MapMismatch if the server lacks one of the nodes."""
+        from asyncua import Client
+
+        self._clock, self._grant, self._known, self._news = clock, Grant(), {}, []
+        self._loop = EventLoop(self._where)
+        self._client = Client(self._keys.url, timeout=min(self._timeout, within))
+        if self._keys.user is not None:
+            self._client.set_user(self._keys.user)
+            self._client.set_password(self._keys.password or "")
+        try:
+            self._run(self._client.connect(), "connecting", within)
+            self._ear.open(clock, lost)
+            self._look_for_all()
+            if self.period:
+                self._run(self._subscribe(self._client), "subscribing", within)
+        except BenchError:
+            self.close()
+            raise
+        self._tasks.append(unhurried(clock, self._every, self._beat))
+        if self._alive is not None:
+            self._tasks.append(unhurried(clock, self._alive[1], self._count))
+
+    def _look_for_all(self) -> None:
+        missing = []
+        for name, value in zip(self._points, self._values(list(self._points)), strict=True):
+            if value.StatusCode is not None and value.StatusCode.name in (
+                "BadNodeIdUnknown",
+                "BadNodeIdInvalid",
+            ):
+                missing.append(f"{name} ({self._points[name].node})")
+        if missing:
+            raise MapMismatch(f"{self._where} has no node for {', '.join(missing)}")
+
+    async def _subscribe(self, client: Client) -> None:
+        names = {self._ids[name]: name for name, point in self._points.items() if point.subscribe}
+        subscription = await client.create_subscription(1e3 * self._every, _Handler(names, self._hear))
+        nodes = [client.get_node(node) for node in names]
+        await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
+
+    def subscribe(self, hear: OnPoints) -> None:
+        """Call ``hear(time, points)`` with what the server tells from now on, every period."""
+        self._ear.subscribe(hear)
+
+    def alive(self) -> float:
+        """Return how long ago the server answered (s); infinite before the first time."""
+        return self._ear.silence()
+
+    def close(self) -> None:
+        """Disconnect; no callback comes after this has returned. Harmless when repeated."""
+        self._ear.close()
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:
+            task.cancel()
+        with self._closing:
+            loop, self._loop = self._loop, None
+            client, self._client = self._client, None
+        if loop is not None and client is not None:
+            try:
+                loop.run(client.disconnect(), _CLOSING)
+            except Exception as error:  # a server that is gone need not be told
+                logging.getLogger("asyncua").debug("disconnecting from %s: %s", self._where, error)
+            loop.stop()
+
+    # -- reading and writing ---------------------------------------------------------------------------------------
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Ask for points now, in one request. NaN where the status is not good, or the value is no number."""
+        for name in names:
+            self.require(name)
+        self._ear.check()
+        values = self._values(list(names))
+        return {name: self._number(name, value) for name, value in zip(names, values, strict=True)}
+
+    def text(self, name: str) -> str:
+        """Ask for a text."""
+        self.require(name)
+        self._ear.check()
+        (value,) = self._values([name])
+        return str(value.Value.Value) if value.Value is not None else ""
+
+    def write(self, points: Mapping[str, float]) -> None:
+        """Write points in one request. ValueError, before it, if one does not fit; Refused if the server says no."""
+        from asyncua import ua
+
+        for name in points:
+            self.require(name, writable=True)
+        self._ear.check()
+        if not points:
+            return
+        client = self._connected()
+        values = [
+            ua.DataValue(ua.Variant(self._raw(name, value), self._type(name)))
+            for name, value in points.items()
+        ]
+        nodes = [self._ids[name] for name in points]
+        what = f"writing {', '.join(points)}"
+        codes = self._run(client.uaclient.write_attributes(nodes, values), what, self._timeout)
+        for name, code in zip(points, codes, strict=True):
+            if not code.is_good():
+                raise Refused(
+                    f"writing {name} to {self._where} was refused: {code.name} ({code.doc})", code.value
+                )
+
+    def stream(self, points: Mapping[str, float], time: int) -> None:
+        """Take values that are written with the next period; NaN leaves what was there."""
+        self._ear.check()
+        news = {name: value for name, value in points.items() if not math.isnan(value)}
+        for name in news:
+            self.require(name, writable=True)
+        self._grant.renew(time)
+        self._outbox.put(news)
+
+    def _values(self, names: list[str]) -> list[ua.DataValue]:
+        from asyncua import ua
+
+        ask = self._connected().uaclient.read_attributes
+        nodes = [self._ids[name] for name in names]
+        return self._run(ask(nodes, ua.AttributeIds.Value), f"reading {', '.join(names)}", self._timeout)
+
+    def _number(self, name: str, value: ua.DataValue) -> float:
+        raw = value.Value.Value if value.Value is not None else None
+        good = value.StatusCode is None or value.StatusCode.is_good()
+        if not good or not isinstance(raw, int | float):
+            return math.nan
+        return self._points[name].scale * raw + self._points[name].offset
+
+    def _raw(self, name: str, value: float) -> float | bool:
+        """Return what the server's type of variable carries for ``value``; ValueError if it does not fit."""
+        point, kind = self._points[name], self._type(name).name
+        raw = (value - point.offset) / point.scale
+        if kind == "Boolean":
+            if value not in (0.0, 1.0):
+                raise ValueError(f"{name} = {value:g} is no Boolean (0 or 1)")
+            return bool(value)
+        if not math.isfinite(raw):
+            raise ValueError(f"{name} = {value:g} is not a number to write")
+        letter = _LETTERS.get(kind)
+        try:
+            if letter is not None:
+                struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
+        except (struct.error, OverflowError):
+            raise ValueError(f"{name} = {value:g} does not fit in the server's {kind}") from None
+        return round(raw) if letter is not None and letter not in "fd" else raw
+
+    def _type(self, name: str) -> ua.VariantType:
+        """Return the type of a variable, which is asked for once."""
+        if name not in self._types:
+            node = self._connected().get_node(self._ids[name])
+            kind = self._run(
+                node.read_data_type_as_variant_type(), f"reading the type of {name}", self._timeout
+            )
+            self._types[name] = kind
+        return self._types[name]
+
+    # -- what recurs -----------------------------------------------------------------------------------------------
+
+    def _hear(self, name: str, value: ua.DataValue) -> None:
+        """Note what the server tells, in the thread of the loop."""
+        assert self._clock is not None
+        with self._news_lock:
+            self._news.append((self._clock.now(), name, self._number(name, value)))
+
+    def _beat(self) -> None:
+        """Write what is streamed, hand on what is new, and, if the server answers, what is as it was."""
+        assert self._clock is not None
+        try:
+            self._in_background(self._outbox.take())
+            with self._news_lock:
+                news, self._news = self._news, []
+            for time, name, value in news:
+                self._known[name] = value
+                self._ear.tell(time, {name: value})
+            now = self._clock.now()
+            self._ask_state()
+            told = {name for _, name, _ in news}
+            self._ear.tell(now, {name: value for name, value in self._known.items() if name not in told})
+        except LinkLost:
+            pass
+
+    def _ask_state(self) -> None:
+        from asyncua import ua
+
+        node = ua.NodeId(ua.ObjectIds.Server_ServerStatus_State)
+        ask = self._connected().uaclient.read_attributes
+        self._run(ask([node], ua.AttributeIds.Value), "asking for the server's state", self._timeout)
+
+    def _count(self) -> None:
+        assert self._alive is not None and self._clock is not None
+        if self._grant.given(self._clock.now()):
+            self._beats += 1
+            with contextlib.suppress(LinkLost):
+                self._in_background({self._alive[0]: float(self._beats % (_COUNT_MAX + 1))})
+
+    def _in_background(self, values: Mapping[str, float]) -> None:
+        """Write ``values``; a server that refuses them in its present state is asked again with the next ones."""
+        try:
+            self.write(values)
+        except (Refused, ValueError) as error:
+            logging.getLogger("asyncua").debug("streaming to %s: %s", self._where, error)
+
+    def _connected(self) -> Client:
+        if self._client is None:
+            raise LinkLost(f"{self._where} is not connected")
+        return self._client
+
+    def _run(self, work: Coroutine[Any, Any, T], what: str, within: float) -> T:
+        """Return what ``work`` gives; LinkLost in words if the server does not answer ``within`` s."""
+        from asyncua import ua
+
+        loop = self._loop
+        if loop is None:
+            work.close()
+            raise LinkLost(f"{self._where} is not connected")
+        try:
+            result = loop.run(work, within)
+        except (TimeoutError, asyncio.CancelledError, OSError, ua.UaError) as error:
+            said = str(error) or f"no answer in {within:g} s"
+            reason = f"{what}: {self._where} failed: {said}; is the server running?"
+            if self._tasks and self._ear.silence() >= self._patience:
+                self._ear.lose(reason)
+            raise LinkLost(reason) from None
+        self._ear.sign()
+        return result
+
+
+#: How Python packs what a variable of the server carries.
+_LETTERS: Final = {
+    "SByte": "b",
+    "Byte": "B",
+    "Int16": "h",
+    "UInt16": "H",
+    "Int32": "i",
+    "UInt32": "I",
+    "Int64": "q",
+    "UInt64": "Q",
+    "Float": "f",
+    "Double": "d",
+}
+
+
+class _Handler:
+    """Hears a subscription, in the thread of the loop."""
+
+    def __init__(self, names: Mapping[ua.NodeId, str], hear: Callable[[str, ua.DataValue], None]) -> None:
+        self._names, self._hear = names, hear
+
+    def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
+        """Take the new value of a node, with its status."""
+        del value
+        self._hear(self._names[node.nodeid], data.monitored_item.Value)
+
+
+def _node_id(place: str, keys: NodeKeys) -> ua.NodeId:
+    from asyncua import ua
+
+    if not (keys.scale and math.isfinite(keys.scale) and math.isfinite(keys.offset)):
+        raise WiringError(
+            f"{place}: scale = {keys.scale:g}, offset = {keys.offset:g} map everything to one number"
+        )
+    try:
+        return ua.NodeId.from_string(keys.node)
+    except (ua.UaError, ValueError, TypeError):
+        raise WiringError(
+            f'{place}: node = {keys.node!r} is no node id like "ns=2;s=Height" or "ns=2;i=7"'
+        ) from None

@@ -1,0 +1,260 @@
+"""The OPC UA transport against asyncua's own server, and its errors."""
+
+import asyncio
+import contextlib
+import importlib.util
+import itertools
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from asyncua import Server, ua
+
+from bench_protocol.clock import RealClock
+from drivers.errors import LinkLost, MapMismatch, Refused, WiringError
+from drivers.wiring.conformance import Subject, check_transport
+from drivers.wiring.opcua import OpcUaTransport
+from drivers.wiring.transports import open_transport
+
+VARIABLES = {
+    "Height": (12340, ua.VariantType.Int32, False),
+    "Force": (-1.5, ua.VariantType.Double, False),
+    "Ready": (True, ua.VariantType.Boolean, False),
+    "Broken": (0.0, ua.VariantType.Double, False),
+    "Target": (0, ua.VariantType.Int16, True),
+    "Rate": (0.0, ua.VariantType.Float, True),
+    "Valve": (False, ua.VariantType.Boolean, True),
+    "Beat": (0, ua.VariantType.UInt16, True),
+    "Serial": ("Cell 7", ua.VariantType.String, False),
+}
+
+POINTS = {
+    "height": {"node": "ns=2;s=Height", "scale": 0.001},
+    "force": {"node": "ns=2;s=Force"},
+    "ready": {"node": "ns=2;s=Ready"},
+    "broken": {"node": "ns=2;s=Broken"},
+    "target": {"node": "ns=2;s=Target", "subscribe": False},
+    "rate": {"node": "ns=2;s=Rate"},
+    "valve": {"node": "ns=2;s=Valve", "subscribe": False},
+    "beat": {"node": "ns=2;s=Beat"},
+    "serial": {"node": "ns=2;s=Serial", "subscribe": False},
+}
+CELL = {
+    "kind": "opcua",
+    "every": "20 ms",
+    "stale": "500 ms",
+    "timeout": "500 ms",
+    "patience": "400 ms",
+    "points": POINTS,
+}
+
+
+class Cell:
+    """asyncua's own server in a thread; `set` changes what it says."""
+
+    def __init__(self) -> None:
+        self.url, self.changes = "", 0
+        self._loop = asyncio.new_event_loop()
+        self._started = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        assert self._started.wait(10)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        self._loop.run_until_complete(self._serve())
+        self._loop.close()
+
+    async def _serve(self) -> None:
+        self._server = Server()
+        await self._server.init()
+        self._server.set_endpoint("opc.tcp://127.0.0.1:0/cell")
+        self._server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        await self._server.register_namespace("urn:cell")
+        for name, (value, kind, writable) in VARIABLES.items():
+            node = await self._server.nodes.objects.add_variable(
+                ua.NodeId(name, 2), ua.QualifiedName(name, 2), ua.Variant(value, kind)
+            )
+            if writable:
+                await node.set_writable()
+        await self._write("Broken", 7.0, ua.StatusCode(ua.StatusCodes.BadSensorFailure))
+        await self._server.start()
+        port = self._server.bserver._server.sockets[0].getsockname()[1]
+        self.url = f"opc.tcp://127.0.0.1:{port}/cell"
+        self._over = asyncio.Event()
+        self._started.set()
+        await self._over.wait()
+        await self._server.stop()
+
+    async def _write(self, name: str, value: object, status: ua.StatusCode | None = None) -> None:
+        said = ua.DataValue(
+            ua.Variant(value, VARIABLES[name][1]),
+            StatusCode=status or ua.StatusCode(),
+            SourceTimestamp=datetime.now(UTC),
+        )
+        await self._server.write_attribute_value(ua.NodeId(name, 2), said)
+
+    def set(self, name: str, value: object, status: int | None = None) -> None:
+        code = None if status is None else ua.StatusCode(status)
+        asyncio.run_coroutine_threadsafe(self._write(name, value, code), self._loop).result(5)
+
+    def get(self, name: str) -> object:
+        async def read() -> object:
+            return await self._server.get_node(ua.NodeId(name, 2)).read_value()
+
+        return asyncio.run_coroutine_threadsafe(read(), self._loop).result(5)
+
+    def stop(self) -> None:
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._over.set)
+            self._thread.join(10)
+
+
+@pytest.fixture(scope="module")
+def shared_cell() -> Iterator[Cell]:
+    cell = Cell()
+    yield cell
+    cell.stop()
+
+
+@pytest.fixture
+def cell(shared_cell: Cell) -> Cell:
+    """A server that says what it says at first: to start one takes seconds."""
+    for name, (value, _, _) in VARIABLES.items():
+        shared_cell.set(name, value, ua.StatusCodes.BadSensorFailure if name == "Broken" else None)
+    return shared_cell
+
+
+@pytest.fixture
+def connected() -> Iterator[Callable]:
+    with contextlib.ExitStack() as stack:
+
+        def connect(cell: Cell, **changes: object) -> OpcUaTransport:
+            transport = OpcUaTransport("cell", {**CELL, "url": cell.url, **changes})
+            stack.callback(transport.close)
+            transport.heard = []
+            transport.subscribe(lambda time, points: transport.heard.append((time, dict(points))))
+            transport.connect(RealClock(), pytest.fail, within=2.0)
+            return transport
+
+        yield connect
+
+
+def test_it_conforms_with_a_foreign_server(dead_port: int) -> None:
+    cell = Cell()
+
+    def make(url: str = cell.url) -> OpcUaTransport:
+        return open_transport("cell", {**CELL, "url": url}, Path())
+
+    subject = Subject(
+        make,
+        readable=("height", "force", "ready", "target", "rate"),
+        written={"target": "target", "valve": "valve"},
+        streamed={"rate": "rate"},
+        unavailable="broken",
+        nobody=lambda: make(f"opc.tcp://127.0.0.1:{dead_port}"),
+        cut=cell.stop,
+    )
+    findings = check_transport(subject)
+    assert [str(finding) for finding in findings if finding.breach or finding.skipped] == []
+
+
+def test_numbers_of_a_foreign_server(cell: Cell, connected: Callable, eventually: Callable) -> None:
+    transport = connected(cell)
+    found = transport.read(["height", "broken", "ready", "force", "serial"])
+    assert math.isnan(found.pop("broken"))
+    assert math.isnan(found.pop("serial"))
+    assert found == {"height": 12.34, "ready": 1.0, "force": -1.5}
+    assert transport.text("serial") == "Cell 7"
+    cell.set("Height", -5)
+    eventually(lambda: any(points.get("height") == -0.005 for _, points in transport.heard))
+    cell.set("Force", 3.0, ua.StatusCodes.UncertainLastUsableValue)
+    eventually(lambda: any(math.isnan(points.get("force", 0.0)) for _, points in transport.heard))
+    cell.set("Broken", 2.0)
+    eventually(lambda: any(points.get("broken") == 2.0 for _, points in transport.heard))
+
+
+def test_what_does_not_change_stays_fresh_while_the_server_answers(cell: Cell, connected: Callable) -> None:
+    transport = connected(cell)
+    time.sleep(0.5)
+    times = [time for time, points in transport.heard if points.get("height") == 12.34]
+    assert len(times) >= 10
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.3e9
+
+
+def test_numbers_that_do_not_fit_and_what_the_server_refuses(cell: Cell, connected: Callable) -> None:
+    transport = connected(cell)
+    for points, words in (
+        ({"target": 40000}, "target = 40000 does not fit in the server's Int16"),
+        ({"target": math.nan}, "target = nan is not a number to write"),
+        ({"valve": 2}, r"valve = 2 is no Boolean \(0 or 1\)"),
+        ({"rate": 1e39}, "does not fit in the server's Float"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            transport.write({"beat": 7, **points})
+    assert cell.get("Beat") == 0, "nothing is sent if one does not fit"
+    transport.write({"target": -2.4, "valve": 1, "rate": 0.5, "beat": 9})
+    assert [cell.get(name) for name in ("Target", "Valve", "Rate", "Beat")] == [-2, True, 0.5, 9]
+    with pytest.raises(
+        Refused, match=r"writing height to cell at .* was refused: Bad(NotWritable|UserAccessDenied)"
+    ):
+        transport.write({"height": 1})
+
+
+def test_its_sign_of_life_counts_while_somebody_streams(cell: Cell, connected: Callable) -> None:
+    transport = connected(cell, alive={"point": "beat", "every": "20 ms"})
+    clock = transport._clock
+    for _ in range(10):
+        transport.stream({"rate": 2.5, "target": math.nan}, clock.now())
+        time.sleep(0.02)
+    assert cell.get("Rate") == 2.5
+    assert cell.get("Beat") >= 4
+    time.sleep(0.8)
+    stopped = cell.get("Beat")
+    time.sleep(0.15)
+    assert cell.get("Beat") == stopped, "who streams no more does not look alive"
+
+
+def test_a_node_that_the_server_does_not_have(cell: Cell, connected: Callable) -> None:
+    points = {**POINTS, "heigth": {"node": "ns=2;s=Heigth"}}
+    with pytest.raises(MapMismatch, match=r"cell at opc.* has no node for heigth \(ns=2;s=Heigth\)"):
+        connected(cell, points=points)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"urls": "x"}, "transports.cell: there is no key 'urls' here; did you mean 'url'"),
+        ({"url": "http://cell"}, "url = 'http://cell' is no address like \"opc.tcp://127.0.0.1:4840\""),
+        ({"every": "often"}, "every = 'often' is not a time"),
+        ({"points": {}}, "points: there are none"),
+        ({"points": {"height": {"node": "Height"}}}, "height: node = 'Height' is no node id like"),
+        ({"points": {"height": {"node": "ns=2;s=H", "scale": 0}}}, "scale = 0, offset = 0 map everything"),
+        ({"points": {"height": {"scale": 0}}}, "height: .*missing required field `node`"),
+        (
+            {"points": {"a": {"node": "ns=2;s=H"}, "b": {"node": "ns=2;s=H"}}},
+            "points: a and b are the same node, ns=2;s=H",
+        ),
+        ({"alive": {"point": "beet", "every": "1 s"}}, "no point 'beet'; did you mean 'beat'"),
+    ],
+)
+def test_a_description_that_cannot_be(changes: dict, words: str) -> None:
+    with pytest.raises(WiringError, match=words):
+        OpcUaTransport("cell", {**CELL, "url": "opc.tcp://127.0.0.1:4840", **changes})
+
+
+def test_without_the_library_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("drivers.wiring.opcua.find_spec", lambda name: None)
+    with pytest.raises(WiringError, match=r'needs the library asyncua: pip install "astb\[opcua\]"'):
+        open_transport("cell", {**CELL, "url": "opc.tcp://127.0.0.1:4840"}, Path())
+
+
+def test_nobody_answers(dead_port: int) -> None:
+    transport = OpcUaTransport("cell", {**CELL, "url": f"opc.tcp://127.0.0.1:{dead_port}"})
+    with pytest.raises(LinkLost, match=r"connecting: cell at opc.* failed: .*is the server running"):
+        transport.connect(RealClock(), pytest.fail, within=1.0)
