@@ -18,7 +18,8 @@ from tests.foreign.can_gateway import serve
 from tests.foreign.machine import AXES, DRIVES, Drive, Machine, Power, Valve
 
 CYCLE: Final = 10  # ms
-HEARTBEAT: Final = 300  # ms of silence until the rig halts
+SETPOINTS: Final = 20  # ms: how often they come, and how long an axis takes to the next
+HEARTBEAT: Final = 500  # ms of silence until the rig halts
 ANEW: Final = 500  # ms of silence after which a counter may begin anywhere
 GIVEN_UP: Final = 2000  # ms more until it goes into its safe position
 KILOGRAM: Final = 9.80665  # N
@@ -106,6 +107,7 @@ class CanRig:
         self._forces: list[float] | None = None
         self._platform: list[float] | None = None
         self._silent = self._since = self._time = 0
+        self._due = 0  # when the axes are to be where the set-points want them
 
     # -- what comes --------------------------------------------------------------------------------------------------
 
@@ -130,6 +132,7 @@ class CanRig:
         take(data)
 
     def _take_positions(self, data: bytes) -> None:
+        self._due = self._time + SETPOINTS
         self._positions = [number * 1e-5 - 0.3 for number in _unpack(data, 16, 16, 16)]
 
     def _take_forces(self, data: bytes) -> None:
@@ -187,10 +190,12 @@ class CanRig:
         self._guard()
         machine = self.machine
         machine.set_power(_POWER.get(self.state, Power.SAFE))
-        goal = self._goal() if self.state is State.OPERATE else machine.present
-        rates = [_RATES[drive] for drive in machine.drives] + [0.3] * (AXES - DRIVES)
-        longest = np.array(rates) * (CYCLE * 1e-3)
-        way = np.clip(goal - machine.present, -longest, longest)
+        way = np.zeros(AXES)
+        if self.state is State.OPERATE:
+            rates = [_RATES[drive] for drive in machine.drives] + [0.3] * (AXES - DRIVES)
+            longest = np.array(rates) * (CYCLE * 1e-3)
+            cycles = max(self._due - self._time, 0) // CYCLE + 1
+            way = np.clip((self._goal() - machine.present) / cycles, -longest, longest)
         machine.move(machine.present + np.outer(np.linspace(1 / CYCLE, 1, CYCLE), way))
         return self._frames()
 

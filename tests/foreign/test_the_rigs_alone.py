@@ -72,7 +72,7 @@ def test_rig_b_operates_while_a_heart_beats_and_halts_when_it_stops(hall):
         hall.send("SetPositions", SetLeft=start + 0.2 * step, SetRight=start + 0.2 * step, SetLateral=0.0)
         hall.run(0.01)
     assert hall.run(0.2)["PositionLeft"] == pytest.approx(start + 19.8, abs=0.5)
-    hall.run(0.4, beating=False)
+    hall.run(0.6, beating=False)
     assert (hall.heard["State"], hall.heard["Fault"]) == (5, 3)
     assert hall.run(2.1, beating=False)["State"] == 6
     hall.send("Command", Request=68)

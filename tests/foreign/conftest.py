@@ -1,0 +1,65 @@
+"""Both strangers as processes of their own, and rig files with the addresses at which they are."""
+
+import select
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+PROGRAMS = {"plant_a": "tests.foreign.plc_rig", "hall_b": "tests.foreign.can_rig"}
+START_LIMIT = 60  # s: a machine that is busy, and a model that nobody has compiled yet
+
+
+@contextmanager
+def running(name, *arguments):
+    """Start a strange rig and give the address that it tells; it ends when its input does."""
+    command = [sys.executable, "-m", PROGRAMS[name], *arguments]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, cwd=ROOT) as process:
+        try:
+            assert select.select([process.stdout], [], [], START_LIMIT)[0], "it does not start"
+            line = process.stdout.readline()
+            assert line.startswith("ready "), line
+            yield line.partition("=")[2].strip()
+        finally:
+            process.stdin.close()
+            try:
+                process.wait(5)
+            finally:
+                process.kill()
+
+
+def wired(name, address, directory):
+    """Write the files of a rig, found at ``address``, into ``directory``; return its rig file."""
+    host, _, port = address.removeprefix("socketcand://").partition(":")
+    for file in ("hall_b.dbc", "strangers.py"):
+        shutil.copy(HERE / file, directory)
+    wiring = (HERE / f"{name}_wiring.toml").read_text()
+    if name == "plant_a":
+        assert "port = 1502" in wiring
+        wiring = wiring.replace("port = 1502", f"port = {port}")
+    else:
+        assert 'bus = "can0"' in wiring
+        wiring = wiring.replace(
+            'bus = "can0"', f'bus = "tcp"\nhost = "{host}"\nport = {port}' if port else f'bus = "{host}"'
+        )
+    (directory / f"{name}_wiring.toml").write_text(wiring)
+    shutil.copy(HERE / f"{name}.toml", directory)
+    return directory / f"{name}.toml"
+
+
+@pytest.fixture
+def started(tmp_path):
+    """Start a strange rig: ``with started(name) as (rig file, address)``."""
+
+    @contextmanager
+    def start(name, *arguments):
+        with running(name, *arguments) as address:
+            yield wired(name, address, tmp_path), address
+
+    return start
