@@ -14,6 +14,13 @@ _COLOURS: Final = {
     CheckVerdict.MARGINAL: "yellow",
     CheckVerdict.FAIL: "red",
     CheckVerdict.ERROR: "red",
+    CheckVerdict.NOT_AVAILABLE: "cyan",
+}
+_OUTCOMES: Final = {
+    Outcome.PASS: "green",
+    Outcome.INCOMPLETE: "yellow",
+    Outcome.FAIL: "red",
+    Outcome.BLOCKED: "magenta",
 }
 
 
@@ -84,8 +91,11 @@ class ProgressDisplay:
 
     def conclude(self, result: Result, directory: Path) -> None:
         """Show the verdict on a plan and where its report lies."""
-        colour = {Outcome.PASS: "green", Outcome.FAIL: "red", Outcome.BLOCKED: "magenta"}[result.verdict]
-        reason = f": {result.reason}" if result.reason else ""
+        from bench_records.report import headline
+
+        colour = _OUTCOMES[result.verdict]
+        said = headline(result) if result.verdict is Outcome.INCOMPLETE else result.reason
+        reason = f": {said}" if said else ""
         self._console.print(
             f"{result.plan}: {result.verdict.upper()}{reason}", style=f"bold {colour}", markup=False
         )

@@ -14,12 +14,14 @@ COLORS = {
     CheckVerdict.MARGINAL: "#b87a00",
     CheckVerdict.FAIL: "#a8201a",
     CheckVerdict.ERROR: "#5b3f8c",
+    CheckVerdict.NOT_AVAILABLE: "#5b6670",
 }
 SIGNS = {
     CheckVerdict.PASS: "\u2713",
     CheckVerdict.MARGINAL: "\u25b2",
     CheckVerdict.FAIL: "\u2715",
     CheckVerdict.ERROR: "?",
+    CheckVerdict.NOT_AVAILABLE: "\u2205",
 }
 
 
@@ -31,7 +33,7 @@ class CheckRow(NamedTuple):
     value: str
     low: str
     high: str
-    bar: Bar
+    bar: Bar | None  #: none where there is no limit
 
 
 class Bar(NamedTuple):
@@ -55,7 +57,8 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
     rows = []
     for one, texts in zip(checks, figures, strict=True):
         value, low, high = (text if is_scientific(text) else aligned(text, most) for text in texts)
-        rows.append(CheckRow(one, SIGNS[one.verdict], value, low, high, range_bar(one)))
+        bar = None if one.low is None and one.high is None else range_bar(one)
+        rows.append(CheckRow(one, SIGNS[one.verdict], value, low, high, bar))
     return rows
 
 
@@ -124,6 +127,8 @@ def bar_drawing(row: CheckRow) -> Any:
     from markupsafe import Markup
 
     bar, middle = row.bar, BAR_HEIGHT / 2
+    if bar is None:
+        return ""
     color = COLORS[row.check.verdict]
     parts = [
         f'<line x1="0" x2="{BAR_WIDTH:g}" y1="{middle:g}" y2="{middle:g}" stroke="#dfe3e7"/>',

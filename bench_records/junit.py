@@ -14,9 +14,10 @@ _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 
 
 def junit(result: Result) -> bytes:
-    """The document; failures are checks out of their limits, errors are what could not be judged."""
+    """The document; failures are out of their limits, errors have no value, skipped is what the rig cannot measure."""
     failures = result.count(CheckVerdict.FAIL)
     errors = result.count(CheckVerdict.ERROR) + (result.verdict is Outcome.BLOCKED)
+    lacking = result.count(CheckVerdict.NOT_AVAILABLE)
     totals = {
         "tests": str(len(result.checks) + 1),
         "failures": str(failures),
@@ -24,7 +25,7 @@ def junit(result: Result) -> bytes:
         "time": f"{result.duration:.3f}",
     }
     root = ET.Element("testsuites", {"name": "astb", **totals})
-    suite = ET.SubElement(root, "testsuite", {"name": _text(result.plan), **totals, "skipped": "0"})
+    suite = ET.SubElement(root, "testsuite", {"name": _text(result.plan), **totals, "skipped": str(lacking)})
     properties = ET.SubElement(suite, "properties")
     for name, value in (
         ("title", result.title),
@@ -52,6 +53,8 @@ def junit(result: Result) -> bytes:
             ET.SubElement(case, "failure", {"type": "limit", "message": story}).text = _text(one.note)
         elif one.verdict is CheckVerdict.ERROR:
             ET.SubElement(case, "error", {"type": "no value", "message": story}).text = _text(one.note)
+        elif one.verdict is CheckVerdict.NOT_AVAILABLE:
+            ET.SubElement(case, "skipped", {"message": _text(one.note)})
         else:
             ET.SubElement(case, "system-out").text = "\n".join(filter(None, [story, _text(one.note)]))
     ET.indent(root)

@@ -155,5 +155,8 @@ def headline(result: Result) -> str:
     noun = "check" if total == 1 else "checks"
     if result.verdict is Outcome.FAIL:
         return f"{result.count(CheckVerdict.FAIL)} of {total} {noun} outside the limits"
+    if result.verdict is Outcome.INCOMPLETE:
+        lacking = result.count(CheckVerdict.NOT_AVAILABLE)
+        return f"{lacking} of {total} {noun} not available on this rig; the others within the limits"
     marginal = result.count(CheckVerdict.MARGINAL)
     return f"{total} {noun} within the limits" + (f", {marginal} of them close to one" if marginal else "")

@@ -2,7 +2,8 @@
 
 A value within its limits, but nearer to one than ``margin`` times the width of the band, is *marginal*: it passes,
 and a reader should look at it.  A value that is no number is an *error* and never passes: not having measured is no
-proof.  All values are in SI; ``scale`` is the SI value of one display unit.
+proof.  What a rig cannot measure is *not available*, with the reason, and never passes either.  All values are in SI;
+``scale`` is the SI value of one display unit.
 """
 
 from __future__ import annotations
@@ -27,12 +28,18 @@ class CheckVerdict(StrEnum):
     MARGINAL = "marginal"
     FAIL = "fail"
     ERROR = "error"
+    NOT_AVAILABLE = "not available"
 
 
 class Outcome(StrEnum):
-    """What the run as a whole says; blocked means that the product was not judged."""
+    """What the run as a whole says.
+
+    Incomplete means that all that could be judged passed, and that something could not be measured on this rig;
+    blocked means that the product was not judged.
+    """
 
     PASS = "pass"
+    INCOMPLETE = "incomplete"
     FAIL = "fail"
     BLOCKED = "blocked"
 
@@ -60,7 +67,7 @@ def band_width(low: float | None, high: float | None) -> float:
 
 
 class Check(msgspec.Struct, frozen=True, kw_only=True):
-    """One value against its limits; made by ``check``, which judges it."""
+    """One value against its limits; made by ``check``, which judges it, or by ``unavailable``."""
 
     name: str
     value: float | None
@@ -77,6 +84,9 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
         if self.value is None:
             # JSON has no NaN: it travels as null.
             msgspec.structs.force_setattr(self, "value", math.nan)
+        if self.verdict is CheckVerdict.NOT_AVAILABLE:
+            _refuse_a_value(self)
+            return
         _refuse_bad_limits(self)
         judged = judge(self.number, self.low, self.high, self.margin)
         if self.verdict is not judged:
@@ -95,6 +105,8 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
         return self.verdict in {CheckVerdict.PASS, CheckVerdict.MARGINAL}
 
     def __str__(self) -> str:
+        if self.verdict is CheckVerdict.NOT_AVAILABLE:
+            return f"{self.name}: {self.verdict}: {self.note}"
         low, high = (_shown(limit, self.scale, self.unit) for limit in (self.low, self.high))
         if self.low is None or self.high is None:
             limits = f"at least {low}" if self.high is None else f"at most {high}"
@@ -136,6 +148,29 @@ def check(
         phase=phase,
         note=note,
     )
+
+
+def unavailable(name: str, reason: str, *, phase: str = "") -> Check:
+    """The check of what this rig cannot measure, with the ``reason`` in words.  ValueError without one."""
+    return Check(
+        name=name,
+        value=math.nan,
+        unit="",
+        scale=1.0,
+        low=None,
+        high=None,
+        margin=MARGIN,
+        verdict=CheckVerdict.NOT_AVAILABLE,
+        phase=phase,
+        note=reason,
+    )
+
+
+def _refuse_a_value(one: Check) -> None:
+    if not math.isnan(one.number):
+        raise ValueError(f"check {one.name!r} is {one.verdict}, but has the value {one.number}")
+    if not one.note:
+        raise ValueError(f"check {one.name!r} is {one.verdict} without a reason; its note must say why")
 
 
 def _refuse_bad_limits(one: Check) -> None:
@@ -301,7 +336,8 @@ def conclude(
 
     ``reason`` says whose fault it is that the product could not be judged, and blocks the run: a rig that broke may
     well have broken the checks before it.  Otherwise one failed check fails the run; and a run with a check in error,
-    or without any check, is blocked, since nothing was proved.
+    or without any that could be measured, is blocked, since nothing was proved.  What is then left is incomplete if
+    this rig cannot measure all of it.
     """
     verdict, why = _outcome(checks, reason)
     return Result(
@@ -325,7 +361,10 @@ def _outcome(checks: Sequence[Check], reason: str) -> tuple[Outcome, str]:
         return Outcome.BLOCKED, f"the bench gave no value for: {', '.join(errors)}"
     if not checks:
         return Outcome.BLOCKED, "the plan ended without a single check"
-    return Outcome.PASS, ""
+    lacking = [one.note for one in checks if one.verdict is CheckVerdict.NOT_AVAILABLE]
+    if len(lacking) == len(checks):
+        return Outcome.BLOCKED, f"none of the checks is available: {'; '.join(dict.fromkeys(lacking))}"
+    return (Outcome.INCOMPLETE if lacking else Outcome.PASS), ""
 
 
 def read_result(directory: Path | str) -> Result:

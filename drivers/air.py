@@ -105,7 +105,7 @@ class Air(Device):
             raise Misuse(f"air.{verb}: no pressure was given; say to=5 * bar")
         settings = self._link.settings.in_force()
         for side in targets:
-            if not settings[f"air.{side}_reservoir"]:
+            if not settings.get(f"air.{side}_reservoir", True):
                 raise Misuse(
                     f"air.{verb}: the {side} bellows is shut off from its auxiliary chamber, through which all its air "
                     "goes, and would keep its pressure; air.connect_reservoirs() first"

@@ -70,7 +70,16 @@ class Link:
 
     def has(self, *names: str) -> bool:
         """Return whether this rig has all the signals ``names``; KeyError for one that the table does not know."""
-        return all(self.table[name].name not in self.wiring.absent for name in names)
+        return not self.lacks(*names)
+
+    def lacks(self, *names: str) -> str:
+        """Return in words which of the signals ``names`` this rig does not have, and why; "" if it has them all."""
+        absent = self.wiring.absent
+        missing: dict[str, list[str]] = {}  # the same reason is said once
+        for name in dict.fromkeys(names):
+            if self.table[name].name in absent:
+                missing.setdefault(absent[name], []).append(name)
+        return "; ".join(f"{self.wiring.rig} has no {', '.join(n)}: {why}" for why, n in missing.items())
 
     def describe(self) -> str:
         """Return the rig's state with its reason and the limit that tripped first, in words."""

@@ -7,7 +7,7 @@ from test_plans.plan import plan
 from test_plans.run import Run
 
 
-@plan(setup=steps.carry(AW0), lasts=90 * s)
+@plan(setup=steps.carry(AW0), needs=steps.CARRYING, lasts=90 * s)
 def aw0(run: Run) -> None:
     """AW0: the empty car, 53.5 kN on each spring.
 

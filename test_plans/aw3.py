@@ -7,7 +7,7 @@ from test_plans.plan import plan
 from test_plans.run import Run
 
 
-@plan(setup=steps.carry(AW3), lasts=100 * s)
+@plan(setup=steps.carry(AW3), needs=steps.CARRYING, lasts=100 * s)
 def aw3(run: Run) -> None:
     """AW3: the full car, 145 kN on each spring.
 

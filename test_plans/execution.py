@@ -63,11 +63,8 @@ def execute(
     run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring)
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
-        first, interrupted = _attempt(run, "set-up", plan.bound(plan.setup))
-        if not first:
-            first, interrupted = _attempt(run, "main", plan.bound(plan.main))
-        last, again = _attempt(run, "tear-down", plan.bound(plan.teardown))
-        left = _air_left(bench) if interrupted or again else ""
+        first, last, interrupted = _perform(run, plan)
+        left = _air_left(bench) if interrupted else ""
         strangers = bench.strangers()
         for told in filter(None, (left, strangers)):
             run.say(told)
@@ -90,9 +87,25 @@ def execute(
         timing=punctuality,
     )
     _write(result, incident, directory)
-    if interrupted or again:
+    if interrupted:
         raise KeyboardInterrupt(left)
     return result
+
+
+def _perform(run: Run, plan: Plan) -> tuple[str, str, bool]:
+    """Run the parts of a plan; return what went wrong before tear-down and in it, and whether the operator stopped it.
+
+    On a rig that cannot do what the plan needs, nothing is moved at all.
+    """
+    if lacking := run.bench.lacks(*plan.needs):
+        trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot do without"
+        run.keep("error", trouble)
+        return trouble, "", False
+    first, interrupted = _attempt(run, "set-up", plan.bound(plan.setup))
+    if not first:
+        first, interrupted = _attempt(run, "main", plan.bound(plan.main))
+    last, again = _attempt(run, "tear-down", plan.bound(plan.teardown))
+    return first, last, interrupted or again
 
 
 def _write(result: Result, incident: Incident | None, directory: Path | str) -> None:
@@ -140,7 +153,7 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
 def _air_left(bench: Bench) -> str:
     """What the springs hold now, in words: whoever stopped a run has to know before touching them."""
     held = {
-        side: [bench.readings.value(f"{side}.{chamber}_pressure") for chamber in CHAMBERS] for side in SIDES
+        side: [bench.readings.told(f"{side}.{chamber}_pressure") for chamber in CHAMBERS] for side in SIDES
     }
     if any(isnan(pressure) for pressures in held.values() for pressure in pressures):
         return "nobody can tell whether the springs hold pressure: their transducers are silent"

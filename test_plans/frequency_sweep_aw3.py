@@ -9,7 +9,7 @@ from test_plans.plan import plan
 from test_plans.run import Run
 
 
-@plan(setup=steps.carry(AW3), teardown=leave_as_built, lasts=370 * s)
+@plan(setup=steps.carry(AW3), needs=steps.CARRYING, teardown=leave_as_built, lasts=370 * s)
 def frequency_sweep_aw3(run: Run) -> None:
     """Frequency sweep, full car: lateral and vertical stiffness and damping from 0.1 to 25 Hz.
 

@@ -9,7 +9,7 @@ from test_plans.plan import plan
 from test_plans.run import Run
 
 
-@plan(setup=steps.carry(AW0), teardown=leave_connected, lasts=375 * s)
+@plan(setup=steps.carry(AW0), needs=steps.CARRYING, teardown=leave_connected, lasts=375 * s)
 def lateral_offset(run: Run) -> None:
     """Lateral offset: stiffness, effective area and volume at 0, ±20, ±40 and ±60 mm.
 

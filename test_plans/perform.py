@@ -72,6 +72,7 @@ def programme_plan(programme: Programme) -> Plan:
         setup=steps.carry(programme.parts[0].load),
         teardown=leave_connected,
         lasts=lasts(programme),
+        needs=steps.CARRYING,
     )
 
 

@@ -13,7 +13,7 @@ from test_plans.run import Run
 ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 9))
 
 
-@plan(setup=steps.carry(AW0), teardown=leave_connected, lasts=280 * s)
+@plan(setup=steps.carry(AW0), needs=steps.CARRYING, teardown=leave_connected, lasts=280 * s)
 def roll_angle_aw0(run: Run) -> None:
     """Roll angle, empty car: lateral stiffness at fixed rolls of 0, ±0.01 … ±0.08 rad.
 

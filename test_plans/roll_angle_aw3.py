@@ -13,7 +13,7 @@ from test_plans.run import Run
 ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 7))
 
 
-@plan(setup=steps.carry(AW3), teardown=leave_connected, lasts=250 * s)
+@plan(setup=steps.carry(AW3), needs=steps.CARRYING, teardown=leave_connected, lasts=250 * s)
 def roll_angle_aw3(run: Run) -> None:
     """Roll angle, full car: lateral stiffness at fixed rolls of 0, ±0.01 … ±0.06 rad.
 

@@ -108,6 +108,21 @@ class Run:
         self.watcher.checked(one)
         return one.passed
 
+    def can(self, *checks: str, needs: Iterable[str]) -> bool:
+        """Return whether the rig has all signals that ``checks`` need; if not, these are *not available*, and why.
+
+        Ask before anything moves for the sake of these checks alone, and leave them out if the answer is no.
+        """
+        from bench_records.result import unavailable
+
+        lacking = self.bench.lacks(*needs)
+        for name in checks if lacking else ():
+            one = unavailable(name, lacking, phase=self._open[-1] if self._open else "")
+            self.checks.append(one)
+            self.keep("check", str(one), verdict=one.verdict.value)
+            self.watcher.checked(one)
+        return not lacking
+
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Name a stretch of the run; phases may lie inside one another."""

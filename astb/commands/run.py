@@ -7,9 +7,10 @@ import click
 
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
 from astb.commands.plan_values import chosen_plans
-from astb.exit_codes import BLOCKED, FAIL, PASS, blocked, misuse
+from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
 
-_EXIT: Final = {"pass": PASS, "fail": FAIL, "blocked": BLOCKED}
+#: Exit codes by verdict; of several plans the last in this order counts.
+_EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked": BLOCKED}
 
 
 @click.command("run")
@@ -67,7 +68,8 @@ def run_command(
     An earlier run is never overwritten: the next one of the same plan goes to DIR/PLAN-2/, and so on. Ctrl-C and
     SIGTERM end the plan: the air is let off, and the report is written and says what the springs still hold.
 
-    Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked.
+    Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked, 4 if all that the rig can measure
+    passes and something is not available on it.
     """
     import signal
 
@@ -96,7 +98,8 @@ def run_command(
         misuse(error)
     except BenchError as error:
         blocked(error)
-    raise click.exceptions.Exit(max(_EXIT[result.verdict] for result in results))
+    worst = max((result.verdict for result in results), key=list(_EXIT).index)
+    raise click.exceptions.Exit(_EXIT[worst])
 
 
 @click.command("report")

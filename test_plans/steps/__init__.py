@@ -3,6 +3,7 @@
 from test_plans.steps.air import check_air, check_tightness, weigh_the_air
 from test_plans.steps.carrying import (
     AVERAGE_OVER,
+    CARRYING,
     carry,
     carry_load,
     depressurise,
@@ -19,6 +20,7 @@ from test_plans.steps.track_and_roll import roll_by_unequal_preload, track_excit
 
 __all__ = [
     "AVERAGE_OVER",
+    "CARRYING",
     "carry",
     "carry_load",
     "check_air",

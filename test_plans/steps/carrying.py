@@ -10,11 +10,20 @@ from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
 from drivers.errors import RigFault
 from test_plans.loads import Load
-from test_plans.readings import CHAMBERS
+from test_plans.readings import CHAMBERS, HEIGHTS
 
 if TYPE_CHECKING:
     from test_plans.run import Run
 
+#: What a load is taken up, carried and let off with: without one of these the steps cannot begin.
+CARRYING: Final = (
+    *HEIGHTS,
+    *(f"{side}.bellows_pressure" for side in SIDES),
+    *(f"air.{side}_{what}" for side in SIDES for what in ("mode", "target")),
+    "vertical.control",
+    *(f"vertical_{side}.{quantity}" for side in SIDES for quantity in ("force", "displacement")),
+    *(f"vertical_{side}.{quantity}_setpoint" for side in SIDES for quantity in ("force", "displacement")),
+)
 ARM_WITHIN: Final = 10 * s
 LIFT_RATE: Final = 40 * mm / s
 FILL_WITHIN: Final = 60 * s
@@ -28,6 +37,8 @@ LEVEL_WITHIN: Final = 20 * s
 #: Settled: the gas still cools after filling, but slower than this. What remains moves no result by 2 %.
 SETTLE_BAND: Final = 2.0 * K
 SETTLE_WITHIN: Final = 30 * s
+#: What the gas is given where no thermometer tells.
+SETTLE_UNSEEN: Final = 15 * s
 AVERAGE_OVER: Final = 1 * s
 KEEP_AVERAGE: Final = 0.4 * s
 KEEP_TOLERANCE: Final = 0.1 * bar
@@ -49,7 +60,8 @@ def make_safe(run: Run) -> None:
     with ExitStack() as last_first:
         last_first.callback(run.bench.disarm)
         last_first.callback(depressurise, run)
-        last_first.callback(run.bench.generator.stop)
+        if run.bench.has("rig.program"):
+            last_first.callback(run.bench.generator.stop)
 
 
 def depressurise(run: Run) -> None:
@@ -95,7 +107,10 @@ def carry_load(run: Run, load: str) -> None:
 def shim(run: Run, load: Load) -> None:
     """Set the height to zero for this load: the emergency springs give 15 mm between the empty and the full car."""
     with run.phase("shim"):
-        run.bench.rig.nominal_preload = load.preload
+        if lacking := run.bench.lacks("rig.nominal_preload"):
+            run.say(f"{lacking}; its heights must have been set to zero for {load.name}")
+        else:
+            run.bench.rig.nominal_preload = load.preload
 
 
 def raise_the_air(run: Run, load: Load) -> None:
@@ -124,7 +139,14 @@ def level_to_the_preload(run: Run, load: Load) -> None:
         )
     with run.phase("settle"):
         gas = [f"{side}.{chamber}_temperature" for side in SIDES for chamber in CHAMBERS]
-        bench.settle(*gas, band=SETTLE_BAND, over=AVERAGE_OVER, within=SETTLE_WITHIN)
+        seen = [name for name in gas if bench.has(name)]
+        if lacking := bench.lacks(*gas):
+            followed = f"the gas is seen to settle by {', '.join(seen)} alone"
+            run.say(f"{lacking}; {followed if seen else f'the gas is given {SETTLE_UNSEEN:g} s to settle'}")
+        if seen:
+            bench.settle(*seen, band=SETTLE_BAND, over=AVERAGE_OVER, within=SETTLE_WITHIN)
+        else:
+            bench.wait(SETTLE_UNSEEN)
 
 
 def hold_the_height(run: Run) -> None:
@@ -132,9 +154,15 @@ def hold_the_height(run: Run) -> None:
     bench = run.bench
     with run.phase("hold the height"):
         bench.vertical.hold_position()
-        bench.lateral.hold_position()
+        if lacking := bench.lacks("lateral.control", "lateral.displacement", "lateral.displacement_setpoint"):
+            run.say(f"{lacking}; sideways the bolster stays as it is")
+        else:
+            bench.lateral.hold_position()
         # The valves follow the transducers of the auxiliary chambers: each side keeps what its own one reads.
         names = [f"{side}.auxiliary_pressure" for side in SIDES]
+        if lacking := bench.lacks(*names):
+            run.say(f"{lacking}; at rest the bellows have the same pressure")
+            names = [f"{side}.bellows_pressure" for side in SIDES]
         left, right = bench.averages(*names, over=KEEP_AVERAGE).values()
         bench.air.fill(left=left, right=right, tolerance=KEEP_TOLERANCE)
 
@@ -150,4 +178,7 @@ def free_the_bolster(run: Run) -> None:
     bench = run.bench
     with run.phase("free the bolster"):
         bench.vertical.control = "force"
-        bench.lateral.push(0.0, rate=LATERAL_RATE)
+        if lacking := bench.lacks("lateral.control", "lateral.force", "lateral.force_setpoint"):
+            run.say(f"{lacking}; sideways the bolster stays held where it is")
+        else:
+            bench.lateral.push(0.0, rate=LATERAL_RATE)

@@ -32,9 +32,14 @@ LOOP_FREQUENCY: Final = 0.3 * Hz
 MEASURED: Final = 1.5 * s
 SAMPLE_RATE: Final = 200 * Hz
 
-#: What is read while an axis is shaken.
+#: What is read while an axis is shaken, as far as the rig has it.
 VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
 LATERAL: Final = ("lateral.displacement", *SHEAR_CELLS, *GENERATOR)
+#: What a lateral stiffness needs, and a vertical one of each spring.
+LATERAL_NEEDS: Final = (*LATERAL, "lateral.control", "lateral.displacement_setpoint", "generator.axis")
+VERTICAL_NEEDS: Final = {
+    side: (f"{side}.height", *cells, *GENERATOR, "generator.axis") for side, cells in CELLS_UNDER.items()
+}
 
 
 def shake(
@@ -46,7 +51,7 @@ def shake(
 ) -> tuple[Samples, dict[str, Samples]]:
     """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude."""
     cycles = 2 + ceil(MEASURED * frequency)
-    with run.bench.capture(*names) as capture:
+    with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
         run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
     return _at_full_amplitude(capture, frequency, cycles)
 

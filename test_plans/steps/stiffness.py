@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import tau
 from typing import TYPE_CHECKING, Final
 
@@ -14,8 +15,10 @@ from test_plans.loads import Load
 from test_plans.readings import LASER_LAG, LOAD_CELL_LAG, TRANSDUCER_LAG, VERTICAL_CELLS
 from test_plans.steps.shaking import (
     LATERAL,
+    LATERAL_NEEDS,
     LOOP_FREQUENCY,
     VERTICAL,
+    VERTICAL_NEEDS,
     check_band,
     check_secant,
     keep_loop,
@@ -34,37 +37,57 @@ BALANCE_TOLERANCE: Final = 0.04
 
 def vertical_loop(run: Run, load: Load) -> None:
     """Measure the quasi-static vertical stiffness of each spring: a slow triangle of 5 mm to either side."""
+    names = {side: f"{side} vertical stiffness, slow" for side in SIDES}
+    sides = [side for side in SIDES if run.can(names[side], needs=VERTICAL_NEEDS[side])]
+    if not sides:
+        return
     with run.phase("vertical triangle"):
         secant = load.limits.band("vertical_secant")
         _, values = shake(run, "vertical", LOOP_FREQUENCY, VERTICAL, "triangle")
-        for side in SIDES:
+        for side in sides:
             motion, force = spring_motion(values, side)
-            check_secant(run, f"{side} vertical stiffness, slow", motion, force, secant)
+            check_secant(run, names[side], motion, force, secant)
             keep_loop(run, "slow", f"{side} spring", motion, force)
 
 
 def vertical_sweep(run: Run, load: Load) -> None:
     """Measure vertical stiffness and damping of each spring, first harmonic, 5 mm."""
-    found: dict[str, list[Stiffness]] = {side: [] for side in SIDES}
     sweep = list(load.sweep("vertical"))
+    sides = [
+        side
+        for side in SIDES
+        if run.can(*_names(f"{side} vertical", [one for one, *_ in sweep]), needs=VERTICAL_NEEDS[side])
+    ]
+    highest = max(one for one, *_ in sweep)
+    balance = f"actuators without inertia over load cells at {highest:g} Hz"
+    balanced = run.can(balance, needs=VERTICAL)
+    if not sides:
+        return
+    found: dict[str, list[Stiffness]] = {side: [] for side in sides}
     for frequency, storage, damping in sweep:
         with run.phase(f"vertical sine {frequency:g} Hz"):
             times, values = shake(run, "vertical", frequency, VERTICAL)
-            for side in SIDES:
+            for side in sides:
                 motion, force = spring_motion(values, side)
                 K = dynamic_stiffness(times, motion, force, frequency, motion_lag=LASER_LAG - LOAD_CELL_LAG)
                 found[side].append(K)
-                check_band(run, f"{side} vertical K' at {frequency:g} Hz", K.storage, "kN/m", storage)
-                check_band(run, f"{side} vertical c at {frequency:g} Hz", K.damping, "kN*s/m", damping)
+                stiff, damped = _names(f"{side} vertical", [frequency])
+                check_band(run, stiff, K.storage, "kN/m", storage)
+                check_band(run, damped, K.damping, "kN*s/m", damping)
                 one = times < times[0] + 1 / frequency
                 keep_loop(run, f"{frequency:g} Hz", f"{side} spring", motion[one], force[one])
-            if frequency == max(one for one, *_ in sweep):
-                _check_balance(run, times, values, frequency)
-    for side in SIDES:
+            if balanced and frequency == highest:
+                _check_balance(run, balance, times, values, frequency)
+    for side in sides:
         keep_sweep(run, f"{side} spring", "vertical", found[side])
 
 
-def _check_balance(run: Run, times: Samples, values: dict[str, Samples], frequency: float) -> None:
+def _names(what: str, frequencies: Sequence[float]) -> list[str]:
+    """Return what the checks of a sweep are called: stiffness and damping of each of its ``frequencies`` (Hz)."""
+    return [f"{what} {quantity} at {frequency:g} Hz" for frequency in frequencies for quantity in ("K'", "c")]
+
+
+def _check_balance(run: Run, name: str, times: Samples, values: dict[str, Samples], frequency: float) -> None:
     """Compare load cells with actuators, which also move the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
@@ -74,7 +97,7 @@ def _check_balance(run: Run, times: Samples, values: dict[str, Samples], frequen
     S = first_harmonic(times, cells, frequency) * (1 + 1j * tau * frequency * LOAD_CELL_LAG)
     ratio = abs(without_inertia(F, x, BOLSTER_MASS, frequency) / S)
     run.check(
-        f"actuators without inertia over load cells at {frequency:g} Hz",
+        name,
         ratio,
         "1",
         low=1 - BALANCE_TOLERANCE,
@@ -84,25 +107,32 @@ def _check_balance(run: Run, times: Samples, values: dict[str, Samples], frequen
 
 def lateral_loop(run: Run, load: Load) -> None:
     """Measure the quasi-static lateral stiffness of the pair: a slow triangle of 5 mm to either side."""
+    name = "lateral stiffness, slow"
+    if not run.can(name, needs=LATERAL_NEEDS):
+        return
     with run.phase("lateral triangle"):
         secant = load.limits.band("lateral_secant")
         _, values = shake(run, "lateral", LOOP_FREQUENCY, LATERAL, "triangle")
         motion, force = lateral_motion(values)
-        check_secant(run, "lateral stiffness, slow", motion, force, secant)
+        check_secant(run, name, motion, force, secant)
         keep_loop(run, "slow", "lateral", motion, force)
 
 
 def lateral_sweep(run: Run, load: Load) -> None:
     """Measure lateral stiffness and damping of the pair, first harmonic, 5 mm."""
+    sweep = list(load.sweep("lateral"))
+    if not run.can(*_names("lateral", [one for one, *_ in sweep]), needs=LATERAL_NEEDS):
+        return
     found: list[Stiffness] = []
-    for frequency, storage, damping in load.sweep("lateral"):
+    for frequency, storage, damping in sweep:
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
             motion, force = lateral_motion(values)
             K = dynamic_stiffness(times, motion, force, frequency, motion_lag=TRANSDUCER_LAG - LOAD_CELL_LAG)
             found.append(K)
-            check_band(run, f"lateral K' at {frequency:g} Hz", K.storage, "kN/m", storage)
-            check_band(run, f"lateral c at {frequency:g} Hz", K.damping, "kN*s/m", damping)
+            stiff, damped = _names("lateral", [frequency])
+            check_band(run, stiff, K.storage, "kN/m", storage)
+            check_band(run, damped, K.damping, "kN*s/m", damping)
             one = times < times[0] + 1 / frequency
             keep_loop(run, f"{frequency:g} Hz", "lateral", motion[one], force[one])
     keep_sweep(run, "pair", "lateral", found)

@@ -16,6 +16,7 @@ from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, check_band, generat
 if TYPE_CHECKING:
     from test_plans.run import Run
 
+_TRACK: Final = ("left.height", "right.height", "platform.vertical")
 TRACK_FREQUENCY: Final = 1.2 * Hz
 TRACK_CYCLES: Final = 3
 ROLL_RATE: Final = 20 * kN / s
@@ -26,8 +27,13 @@ ROLL_AVERAGE: Final = 0.5 * s
 def track_excitation(run: Run) -> None:
     """Move the platform as a track would, a unilateral cosine of 5 mm, under constant preload; look at the bolster."""
     bench = run.bench
+    passed_on, peak = "bolster over platform at 1.2 Hz", "peak of the bolster"
+    if not run.can(
+        passed_on, peak, needs=(*_TRACK, *GENERATOR, "platform.vertical_setpoint", "generator.axis")
+    ):
+        return
     with run.phase("unilateral cosine"):
-        with bench.capture("left.height", "right.height", "platform.vertical", *GENERATOR) as capture:
+        with bench.capture(*_TRACK, *GENERATOR) as capture:
             bench.generator.run(
                 "platform_vertical",
                 "unilateral_cosine",
@@ -44,8 +50,8 @@ def track_excitation(run: Run) -> None:
         excitation = first_harmonic(times[steady], platform[steady], TRACK_FREQUENCY)
         limits = run.specimen.limits
         ratio = abs(response / excitation)
-        check_band(run, "bolster over platform at 1.2 Hz", ratio, "1", limits.band("track_transmissibility"))
-        check_band(run, "peak of the bolster", float(bolster.max()), "mm", limits.band("track_peak"))
+        check_band(run, passed_on, ratio, "1", limits.band("track_transmissibility"))
+        check_band(run, peak, float(bolster.max()), "mm", limits.band("track_peak"))
 
 
 def roll_by_unequal_preload(run: Run, load: Load) -> None:

@@ -35,7 +35,8 @@ class FakeBench:
         self.dead = False
         self.pressures = {}
         self.strangers = lambda: ""
-        self.readings = SimpleNamespace(value=lambda name: self.pressures.get(name, np.nan))
+        self.readings = SimpleNamespace(told=lambda name: self.pressures.get(name, np.nan))
+        self.lacks = lambda *names: ""
 
     def account(self, *names):
         if self.dead:

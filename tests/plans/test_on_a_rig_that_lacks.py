@@ -1,0 +1,120 @@
+"""Plans on a rig that lacks something: what it cannot measure is not available, and never a pass."""
+
+from html import unescape
+from types import SimpleNamespace
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.table import TABLE
+from bench_records.record import read
+from bench_records.report import write_report
+from bench_records.result import CheckVerdict, Outcome, read_result
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from drivers.bench import Bench
+from drivers.wiring.own import OwnWiring
+from test_plans.discovery import plans
+from test_plans.execution import execute
+
+NO_GAS = "no thermometer in the chambers"
+NO_FORCE = "the lateral actuator goes to positions only"
+
+
+class Short(OwnWiring):
+    """The wiring of a rig of which a part is missing."""
+
+    def __init__(self, can, modbus, absent):
+        super().__init__(can, modbus, rig="the short rig")
+        self.absent = absent
+        self.freshness[[TABLE.index[name] for name in absent]] = 0
+
+
+@pytest.fixture
+def run_without(tmp_path):
+    """Run a plan on a rig without some signals: a dictionary of reasons."""
+
+    def run(name, absent):
+        memory = RigInMemory(Rig(load("astb"), seed=0))
+        states = []
+        with Bench(Short(memory.can(), memory.modbus(), absent), memory.clock) as bench:
+            memory.clock.every(100_000_000, lambda: states.append(memory.rig.state.name))
+            result = execute(plans()[name], bench, tmp_path / "out", rig="short")
+        said = [event.text for event in read(tmp_path / "out").events if event.kind == "note"]
+        return SimpleNamespace(result=result, states=set(states), said=said, directory=tmp_path / "out")
+
+    return run
+
+
+def names(result, verdict):
+    return {check.name for check in result.checks if check.verdict is verdict}
+
+
+def test_what_the_rig_cannot_measure_is_not_available_and_the_rest_is_judged(run_without):
+    absent = {
+        "left.auxiliary_temperature": NO_GAS,
+        "right.auxiliary_temperature": NO_GAS,
+        "lateral.force": NO_FORCE,
+        "lateral.force_setpoint": NO_FORCE,
+        "load_cell.4": "broken",
+        "platform.vertical_setpoint": "bolted down",
+        "rig.pipe": "none",
+    }
+    run = run_without("aw0", absent)
+    assert run.result.verdict is Outcome.INCOMPLETE
+    lacking = names(run.result, CheckVerdict.NOT_AVAILABLE)
+    assert {name for name in lacking if "Hz" not in name} == {
+        "air lost per minute, left spring",
+        "air lost per minute, right spring",
+        "load on the right spring",
+        "right vertical stiffness, slow",
+        "peak of the bolster",
+    }
+    assert {f"right vertical {what} at {f} Hz" for what in ("K'", "c") for f in (0.5, 1)} < lacking
+    assert "actuators without inertia over load cells at 3 Hz" in lacking
+    judged = {check.name for check in run.result.checks} - lacking
+    assert {"lateral stiffness, slow", "left vertical K' at 1 Hz", "roll stiffness"} < judged
+    assert all(check.passed for check in run.result.checks if check.name in judged)
+    reasons = {check.note for check in run.result.checks if check.name in lacking}
+    assert "the short rig has no load_cell.4: broken" in reasons
+    assert any("alone" in text and NO_GAS in text for text in run.said)
+    assert any("stays held" in text and NO_FORCE in text for text in run.said)
+
+    assert read_result(run.directory) == run.result, "and as it was written"
+    page = unescape(write_report(run.directory).read_text(encoding="utf-8"))
+    assert f"{len(lacking)} not available" in page
+    assert "the short rig has no load_cell.4: broken" in page
+    suite = ET.parse(run.directory / "junit.xml").getroot().find("testsuite")
+    assert suite.get("skipped") == str(len(lacking)) == str(len(suite.findall("testcase/skipped")))
+
+
+def test_a_plan_that_cannot_do_without_moves_nothing(run_without):
+    run = run_without("aw3", {"vertical_right.force_setpoint": "a spring of steel"})
+    assert run.result.verdict is Outcome.BLOCKED
+    assert run.result.reason == (
+        "the rig: the short rig has no vertical_right.force_setpoint: a spring of steel; aw3 cannot do without"
+    )
+    assert run.result.phases == []
+    assert run.states <= {"OFF", "BOOT", "INIT", "DISABLED"}
+
+
+def test_a_plan_for_which_nobody_declared_a_need_is_blocked_where_it_asks(run_without):
+    run = run_without("leak_down", {"left.auxiliary_temperature": NO_GAS})
+    assert run.result.verdict is Outcome.BLOCKED
+    assert f"the short rig has no left.auxiliary_temperature: {NO_GAS}" in run.result.reason
+
+
+def test_gas_that_nobody_sees_is_given_time(run_without):
+    gas = {
+        f"{side}.{part}_temperature": NO_GAS
+        for side in ("left", "right")
+        for part in ("bellows", "auxiliary")
+    }
+    run = run_without("aw0", gas)
+    assert run.result.verdict is Outcome.INCOMPLETE
+    assert names(run.result, CheckVerdict.NOT_AVAILABLE) == {
+        "air lost per minute, left spring",
+        "air lost per minute, right spring",
+    }
+    assert any("15 s to settle" in text for text in run.said)
