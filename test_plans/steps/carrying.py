@@ -24,6 +24,9 @@ CARRYING: Final = (
     *(f"vertical_{side}.{quantity}" for side in SIDES for quantity in ("force", "displacement")),
     *(f"vertical_{side}.{quantity}_setpoint" for side in SIDES for quantity in ("force", "displacement")),
 )
+#: What holds the bolster sideways, and what lets it go where the springs want it.
+HELD_SIDEWAYS: Final = ("lateral.control", "lateral.displacement", "lateral.displacement_setpoint")
+FREE_SIDEWAYS: Final = ("lateral.control", "lateral.force", "lateral.force_setpoint")
 ARM_WITHIN: Final = 10 * s
 LIFT_RATE: Final = 40 * mm / s
 FILL_WITHIN: Final = 60 * s
@@ -154,7 +157,7 @@ def hold_the_height(run: Run) -> None:
     bench = run.bench
     with run.phase("hold the height"):
         bench.vertical.hold_position()
-        if lacking := bench.lacks("lateral.control", "lateral.displacement", "lateral.displacement_setpoint"):
+        if lacking := bench.lacks(*HELD_SIDEWAYS):
             run.say(f"{lacking}; sideways the bolster stays as it is")
         else:
             bench.lateral.hold_position()
@@ -178,7 +181,7 @@ def free_the_bolster(run: Run) -> None:
     bench = run.bench
     with run.phase("free the bolster"):
         bench.vertical.control = "force"
-        if lacking := bench.lacks("lateral.control", "lateral.force", "lateral.force_setpoint"):
+        if lacking := bench.lacks(*FREE_SIDEWAYS):
             run.say(f"{lacking}; sideways the bolster stays held where it is")
         else:
             bench.lateral.push(0.0, rate=LATERAL_RATE)
