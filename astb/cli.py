@@ -1,6 +1,7 @@
 """The command `astb`: start a rig, run plans on one, show what crosses its wires, make reports.
 
-Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke, not the product).
+Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke, not the product),
+4 incomplete (what the rig can measure passes, and something is not available on it).
 Everything heavy is imported inside the commands: `astb --help` answers at once.
 """
 
