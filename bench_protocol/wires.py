@@ -141,8 +141,13 @@ class Table:
     @cached_property
     def map_hash(self) -> int:
         """32 bits that change with every change of the wire format; a driver refuses a rig with another one."""
-        lines = "\n".join(f"{place}: {content}" for place, content in self.places.items())
-        return int.from_bytes(hashlib.sha256(lines.encode()).digest()[:4], "big")
+        return hash_of(self.places)
+
+
+def hash_of(places: Mapping[str, str]) -> int:
+    """Return the map hash of ``places``, in their order."""
+    lines = "\n".join(f"{place}: {content}" for place, content in places.items())
+    return int.from_bytes(hashlib.sha256(lines.encode()).digest()[:4], "big")
 
 
 def moved(kept: Mapping[str, str], table: Table) -> list[str]:

@@ -106,6 +106,7 @@ class Bench(Link):
         self._connected = True
         try:
             self.wiring.open(self.clock, self.receiver.hear, self._on_lost, within=within)
+            self.readings.renew()
             if self.has("rig.strangers"):
                 self._strangers = self.settings.reading("rig.strangers")
             self.commander.start()

@@ -41,8 +41,13 @@ class Readings:
     def __init__(self, receiver: Receiver, slow: Callable[[str], float]) -> None:
         self._receiver, self._slow = receiver, slow
         self._wiring, self._table, self._clock = receiver.wiring, receiver.table, receiver.clock
-        self._limits = [int(limit) for limit in self._wiring.freshness]
+        self._limits: list[int] = []
         self._seen: dict[str, None] | None = None
+        self.renew()
+
+    def renew(self) -> None:
+        """Take over after how long a wiring says that a reading is stale, once it has met its rig."""
+        self._limits = [int(limit) for limit in self._wiring.freshness]
 
     def sample(self, name: str) -> Sample:
         """Return value, age and quality of the signal ``name``; KeyError if the table has no such signal."""

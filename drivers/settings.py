@@ -64,8 +64,8 @@ class Settings:
 
     def choice(self, name: str) -> str:
         """Return the name of the choice that is in force in the rig; ``"unknown"`` if the rig cannot tell."""
-        number = self.read(name)
-        return UNKNOWN if math.isnan(number) else self._table[name].choices[round(number)]
+        number, choices = self.read(name), self._table[name].choices
+        return choices[round(number)] if 0 <= number < len(choices) else UNKNOWN
 
     def in_force(self) -> dict[str, float]:
         """Return all settings (SI) that the rig has, as they are in force, whatever anybody has staged."""

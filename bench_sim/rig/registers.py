@@ -3,11 +3,13 @@
 import math
 import struct
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.map_file import MAP_FILE, map_registers
 from bench_protocol.modbus import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, NO_AUTHORITY, ModbusError
 from bench_protocol.registers import INT16_MAX, LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, Register
 from bench_protocol.signals import Kind
@@ -259,10 +261,15 @@ class RegisterBank:
         return bits
 
     def read_file(self, file: int, record: int, count: int) -> Sequence[int]:
-        words = self.host.read_file(file)
+        words = self._map if file == MAP_FILE else self.host.read_file(file)
         if record + count > len(words):
             raise ModbusError(ILLEGAL_ADDRESS)
         return words[record : record + count]
+
+    @cached_property
+    def _map(self) -> Sequence[int]:
+        """The file that tells which table this rig speaks."""
+        return map_registers(self.table)
 
     def identification(self) -> Mapping[int, bytes]:
         return {

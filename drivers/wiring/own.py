@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.clock import Clock
@@ -86,12 +87,13 @@ class OwnWiring:
         self.watchdog = WatchdogFeeder(self.registers)
         self._ear: OwnEar | None = None
         self._open = False
+        self._map_hash = table.map_hash
 
     @property
     def failure(self) -> BenchError | None:
         """Why commands no longer count: another map, the lease is somebody else's, or the watchdog cannot be fed."""
         told = math.nan if self._ear is None else self._ear.map_hash
-        if not math.isnan(told) and (differs := other_map(int(told), self.table)):
+        if not math.isnan(told) and (differs := other_map(int(told), self._map_hash)):
             return differs
         failure = self.watchdog.failure
         if failure is None or isinstance(failure, NotCommander):
@@ -99,24 +101,35 @@ class OwnWiring:
         return LinkLost(f"the rig's watchdog cannot be fed: {failure}")
 
     def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
-        """Check that the rig speaks our table, take the lease, feed the watchdog and listen.
+        """Check that the rig speaks our table, or enough of it; take the lease, feed the watchdog and listen.
 
         Both ports are open already, and every answer of Modbus is bounded by its port, not by ``within``.
         """
         del within
         self._open = True
         try:
-            self.registers.probe()
+            self._agree(self.registers.probe())
             token = self.registers.take_lease()
             self.given = {TOKEN: float(token)}
             self.outlet.bear(token)
             self.watchdog.start(clock)
-            self._ear = OwnEar(self.table, clock, self.epoch, hear)
+            self._ear = OwnEar(self.table, clock, self.epoch, hear, self.absent)
             self.can.on_lost(lambda reason: lost(f"the CAN bus is lost: {reason or 'closed'}"))
             self.can.subscribe(self._ear.accept)
         except BaseException:
             self.close()
             raise
+
+    def _agree(self, map_hash: int) -> None:
+        """Find what our table and the rig's map have in common, if they differ; MapMismatch if that is too little."""
+        self._map_hash = map_hash
+        if map_hash == self.table.map_hash:
+            return
+        found = self.registers.differences(map_hash)
+        self.absent = found.absent
+        self.freshness[[self.table.index[name] for name in self.absent]] = 0
+        note = f"the rig speaks another table of signals, hash {map_hash:#010x}: {found}"
+        self.capabilities = replace(self.capabilities, notes={"identity": note})
 
     def close(self) -> None:
         """Let go of the lease and of both connections."""

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from bench_protocol.clock import RealClock, Task, hurry
 from bench_protocol.frames import Block, copied
@@ -50,16 +52,25 @@ class OwnEar:
     """Decodes what our rig sends, and tells it to whoever hears.
 
     ``epoch`` (ns) is subtracted from the time stamps of the frames to make them times of ``clock``. With an epoch the
-    stamps come from somebody else's clock, so the age of a reading counts from its arrival instead.
+    stamps come from somebody else's clock, so the age of a reading counts from its arrival instead. ``absent`` are
+    signals that this rig has elsewhere: what our table would read in their place is none of them.
     """
 
-    def __init__(self, table: Table, clock: Clock, epoch: int, hear: Hear) -> None:
-        from bench_protocol.can_codec import Decoder
+    def __init__(
+        self, table: Table, clock: Clock, epoch: int, hear: Hear, absent: Collection[str] = ()
+    ) -> None:
+        from bench_protocol.can_codec import Decoder, Samples
 
+        self._samples = Samples
         self._clock, self._epoch, self._hear = clock, epoch, hear
         self._decoder = Decoder(table, from_rig=True)
         self._map_hash_row = table.index["rig.map_hash"]
         self._lock = threading.Lock()
+        #: Where the rig's map has something else than our table: which rows are heard; None for all.
+        self._heard: npt.NDArray[np.bool_] | None = None
+        if absent:
+            self._heard = np.ones(len(table.signals), np.bool_)
+            self._heard[[table.index[name] for name in absent]] = False
 
     def accept(self, block: Block) -> None:
         """Take a block of frames in order of arrival."""
@@ -68,6 +79,9 @@ class OwnEar:
             block["time"] -= self._epoch
         with self._lock:
             samples = self._decoder.decode(block)
+        if self._heard is not None:
+            chosen = self._heard[samples.signals]
+            samples = self._samples(samples.times[chosen], samples.signals[chosen], samples.values[chosen])
         if samples.times.size:
             fresh = self._clock.now() if self._epoch else samples.times
             self._hear(samples.times, samples.signals, samples.values, fresh)

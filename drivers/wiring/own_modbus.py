@@ -8,8 +8,18 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
-from bench_protocol.modbus import NO_AUTHORITY
-from bench_protocol.registers import LEASE_ADDRESS, PROBE_FLOAT, PROBE_WORD, WATCHDOG_ADDRESS, Register
+from bench_protocol.map_differences import Differences, compare
+from bench_protocol.map_file import closing_sequence, read_places
+from bench_protocol.modbus import FILE_READ_MAX, NO_AUTHORITY
+from bench_protocol.registers import (
+    FLOAT_BLOCK,
+    LEASE_ADDRESS,
+    PROBE_FLOAT,
+    PROBE_WORD,
+    SCALED_BLOCK,
+    WATCHDOG_ADDRESS,
+    Register,
+)
 from bench_protocol.signals import Kind
 from bench_protocol.units import ms
 from bench_protocol.wires import Table
@@ -42,13 +52,13 @@ def from_words(high: int, low: int) -> float:
     return float(_SINGLE.unpack(((high << 16) | low).to_bytes(4, "big"))[0])
 
 
-def other_map(map_hash: int, table: Table) -> MapMismatch | None:
-    """Return what is wrong if ``map_hash`` is not that of our ``table``."""
-    if map_hash == table.map_hash:
+def other_map(map_hash: int, agreed: int, why: str = "") -> MapMismatch | None:
+    """Return what is wrong if ``map_hash`` is not the one ``agreed`` upon."""
+    if map_hash == agreed:
         return None
     return MapMismatch(
-        f"the rig's map hash is {map_hash:#010x}, that of these drivers is {table.map_hash:#010x}: "
-        "bring both to the same version of the table of signals"
+        f"the rig's map hash is {map_hash:#010x}, that of these drivers is {agreed:#010x}: "
+        f"bring both to the same version of the table of signals{why}"
     )
 
 
@@ -69,6 +79,8 @@ class OwnRegisters:
             and r.signal in table.index
             and r.signal not in self._active
         ]
+        self._closing = max(register.address for register in self._readings) + 2
+        self._absent: Mapping[str, str] = {}
         self._floats = {r.signal: r for r in (*self._active.values(), *self._readings)}
         self._known: dict[str, float] = {}
         self._lock = threading.RLock()
@@ -138,7 +150,7 @@ class OwnRegisters:
 
     def snapshot(self) -> dict[str, float]:
         """Return all readings (SI) of one step of the rig: the sequence numbers at both ends of the block agree."""
-        first, last = self._readings[0].address - 1, self._readings[-1].address + 2
+        first, last = FLOAT_BLOCK - 1, self._closing
         for _ in range(_READ_TRIES):
             words = self._port.read_input(first, last - first + 1)
             if words[0] == words[-1]:
@@ -156,6 +168,8 @@ class OwnRegisters:
 
     def reading(self, name: str) -> float:
         """Return one reading or setting in force (SI) through Modbus, NaN where the rig has none."""
+        if name in self._absent:
+            return math.nan
         return from_words(*self._port.read_input(self._floats[name].address, 2))
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
@@ -176,8 +190,8 @@ class OwnRegisters:
 
     # -- who we are ----------------------------------------------------------------------------------------------
 
-    def probe(self) -> None:
-        """Compare the rig's probe registers and map hash with ours; ``MapMismatch`` says what differs."""
+    def probe(self) -> int:
+        """Return the rig's map hash; `MapMismatch` if its probe registers are not ours."""
         words = self._port.read_input(0, _PROBE_REGISTERS)
         number, word = from_words(*words[3:5]), (words[5] << 16) | words[6]
         if not math.isclose(number, PROBE_FLOAT, rel_tol=1e-6) or word != PROBE_WORD:
@@ -185,8 +199,26 @@ class OwnRegisters:
                 f"the probe registers read {number:g} and {word:#010x}, not {PROBE_FLOAT:g} and {PROBE_WORD:#010x}: "
                 "words or bytes arrive in another order, or this is another device"
             )
-        if differs := other_map((words[1] << 16) | words[2], self._table):
-            raise differs
+        return (words[1] << 16) | words[2]
+
+    def differences(self, map_hash: int) -> Differences:
+        """Return what the rig's map, whose hash is ``map_hash``, has otherwise than our table.
+
+        `MapMismatch` if the rig does not tell its map, or if a bench must not go on with it.
+        """
+        try:
+            places = read_places(self._port.read_file, FILE_READ_MAX, map_hash)
+        except (Refused, ValueError) as error:
+            why = f"; what differs cannot be told, for {error}"
+            raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why))) from None
+        found = compare(self._table, places)
+        if found.refused:
+            why = f". It differs in what must agree ({'; '.join(found.refused[:3])}). {found}"
+            raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why)))
+        self._absent = found.absent
+        self._readings = [register for register in self._readings if register.signal not in self._absent]
+        self._closing = closing_sequence(places, SCALED_BLOCK - 1) or self._closing
+        return found
 
     def take_lease(self) -> int:
         """Become the commander; return the token that the rig drew. ``NotCommander`` if somebody else is."""

@@ -1,0 +1,74 @@
+"""The rig's map as one of its files (Modbus function 20): what stands where, for a driver that knows another table.
+
+File 1000::
+
+    register 0       1      2 ...
+             format  bytes  that many bytes, two in a register: zlib of UTF-8 text
+
+The text has a line ``place: content`` for each of the places of `Table.places`, whose hash is the map hash.
+"""
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.wires import Table, hash_of
+
+MAP_FILE: Final = 1000
+_FORMAT: Final = 1
+_HEAD: Final = 2
+#: A file has no more than 10 000 registers; what they unpack to is bounded too.
+_BYTES_MAX: Final = 2 * (10_000 - _HEAD)
+_TEXT_MAX: Final = 1_000_000
+
+#: Reads so many registers from one place of a file: (file, record, count).
+ReadFile = Callable[[int, int, int], Sequence[int]]
+
+
+def map_registers(table: Table) -> list[int]:
+    """Return the registers of the file that tells ``table``."""
+    text = "\n".join(f"{place}: {content}" for place, content in table.places.items())
+    packed = zlib.compress(text.encode(), 9)
+    words = np.frombuffer(packed + bytes(len(packed) % 2), ">u2").tolist()
+    return [_FORMAT, len(packed), *words]
+
+
+def read_places(read: ReadFile, at_once: int, map_hash: int) -> dict[str, str]:
+    """Return the places that a rig tells, ``at_once`` registers a request.
+
+    ValueError if they are in another format, broken, or not those of ``map_hash``, which the rig says it speaks.
+    """
+    form, size = read(MAP_FILE, 0, _HEAD)
+    if form != _FORMAT or size > _BYTES_MAX:
+        raise ValueError(f"its map is a file of format {form} with {size} bytes: not ours")
+    words: list[int] = []
+    for first in range(0, (size + 1) // 2, at_once):
+        words += read(MAP_FILE, _HEAD + first, min(at_once, (size + 1) // 2 - first))
+    packed = np.array(words, np.uint16).astype(">u2").tobytes()[:size]
+    try:
+        text = zlib.decompressobj().decompress(packed, _TEXT_MAX).decode()
+    except (zlib.error, UnicodeDecodeError) as error:
+        raise ValueError(f"its map cannot be unpacked: {error}") from None
+    places = _lines(text)
+    if hash_of(places) != map_hash:
+        raise ValueError(
+            f"the map that it tells has the hash {hash_of(places):#010x}, not the {map_hash:#010x} that it says"
+        )
+    return places
+
+
+def _lines(text: str) -> dict[str, str]:
+    pairs = (line.partition(": ") for line in text.split("\n"))
+    return {place: content for place, _, content in pairs}
+
+
+def closing_sequence(places: Mapping[str, str], before: int) -> int | None:
+    """Return the last input register before ``before`` that has a block's sequence number; None if there is none."""
+    found = [
+        int(place.split()[1])
+        for place, content in places.items()
+        if place.startswith("input ") and content.startswith("modbus.sequence ")
+    ]
+    return max((address for address in found if address < before), default=None)
