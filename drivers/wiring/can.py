@@ -17,6 +17,10 @@
     checksum = { signal = "Crc", scheme = "xor8", start = 0xA5, identifier = true }  # | sum8 | e2e_p1 | function:NAME
     values = { Reserved = 0 }     # of signals that nobody writes
 
+    [transports.bus.messages."*"] # the same for all messages that have such signals and say nothing themselves
+    counter = "Alive"
+    checksum = { signal = "Crc", scheme = "sum8" }
+
     [transports.bus.messages.Cells]                     # without a DBC
     id = 0x18FF1004
     length = 8

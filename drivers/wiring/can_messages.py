@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message as Coding
     from cantools.database.can import Signal
 
+_ALL: Final = "*"
 _STALE_PERIODS: Final = 3
 _STALE_MIN: Final = 100 * ms
 
@@ -37,6 +38,13 @@ class MessageKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     counter_period: Annotated[int, Meta(ge=2)] | None = None  #: after how many frames the counter is 0 again
     checksum: dict[str, Any] | None = None
     values: dict[str, float] = {}  #: of signals that are sent with it and that nobody writes
+
+
+class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What stands under ``[transports.NAME.messages."*"]``: for all messages that have such signals."""
+
+    counter: str | None = None
+    checksum: dict[str, Any] | None = None
 
 
 class SignalKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"is_float": "float"}):
@@ -155,10 +163,9 @@ def read_messages(
     where: str, table: Mapping[str, Any], directory: Path, functions: Path | None, stale: float | None
 ) -> dict[str, Message]:
     """Return the messages of a description by name; WiringError, with ``where``, for what cannot be."""
-    keys = {
-        name: convert(f"{where}.messages.{name}", one, MessageKeys)
-        for name, one in table.get("messages", {}).items()
-    }
+    tables = dict(table.get("messages", {}))
+    common = convert(f'{where}.messages."{_ALL}"', tables.pop(_ALL, {}), CommonKeys)
+    keys = {name: convert(f"{where}.messages.{name}", one, MessageKeys) for name, one in tables.items()}
     points: dict[str, dict[str, SignalKeys]] = {}
     for name, one in table.get("points", {}).items():
         message, dot, signal = name.partition(".")
@@ -182,18 +189,37 @@ def read_messages(
             )
     _check_points(where, table, points, codings)
     _check_identifiers(where, codings)
+    _check_common(f'{where}.messages."{_ALL}"', common, codings)
     return {
         name: _message(
             f"{where}.messages.{name}",
             name,
             coding,
-            keys.get(name, MessageKeys()),
+            _with_common(keys.get(name, MessageKeys()), common, coding),
             points.get(name, {}),
             functions,
             stale,
         )
         for name, coding in codings.items()
     }
+
+
+def _check_common(where: str, common: CommonKeys, codings: Mapping[str, Coding]) -> None:
+    names = {signal.name for coding in codings.values() for signal in coding.signals}
+    for name in (common.counter, (common.checksum or {}).get("signal")):
+        if name is not None and name not in names:
+            raise WiringError(f"{where}: no message has a signal {name!r}; {meant(name, names)}")
+
+
+def _with_common(keys: MessageKeys, common: CommonKeys, coding: Coding) -> MessageKeys:
+    """Return the keys of a message with what is common to all that have such signals, where it says nothing itself."""
+    names = {signal.name for signal in coding.signals}
+    changes: dict[str, Any] = {}
+    if keys.counter is None and common.counter in names:
+        changes["counter"] = common.counter
+    if keys.checksum is None and common.checksum is not None and common.checksum.get("signal") in names:
+        changes["checksum"] = common.checksum
+    return msgspec.structs.replace(keys, **changes)
 
 
 def _in_dbc(table: Mapping[str, Any]) -> str:

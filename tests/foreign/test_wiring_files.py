@@ -10,7 +10,7 @@ from bench_protocol.units import NS
 from drivers.errors import Refused
 from drivers.wiring.description import read_description
 from drivers.wiring.transports import open_transport
-from tests.foreign.virtual import VirtualPlc
+from tests.foreign.virtual import VirtualHall, VirtualPlc
 
 HERE = Path(__file__).parent
 
@@ -72,3 +72,36 @@ def test_the_registers_of_rig_a_over_modbus():
         transport.write({"target_left": 9500})
     transport.close()
     assert not lost
+
+
+def test_the_frames_of_rig_b_over_can():
+    virtual = VirtualHall()
+    description = read_description(HERE / "hall_b_wiring.toml", TABLE)
+    table, functions = description.transports["bus"], description.functions
+    transport = open_transport("bus", table, HERE, functions=functions, port=virtual.port)
+    heard = {}
+    transport.connect(virtual.clock, lambda reason: None, within=1.0)
+    transport.subscribe(lambda time, points: heard.update(points))
+    virtual.clock.sleep_until(1 * NS)
+    assert heard["Heights.HeightLeft"] == pytest.approx(-52.2, abs=0.2)
+    assert heard["CellsB.Cell4"] == pytest.approx(-3000 / 9.80665, abs=30)
+    assert heard["Air.ChamberRight"] == pytest.approx(101.325, abs=3)
+    transport.write({"Parameter.ValveLeft": 2, "Parameter.TargetLeft": 250.0, "Command.Request": 17})
+    virtual.clock.sleep_until(round(1.5 * NS))
+    assert (heard["ParameterIs.ValveLeft"], heard["ParameterIs.TargetLeft"], heard["Status.State"]) == (
+        2,
+        250,
+        1,
+    )
+    assert (virtual.rig.ignored, transport.counts) == (0, {})
+
+    sound = virtual.rig.cycle
+
+    def garbled():
+        identifier, data = sound()[0]
+        return [(identifier, bytes([data[0] ^ 1]) + data[1:])]
+
+    virtual.rig.cycle = garbled
+    virtual.clock.sleep_until(round(1.7 * NS))
+    assert transport.counts == {"Heights": {"corrupt": 20}}
+    transport.close()

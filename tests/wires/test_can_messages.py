@@ -176,6 +176,11 @@ BITS = {"start": 0, "length": 8}
             "'wait' is no function of own.py",
         ),
         (messages(Set={"checksum": {"scheme": "sum8"}}), "checksum: .*missing required field `signal`"),
+        (
+            {"messages": {"*": {"counter": "Alife"}}},
+            r"""messages\."\*": no message has a signal 'Alife'; did you mean 'Alive'""",
+        ),
+        ({"messages": {"*": {"every": "1 s"}}}, r"""messages\."\*": there is no key 'every'"""),
         ({"points": {"Heights": {"null": 1}}}, "Heights is no name; points of CAN are"),
         ({"points": {"Heights.Lefft": {"null": 1}}}, "Heights has no signal 'Lefft'; did you mean 'Left'"),
         ({"points": {"Heights.Left": {"scale": 2.0}}}, "Heights.Left: scale is said by the DBC already"),
