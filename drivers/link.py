@@ -230,7 +230,7 @@ class Link:
         What the rig cannot be told, or does not measure, is left out.
         """
         names = [name for name in names if self.has(name, f"{name}_setpoint")]
-        means = self.averages(*names, over=AVERAGE_OVER)
+        means = self.averages(*names, over=AVERAGE_OVER + self.wiring.capabilities.latency)
         setpoints = {f"{name}_setpoint": mean for name, mean in means.items()}
         # A transducer's noise may lie beyond what a set-point can be, at the very end of its range.
         within = {

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
 import pytest
+from click.testing import CliRunner
 
+from astb.commands.run import run_command
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.table import TABLE
 from bench_records.record import read
@@ -122,3 +124,18 @@ def test_gas_that_nobody_sees_is_given_time(run_without):
         "air lost per minute, right spring",
     }
     assert any("15 s to settle" in text for text in run.said)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "status"),
+    [
+        (["pass", "pass"], 0),
+        (["pass", "incomplete"], 4),
+        (["incomplete", "fail"], 1),
+        (["blocked", "incomplete", "fail"], 3),
+    ],
+)
+def test_the_exit_status_tells_the_most_serious_verdict(monkeypatch, verdicts, status):
+    results = [SimpleNamespace(verdict=Outcome(one)) for one in verdicts]
+    monkeypatch.setattr("astb.run.run_plans", lambda *arguments, **options: results)
+    assert CliRunner().invoke(run_command, ["aw0", "--virtual"]).exit_code == status

@@ -20,6 +20,7 @@ from bench_records.result import (
     curve,
     judge,
     read_result,
+    unavailable,
 )
 
 numbers = st.floats(-1e12, 1e12)
@@ -122,7 +123,18 @@ def test_a_check_tells_itself_in_its_own_unit() -> None:
     assert str(check("gain", math.nan, low=1)) == "gain = no value (at least 1): error"
 
 
+def test_what_is_not_available_has_a_reason_no_value_and_never_passes() -> None:
+    assert not LACKING.passed
+    assert str(LACKING) == "roll: not available: the rig has no force control"
+    assert msgspec.json.decode(msgspec.json.encode(LACKING), type=type(LACKING)) == LACKING
+    with pytest.raises(ValueError, match="without a reason"):
+        unavailable("roll", "")
+    with pytest.raises(ValueError, match=r"'good' is not available, but has the value 1"):
+        msgspec.structs.replace(PASS, verdict=CheckVerdict.NOT_AVAILABLE)
+
+
 PASS, FAIL = check("good", 1, low=0, high=2), check("bad", 3, low=0, high=2)
+LACKING = unavailable("roll", "the rig has no force control")
 MARGINAL, ERROR = check("close", 2, low=0, high=2), check("silent", math.nan, low=0, high=2)
 
 
@@ -132,6 +144,16 @@ MARGINAL, ERROR = check("close", 2, low=0, high=2), check("silent", math.nan, lo
         ([PASS, MARGINAL], "", Outcome.PASS, ""),
         ([PASS, FAIL, ERROR], "", Outcome.FAIL, ""),
         ([PASS, ERROR], "", Outcome.BLOCKED, "the bench gave no value for: silent"),
+        ([PASS, LACKING], "", Outcome.INCOMPLETE, ""),
+        ([PASS, LACKING, FAIL], "", Outcome.FAIL, ""),
+        ([PASS, LACKING, ERROR], "", Outcome.BLOCKED, "the bench gave no value for: silent"),
+        (
+            [LACKING, LACKING],
+            "",
+            Outcome.BLOCKED,
+            "none of the checks is available: the rig has no force control",
+        ),
+        ([PASS, LACKING], "the rig tripped", Outcome.BLOCKED, "the rig tripped"),
         ([], "", Outcome.BLOCKED, "the plan ended without a single check"),
         ([PASS], "the rig tripped", Outcome.BLOCKED, "the rig tripped"),
         ([FAIL], "the rig tripped", Outcome.BLOCKED, "the rig tripped"),
