@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
-from drivers.wiring import can, modbus
+from drivers.wiring import can, modbus, opcua
 from drivers.wiring.conversion import Calibration
 from drivers.wiring.file_keys import (
     CapabilitiesTable,
@@ -146,13 +146,13 @@ _TABLES: Final = (
     ("`[conduct]`", ConductTable),
     ("`[[conduct.up]]` and `[[conduct.reset]]`", StepTable),
 )
-_TRANSPORTS: Final = (("Modbus/TCP", modbus), ("CAN", can))
+_TRANSPORTS: Final = (("Modbus/TCP", modbus), ("CAN", can), ("OPC UA", opcua))
 _OWN: Final = """\
 ### One of your own
 
 `kind = "package.module:factory"`, or `"file.py:factory"` beside the wiring file, is a function that is called with
-the transport's name, its table and the directory of the file, and returns a transport as `drivers.wiring.contract`
-describes it.
+the transport's name, its table and the directory of the file, and returns a transport:
+[how to write one](../how-to/write-a-transport.md).
 """
 
 

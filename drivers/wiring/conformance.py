@@ -29,6 +29,7 @@ from drivers.wiring.contract import Transport
 
 _UNKNOWN: Final = "no.such.point.of.this.rig"
 _POLL: Final = 10 * ms
+_BUSY: Final = 2 * ms
 _THREADS: Final = 4
 _ROUNDS: Final = 10
 #: By how much a time stamp may be ahead of the clock: what two clocks of one machine are apart.
@@ -78,8 +79,8 @@ class _Skipped(Exception):
 class _Listener:
     """Hears a transport, and notes what it should not have done."""
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock, self._inside = clock, threading.Lock()
+    def __init__(self, clock: Clock, busy: float = 0.0) -> None:
+        self._clock, self._inside, self._busy = clock, threading.Lock(), busy
         self.samples: list[tuple[int, int, dict[str, float]]] = []  # (time, now, points)
         self.lost: list[str] = []
         self.overlaps = 0
@@ -88,6 +89,8 @@ class _Listener:
         if not self._inside.acquire(blocking=False):
             self.overlaps += 1
             return
+        if self._busy:
+            threading.Event().wait(self._busy)
         self.samples.append((time, self._clock.now(), dict(points)))
         self._inside.release()
 
@@ -98,10 +101,10 @@ class _Listener:
 class _Bench:
     """One connected transport and its listener, for the length of a rule."""
 
-    def __init__(self, subject: Subject) -> None:
+    def __init__(self, subject: Subject, busy: float = 0.0) -> None:
         self.subject, self.clock = subject, subject.clock
         self.transport = subject.make()
-        self.listener = _Listener(subject.clock)
+        self.listener = _Listener(subject.clock, busy)
 
     def __enter__(self) -> _Bench:
         self.transport.subscribe(self.listener.hear)
@@ -122,11 +125,13 @@ class _Bench:
             self.wait(_POLL)
 
 
-def check_transport(subject: Subject) -> list[Finding]:
-    """Return what became of every rule; those with a ``breach`` are broken."""
+def check_transport(subject: Subject, only: str = "") -> list[Finding]:
+    """Return what became of every rule, or of ``only`` those that begin so; with a ``breach`` it is broken."""
     findings = []
     for rule in _RULES:
         name = (rule.__doc__ or "").rstrip(".")
+        if not name.startswith(only):
+            continue
         try:
             rule(subject)
         except Breach as breach:
@@ -290,7 +295,8 @@ def _unavailable(subject: Subject) -> None:
 def _threads(subject: Subject) -> None:
     """Several threads may use a transport at once; only one at a time calls the listener."""
     failures: list[str] = []
-    with _Bench(subject) as bench:
+    with _Bench(subject, busy=_BUSY) as bench:
+        bench.wait(2 * bench.transport.period)
 
         def work() -> None:
             try:

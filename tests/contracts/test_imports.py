@@ -31,6 +31,7 @@ PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
 RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know sockets"
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_port"
+OPCUA = "asyncua belongs to drivers.wiring.opcua"
 
 #: What is packaged and holds no module.
 FILES_ONLY = {"specimens"}
@@ -85,6 +86,7 @@ SABOTAGE = [
     (CAN, "bench_records/__init__.py", HIDDEN.format("from can import Message")),
     (MODBUS, "drivers/__init__.py", "from pymodbus.client import ModbusTcpClient"),
     (MODBUS, "test_plans/__init__.py", HIDDEN.format("import pymodbus")),
+    (OPCUA, "drivers/bench.py", HIDDEN.format("import asyncua")),
 ]
 """(the contract that must go red, the file, the line added to it)."""
 

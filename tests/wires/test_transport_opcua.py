@@ -108,6 +108,13 @@ class Cell:
 
         return asyncio.run_coroutine_threadsafe(read(), self._loop).result(5)
 
+    def hang_up(self) -> None:
+        async def close() -> None:
+            for client in list(self._server.bserver.clients):
+                client.transport.close()
+
+        asyncio.run_coroutine_threadsafe(close(), self._loop).result(5)
+
     def stop(self) -> None:
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._over.set)
@@ -144,9 +151,7 @@ def connected() -> Iterator[Callable]:
         yield connect
 
 
-def test_it_conforms_with_a_foreign_server(dead_port: int) -> None:
-    cell = Cell()
-
+def test_it_conforms_with_a_foreign_server(cell: Cell, dead_port: int) -> None:
     def make(url: str = cell.url) -> OpcUaTransport:
         return open_transport("cell", {**CELL, "url": url}, Path())
 
@@ -157,7 +162,7 @@ def test_it_conforms_with_a_foreign_server(dead_port: int) -> None:
         streamed={"rate": "rate"},
         unavailable="broken",
         nobody=lambda: make(f"opc.tcp://127.0.0.1:{dead_port}"),
-        cut=cell.stop,
+        cut=cell.hang_up,
     )
     findings = check_transport(subject)
     assert [str(finding) for finding in findings if finding.breach or finding.skipped] == []

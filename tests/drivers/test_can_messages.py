@@ -17,7 +17,7 @@ from drivers.errors import WiringError
 from drivers.memory import InMemoryCan
 from drivers.wiring.can import CanTransport
 from drivers.wiring.transports import open_transport
-from tests.wires.can_stand import BUS, write_files
+from tests.drivers.can_stand import BUS, write_files
 
 
 @pytest.fixture(scope="module")

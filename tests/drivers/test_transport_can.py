@@ -16,7 +16,7 @@ from drivers.errors import LinkLost, WiringError
 from drivers.wiring.can import CanTransport
 from drivers.wiring.conformance import Subject, check_transport
 from drivers.wiring.transports import open_transport
-from tests.wires.can_stand import BUS, MS, FarEnd, InMemory, write_files
+from tests.drivers.can_stand import BUS, MS, FarEnd, InMemory, write_files
 
 
 @pytest.fixture(scope="module")
@@ -97,13 +97,14 @@ def bus() -> Iterator[tuple[str, FarEnd]]:
     thread.join()
 
 
+@pytest.mark.real_time
 def test_it_conforms_on_a_bus_of_python_cans(bus: tuple[str, FarEnd], where: Path) -> None:
     channel, far = bus
 
     def make(channel: str = channel) -> CanTransport:
         return open_transport("bus", {**BUS, "channel": channel}, where)
 
-    findings = check_transport(Subject(make, nobody=lambda: make("an empty one"), **SUBJECT))
+    findings = check_transport(Subject(make, nobody=lambda: make("an empty one"), within=1.0, **SUBJECT))
     assert [str(finding) for finding in findings if finding.breach] == []
     assert [finding.skipped for finding in findings if finding.skipped] == [
         "not checked: the subject has no `cut`"
@@ -111,6 +112,7 @@ def test_it_conforms_on_a_bus_of_python_cans(bus: tuple[str, FarEnd], where: Pat
     assert far.bad == []
 
 
+@pytest.mark.real_time
 def test_times_on_a_real_bus_are_those_of_the_bench(bus: tuple[str, FarEnd], where: Path) -> None:
     clock, heard = RealClock(), []
     transport = open_transport("bus", {**BUS, "channel": bus[0]}, where)
