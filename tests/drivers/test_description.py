@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_protocol.table import TABLE
@@ -338,6 +338,42 @@ def test_a_file_that_cannot_be_read(tmp_path):
     (tmp_path / "bad.toml").write_text("a = \n")
     with pytest.raises(WiringError, match=r"bad\.toml is not TOML"):
         read_description(tmp_path / "bad.toml", TABLE)
+
+
+_LEAVES = st.one_of(
+    st.none(), st.booleans(), st.integers(-3, 70_000), st.floats(), st.text(max_size=8), st.just("plc.state"),
+    st.sampled_from(["5 bar", "N/kg", "-1 mm", "nan s", "plc.", ".x", "ACTIVE", "rig.state", "lease.nonce"]),
+    st.lists(st.integers(0, 9) | st.just("a"), max_size=2), st.dictionaries(st.text(max_size=3), st.integers(), max_size=2),
+)  # fmt: skip
+
+
+def _places(value, path=()):
+    """Yield the path of every value in nested tables and lists."""
+    for key, one in value.items() if isinstance(value, dict) else enumerate(value):
+        yield (*path, key)
+        if isinstance(one, dict | list):
+            yield from _places(one, (*path, key))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_whatever_a_file_says_it_is_read_or_refused_in_words(data):
+    keys = tomllib.loads(GOOD)
+    for _ in range(data.draw(st.integers(1, 3))):
+        path = data.draw(st.sampled_from(list(_places(keys))))
+        place = keys
+        for key in path[:-1]:
+            place = place[key]
+        if isinstance(place, dict) and data.draw(st.booleans()):
+            place[data.draw(st.text(max_size=6) | st.sampled_from(["to", "absent", "fixed", "value"]))] = (
+                place.pop(path[-1])
+            )
+        else:
+            place[path[-1]] = data.draw(_LEAVES)
+    try:
+        describe(keys, Path("hall.toml"), TABLE)
+    except WiringError as error:
+        assert str(error).startswith("hall.toml")
 
 
 # -- functions of the user's own ---------------------------------------------------------------------------------
