@@ -130,6 +130,9 @@ is one of the Python file `functions`, called with the numbers of the points in 
 **Orders** set signals (`"air.left_mode" = "hold"`, `"air.left_target" = "3 bar"`) or points (`"plc.command" = 2`), each
 table at once and one after the other, with time in between for the rig's latency.
 
+What the wiring itself says is `conduct.open` (a remote mode, a lease), `conduct.close`, and `conduct.apply` where a rig
+stages settings: orders of points and actions. A set-point with `given` is told by the rig on connecting.
+
 **Without a generator** (`capabilities.generator`) the bench adds the waves to the set-points that it streams: the same
 waves, up to 10 Hz, by the same commands. `generator.*`, `action.program_*`, `rig.program` and `rig.generator_cycle` are
 then the bench's own, and no lines of the file.

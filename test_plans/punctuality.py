@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
@@ -23,9 +24,10 @@ _EDGES: Final = tuple(one.edge for one in LATENESS_BINS[:-1])
 def lateness(bench: Bench) -> dict[str, float] | None:
     """The rig's own account of its punctuality, or nothing if it keeps none or does not answer any more."""
     try:
-        return bench.settings.readings(*_ACCOUNT)
+        told = bench.settings.readings(*_ACCOUNT)
     except BenchError:
         return None
+    return None if any(map(math.isnan, told.values())) else told
 
 
 def timing(before: dict[str, float] | None, after: dict[str, float] | None) -> Timing | None:

@@ -23,6 +23,7 @@ from drivers.wiring.contract import (
     Hear,
     Ints,
     OnLost,
+    Order,
     Outlet,
     Transport,
     refuse_absent,
@@ -78,6 +79,7 @@ class DescribedWiring:
         self.absent: Mapping[str, str] = description.absent
         self.capabilities: Capabilities = description.capabilities
         self.conduct: Conduct = description.conduct
+        self.given: Mapping[str, float] = {}
         self.failure: BenchError | None = None
         limits = description.player
         self._player = Player(rig, self.table, limits, self.absent) if limits else None
@@ -87,13 +89,8 @@ class DescribedWiring:
         self._lock = threading.Lock()
         self._hear: Hear | None = None
         self._clock: Clock | None = None
-        self._active = False
+        self._active = self._greeted = False
         self._setpoints: Floats = np.full(len(self.table.signals), np.nan)
-
-    @property
-    def given(self) -> Mapping[str, float]:
-        """Nothing: a stranger's rig has no token for its commander."""
-        return {}
 
     @property
     def outlet(self) -> Outlet:
@@ -122,6 +119,9 @@ class DescribedWiring:
                 left = max(deadline - clock.now(), 0) / NS
                 transport.connect(clock, partial(on_lost, name), within=left)
             self._check_identity()
+            self._greeted = True
+            self._say(self._description.greetings.open)
+            self.given = self._read_given()
             for name, transport in self._transports.items():
                 transport.subscribe(partial(self._accept, f"{name}."))
             for name, transport in self._transports.items():
@@ -135,6 +135,10 @@ class DescribedWiring:
 
     def close(self) -> None:
         self._hear = None
+        if self._greeted:
+            self._greeted = False
+            with contextlib.suppress(BenchError):
+                self._say(self._description.greetings.close)
         for transport in reversed(self._transports.values()):
             transport.close()
 
@@ -151,6 +155,11 @@ class DescribedWiring:
         told = [setting.read for setting in self._description.settings.values() if setting.read]
         while any(map(math.isnan, self._read_points(told).values())) and clock.now() < deadline:
             clock.sleep_until(min(deadline, clock.now() + _LOOK))
+
+    def _read_given(self) -> dict[str, float]:
+        targets = {name: one for name, one in self._description.setpoints.items() if one.given}
+        told = self._read_points(one.given for one in targets.values())
+        return {name: one.conversion.si(told[one.given]) for name, one in targets.items()}
 
     def _check_identity(self) -> None:
         wanted = self._description.identity
@@ -221,6 +230,8 @@ class DescribedWiring:
         before = self._before(written)
         try:
             self._write_points({self._setting(name).point: number for name, number in written.items()})
+            if written:
+                self._say(self._description.greetings.apply)
             for name in written:
                 self._acknowledged(name, values[name])
         except BenchError:
@@ -259,6 +270,15 @@ class DescribedWiring:
         point, numbers = self._description.actions[name]
         for number in numbers:
             self._write_points({point: number})
+
+    def _say(self, orders: Iterable[Order]) -> None:
+        """Say what is said by the wiring itself: actions of the table and points."""
+        for order in orders:
+            for name in order.values:
+                if name in self._description.actions:
+                    self.act(name)
+            actions = self._description.actions
+            self._write_points({name: value for name, value in order.values.items() if name not in actions})
 
     def say(self, points: Mapping[str, float]) -> None:
         self._write_points(points)

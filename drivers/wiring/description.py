@@ -24,7 +24,7 @@ from drivers.wiring.conversion import Choices, Conversion, Line, conversion, qua
 from drivers.wiring.expression import Combine, expression
 from drivers.wiring.file_keys import SignalEntry, StepTable, WiringFile
 from drivers.wiring.keys import convert, duration, meant
-from drivers.wiring.lines import PLAYED, Description, PlayerLimits, Reading, SettingTarget, Target
+from drivers.wiring.lines import PLAYED, Description, Greetings, PlayerLimits, Reading, SettingTarget, Target
 from drivers.wiring.user_functions import functions_file, user_function
 
 #: A rig rounds what it is told: by so much of the range of a setting may what it reads back differ.
@@ -137,6 +137,7 @@ class _Reader:
             keys.transports,
             capabilities,
             conduct,
+            self._greetings(),
             player,
             identity,
             self._functions,
@@ -190,7 +191,9 @@ class _Reader:
             self._readings[signal.name] = self._reading(where, signal, entry)
         elif signal.kind is Kind.SETPOINT:
             point = self._target(where, signal, entry.target)
-            self._setpoints[signal.name] = Target(point, self._conversion(where, signal, entry))
+            if entry.given:
+                self._point(f"{where}.given", entry.given, written=False)
+            self._setpoints[signal.name] = Target(point, self._conversion(where, signal, entry), entry.given)
         elif signal.kind is Kind.SETTING:
             self._settings[signal.name] = self._setting(where, signal, entry)
         else:
@@ -303,6 +306,20 @@ class _Reader:
             tuple(table.at_rest),
         )
 
+    def _greetings(self) -> Greetings:
+        """Return what the wiring says by itself: points, and actions of the table."""
+        found = []
+        for key in ("open", "close", "apply"):
+            where, tables = f"{self._head}conduct.{key}", getattr(self._keys.conduct, key)
+            orders = self._orders(where, tables)
+            for name in (name for order in orders for name in order.values):
+                if name in self._table.index and self._table[name].kind is not Kind.ACTION:
+                    raise WiringError(
+                        f"{where}: {name} is a {self._table[name].kind}; right are points and actions"
+                    )
+            found.append(orders)
+        return Greetings(*found)
+
     def _states(self) -> Sequence[str]:
         """Return the states that the rig reports."""
         reading = self._readings.get("rig.state")
@@ -387,7 +404,7 @@ _KEYS: Final = {
     Kind.MEASUREMENT: ("from", "value", "function", *_NUMBER),
     Kind.STATUS: ("from", "value", "function", *_NUMBER),
     Kind.INTERLOCK: ("from", "value", "function", *_NUMBER),
-    Kind.SETPOINT: ("to", *_NUMBER),
+    Kind.SETPOINT: ("to", "given", *_NUMBER),
     Kind.SETTING: ("to", "read", "fixed", "initial", "within", "tolerance", *_NUMBER),
     Kind.ACTION: ("to", "value"),
 }

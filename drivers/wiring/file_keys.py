@@ -27,6 +27,9 @@ class SignalEntry(
     initial: str | Number = ""  #: what a setting without ``read`` is before it is first written
     within: str = "2 s"  #: how long a setting may take until ``read`` tells it
     tolerance: str = ""  #: by which ``read`` may differ; else one step, or 0.1 % of the range
+    given: str = (
+        ""  #: the point that tells a set-point once and for all when the bench connects: a token, say
+    )
     absent: str = ""  #: why the rig does not have it
 
 
@@ -65,6 +68,9 @@ class ConductTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     reset: list[dict[str, Any]] = []  #: steps out of a fault
     rest: list[dict[str, Any]] = []  #: orders that bring the rig to rest from any state
     at_rest: list[str] = []  #: states in which it is at rest
+    open: list[dict[str, Any]] = []  #: orders when the bench has connected: points and actions
+    close: list[dict[str, Any]] = []  #: the same before it disconnects
+    apply: list[dict[str, Any]] = []  #: the same after settings have been written: where a rig stages them
 
 
 class WiringFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):

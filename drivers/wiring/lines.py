@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.wires import Table
-from drivers.wiring.contract import Capabilities, Conduct
+from drivers.wiring.contract import Capabilities, Conduct, Order
 from drivers.wiring.conversion import Conversion
 from drivers.wiring.expression import Combine
 
@@ -46,6 +46,16 @@ class Target:
 
     point: str
     conversion: Conversion
+    given: str = ""  #: the point that tells its value when the bench connects
+
+
+@dataclass(frozen=True, slots=True)
+class Greetings:
+    """What the wiring itself says, points and actions, when it has connected, parts, and has written settings."""
+
+    open: tuple[Order, ...]
+    close: tuple[Order, ...]
+    apply: tuple[Order, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +92,7 @@ class Description:
     transports: Mapping[str, Mapping[str, Any]]
     capabilities: Capabilities
     conduct: Conduct
+    greetings: Greetings
     player: PlayerLimits | None  #: None where the rig has a generator
     identity: Mapping[str, float]
     functions: Path | None
