@@ -53,6 +53,12 @@ LIMITS: Final = {
     "surge_peak": "1",
     "coupling_rise": "1",
     "coupling_saturated": "1",
+    "dpv_opening": "Pa",
+    "dpv_reclosing": "Pa",
+    "leveling_opening": "m",
+    "leveling_delay": "s",
+    "leveling_fill_time": "s",
+    "leveling_exhaust_time": "s",
 }
 #: What may be limited under one load, each with its SI unit.
 LOAD_LIMITS: Final = {

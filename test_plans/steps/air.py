@@ -61,9 +61,12 @@ def weigh_the_air(run: Run) -> dict[str, float]:
         return state
 
 
-def check_tightness(run: Run, load: Load, before: dict[str, float]) -> None:
-    """Check that each spring kept its air since ``before``: m = Σ pV/(RT), whatever the temperature did meanwhile."""
-    names = {side: f"air lost per minute, {side} spring" for side in SIDES}
+def check_tightness(run: Run, load: Load, before: dict[str, float], at: str = "") -> None:
+    """Check that each spring kept its air since ``before``: m = Σ pV/(RT), whatever the temperature did meanwhile.
+
+    ``load`` is that of the shims; ``at`` ends the names of the checks.
+    """
+    names = {side: f"air lost per minute, {side} spring{at}" for side in SIDES}
     if not run.can(*names.values(), needs=_WEIGHED_BY):
         return
     after = weigh_the_air(run)

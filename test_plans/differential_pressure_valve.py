@@ -1,0 +1,84 @@
+"""Differential pressure valve: where it opens, where it closes again, and whether it is tight in between."""
+
+from typing import Annotated, Final
+
+import numpy as np
+
+from bench_protocol.units import mm, s
+from test_plans import steps
+from test_plans.analysis import Samples
+from test_plans.fittings import leave_connected
+from test_plans.loads import AW3
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.poses import COOL, Home, go_home
+from test_plans.run import Run
+from test_plans.steps.shaking import SAMPLE_RATE, check_band
+
+PRESSURES: Final = ("left.auxiliary_pressure", "right.auxiliary_pressure")
+#: Slow beside the valve, which lets the difference fall by 0.4 bar/s when it opens; a millimetre parts the pressures
+#: by 41 mbar.
+ROLL_RATE: Final = 2.5 * mm / s
+BACK_RATE: Final = 10 * mm / s
+#: To either side: half of it parts the pressures by 0.7 bar, at which a sound valve is shut.
+HALF: Final = 17 * mm
+#: The gas that was squeezed gives off its heat before it is weighed.
+SETTLE: Final = 8 * s
+#: What a transducer's noise is averaged over: 0.05 s, in which an open valve changes the difference by 20 mbar.
+SMOOTH: Final = 10
+
+
+@plan(
+    setup=steps.carry(AW3),
+    needs=(*steps.CARRYING, *PRESSURES, "air.dpv"),
+    teardown=leave_connected,
+    lasts=150 * s,
+)
+def differential_pressure_valve(
+    run: Run, *, hold: Annotated[float, Range(10 * s, 300 * s, "s")] = 15 * s
+) -> None:
+    """Differential pressure valve: opening, reclosing and tightness, to both sides.
+
+    Both springs carry the full car, all valves are shut but the differential pressure valve between them, which is
+    connected. The bolster is rolled slowly, which squeezes one spring and relieves the other, until the valve must have
+    opened several times: the largest difference is where it opens, the smallest after that where it closes again. On
+    the way, at a difference at which the valve has to be shut, the air of both springs is weighed before and after a
+    time `hold`. All of it to one side and then to the other.
+
+    Good is a valve that opens and closes where the specimen's file says. One that is stuck open keeps no difference,
+    one that is stuck shut exceeds it, and one that leaks takes air from one spring to the other.
+    """
+    load, limits = run.specimen.load(AW3), run.specimen.limits
+    opening, reclosing = limits.band("dpv_opening"), limits.band("dpv_reclosing")
+    home = go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    run.bench.air.connect_dpv()
+    rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
+    zero = rest[PRESSURES[0]] - rest[PRESSURES[1]]  # level: what the transducers differ by
+    for way, higher in ((-1.0, "left"), (1.0, "right")):
+        with run.phase(f"{higher} higher"):
+            _roll(run, home, way * HALF, ROLL_RATE)
+            run.bench.wait(SETTLE)
+            before = steps.weigh_the_air(run)
+            run.bench.wait(hold)
+            steps.check_tightness(run, load, before, at=f", {higher} higher")
+            with run.bench.capture(*PRESSURES) as capture:
+                _roll(run, home, way * 2.2 * HALF, ROLL_RATE)
+            _, values = capture.aligned(SAMPLE_RATE)
+            parted = _smooth(-way * (values[PRESSURES[0]] - values[PRESSURES[1]] - zero))
+            opened = int(np.argmax(parted))
+            check_band(run, f"opens, {higher} higher", float(parted[opened]), "bar", opening)
+            check_band(run, f"closes again, {higher} higher", float(parted[opened:].min()), "bar", reclosing)
+            _roll(run, home, 0.0, BACK_RATE)
+
+
+def _roll(run: Run, home: Home, z: float, rate: float) -> None:
+    """Lift the left side by ``z`` (m) and let the right one down by as much."""
+    run.bench.vertical.move_to(home.left + z, home.right - z, rate=rate)
+
+
+def _smooth(values: Samples) -> Samples:
+    """Return means over `SMOOTH` neighbours of what was received."""
+    received = values[np.isfinite(values)]
+    return np.convolve(received, np.full(SMOOTH, 1 / SMOOTH), mode="valid")

@@ -1,0 +1,167 @@
+"""Leveling valve: dead band, delay, and how long it takes from the empty to the full car and back."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from itertools import pairwise
+from math import nan
+from typing import Annotated, Final
+
+import numpy as np
+
+from bench_protocol.units import mbar, minutes, mm, s
+from bench_protocol.words import SIDES
+from drivers.errors import BenchTimeout
+from test_plans import steps
+from test_plans.analysis import Samples, straight_line
+from test_plans.fittings import leave_connected
+from test_plans.loads import AW0, AW3
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.poses import Home, go_home, restore_the_air
+from test_plans.run import Run
+from test_plans.steps.shaking import SAMPLE_RATE, check_band
+
+PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in SIDES)
+#: Stairs through both ends of the dead band; the lever comes near each within its lag.
+STAIRS: Final = tuple(z * mm for z in np.arange(2.0, 8.25, 0.5))
+STAIR_WAIT: Final = 2.5 * s
+STAIR_LOOK: Final = 1.5 * s
+#: The gas of the filling cools; what remains of that changes by less than 0.5 mbar/s from stair to stair.
+COOL: Final = 30 * s
+#: Just open, the valve fills with 18 and exhausts with 6 mbar/s.
+FLOWING: Final = 3 * mbar / s
+#: Wide open it fills with 150 mbar/s or more.
+WIDE_FLOW: Final = 30 * mbar / s
+RATE: Final = 40 * mm / s
+#: From the first motion of a step: when it is done, and when the valve is surely wide open.
+STEP_DONE: Final = (0.42 * s, 0.52 * s)
+WIDE_OPEN: Final = (4.0 * s, 6.0 * s)
+MOVED: Final = 1 * mm
+
+
+def lift(run: Run) -> None:
+    """Lift the bolster to design height and fill both springs to the pressure of the empty car."""
+    load = run.specimen.load(AW0)
+    steps.shim(run, load)
+    steps.power_up(run)
+    steps.raise_the_air(run, load)
+
+
+@plan(setup=lift, needs=(*steps.CARRYING, *PRESSURES, "air.dpv"), teardown=leave_connected, lasts=150 * s)
+def leveling(
+    run: Run,
+    *,
+    step: Annotated[float, Range(12 * mm, 25 * mm, "mm")] = 15 * mm,
+    within: Annotated[float, Range(20 * s, 10 * minutes, "s")] = 60 * s,
+) -> None:
+    """Leveling valve: dead band, delay, filling from AW0 to AW3 and exhausting back to AW0, at held height.
+
+    The actuators hold the height, the leveling valves are connected. First the bolster climbs in stairs of half a
+    millimetre, up and then down, until the pressure of each spring flows: there the valve opens. Then it goes down by
+    `step`, where the valve is wide open, and stays until both springs have the pressure of the full car; then up by as
+    much, until they have that of the empty car again. The delay is how much later the air comes than it would through a
+    valve that is open at once: the line of the wide open valve, drawn back to the pressure before.
+
+    Good is what the specimen's file says of each, for each side. A valve that does not open up to the last stair, or
+    does not reach its pressure within the time, fails.
+    """
+    limits = run.specimen.limits
+    opening, delay = limits.band("leveling_opening"), limits.band("leveling_delay")
+    fill, exhaust = limits.band("leveling_fill_time"), limits.band("leveling_exhaust_time")
+    home = go_home(run)
+    steps.lock_the_air(run)
+    run.bench.wait(COOL)
+    run.bench.air.isolate_dpv()  # each side for itself
+    run.bench.air.level()
+    for way, verb in ((1.0, "exhaust"), (-1.0, "fill")):
+        with run.phase(f"stairs to {verb}"):
+            for side, height in _stairs(run, home, way).items():
+                check_band(run, f"{side} valve opens to {verb}", height, "mm", opening)
+            _go(run, home, 0.0)
+            run.bench.wait(STAIR_WAIT)
+    empty = run.specimen.load(AW0).fill_pressure
+    restore_the_air(run, {f"{side}.auxiliary_pressure": empty for side in SIDES})
+    for way, verb, name, band in ((-1.0, "fill", AW3, fill), (1.0, "exhaust", AW0, exhaust)):
+        with run.phase(f"{verb} to {name}"):
+            times, values = _step(run, home, way * step, run.specimen.load(name).fill_pressure, within)
+            for side in SIDES:
+                pressure = -way * values[f"{side}.auxiliary_pressure"]
+                target = -way * run.specimen.load(name).fill_pressure
+                reached = times[pressure >= target]
+                took = float(reached[0]) if reached.size else within
+                check_band(run, f"{side} valve, time to {verb} to {name}", took, "s", band)
+                if verb == "fill":
+                    check_band(run, f"{side} valve, delay", _delay(times, pressure), "s", delay)
+
+
+def _stairs(run: Run, home: Home, way: float) -> dict[str, float]:
+    """Return at which height off the design height each valve opens; beyond the last stair where it does not."""
+    found: dict[str, float] = {}
+    before = _slopes(run)
+    for low, stair in pairwise((0.0, *STAIRS)):
+        _go(run, home, way * stair)
+        run.bench.wait(STAIR_WAIT)
+        slopes = _slopes(run)
+        for side in SIDES:
+            if side not in found and -way * (slopes[side] - before[side]) > FLOWING:
+                found[side] = 0.5 * (low + stair)
+        if len(found) == len(SIDES):
+            break
+        before = slopes
+    return {side: found.get(side, STAIRS[-1] + 1 * mm) for side in SIDES}
+
+
+def _slopes(run: Run) -> dict[str, float]:
+    """Return how fast the pressure of each side changes (Pa/s)."""
+    names = {side: f"{side}.auxiliary_pressure" for side in SIDES}
+    with run.bench.capture(*names.values()) as capture:
+        run.bench.wait(STAIR_LOOK)
+    return {side: straight_line(capture.times(name), capture.values(name))[1] for side, name in names.items()}
+
+
+def _step(
+    run: Run, home: Home, step: float, pressure: float, within: float
+) -> tuple[Samples, Mapping[str, Samples]]:
+    """Step to a height and wait for the pressure, at which each side is shut; return times (s) and what was read.
+
+    Times count from the first motion.
+    """
+    bench, waiting = run.bench, set(SIDES)
+    bench.air.level()
+
+    def there() -> set[str]:
+        read = {side: bench.readings.value(f"{side}.auxiliary_pressure") for side in waiting}
+        return {side for side, one in read.items() if (one >= pressure if step < 0.0 else one <= pressure)}
+
+    names = [f"{side}.{what}" for side in SIDES for what in ("height", "auxiliary_pressure")]
+    with bench.capture(*names) as capture:
+        _go(run, home, step)
+        end = bench.now + within
+        with suppress(BenchTimeout):  # a valve that does not do it in time has failed, and is told so
+            while waiting:
+                bench.wait_for(
+                    lambda: bool(there()), within=end - bench.now, what="pressure of the other load"
+                )
+                arrived = there()
+                bench.settings.write({f"air.{side}_mode": "hold" for side in arrived})
+                waiting -= arrived
+    times, values = capture.aligned(SAMPLE_RATE)
+    moved = np.abs(values["left.height"] - values["left.height"][0]) > MOVED
+    return times - times[np.argmax(moved)], values
+
+
+def _delay(times: Samples, pressure: Samples) -> float:
+    """Return by how much (s) the line of the wide open valve lags behind the step; NaN where it was not seen."""
+    early, late = ((times >= start) & (times <= end) for start, end in (STEP_DONE, WIDE_OPEN))
+    if times[-1] < WIDE_OPEN[1]:
+        return nan
+    before = float(np.nanmean(pressure[early]))
+    level, slope = straight_line(times[late], pressure[late])
+    if slope < WIDE_FLOW:
+        return nan
+    middle = 0.5 * (times[late][0] + times[late][-1])
+    return float(middle - (level - before) / slope)
+
+
+def _go(run: Run, home: Home, z: float) -> None:
+    run.bench.vertical.move_to(home.left + z, home.right + z, rate=RATE)

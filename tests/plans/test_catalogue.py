@@ -1,0 +1,119 @@
+"""The catalogue of plans that judge: a sound bench passes each, and what a plan is meant for makes it fail."""
+
+import pytest
+
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.units import bar, mm
+from bench_records.result import Outcome
+from bench_sim.parameters import load
+from bench_sim.parameters.effects import read_effect_text, with_effects
+from bench_sim.rig.faults.panel import PlannedFault
+from bench_sim.rig.rig import Rig
+from test_plans.discovery import plans
+from test_plans.execution import execute
+
+slow = pytest.mark.slow
+SEEDS = [0, *(pytest.param(seed, marks=slow) for seed in (1, 2))]
+
+
+@pytest.fixture
+def judged(tmp_path):
+    """Run a plan with parameters on a bench with changes, effects and faults; return the result and what failed."""
+
+    def run(name, seed=1, *, given=(), effects=(), faults=(), **changes):
+        parameters = load("astb").with_values(**changes)
+        effects = {effect: read_effect_text(effect, text) for effect, text in effects}
+        rig = Rig(with_effects(parameters, effects), seed=seed)
+        for fault, values in faults:
+            rig.faults.plan(PlannedFault(fault, values, 0.0, None))
+        with RigInMemory(rig).bench(seed=seed) as bench:
+            result = execute(
+                plans()[name].given(dict(given)), bench, tmp_path / name, rig="virtual", seed=seed
+            )
+        return result, {one.name for one in result.checks if not one.passed}
+
+    return run
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("name", ["differential_pressure_valve", "leveling", "tightness"])
+def test_a_sound_bench_passes(judged, name, seed):
+    result, failed = judged(name, seed)
+    assert result.verdict is Outcome.PASS, result.reason or failed
+    assert result.duration == pytest.approx(plans()[name].lasts, rel=0.1)
+    assert result.phases[-1].name in {"depressurise", "disarm"}
+
+
+#: A fault, and all that must fail of it; whatever else there is has to pass.
+SIDES = ("left", "right")
+MEANT_FOR = {
+    "tightness: a leak of one bellows": (
+        "tightness",
+        {"leak_conductance": [5e-11, 0.0]},
+        {f"air lost per minute, left spring at {load}" for load in ("AW0", "AW3")},
+    ),
+    "differential pressure valve: stuck open": (
+        "differential_pressure_valve",
+        {"faults": [("stuck_dpv", {"at": "open"})]},
+        # What is left of the difference goes through the open valve while the air is weighed.
+        {f"{what}, {side} higher" for what in ("opens", "closes again") for side in SIDES}
+        | {"air lost per minute, right spring, right higher"},
+    ),
+    "differential pressure valve: stuck shut": (
+        "differential_pressure_valve",
+        {"faults": [("stuck_dpv", {"at": "shut"})]},
+        {f"{what}, {side} higher" for what in ("opens", "closes again") for side in SIDES},
+    ),
+    "differential pressure valve: a seat that leaks": (
+        "differential_pressure_valve",
+        {"effects": [("dpv_leak", "0.1 mm2")]},
+        {f"air lost per minute, {side} spring, {side} higher" for side in SIDES},
+    ),
+    "differential pressure valve: closes too late": (
+        "differential_pressure_valve",
+        {"dpv_reclosing": 0.7 * bar},
+        {f"closes again, {side} higher" for side in SIDES},
+    ),
+    "leveling: a dead band that is too wide": (
+        "leveling",
+        {"effects": [("leveling_deadband", "2 mm")]},
+        {f"{side} valve opens to {verb}" for side in SIDES for verb in ("fill", "exhaust")},
+    ),
+    "leveling: a dash-pot that is too slow": (
+        "leveling",
+        {"effects": [("leveling_delay", "1 s")]},
+        {f"{side} valve, delay" for side in SIDES},
+    ),
+    "leveling: a valve that is stuck shut": (
+        "leveling",
+        {"faults": [("stuck_leveling", {"side": "left", "at": "shut"})]},
+        {
+            *(f"left valve opens to {verb}" for verb in ("fill", "exhaust")),
+            *(f"left valve, time to {way}" for way in ("fill to AW3", "exhaust to AW0")),
+            "left valve, delay",
+        },
+    ),
+    "leveling: a rod that is set wrongly": (
+        "leveling",
+        {"lever_offset": [3 * mm, 0.0]},
+        {f"left valve opens to {verb}" for verb in ("fill", "exhaust")} | {"left valve, delay"},
+    ),
+}
+#: One of each plan is tried every time; the others take as long again.
+ORDINARY = {name for name in MEANT_FOR if name.endswith(("one bellows", "stuck open", "too slow"))}
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(name, marks=() if name in ORDINARY else slow) for name in MEANT_FOR]
+)
+def test_a_plan_catches_what_it_is_meant_for_and_nothing_else(judged, case):
+    name, broken, expected = MEANT_FOR[case]
+    result, failed = judged(name, **broken)
+    assert result.verdict is Outcome.FAIL, result.reason
+    assert failed == expected
+
+
+def test_a_longer_hold_is_held_longer(judged):
+    result, _ = judged("tightness", given={"hold": "1 min"})
+    assert result.duration > plans()["tightness"].lasts + 50
+    assert result.parameters == {"hold": "60 s"}
