@@ -1,5 +1,6 @@
 """Our own protocol as a wiring file would have it: registers, messages, states and orders from the table, as data."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,23 @@ def own_description(directory: Path, *, generator: bool = True) -> dict[str, Any
             "apply": [{"action.apply": 1}],
         },
     }
+
+
+def write_wiring(directory: Path, keys: dict[str, Any]) -> Path:
+    """Write a wiring file with these keys; return its path."""
+    path = directory / "own_wiring.toml"
+    path.write_text("".join(f"{key} = {_toml(value)}\n" for key, value in keys.items()))
+    return path
+
+
+def _toml(value: object) -> str:
+    match value:
+        case dict():
+            return f"{{ {', '.join(f'{json.dumps(key)} = {_toml(one)}' for key, one in value.items())} }}"
+        case list():
+            return f"[{', '.join(map(_toml, value))}]"
+        case _:
+            return json.dumps(value)
 
 
 def _guarded(message) -> bool:

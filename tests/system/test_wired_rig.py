@@ -1,10 +1,15 @@
-"""A rig file that names a wiring, on the command line: what is refused before anything is sent, and how it ends."""
+"""A rig file that names a wiring: what is refused before anything is sent, how it ends, and a running rig."""
 
 import socket
 
+import numpy as np
 import pytest
 
 from astb.exit_codes import BLOCKED, MISUSE
+from astb.rig_file import read
+from astb.session import open_session
+from bench_protocol.units import mm
+from tests.drivers.own_as_file import own_description, write_wiring
 
 WIRING = """
 [transports.plc]
@@ -86,3 +91,21 @@ def test_a_rig_with_a_wiring_has_real_time(run):
     code, err = run(WIRING, 'name = "hall"\nwiring = "hall_wiring.toml"\n', "--virtual")
     assert code == MISUSE
     assert "without a [simulation] table there is nothing to run in virtual time" in err
+
+
+@pytest.mark.real_time
+def test_a_running_rig_is_moved_over_the_wires_as_a_file_describes_them(shared_rig, tmp_path):
+    keys = own_description(tmp_path, generator=False)
+    keys["transports"]["bus"] |= {"bus": "tcp", "host": "127.0.0.1", "port": shared_rig.can_port}
+    keys["transports"]["plc"] |= {"port": shared_rig.modbus_port}
+    path = tmp_path / "rig.toml"
+    path.write_text(f'name = "own"\nwiring = "{write_wiring(tmp_path, keys).name}"\n')
+    with open_session(read(path), path) as session, session.bench as bench:
+        bench.arm()
+        bench.vertical.hold_position()
+        with bench.capture("vertical_left.displacement") as capture:
+            bench.generator.run("vertical", amplitude=3 * mm, frequency=2.0, cycles=4)
+        bench.disarm()
+        assert np.ptp(capture.values("vertical_left.displacement")) == pytest.approx(6 * mm, abs=0.5 * mm)
+        assert np.diff(capture.times("vertical_left.displacement")).min() > 0
+        assert bench.rig.strangers == 0
