@@ -1,0 +1,79 @@
+"""The unchanged plans on two rigs that speak otherwise, in virtual time: the verdicts are those on our own rig."""
+
+import pytest
+
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.units import mm
+from bench_records.result import CheckVerdict, Outcome
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from test_plans.discovery import plans
+from test_plans.execution import execute
+from tests.foreign.virtual import VirtualHall, VirtualPlc
+
+slow = pytest.mark.slow
+STRANGE = {"plant_a": VirtualPlc, "hall_b": VirtualHall}
+#: Which checks of AW0 and AW3 a rig cannot give, and the words that say why.
+MISSING = {
+    "plant_a": ("air lost per minute", "no thermometer in the chambers"),
+    "hall_b": ("roll stiffness", "the lateral actuator goes to positions only"),
+}
+
+
+@pytest.fixture
+def run_on(tmp_path):
+    """Run a plan on a rig, strange or our own, built with ``changes``; return its result."""
+
+    def run(name, plan, **changes):
+        if name == "own":
+            made = RigInMemory(Rig(load("astb").with_values(**changes), seed=1))
+        else:
+            made = STRANGE[name](seed=1, **changes)
+        with made.bench() as bench:
+            return execute(plans()[plan], bench, tmp_path / name, rig=name, seed=1)
+
+    return run
+
+
+def verdicts(result):
+    return {one.name: one.verdict for one in result.checks}
+
+
+@pytest.mark.parametrize(
+    ("name", "plan"),
+    [
+        ("plant_a", "aw0"),
+        pytest.param("plant_a", "aw3", marks=slow),
+        pytest.param("hall_b", "aw0", marks=slow),
+        pytest.param("hall_b", "aw3", marks=slow),
+    ],
+)
+def test_a_plan_judges_a_spring_as_on_our_own_rig(run_on, name, plan):
+    own, strange = run_on("own", plan), run_on(name, plan)
+    assert own.verdict is Outcome.PASS, own.reason
+    found, words = verdicts(strange), {one.name: one.note for one in strange.checks}
+    missing, why = MISSING[name]
+    assert found.keys() == verdicts(own).keys(), strange.reason
+    absent = {one for one, verdict in found.items() if verdict is CheckVerdict.NOT_AVAILABLE}
+    assert len(absent) == 2
+    assert any(one.startswith(missing) for one in absent)
+    assert all(why in words[one] for one in absent)
+    assert [one.name for one in strange.checks if not one.passed and one.name not in absent] == []
+    assert strange.verdict is Outcome.INCOMPLETE
+
+
+@slow
+@pytest.mark.parametrize("name", STRANGE)
+def test_an_unsound_spring_fails_where_it_does_on_our_own_rig(run_on, name):
+    own, strange = (run_on(one, "aw0", orifice_diameter=16 * mm) for one in ("own", name))
+    assert own.verdict is strange.verdict is Outcome.FAIL
+    failed = {one for one, verdict in verdicts(own).items() if verdict is CheckVerdict.FAIL}
+    assert "left vertical c at 1 Hz" in failed
+    both = verdicts(strange)
+    # What lies close to a limit may fall on either side of it.
+    sure = {
+        one.name for one in own.checks if one.name in failed and abs(one.number - one.high) > 0.05 * one.high
+    }
+    assert {one for one in sure if both[one] is not CheckVerdict.NOT_AVAILABLE} <= {
+        one for one, verdict in both.items() if verdict is CheckVerdict.FAIL
+    }
