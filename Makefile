@@ -37,6 +37,7 @@ test-all: $(READY)  ## the ordinary suite and the slow tests
 test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mode Linux
 # A changed model is compiled here, where no test waits for its rig meanwhile.
 	@$(COMPILE)
+	@$(BIN)/python -c 'from tests.foreign.can_rig import CanRig; CanRig().cycle()'
 	tools/with_vcan.sh -- $(PYTEST) -m vcan $(ARGS)
 
 .PHONY: check

@@ -15,7 +15,7 @@ HERE = Path(__file__).parent
 WIRES = HERE / "wires"
 RIGS = {"site", "start_rig", "shared_rig"}
 #: Where such tests are. The choice of them alone reads no other directory, which would take longer than some of them.
-TIMED, TIMED_ROOMS = " and real_time", {"drivers", "protocol", "records", "rig", "system", "wires"}
+TIMED, TIMED_ROOMS = " and real_time", {"drivers", "foreign", "protocol", "records", "rig", "system", "wires"}
 #: The directories with the longest files, which begin first, so that no processor waits for them in the end.
 LONG_ROOMS = ("system", "diagnosis", "plans", "hidden", "paper", "model")
 

@@ -34,7 +34,7 @@ def running(name, *arguments):
                 process.kill()
 
 
-def wired(name, address, directory):
+def write_files(name, address, directory):
     """Write the files of a rig, found at ``address``, into ``directory``; return its rig file."""
     host, _, port = address.removeprefix("socketcand://").partition(":")
     for file in ("hall_b.dbc", "strangers.py"):
@@ -60,6 +60,12 @@ def started(tmp_path):
     @contextmanager
     def start(name, *arguments):
         with running(name, *arguments) as address:
-            yield wired(name, address, tmp_path), address
+            yield write_files(name, address, tmp_path), address
 
     return start
+
+
+@pytest.fixture
+def wired():
+    """Write the files of a rig that is found at some address: ``wired(name, address, directory)``."""
+    return write_files

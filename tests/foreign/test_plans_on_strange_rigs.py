@@ -11,6 +11,7 @@ from test_plans.discovery import plans
 from test_plans.execution import execute
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
+pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
 slow = pytest.mark.slow
 STRANGE = {"plant_a": VirtualPlc, "hall_b": VirtualHall}
 #: Which checks of AW0 and AW3 a rig cannot give, and the words that say why.

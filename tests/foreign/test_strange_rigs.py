@@ -8,6 +8,7 @@ from bench_protocol.units import NS, bar, kN, mm
 from drivers.errors import LinkLost, NotAvailable, Refused, RigFault
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
+pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
 STRANGE = {"plant_a": VirtualPlc, "hall_b": VirtualHall}
 
 

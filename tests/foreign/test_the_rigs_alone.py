@@ -12,6 +12,7 @@ from tests.foreign.can_rig import CanRig, checksum
 from tests.foreign.modbus_server import Server
 from tests.foreign.plc_rig import PlcRig
 
+pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
 DBC = cantools.database.load_file(Path(__file__).with_name("hall_b.dbc"))
 
 

@@ -12,6 +12,7 @@ from drivers.wiring.description import read_description
 from drivers.wiring.transports import open_transport
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
+pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
 HERE = Path(__file__).parent
 
 
