@@ -60,7 +60,6 @@ class ForeignPlc:
         self.requests: list[tuple[int, int, int]] = []  # function, address, count
         self.refuse_writes = False
         self.port = 0
-        self._loop = asyncio.new_event_loop()
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -81,9 +80,9 @@ class ForeignPlc:
         return None
 
     def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        self._loop.run_until_complete(self._serve())
-        self._loop.close()
+        with asyncio.Runner() as runner:
+            self._loop = runner.get_loop()
+            runner.run(self._serve())
 
     async def _serve(self) -> None:
         bits = [SimData(0, values=[False] * 7 + [True] + [False] * 24, datatype=DataType.BITS)]
