@@ -117,7 +117,9 @@ class CanTransport:
         self.counts: dict[str, dict[str, int]] = {}  #: frames lost, repeated, corrupt, or of an unknown page
         self._where = f"{name} on {keys.channel or keys.bus}"
         self._ear, self._grant = Ear(self._where), Grant()
-        self._latest: dict[str, tuple[float, int]] = {}
+        self._latest: dict[str, float] = {}
+        self._times: dict[str, int] = {}
+        self._undescribed = _coding_error()
         self._lock = threading.RLock()
         self._port: CanPort | None = None
         self._clock: Clock | None = None
@@ -199,7 +201,9 @@ class CanTransport:
         """Join the bus and wait for the rig's first message; LinkLost if none comes ``within`` s."""
         self._clock, self._grant = clock, Grant()
         self._epoch = wall_time_ns() - clock.now()
-        self._latest, self.counts = {}, {}
+        self._latest, self._times, self.counts = {}, {}, {}
+        for message in self._messages.values():
+            message.begin()
         port = self._opener() if self._opener is not None else self._join()
         self._port = port
         told: list[str] = []
@@ -260,29 +264,27 @@ class CanTransport:
         return min(now, time) if now - time < _LAG_MAX else now
 
     def _accept(self, message: Message, data: bytes, time: int) -> None:
-        from cantools import Error as CodingError
-
         if len(data) < message.coding.length or not message.sound(data):
             self._note(message, "corrupt")
             return
         try:
             values = message.decode(data)
-        except CodingError:  # a page that nobody described
+        except self._undescribed:  # a page that nobody described
             self._note(message, "unknown")
             return
         if message.keys.counter:
-            step = (int(values[message.keys.counter]) - message.heard) % message.counter_period
-            old = self._latest.get(f"{message.name}.{message.keys.counter}")
-            if old is not None and time - old[1] < message.stale * NS:
+            count = int(values[message.points[message.keys.counter]])
+            step = (count - message.heard) % message.counter_period
+            if message.when >= 0 and time - message.when < message.stale * NS:
                 if step == 0:
                     self._note(message, "repeated")
                     return
                 self._note(message, "lost", step - 1)
-            message.heard = int(values[message.keys.counter])
-        points = {f"{message.name}.{signal}": value for signal, value in values.items()}
+            message.heard, message.when = count, time
         with self._lock:
-            self._latest.update({name: (value, time) for name, value in points.items()})
-        self._ear.tell(time, points)
+            self._latest.update(values)
+            self._times.update(dict.fromkeys(values, time))
+        self._ear.tell(time, values)
 
     def _note(self, message: Message, what: str, count: int = 1) -> None:
         if count:
@@ -297,10 +299,10 @@ class CanTransport:
         assert self._clock is not None
         now = self._clock.now()
         with self._lock:
-            found = {name: self._latest.get(name) for name in names}
+            found = {name: (self._latest.get(name, math.nan), self._times.get(name, -1)) for name in names}
         return {
-            name: last[0] if last is not None and now - last[1] <= self.stale(name) * NS else math.nan
-            for name, last in found.items()
+            name: value if time >= 0 and now - time <= self.stale(name) * NS else math.nan
+            for name, (value, time) in found.items()
         }
 
     # -- sending ---------------------------------------------------------------------------------------------------
@@ -377,3 +379,9 @@ class CanTransport:
         )
         if block.size:
             self._port.send(block)
+
+
+def _coding_error() -> type[Exception]:
+    from cantools import Error
+
+    return Error

@@ -80,9 +80,17 @@ class Message:
     checksum: Checksum | None = None
     checksum_coding: Coding | None = None  #: of the checksum alone
     checksum_mask: int = 0
+    given: dict[str, float] = field(default_factory=dict)  #: what is sent before anybody writes, by signal
     values: dict[str, float] = field(default_factory=dict)  #: what is sent, by signal
     count: int = -1  #: last sent
     heard: int = -1  #: last received
+    when: int = -1  #: ns, last received
+    points: dict[str, str] = field(default_factory=dict)  #: names of its points, by signal
+    _placed: dict[int, int] = field(default_factory=dict)  #: checksums in their place, by value
+
+    def begin(self) -> None:
+        """Forget what was sent and received on an earlier connection."""
+        self.values, self.count, self.heard, self.when = dict(self.given), -1, -1, -1
 
     @property
     def guards(self) -> set[str]:
@@ -132,30 +140,37 @@ class Message:
         if self.keys.counter:
             self.count = (self.count + 1) % self.counter_period
             signals[self.keys.counter] = self.count
-        if self.checksum is None or self.checksum_coding is None or not self.keys.checksum:
+        if self.checksum is None or not self.keys.checksum:
             return bytes(self.coding.encode(signals, strict=False))
-        name = self.keys.checksum["signal"]
-        data = bytes(self.coding.encode({**signals, name: 0}, strict=False))
-        own = self.checksum_coding.encode({name: self.checksum(self.coding.frame_id, data)}, scaling=False)
-        return (int.from_bytes(data, "big") & ~self.checksum_mask | int.from_bytes(own, "big")).to_bytes(
-            len(data), "big"
-        )
+        data = bytes(self.coding.encode({**signals, self.keys.checksum["signal"]: 0}, strict=False))
+        bare = int.from_bytes(data, "big") & ~self.checksum_mask
+        return (bare | self._place(self.checksum(self.coding.frame_id, data))).to_bytes(len(data), "big")
 
     def sound(self, data: bytes) -> bool:
         """Return whether the checksum of a received frame is right."""
-        if self.checksum is None or self.checksum_coding is None or not self.keys.checksum:
+        if self.checksum is None:
             return True
-        bare = (int.from_bytes(data, "big") & ~self.checksum_mask).to_bytes(len(data), "big")
-        told = self.checksum_coding.decode(data, decode_choices=False, scaling=False)
-        return bool(told[self.keys.checksum["signal"]] == self.checksum(self.coding.frame_id, bare))
+        bits = int.from_bytes(data, "big")
+        bare = (bits & ~self.checksum_mask).to_bytes(len(data), "big")
+        return bits & self.checksum_mask == self._place(self.checksum(self.coding.frame_id, bare))
+
+    def _place(self, checksum: int) -> int:
+        """Return the bits of a frame that has ``checksum`` and nothing else."""
+        bits = self._placed.get(checksum)
+        if bits is None:
+            assert self.checksum_coding is not None and self.keys.checksum is not None
+            alone = self.checksum_coding.encode({self.keys.checksum["signal"]: checksum}, scaling=False)
+            bits = self._placed[checksum] = int.from_bytes(alone, "big")
+        return bits
 
     def decode(self, data: bytes) -> dict[str, float]:
-        """Return the numbers of a received frame by signal; NaN where there is none."""
-        found = {}
+        """Return the numbers of a received frame by point; NaN where there is none."""
         values: Any = self.coding.decode(data, decode_choices=False)
-        for name, value in values.items():
-            number = float(value)
-            found[name] = math.nan if self.nulls.get(name) == number else number
+        names = self.points
+        found = {names[signal]: float(value) for signal, value in values.items()}
+        for signal, null in self.nulls.items():
+            if found.get(names[signal]) == null:
+                found[names[signal]] = math.nan
         return found
 
 
@@ -356,7 +371,8 @@ def _message(
         low, high = limits[given]
         if not low <= value <= high:
             raise WiringError(f"{where}: values: {given} = {value:g} does not fit ({low:g} to {high:g})")
-    message.values = {
+    message.points = {signal: f"{name}.{signal}" for signal in names}
+    message.given = {
         **{one.name: float(one.initial) for one in coding.signals if isinstance(one.initial, int | float)},
         **keys.values,
     }

@@ -155,7 +155,8 @@ class OpcUaTransport:
         """Connect and subscribe. LinkLost if nobody answers, MapMismatch if the server lacks one of the nodes."""
         from asyncua import Client
 
-        self._clock, self._grant, self._known, self._news = clock, Grant(), {}, []
+        self._clock, self._known, self._news = clock, {}, []
+        self._outbox, self._grant = Outbox(), Grant()
         self._loop = EventLoop(self._where)
         self._client = Client(self._keys.url, timeout=min(self._timeout, within))
         if self._keys.user is not None:

@@ -280,6 +280,19 @@ def test_at_the_rigs_own_rate_while_somebody_streams(memory: InMemory, connected
     assert len(memory.far.received) >= 5
 
 
+def test_a_new_connection_streams_nothing_of_the_old_one(memory: InMemory, connected: Callable) -> None:
+    transport = connected()
+    transport.stream({"Stream.Value": 3.5}, memory.clock.now())
+    memory.wait(0.05)
+    transport.close()
+    transport.connect(memory.clock, pytest.fail, within=1.0)
+    assert transport.waiting == {"Stream": ["Value"]}
+    memory.far.received.clear()
+    memory.wait(0.3)
+    assert {name for name, _ in memory.far.received} == {"Heart"}
+    assert transport.counts == {}, "what passed meanwhile is not lost"
+
+
 def test_pages_take_turns(memory: InMemory, connected: Callable) -> None:
     transport = connected(messages={**BUS["messages"], "Pages": {"every": "10 ms"}})
     transport.stream({"Pages.First": 1}, memory.clock.now())
