@@ -97,12 +97,6 @@ class DescribedWiring:
         """Where set-points go: `send`."""
         return self
 
-    @property
-    def remembered(self) -> tuple[str, ...]:
-        """Settings that no point reads back: they are taken to be what was last written."""
-        settings = self._description.settings.items()
-        return tuple(name for name, one in settings if one.fixed is None and not one.read)
-
     # -- coming and going ----------------------------------------------------------------------------------------
 
     def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
@@ -178,7 +172,10 @@ class DescribedWiring:
             try:
                 samples = self._sources.samples(prefix, time, points)
             except Exception as error:  # a user's function: the thread that receives must outlive it
-                self.failure = Misuse(f"a function of {self._description.functions} failed: {error!r}")
+                self.failure = self.failure or Misuse(
+                    f"what comes from {self.rig} could not be made signals of, with the functions of "
+                    f"{self._description.functions}: {error!r}"
+                )
                 return
             state = samples.get(self.table.index["rig.state"], math.nan)
             if not math.isnan(state):
@@ -218,8 +215,12 @@ class DescribedWiring:
                 transport, _, point = target.point.partition(".")
                 streams[transport][point] = number
         for transport, points in streams.items():
-            if points:
+            if not points:
+                continue
+            try:
                 self._transports[transport].stream(points, time)
+            except ValueError as error:  # beyond what the rig's numbers can be: the plan is to hear of it
+                self.failure = self.failure or Misuse(f"set-points cannot be sent to {self.rig}: {error}")
 
     def write(self, values: Mapping[str, float]) -> None:
         refuse_absent(self, *values)

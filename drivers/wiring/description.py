@@ -127,7 +127,7 @@ class _Reader:
         capabilities = Capabilities(
             generator=keys.capabilities.generator,
             latency=latency,
-            notes=keys.capabilities.notes,
+            notes={**keys.capabilities.notes, **self._remembered()},
         )
         return Description(
             self._where,
@@ -148,6 +148,11 @@ class _Reader:
             self._absent,
             tuple(self._points),
         )
+
+    def _remembered(self) -> dict[str, str]:
+        """Return a note of the settings that no point reads back."""
+        names = [name for name, one in self._settings.items() if one.fixed is None and not one.read]
+        return {"settings": f"taken to be what was last written: {', '.join(names)}"} if names else {}
 
     def _digest(self) -> str:
         digest = sha256(msgspec.json.encode(msgspec.to_builtins(self._keys), order="deterministic"))

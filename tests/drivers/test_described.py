@@ -166,7 +166,9 @@ def test_what_does_not_come_by_itself_is_read_when_asked(stand):
         "supply.pressure": 8 * bar, "interlock.estop": 1, "air.left_mode": 2, "air.dpv": 1, "vertical.control": 1
     }  # fmt: skip
     assert math.isnan(stand.wiring.read(["air.right_mode"])["air.right_mode"])  # never written, never told
-    assert set(stand.wiring.remembered) == {"vertical.control", "air.right_mode"}
+    assert stand.wiring.capabilities.notes == {
+        "settings": "taken to be what was last written: vertical.control, air.right_mode"
+    }
 
 
 def test_an_absent_signal_is_refused_with_rig_name_and_reason(stand):
@@ -189,7 +191,7 @@ def test_a_function_of_the_users_own_that_fails_ends_the_run_in_words(stand):
     stand.bus.points["C1"] = 0.0
     stand.wait(0.1)
     assert isinstance(stand.wiring.failure, Misuse)
-    assert "own.py failed: ZeroDivisionError" in str(stand.wiring.failure)
+    assert "own.py: ZeroDivisionError" in str(stand.wiring.failure)
 
 
 # -- coming and going ------------------------------------------------------------------------------------------------
@@ -249,6 +251,18 @@ def test_setpoints_are_streamed_in_the_rigs_numbers(stand):
     assert stand.beat(vertical_left__force_setpoint=20 * kN, lateral__displacement_setpoint=3 * mm) == [
         {"Left": pytest.approx(-20.0), "lateral": pytest.approx(3.0)}
     ]
+
+
+def test_a_set_point_that_the_rigs_numbers_cannot_be_is_told_to_the_plan(stand):
+    def refuse(points, time):
+        raise ValueError("Set.Left = 40 is more than 10")
+
+    stand.open()
+    stand.bus.stream = refuse
+    assert stand.beat(vertical_left__force_setpoint=40 * kN, lateral__displacement_setpoint=3 * mm) == [
+        {"lateral": pytest.approx(3.0)}
+    ]
+    assert str(stand.wiring.failure) == "set-points cannot be sent to hall: Set.Left = 40 is more than 10"
 
 
 def test_settings_go_out_together_and_are_awaited(stand):
