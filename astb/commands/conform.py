@@ -37,9 +37,8 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
     """
     from astb.api import find_rig
-    from astb.conformance.door import open_door
     from astb.conformance.finding import Report, ReportError, differences, read_report
-    from astb.conformance.suite import examine
+    from astb.conformance.suite import examine_rig
     from astb.rig_file import RigFileError
     from drivers.errors import BenchError
 
@@ -49,8 +48,7 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     try:
         rig, path = find_rig(target)
         there = read_report(other) if other else None
-        with open_door(rig, path, say=say) as door:
-            findings = examine(door, motion=allow_motion, say=say)
+        findings = examine_rig(rig, path, motion=allow_motion, say=say)
     except (RigFileError, ReportError, ValueError) as error:
         misuse(error)
     except BenchError as error:

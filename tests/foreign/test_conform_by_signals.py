@@ -1,0 +1,74 @@
+"""The conformance suite on rigs that speak otherwise: both are found sound, and what is spoilt is found out."""
+
+import json
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+from astb.conformance.finding import Outcome
+from astb.conformance.suite import examine_bench
+from tests.foreign.virtual import VirtualHall, VirtualPlc
+
+STRANGE = {"plant_a": VirtualPlc, "hall_b": VirtualHall}
+
+
+def examine(bench, motion=False):
+    return {(one.group, one.what): one for one in examine_bench(bench, motion=motion, say=lambda text: None)}
+
+
+@pytest.mark.parametrize(("name", "rate", "hold"), [("plant_a", 20, 1.1), ("hall_b", 100, 0.96)])
+def test_a_strange_rig_is_found_sound_and_left_at_rest(name, rate, hold):
+    with STRANGE[name]().bench() as bench:
+        found = examine(bench, motion=True)
+        assert bench.state == "DISABLED"
+    assert not [one for one in found.values() if one.outcome is Outcome.WRONG]
+    assert found["signals", "left.height, rate"].value == pytest.approx(rate, rel=0.01)
+    assert ("signals", "rig.program, rate") not in found, "the bench's own player is no rig"
+    assert found["motion", "the platform goes 2 mm up"].value == pytest.approx(2e-3, abs=2e-4)
+    assert found["loss of commands", "silence, until it leaves ACTIVE"].value == pytest.approx(hold, abs=0.2)
+    absent = found["what signals carry", "lateral.acceleration"]
+    assert (absent.outcome, absent.found) == (Outcome.SKIPPED, "absent: no accelerometer on the bolster")
+
+
+def test_nothing_moves_without_being_allowed_to():
+    virtual = VirtualPlc()
+    with virtual.bench() as bench:
+        before = bench.platform.vertical
+        found = examine(bench)
+        assert bench.state == "DISABLED"
+        assert bench.platform.vertical == pytest.approx(before, abs=1e-4)
+    assert found["motion", "states, a small move, loss of commands"].outcome is Outcome.SKIPPED
+
+
+def test_a_bench_that_stays_active_without_commands_is_found_out(monkeypatch):
+    with VirtualPlc().bench() as bench:
+        monkeypatch.setattr(type(bench.commander), "stop", lambda commander: None)
+        found = examine(bench, motion=True)
+        monkeypatch.undo()
+    assert found["loss of commands", "silence, until it leaves ACTIVE"].outcome is Outcome.WRONG
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_a_rig_that_falls_silent_is_told(name):
+    virtual = STRANGE[name]()
+    with virtual.bench() as bench:
+        virtual.silent = True
+        found = examine(bench)
+    wrong = {what for (_, what), one in found.items() if one.outcome is Outcome.WRONG}
+    assert wrong & {"to the end", "left.height, rate"}
+
+
+@pytest.mark.slow
+@pytest.mark.real_time
+@pytest.mark.parametrize("name", STRANGE)
+def test_the_command_knows_a_rig_with_a_wiring(started, tmp_path, name):
+    with started(name) as (rig_file, _):
+        command = [sys.executable, "-m", "astb", "conform", rig_file, "--json", "found.json"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (
+        json.loads((tmp_path / "found.json").read_text())["rig"]
+        == tomllib.loads(rig_file.read_text())["name"]
+    )
