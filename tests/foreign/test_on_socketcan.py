@@ -6,7 +6,6 @@ from astb.rig_file import read
 from astb.session import open_session
 from bench_protocol.units import bar, mm
 from drivers.can_port import has_interface
-from test_plans.analysis import first_harmonic
 
 INTERFACE = "vcan0"
 
@@ -26,10 +25,8 @@ def test_rig_b_is_led_over_socketcan(started):
             bench.air.fill(to=0.5 * bar)
             with bench.capture("lateral.displacement") as capture:
                 bench.generator.run("lateral", "sine", amplitude=5 * mm, frequency=1.0, cycles=4)
-            times, values = capture.aligned(100.0)
-            steady = (times > times[0] + 1.5) & (times < times[0] + 2.5)
-            wave = first_harmonic(times[steady], values["lateral.displacement"][steady], 1.0)
-            assert abs(wave) == pytest.approx(5 * mm, rel=0.05)
+            values = capture.values("lateral.displacement")
+            assert values.max() - values.min() == pytest.approx(10 * mm, rel=0.05)
             bench.air.vent(tolerance=0.2 * bar)
             bench.disarm()
             assert bench.rig.state == "DISABLED"
