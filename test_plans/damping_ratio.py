@@ -5,10 +5,11 @@ from typing import Final
 from bench_protocol.units import mm, s
 from test_plans import steps
 from test_plans.by_ratio import check_damping, damping_over_ratio
-from test_plans.fittings import fit_plate, leave_as_built, put_down
+from test_plans.fittings import PLATES_AND_PIPE, fit_plate, leave_as_built, put_down
 from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.run import Run
+from test_plans.waves import VERTICAL_WAVES
 
 PLATES: Final = tuple(d * mm for d in (10.0, 13.0, 16.0, 18.0))
 
@@ -19,7 +20,12 @@ def first_plate(run: Run) -> None:
     steps.carry(AW0)(run)
 
 
-@plan(setup=first_plate, teardown=leave_as_built, lasts=360 * s)
+@plan(
+    setup=first_plate,
+    teardown=leave_as_built,
+    lasts=360 * s,
+    needs=(*steps.CARRYING, *VERTICAL_WAVES, *PLATES_AND_PIPE),
+)
 def damping_ratio(run: Run) -> None:
     """Damping against pressure ratio, for orifice plates of 10, 13, 16 and 18 mm.
 

@@ -11,6 +11,9 @@ from test_plans import steps
 if TYPE_CHECKING:
     from test_plans.run import Run
 
+#: What is changed by `fit_plate` and `fit_pipe`, and what `leave_connected` opens.
+PLATES_AND_PIPE: Final = ("rig.orifice_diameter", "rig.pipe")
+CONNECTIONS: Final = ("air.left_reservoir", "air.right_reservoir", "air.dpv")
 #: Fitted when the bench was built.
 PLATE: Final = 13 * mm
 

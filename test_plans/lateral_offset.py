@@ -3,13 +3,20 @@
 from bench_protocol.units import s
 from test_plans import steps
 from test_plans.by_offset import lateral_offsets
-from test_plans.fittings import leave_connected, put_down
+from test_plans.fittings import CONNECTIONS, leave_connected, put_down
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan
+from test_plans.poses import POSING
 from test_plans.run import Run
+from test_plans.waves import LATERAL_WAVES
 
 
-@plan(setup=steps.carry(AW0), needs=steps.CARRYING, teardown=leave_connected, lasts=375 * s)
+@plan(
+    setup=steps.carry(AW0),
+    teardown=leave_connected,
+    lasts=375 * s,
+    needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
+)
 def lateral_offset(run: Run) -> None:
     """Lateral offset: stiffness, effective area and volume at 0, ±20, ±40 and ±60 mm.
 

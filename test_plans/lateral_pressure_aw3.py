@@ -3,16 +3,22 @@
 from typing import Final
 
 from bench_protocol.units import kN, s
+from test_plans import steps
 from test_plans.by_pressure import carry_first, lateral_stiffness_over_pressure
 from test_plans.loads import AW3
 from test_plans.plan import plan
 from test_plans.run import Run
+from test_plans.waves import LATERAL_WAVES
 
 #: The shims end at 160 kN.
 PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))
 
 
-@plan(setup=carry_first(AW3, PRELOADS), lasts=360 * s)
+@plan(
+    setup=carry_first(AW3, PRELOADS),
+    lasts=360 * s,
+    needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
+)
 def lateral_pressure_aw3(run: Run) -> None:
     """Lateral stiffness against pressure, full car.
 

@@ -21,7 +21,7 @@ def fill(run: Run) -> None:
     steps.raise_the_air(run, load)
 
 
-@plan(setup=fill, lasts=60 * s)
+@plan(setup=fill, lasts=60 * s, needs=(*steps.CARRYING, *steps.WEIGHED_BY))
 def leak_down(run: Run) -> None:
     """Leak-down: fill the springs, shut every valve, weigh the air before and after.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench_protocol.units import Hz, s
 from test_plans import steps
-from test_plans.fittings import leave_connected, put_down
+from test_plans.fittings import CONNECTIONS, leave_connected, put_down
 from test_plans.geometry import POSE_SIGNALS, shear_of
 from test_plans.loads import AW0, AW3, Band
 from test_plans.motions import (
@@ -28,7 +28,8 @@ from test_plans.motions import (
 )
 from test_plans.plan import Plan
 from test_plans.poses import POSE_SETTLE, Home, go_home
-from test_plans.readings import HEIGHTS
+from test_plans.readings import GENERATOR, HEIGHTS
+from test_plans.steps.carrying import HELD_SIDEWAYS
 from test_plans.trajectory import RATE, trajectory
 
 if TYPE_CHECKING:
@@ -72,7 +73,14 @@ def programme_plan(programme: Programme) -> Plan:
         setup=steps.carry(programme.parts[0].load),
         teardown=leave_connected,
         lasts=lasts(programme),
-        needs=steps.CARRYING,
+        needs=(
+            *steps.CARRYING,
+            *POSE_SIGNALS,
+            *HELD_SIDEWAYS,
+            "platform.roll_setpoint",
+            *GENERATOR,
+            *CONNECTIONS,
+        ),
     )
 
 

@@ -14,7 +14,7 @@ from test_plans import steps
 from test_plans.analysis import straight_line
 from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, pose, roll_of, shear_of, stop_travel_of
 from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, THERMOMETER_LAG, VERTICAL_CELLS
-from test_plans.steps.carrying import FILL_WITHIN
+from test_plans.steps.carrying import FILL_WITHIN, HELD_SIDEWAYS
 from test_plans.waves import pressure_of
 
 if TYPE_CHECKING:
@@ -76,6 +76,8 @@ def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, he
 
 
 _READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
+#: What it takes to come to a pose and to read it.
+POSING: Final = (*_READ, *HELD_SIDEWAYS, "platform.roll_setpoint")
 READ_OVER: Final = 2 * s
 
 

@@ -5,15 +5,22 @@ from typing import Final
 from bench_protocol.units import rad, s
 from test_plans import steps
 from test_plans.by_roll import lateral_stiffness_over_roll
-from test_plans.fittings import leave_connected
+from test_plans.fittings import CONNECTIONS, leave_connected
 from test_plans.loads import AW3
 from test_plans.plan import plan
+from test_plans.poses import POSING
 from test_plans.run import Run
+from test_plans.waves import LATERAL_WAVES
 
 ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 7))
 
 
-@plan(setup=steps.carry(AW3), needs=steps.CARRYING, teardown=leave_connected, lasts=250 * s)
+@plan(
+    setup=steps.carry(AW3),
+    teardown=leave_connected,
+    lasts=250 * s,
+    needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
+)
 def roll_angle_aw3(run: Run) -> None:
     """Roll angle, full car: lateral stiffness at fixed rolls of 0, ±0.01 … ±0.06 rad.
 

@@ -39,6 +39,9 @@ SEISMIC: Final = 3 * Hz
 
 _LATERAL: Final = (*POSE_SIGNALS, *SHEAR_CELLS, "lateral.acceleration", *PRESSURES)
 _VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
+#: What sines on one axis need.
+LATERAL_WAVES: Final = (*_LATERAL, *GENERATOR, "lateral.control", "lateral.displacement_setpoint")
+VERTICAL_WAVES: Final = (*_VERTICAL, *GENERATOR)
 
 Values = dict[str, Samples]
 

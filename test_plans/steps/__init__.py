@@ -1,6 +1,6 @@
 """The named steps of the test instructions: raise the air, level, shake, roll, let the air off."""
 
-from test_plans.steps.air import check_air, check_tightness, weigh_the_air
+from test_plans.steps.air import WEIGHED_BY, check_air, check_tightness, weigh_the_air
 from test_plans.steps.carrying import (
     AVERAGE_OVER,
     CARRYING,
@@ -21,6 +21,7 @@ from test_plans.steps.track_and_roll import roll_by_unequal_preload, track_excit
 __all__ = [
     "AVERAGE_OVER",
     "CARRYING",
+    "WEIGHED_BY",
     "carry",
     "carry_load",
     "check_air",

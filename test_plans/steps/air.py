@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _GAS: Final = tuple(
     f"{side}.{part}_{what}" for side in SIDES for part in CHAMBERS for what in ("pressure", "temperature")
 )
-_WEIGHED_BY: Final = (*_GAS, *HEIGHTS, *VERTICAL_CELLS)
+WEIGHED_BY: Final = (*_GAS, *HEIGHTS, *VERTICAL_CELLS)
 
 
 def check_air(run: Run, load: Load) -> None:
@@ -49,10 +49,10 @@ def weigh_the_air(run: Run) -> dict[str, float]:
     On a rig that cannot tell there is nothing to read. A thermometer that follows with first order reads what was:
     T = T_read + τ dT_read/dt.
     """
-    if not run.bench.has(*_WEIGHED_BY):
+    if not run.bench.has(*WEIGHED_BY):
         return {}
     with run.phase("weigh the air"):
-        with run.bench.capture(*_WEIGHED_BY) as capture:
+        with run.bench.capture(*WEIGHED_BY) as capture:
             run.bench.wait(AVERAGE_OVER)
         state = {"time": run.now / NS}
         for name in capture.names:
@@ -67,7 +67,7 @@ def check_tightness(run: Run, load: Load, before: dict[str, float], at: str = ""
     ``load`` is that of the shims; ``at`` ends the names of the checks.
     """
     names = {side: f"air lost per minute, {side} spring{at}" for side in SIDES}
-    if not run.can(*names.values(), needs=_WEIGHED_BY):
+    if not run.can(*names.values(), needs=WEIGHED_BY):
         return
     after = weigh_the_air(run)
     elapsed = after["time"] - before["time"]
