@@ -226,7 +226,7 @@ class DescribedWiring:
         refuse_absent(self, *values)
         played = {name: value for name, value in values.items() if name in self._description.played}
         numbers = {name: self._number(name, value) for name, value in values.items() if name not in played}
-        self._refuse_under_program(numbers)
+        self._refuse_under_program(values)
         written = {name: number for name, number in numbers.items() if number is not None}
         before = self._before(written)
         try:
@@ -235,9 +235,10 @@ class DescribedWiring:
                 self._say(self._description.greetings.apply)
             for name in written:
                 self._acknowledged(name, values[name])
-        except BenchError:
+        except (BenchError, ValueError):
             with contextlib.suppress(BenchError):
                 self._write_points(before)
+                self._say(self._description.greetings.apply)
             raise
         self._known.update({name: values[name] for name in written})
         if played and self._player is not None:
@@ -298,10 +299,11 @@ class DescribedWiring:
                 setpoints, active = self._setpoints, self._active
             self._player.run(self.read(controls), setpoints, active=active)
 
-    def _refuse_under_program(self, names: Iterable[str]) -> None:
+    def _refuse_under_program(self, values: Mapping[str, float]) -> None:
         if self._player is not None and self._player.busy:
-            for name in names:
-                if name.endswith(".control"):
+            controls = [name for name in values if name.endswith(".control")]
+            for name, mode in self.read(controls).items():
+                if mode != values[name]:
                     raise Refused(f"{name} must not change while a program runs", DEVICE_FAILURE)
 
     # -- settings ------------------------------------------------------------------------------------------------

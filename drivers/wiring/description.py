@@ -395,12 +395,14 @@ class _Reader:
 
     def _player(self) -> PlayerLimits:
         table, where = self._keys.player, f"{self._head}player"
-        return PlayerLimits(
-            quantity(f"{where}.lever", table.lever, "m"),
-            quantity(f"{where}.speed", table.speed, "m/s"),
-            quantity(f"{where}.roll_rate", table.roll_rate, "rad/s"),
-            quantity(f"{where}.force_rate", table.force_rate, "N/s"),
-        )
+        limits = {
+            key: quantity(f"{where}.{key}", getattr(table, key), si)
+            for key, si in (("lever", "m"), ("speed", "m/s"), ("roll_rate", "rad/s"), ("force_rate", "N/s"))
+        }
+        for key, limit in limits.items():
+            if limit <= 0.0:
+                raise WiringError(f"{where}.{key} = {getattr(table, key)!r} must be above 0")
+        return PlayerLimits(**limits)
 
 
 #: Which keys a line may have, by the kind of its signal; ``absent`` stands alone.

@@ -283,6 +283,26 @@ def test_a_setting_that_is_never_acknowledged_is_refused_and_taken_back(stand):
     assert stand.plc.points["mode"] == 0
 
 
+def test_a_mode_must_not_change_under_a_program(stand):
+    stand.open()
+    setpoints = {"vertical_left__force_setpoint": 20 * kN, "vertical_right__force_setpoint": 20 * kN}
+    stand.beat(5, **setpoints)
+    stand.wiring.write(
+        {"generator.frequency": 1.0, "generator.cycles": 9, "generator.force_amplitude": 2 * kN}
+    )
+    stand.wiring.act("action.program_run")
+    stand.wiring.write({"vertical.control": 1})  # as it is
+    with pytest.raises(Refused, match=r"vertical\.control must not change while a program runs"):
+        stand.wiring.write({"vertical.control": 2})
+    crest = [-one["Left"] for one in stand.beat(100, **setpoints)]
+    assert [min(crest), max(crest)] == pytest.approx([18, 22], abs=0.1)
+    assert stand.last("rig.program") == 1
+    stand.plc.points["state"] = 2  # HOLD
+    stand.wait(0.1)
+    assert stand.beat(2, **setpoints)[-1]["Left"] == pytest.approx(-20)
+    assert stand.last("rig.program") == 3
+
+
 def test_a_number_that_a_rig_rounds_is_acknowledged(stand):
     stand.open()
     stand.deaf = True

@@ -139,6 +139,11 @@ SIGNALS
 -> latency = 'soon' is not a time above 0
 
 [player]
+speed = "-1 m/s"
+SIGNALS
+-> player.speed = '-1 m/s' must be above 0
+
+[player]
 lever = "1 bar"
 SIGNALS
 -> player.lever = '1 bar': 'bar' is a unit of another quantity
@@ -293,6 +298,15 @@ rest = [{ "left.height" = 0 }]
 [conduct]
 rest = [{ "air.left_mode" = "vent" }]
 -> the rig has no air.left_mode: the wiring does not mention it
+
+[conduct]
+open = [{ "lease.nonce" = 1 }]
+-> the rig has no lease.nonce: the wiring does not mention it
+
+"air.dpv" = { to = "plc.dpv" }
+[conduct]
+apply = [{ "plc.apply" = 1, "air.dpv" = "on" }]
+-> conduct.apply: air.dpv is a setting; right are points and actions
 
 [conduct]
 at_rest = ["OFF"]
