@@ -212,7 +212,7 @@ class CanTransport:
         port.on_lost(self._ear.lose)
         periods = {one.every for one in self._messages.values() if one.every}
         for period in sorted(periods):
-            self._tasks.append(clock.every(round(period * NS), partial(self._send_cyclic, period)))
+            self._tasks.append(self._ear.recur(period, partial(self._send_cyclic, period)))
         deadline = clock.now() + round(within * NS)
         while self._keys.answers and not self._latest and not told and clock.now() < deadline:
             clock.sleep_until(min(deadline, clock.now() + _LOOK))

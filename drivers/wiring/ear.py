@@ -91,6 +91,37 @@ class Ear:
             return float("inf")
         return max(0.0, (self._clock.now() - self._heard) / NS)
 
+    def recur(
+        self,
+        period: float,
+        call: Callable[[], None],
+        place: Callable[[Callable[[], None]], None] = lambda call: call(),
+    ) -> Task:
+        """Call ``call`` every ``period`` s on absolute deadlines, by way of ``place``.
+
+        Beats that pass while it still works are left out. What it raises would end its thread and be heard by nobody:
+        the connection counts as lost, with the exception as the reason.
+        """
+        clock = self._clock
+        assert clock is not None, "opened"
+        step = round(period * NS)
+        last = clock.now() - step
+
+        def guarded() -> None:
+            try:
+                call()
+            except Exception as error:
+                self.lose(f"{self._name} failed: {type(error).__name__}: {error}")
+
+        def beat() -> None:
+            nonlocal last
+            now = clock.now()
+            if now - last >= step // 2:
+                last = now
+                place(guarded)
+
+        return clock.every(step, beat)
+
     def close(self) -> None:
         """Hand on nothing any more, also not what is just arriving."""
         with self._lock:
@@ -129,18 +160,3 @@ class Outbox:
         with self._lock:
             values, self._values = self._values, {}
         return values
-
-
-def unhurried(clock: Clock, period: float, call: Callable[[], None]) -> Task:
-    """Call ``call`` every ``period`` s on absolute deadlines; beats that pass while it still works are left out."""
-    step = round(period * NS)
-    last = clock.now() - step
-
-    def beat() -> None:
-        nonlocal last
-        now = clock.now()
-        if now - last >= step // 2:
-            last = now
-            call()
-
-    return clock.every(step, beat)

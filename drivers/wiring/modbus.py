@@ -46,7 +46,7 @@ from bench_protocol.modbus import BITS_WRITE_MAX, REGISTERS_WRITE_MAX
 from bench_protocol.units import ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints
-from drivers.wiring.ear import Ear, Grant, Outbox, unhurried
+from drivers.wiring.ear import Ear, Grant, Outbox
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
 from drivers.wiring.registers import ByteOrder, RegisterPoint, Span, WordOrder, read_points, spans
 
@@ -203,8 +203,7 @@ class ModbusTransport:
     def _recur(self, period: float, call: Callable[[], None]) -> None:
         """Let ``call`` recur; in virtual time never in the middle of a request of the thread that lets time pass."""
         assert self._clock is not None and self._port is not None
-        port = self._port
-        self._tasks.append(unhurried(self._clock, period, lambda: port.between_requests(call)))
+        self._tasks.append(self._ear.recur(period, call, self._port.between_requests))
 
     def subscribe(self, hear: OnPoints) -> None:
         """Call ``hear(time, points)`` with what each request of a group brings from now on."""

@@ -39,7 +39,7 @@ from bench_protocol.clock import Clock, Task
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints
-from drivers.wiring.ear import Ear, Grant, Outbox, unhurried
+from drivers.wiring.ear import Ear, Grant, Outbox
 from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
 
@@ -171,9 +171,9 @@ class OpcUaTransport:
         except BenchError:
             self.close()
             raise
-        self._tasks.append(unhurried(clock, self._every, self._beat))
+        self._tasks.append(self._ear.recur(self._every, self._beat))
         if self._alive is not None:
-            self._tasks.append(unhurried(clock, self._alive[1], self._count))
+            self._tasks.append(self._ear.recur(self._alive[1], self._count))
 
     def _look_for_all(self) -> None:
         missing = []

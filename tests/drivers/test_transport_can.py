@@ -293,6 +293,26 @@ def test_a_new_connection_streams_nothing_of_the_old_one(memory: InMemory, conne
     assert transport.counts == {}, "what passed meanwhile is not lost"
 
 
+def test_what_fails_in_the_background_is_told(memory: InMemory, where: Path) -> None:
+    """A checksum of the user's own that raises would otherwise end the stream, and nobody would know."""
+    (where / "failing.py").write_text("def weighted(identifier, data):\n    return 1 // (data[1] - 3)\n")
+    guard = {"signal": "Alive", "scheme": "function:weighted"}
+    messages = {
+        "Pages": {"every": "10 ms", "values": {"First": 0}},
+        "Stream": {"checksum": {**guard}, "every": "10 ms"},
+    }
+    table = {**BUS, "messages": messages}
+    transport = CanTransport("bus", table, where, port=memory.port, functions=where / "failing.py")
+    lost: list[str] = []
+    transport.connect(memory.clock, lost.append, within=1.0)
+    transport.stream({"Stream.Value": 3 * 128, "Stream.Spare": 0}, memory.clock.now())
+    memory.wait(0.1)
+    assert lost == ["bus on to be chosen failed: ZeroDivisionError: integer division or modulo by zero"]
+    with pytest.raises(LinkLost, match="ZeroDivisionError"):
+        transport.stream({}, memory.clock.now())
+    transport.close()
+
+
 def test_pages_take_turns(memory: InMemory, connected: Callable) -> None:
     transport = connected(messages={**BUS["messages"], "Pages": {"every": "10 ms"}})
     transport.stream({"Pages.First": 1}, memory.clock.now())
