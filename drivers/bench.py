@@ -223,7 +223,7 @@ class Bench(Link):
             self._give(order)
         within = left() if step.within is None else min(left(), step.within)
         if set(step.start) <= set(FAULT_STATES):
-            what = f"reset of the fault ({self.describe()})"
+            what = _after(f"reset of the fault ({self.describe()})", step.orders)
             self._until(lambda: self.state in step.end, within, what, RigFault)
         else:
             self._reach(step.end, within, step.orders)
@@ -253,11 +253,14 @@ class Bench(Link):
         """Wait for one of ``states``, which ``orders`` have asked for; RigFault if a fault comes instead."""
         wanted = " or ".join(dict.fromkeys(states))
         faults = [state for state in FAULT_STATES if state not in states]
-        asked = "; ".join(
-            ", ".join(f"{name} = {value:g}" for name, value in order.values.items()) for order in orders
-        )
-        self._until(
-            lambda: self.state in (*states, *faults), within, f"{wanted} (after {asked})" if asked else wanted
-        )
+        self._until(lambda: self.state in (*states, *faults), within, _after(wanted, orders))
         if self.state not in states:
             raise RigFault(f"the rig did not reach {wanted}: {self.describe()}")
+
+
+def _after(wanted: str, orders: Collection[Order]) -> str:
+    """Return what is waited for, and what was said for it."""
+    said = "; ".join(
+        ", ".join(f"{name} = {value:g}" for name, value in order.values.items()) for order in orders
+    )
+    return f"{wanted} (after {said})" if said else wanted

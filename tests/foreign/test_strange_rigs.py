@@ -69,6 +69,21 @@ def test_a_rig_holds_when_its_commander_is_gone(strange):
     assert strange.rig.state.name in ("FAULT", "SAFE")
 
 
+def test_a_step_that_a_rig_never_takes_is_told_with_what_was_said(strange):
+    """Deaf to requests, the rig stays where it is."""
+    strange.rig.estop = True
+    wait(strange.clock, 0.2)
+    with pytest.raises(RigFault, match="release the button"):
+        strange.bench.arm()
+    strange.rig.estop = False
+    wait(strange.clock, 0.2)
+    deaf = {"plant_a": "_obey", "hall_b": "_take_command"}[strange.name]
+    setattr(strange.rig, deaf, lambda *data: None)
+    said = {"plant_a": r"plc\.request = 4", "hall_b": r"bus\.Command\.Request = 68"}[strange.name]
+    with pytest.raises(RigFault, match=said):
+        strange.bench.reset()
+
+
 def test_an_emergency_stop_is_seen_and_must_be_released_before_a_reset(strange):
     strange.bench.arm()
     strange.rig.estop = True
