@@ -84,6 +84,7 @@ class DescribedWiring:
         limits = description.player
         self._player = Player(rig, self.table, limits, self.absent) if limits else None
         self._sources = Sources(description, self._stale)
+        self._check_state()
         self.freshness: Ints = self._freshness()
         self._known = {name: setting.initial for name, setting in description.settings.items()}
         self._lock = threading.Lock()
@@ -385,6 +386,15 @@ class DescribedWiring:
                 self._transports[transport].require(name, writable=written)
             except WiringError as error:
                 raise WiringError(f"{key} = {point!r}: {error}") from None
+
+    def _check_state(self) -> None:
+        """WiringError if the rig's state has to be asked for: the bench looks at it on every beat."""
+        state = self._description.readings.get("rig.state")
+        if state is not None and "rig.state" not in self._sources.limits:
+            raise WiringError(
+                f'{self._description.where}: signals."rig.state".from = {", ".join(state.points)} is read only when '
+                "asked; right is a point that comes by itself, as those of a polled group do"
+            )
 
     def _stale(self, point: str) -> float:
         transport, _, name = point.partition(".")

@@ -237,6 +237,12 @@ def test_points_that_a_transport_does_not_have(tmp_path):
         Stand(tmp_path, TEXT.replace("plc.left_height", "plc.hight"))
 
 
+def test_a_state_that_has_to_be_asked_for(stand):
+    stand.plc.asked.add("state")
+    with pytest.raises(WiringError, match=r"\"rig\.state\"\.from = plc\.state is read only when asked"):
+        DescribedWiring("hall", stand.description, {"plc": stand.plc, "bus": stand.bus})
+
+
 def test_points_that_cannot_be_written(tmp_path, stand):
     stand.plc.locked = {"mode"}
     with pytest.raises(WiringError, match=r"\"air\.left_mode\"\.to = 'plc\.mode': mode can only be read"):
