@@ -9,14 +9,17 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from bench_protocol.clock import RealClock
+from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.frames import Block, frame, payload
 from drivers.errors import LinkLost, WiringError
+from drivers.memory import InMemoryCan
 from drivers.wiring.can import CanTransport
 from drivers.wiring.conformance import Subject, check_transport
 from drivers.wiring.transports import open_transport
-from tests.drivers.can_stand import BUS, MS, FarEnd, InMemory, write_files
+from tests.drivers.can_stand import BUS, DATABASE, MS, FarEnd, InMemory, write_files
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +217,30 @@ def test_frames_too_short_and_pages_unknown(memory: InMemory, connected: Callabl
     memory.wait(0.05)
     assert transport.counts == {"Heights": {"corrupt": 5}, "Air": {"unknown": 5}}
     assert transport.lost == []
+
+
+KNOWN = [(message.frame_id, message.is_extended_frame) for message in DATABASE.messages]
+OURS = {DATABASE.get_message_by_name(name).frame_id for name in ("Stream", "Heart")}
+
+
+@given(st.lists(st.tuples(st.sampled_from([*KNOWN, (0x123, False)]), st.binary(max_size=8)), max_size=40))
+def test_whatever_comes_is_heard_as_numbers_or_counted(
+    where: Path, frames: list[tuple[tuple[int, bool], bytes]]
+) -> None:
+    port, heard = InMemoryCan(lambda block: None), []
+    transport = CanTransport("bus", {**BUS, "answers": False}, where, port=lambda: port)
+    transport.subscribe(lambda time, points: heard.append(points))
+    transport.connect(VirtualClock(), pytest.fail, within=1.0)
+    for (identifier, extended), data in frames:
+        port.deliver(frame(identifier, data, extended=extended))
+    assert all(type(value) is float for points in heard for value in points.values())
+    refused = sum(
+        tally.get(what, 0)
+        for tally in transport.counts.values()
+        for what in ("corrupt", "repeated", "unknown")
+    )
+    theirs = [one for one, _ in frames if one in KNOWN and one[0] not in OURS]
+    assert len(heard) + refused == len(theirs)
 
 
 # --- what is sent -------------------------------------------------------------------------------------------------
