@@ -9,6 +9,7 @@
     dbc = "plant_b.dbc"           # or any other file that cantools reads; without one, ids and bits below
     node = "BENCH"                # our name in the DBC: only its messages can be written; optional
     stale = "100 ms"              # per page; without it three times the cycle time in the DBC, and at least 100 ms
+    burst = "5 ms"                # what comes so soon after a frame was sampled with it and has its time; optional
     answers = true                # false for a rig that says nothing by itself
 
     [transports.bus.messages.Setpoints]
@@ -79,6 +80,7 @@ class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     dbc: str | None = None
     node: str | None = None
     stale: str | None = None
+    burst: str | None = None  #: what comes within this time after a frame was sampled with it
     answers: bool = True
     messages: dict[str, Any] = {}
     points: dict[str, Any] = {}
@@ -103,6 +105,8 @@ class CanTransport:
         self.name, self._keys, self._opener = name, convert(place, table, CanKeys), port
         keys = self._keys
         stale = None if keys.stale is None else duration(f"{place}: stale", keys.stale)
+        self._burst = 0 if keys.burst is None else round(duration(f"{place}: burst", keys.burst) * NS)
+        self._burst_began = 0
         self._messages = read_messages(place, table, where, functions, stale)
         if not self._messages:
             raise WiringError(
@@ -253,7 +257,13 @@ class CanTransport:
         for record in block:
             message = self._by_id.get((int(record["id"]), bool(record["extended"])))
             if message is not None and message.name not in self._ours:
-                self._accept(message, payload(record), self._time(int(record["time"])))
+                self._accept(message, payload(record), self._sampled(self._time(int(record["time"]))))
+
+    def _sampled(self, time: int) -> int:
+        """Return when what comes at ``time`` was sampled: a rig samples at once and sends one frame after the other."""
+        if not 0 <= time - self._burst_began < self._burst:
+            self._burst_began = time
+        return self._burst_began
 
     def _time(self, stamp: int) -> int:
         """Return the bench's time of a stamp: of the day if a real bus gave it, else the bench's own."""

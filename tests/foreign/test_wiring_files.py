@@ -80,10 +80,19 @@ def test_the_frames_of_rig_b_over_can():
     description = read_description(HERE / "hall_b_wiring.toml", TABLE)
     table, functions = description.transports["bus"], description.functions
     transport = open_transport("bus", table, HERE, functions=functions, port=virtual.port)
-    heard = {}
+    heard, times = {}, []
+
+    def hear(time, points):
+        heard.update(points)
+        times.append(time)
+
     transport.connect(virtual.clock, lambda reason: None, within=1.0)
-    transport.subscribe(lambda time, points: heard.update(points))
+    transport.subscribe(hear)
+    start = virtual.clock.now()
     virtual.clock.sleep_until(1 * NS)
+    # What is sampled at once comes one frame after the other, and has one time all the same.
+    assert len(times) > 7 * len(set(times))
+    assert len(set(times)) == pytest.approx(100 * (1 - start / NS), abs=1)
     assert heard["Heights.HeightLeft"] == pytest.approx(-52.2, abs=0.2)
     assert heard["CellsB.Cell4"] == pytest.approx(-3000 / 9.80665, abs=30)
     assert heard["Air.ChamberRight"] == pytest.approx(101.325, abs=3)

@@ -19,6 +19,7 @@ from tests.foreign.plc_rig import CYCLE as PLC_CYCLE
 from tests.foreign.plc_rig import PlcRig
 
 _NS = 1_000_000  # in a millisecond
+FRAME_TIME = 270_000  # ns: of eight bytes at 500 kbit/s
 
 
 class _Paced:
@@ -84,8 +85,11 @@ class VirtualHall(_Paced):
     def cycle(self) -> None:
         frames = self.rig.cycle()
         block = np.zeros(len(frames), FRAME)
+        sent = (
+            self._done * HALL_CYCLE * _NS - len(frames) * FRAME_TIME
+        )  # one after the other, the last one just now
         for record, (identifier, data) in zip(block, frames, strict=True):
-            record["time"] = self._done * HALL_CYCLE * _NS
+            record["time"] = sent = sent + FRAME_TIME
             record["id"], record["extended"], record["length"] = identifier, 1, len(data)
             record["data"][: len(data)] = np.frombuffer(data, np.uint8)
         for port in () if self.silent else self._ports:
