@@ -216,7 +216,7 @@ def test_no_programme_asks_for_more_than_the_bench_can(programme):
                 assert lowest + 20 * mm < series.min()
                 assert series.max() < highest - 20 * mm
             assert np.abs(asked.lateral).max() < 0.7 * sideways
-            assert np.abs(asked.shear).max() * stiffness[part.load.name] < LATERAL_FORCE_MAX
+            assert np.abs(asked.shear).max() * stiffness[part.load] < LATERAL_FORCE_MAX
             speeds = np.abs(np.diff([asked.vertical_left, asked.lateral])) * RATE
             assert speeds.max() < 0.4
 
