@@ -127,6 +127,8 @@ def _recorded(run: Run, recording: Recording) -> Iterator[None]:
     bench.receiver.sink = recording.take
     bench.settings.applied = lambda values: keep_settings(run, values)
     try:
+        if other := bench.wiring.capabilities.notes.get("identity"):
+            run.say(other)
         with suppress(BenchError):  # a rig that is gone is what set-up will complain of
             keep_settings(run, bench.settings.in_force())
         yield

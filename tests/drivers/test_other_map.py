@@ -15,7 +15,7 @@ from bench_protocol.modbus import FILE_READ_MAX
 from bench_protocol.registers import registers_of
 from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table import TABLE
-from bench_protocol.units import NS, bar, mm, s
+from bench_protocol.units import NS, bar, kN, mm, s
 from bench_protocol.wires import Table
 from bench_protocol.words import STATES
 from bench_sim.parameters import load
@@ -23,6 +23,9 @@ from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.errors import MapMismatch, NotAvailable
 from drivers.wiring.own import OwnWiring
+from test_plans.execution import execute
+from test_plans.plan import plan
+from test_plans.run import Nobody
 
 
 def table(signals=None, **messages) -> Table:
@@ -237,6 +240,24 @@ def test_a_bench_on_another_map_arms_moves_and_says_what_it_lacks():
             bench.left.height  # noqa: B018
         assert bench.left.bellows_pressure == pytest.approx(0, abs=0.1 * bar)
         assert "height: absent (the rig's map has it elsewhere" in repr(bench.left)
+
+
+def test_a_plan_says_with_what_it_goes_on(tmp_path):
+    said = []
+
+    class Ear(Nobody):
+        def say(self, text):
+            said.append(text)
+
+    @plan(setup=lambda run: None, teardown=lambda run: None)
+    def look(run):
+        """Look: it does not press."""
+        run.check("force", run.bench.vertical_left.force, "kN", low=-2 * kN, high=2 * kN)
+
+    stand = Stand(SWAPPED)
+    with Bench(stand.wiring, stand.memory.clock) as bench:
+        assert execute(look, bench, tmp_path, watcher=Ear()).verdict == "pass"
+    assert any("the rig speaks another table of signals" in text and "left.height" in text for text in said)
 
 
 def test_a_rig_without_a_map_file_is_refused_as_ever(world):

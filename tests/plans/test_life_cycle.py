@@ -16,6 +16,7 @@ from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome, read_result
 from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, Refused, RigFault
+from drivers.wiring.contract import Capabilities
 from test_plans.analysis import NotMeasured
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -30,7 +31,7 @@ class FakeBench:
         self.clock, self.table = VirtualClock(), TABLE
         self.receiver = SimpleNamespace(sink=None)
         self.settings = SimpleNamespace(readings=self.account, in_force=dict)
-        self.wiring = SimpleNamespace(read_file=self.read_file)
+        self.wiring = SimpleNamespace(read_file=self.read_file, capabilities=Capabilities())
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
         self.pressures = {}
