@@ -1,5 +1,6 @@
 """The CAN transport against peers that know cantools and nothing of ours, in memory and on python-can's own bus."""
 
+import contextlib
 import math
 import threading
 import time
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.frames import Block, frame, payload
+from drivers.can_port import has_interface
 from drivers.errors import LinkLost, WiringError
 from drivers.memory import InMemoryCan
 from drivers.wiring.can import CanTransport
@@ -72,13 +74,13 @@ def test_it_conforms_in_memory_and_in_virtual_time(memory: InMemory, where: Path
     assert memory.far.bad == []
 
 
-@pytest.fixture
-def bus() -> Iterator[tuple[str, FarEnd]]:
-    """A far end on python-can's `virtual` bus, which knows no interfaces and needs no rights."""
-    channel, far, over = "transport of somebody", FarEnd(), threading.Event()
+@contextlib.contextmanager
+def far_end(**bus: str) -> Iterator[FarEnd]:
+    """A far end on one of python-can's own buses."""
+    far, over = FarEnd(), threading.Event()
 
     def run() -> None:
-        with can.Bus(interface="virtual", channel=channel) as station:
+        with can.Bus(**bus) as station:
             while not over.wait(0.01):
                 while (message := station.recv(0)) is not None:
                     far.receive(
@@ -95,19 +97,23 @@ def bus() -> Iterator[tuple[str, FarEnd]]:
 
     thread = threading.Thread(target=run)
     thread.start()
-    yield channel, far
-    over.set()
-    thread.join()
+    try:
+        yield far
+    finally:
+        over.set()
+        thread.join()
+
+
+VIRTUAL = {"interface": "virtual", "channel": "transport of somebody"}  # knows no kernel and needs no rights
 
 
 @pytest.mark.real_time
-def test_it_conforms_on_a_bus_of_python_cans(bus: tuple[str, FarEnd], where: Path) -> None:
-    channel, far = bus
-
-    def make(channel: str = channel) -> CanTransport:
+def test_it_conforms_on_a_bus_of_python_cans(where: Path) -> None:
+    def make(channel: str = VIRTUAL["channel"]) -> CanTransport:
         return open_transport("bus", {**BUS, "channel": channel}, where)
 
-    findings = check_transport(Subject(make, nobody=lambda: make("an empty one"), within=1.0, **SUBJECT))
+    with far_end(**VIRTUAL) as far:
+        findings = check_transport(Subject(make, nobody=lambda: make("an empty one"), within=1.0, **SUBJECT))
     assert [str(finding) for finding in findings if finding.breach] == []
     assert [finding.skipped for finding in findings if finding.skipped] == [
         "not checked: the subject has no `cut`"
@@ -115,14 +121,27 @@ def test_it_conforms_on_a_bus_of_python_cans(bus: tuple[str, FarEnd], where: Pat
     assert far.bad == []
 
 
+@pytest.mark.vcan
+@pytest.mark.skipif(not has_interface("vcan0"), reason="tools/with_vcan.sh runs it where there is a vcan0")
 @pytest.mark.real_time
-def test_times_on_a_real_bus_are_those_of_the_bench(bus: tuple[str, FarEnd], where: Path) -> None:
+def test_it_conforms_on_socketcan(where: Path) -> None:
+    table = {**{key: said for key, said in BUS.items() if key not in VIRTUAL}, "bus": "vcan0"}
+    subject = Subject(lambda: open_transport("bus", table, where), **SUBJECT)
+    with far_end(interface="socketcan", channel="vcan0") as far:
+        findings = check_transport(subject)
+    assert [str(finding) for finding in findings if finding.breach] == []
+    assert far.bad == []
+
+
+@pytest.mark.real_time
+def test_times_on_a_real_bus_are_those_of_the_bench(where: Path) -> None:
     clock, heard = RealClock(), []
-    transport = open_transport("bus", {**BUS, "channel": bus[0]}, where)
+    transport = open_transport("bus", {**BUS, **VIRTUAL}, where)
     transport.subscribe(lambda time, points: heard.append((time, clock.now())))
-    transport.connect(clock, pytest.fail, within=1.0)
-    time.sleep(0.2)
-    transport.close()
+    with far_end(**VIRTUAL):
+        transport.connect(clock, pytest.fail, within=1.0)
+        time.sleep(0.2)
+        transport.close()
     assert len(heard) > 20
     assert all(0 <= now - stamp < 150 * MS for stamp, now in heard)
 
