@@ -12,6 +12,7 @@ from typing import Final, NoReturn
 
 import click
 
+from astb.commands.check_rig import check_rig_command
 from astb.commands.conform import conform_command
 from astb.commands.diagnosis import diagnose_command, investigate_command
 from astb.commands.fault import fault_command
@@ -68,6 +69,7 @@ for _command in (
     limits_command,
     signals_command,
     report_command,
+    check_rig_command,
     conform_command,
     diagnose_command,
     investigate_command,

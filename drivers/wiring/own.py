@@ -86,7 +86,7 @@ class OwnWiring:
         self.registers = OwnRegisters(table, modbus_port)
         self.watchdog = WatchdogFeeder(self.registers)
         self._ear: OwnEar | None = None
-        self._open = False
+        self._open = self._commands = False
         self._map_hash = table.map_hash
 
     @property
@@ -110,15 +110,29 @@ class OwnWiring:
         try:
             self._agree(self.registers.probe())
             token = self.registers.take_lease()
+            self._commands = True
             self.given = {TOKEN: float(token)}
             self.outlet.bear(token)
             self.watchdog.start(clock)
-            self._ear = OwnEar(self.table, clock, self.epoch, hear, self.absent)
-            self.can.on_lost(lambda reason: lost(f"the CAN bus is lost: {reason or 'closed'}"))
-            self.can.subscribe(self._ear.accept)
+            self._hear(clock, hear, lost)
         except BaseException:
             self.close()
             raise
+
+    def listen(self, clock: Clock, hear: Hear, lost: OnLost) -> None:
+        """Check what the rig speaks and listen, without becoming its commander: whoever is one notices nothing."""
+        self._open = True
+        try:
+            self._agree(self.registers.probe())
+            self._hear(clock, hear, lost)
+        except BaseException:
+            self.close()
+            raise
+
+    def _hear(self, clock: Clock, hear: Hear, lost: OnLost) -> None:
+        self._ear = OwnEar(self.table, clock, self.epoch, hear, self.absent)
+        self.can.on_lost(lambda reason: lost(f"the CAN bus is lost: {reason or 'closed'}"))
+        self.can.subscribe(self._ear.accept)
 
     def _agree(self, map_hash: int) -> None:
         """Find what our table and the rig's map have in common, if they differ; MapMismatch if that is too little."""
@@ -138,9 +152,11 @@ class OwnWiring:
         self._open = False
         try:
             self.watchdog.stop()
-            with suppress(BenchError):
-                self.registers.return_lease()
+            if self._commands:
+                with suppress(BenchError):
+                    self.registers.return_lease()
         finally:
+            self._commands = False
             self.can.close()
             self.modbus.close()
 

@@ -1,0 +1,238 @@
+"""What a rig says while nobody of ours commands it: every signal with its source, rate, age and value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from astb.checking.report import CheckReport, SignalLine, Verdict
+from astb.checking.rest import doubts
+from bench_protocol.clock import Clock
+from bench_protocol.signals import Kind, Signal
+from bench_protocol.units import NS, s
+from bench_protocol.words import STATES
+from drivers.errors import BenchError, LinkLost
+from drivers.receiver import Capture, Receiver
+from drivers.wiring.described import DescribedWiring
+from drivers.wiring.own import OwnWiring
+
+if TYPE_CHECKING:
+    from drivers.wiring.lines import Description
+
+#: How long it is listened to, and how long a rig may be silent first.
+LISTEN: Final = 2 * s
+WITHIN: Final = 3 * s
+_READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
+#: What nothing but a rig of ours says; of others it is no gap.
+_OURS: Final = ("control.", "lease.", "emergency.", "action.", "interlock.", "rig.")
+_EXPECTED: Final = (
+    "rig.state",
+    "rig.reason",
+    "interlock.estop",
+    "rig.nominal_preload",
+    "rig.orifice_diameter",
+)
+
+
+class Listening:
+    """A wiring that is open to listen, and what has come on it. ``description`` is None for a rig of ours."""
+
+    def __init__(
+        self,
+        wiring: OwnWiring | DescribedWiring,
+        clock: Clock,
+        receiver: Receiver,
+        description: Description | None,
+    ) -> None:
+        self.wiring, self.clock, self.description = wiring, clock, description
+        self.table = wiring.table
+        self._receiver = receiver
+
+    def examine(self) -> CheckReport:
+        """Listen for a while, and return what was found. Nothing is written, and nothing moves."""
+        from astb.checking.consequences import checks_without, plans_without
+
+        wiring = self.wiring
+        played = self.description.played if self.description else ()
+        told = [one for one in self.table.of_kind(*_READ) if one.name not in (*wiring.absent, *played)]
+        coming = [one for one in told if wiring.freshness[self.table.index[one.name]] > 0]
+        with Capture(self._receiver, [one.name for one in coming]) as capture:
+            self.clock.sleep_until(self.clock.now() + round(LISTEN * NS))
+            now = self.clock.now()
+        lines = {one.name: self._heard(one, capture, now) for one in coming}
+        asked = [one for one in told if one.name not in lines] + [
+            one for one in self.table.of_kind(Kind.SETTING) if one.name not in (*wiring.absent, *played)
+        ]
+        lines |= {one.name: self._asked(one) for one in asked}
+        state = self._state(lines)
+        lines = self._judged(lines, at_rest=state in (*wiring.conduct.at_rest, "unknown"))
+        for one in self.table.signals:
+            if one.name in wiring.absent and (
+                one.name in _EXPECTED or not one.name.startswith(_OURS) or self._reasoned(one.name)
+            ):
+                lines[one.name] = SignalLine(
+                    name=one.name, verdict=Verdict.ABSENT, remark=wiring.absent[one.name]
+                )
+        for one in self.table.of_kind(Kind.SETPOINT):
+            if one.name not in wiring.absent and not one.name.startswith(_OURS):
+                lines[one.name] = SignalLine(
+                    name=one.name, verdict=Verdict.UNTOLD, source=self._source(one), remark="only written"
+                )
+        remembered = [one.name for one in self.table.of_kind(Kind.SETTING) if not self._readable(one.name)]
+        return CheckReport(
+            rig=wiring.rig,
+            identity=self._identity(),
+            state=state,
+            capabilities=self._capabilities(),
+            signals=sorted(lines.values(), key=lambda line: self.table.index[line.name]),
+            remembered=remembered,
+            plans=plans_without(wiring.absent),
+            checks=checks_without(wiring.absent),
+        )
+
+    # -- signals -------------------------------------------------------------------------------------------------
+
+    def _heard(self, signal: Signal, capture: Capture, now: int) -> SignalLine:
+        times, values = capture.times(signal.name), capture.values(signal.name)
+        good = values[~np.isnan(values)]
+        source = self._source(signal)
+        if not times.size:
+            last, time = self._receiver.latest(self.table.index[signal.name])
+            limit = int(self.wiring.freshness[self.table.index[signal.name]])
+            if time >= 0 and now - time <= limit:  # said on events only, or seldom
+                return self._line(signal, last, source, age=(now - time) / NS)
+            return SignalLine(
+                name=signal.name,
+                verdict=Verdict.UNTOLD if signal.name.startswith("emergency.") else Verdict.DOUBTFUL,
+                source=source,
+                rate=0.0,
+                remark=f"nothing came in {LISTEN:g} s",
+            )
+        mean = math.nan if not good.size else float(good[-1] if signal.choices else good.mean())
+        age = (now - capture.start) / NS - float(times[-1])
+        return self._line(signal, mean, source, rate=times.size / LISTEN, age=age)
+
+    def _asked(self, signal: Signal) -> SignalLine:
+        """Return the line of what does not come by itself."""
+        source = self._source(signal)
+        try:
+            value = self.wiring.read([signal.name])[signal.name]
+        except BenchError as error:
+            return SignalLine(name=signal.name, verdict=Verdict.DOUBTFUL, source=source, remark=str(error))
+        if math.isnan(value) and signal.kind is Kind.SETTING and not self._readable(signal.name):
+            return SignalLine(
+                name=signal.name,
+                verdict=Verdict.UNTOLD,
+                source=source,
+                remark="no point reads it back: remembered as last written",
+            )
+        return self._line(signal, value, source)
+
+    def _line(
+        self,
+        signal: Signal,
+        value: float,
+        source: str,
+        *,
+        rate: float | None = None,
+        age: float | None = None,
+    ) -> SignalLine:
+        known = not math.isnan(value)
+        return SignalLine(
+            name=signal.name,
+            verdict=Verdict.FINE,
+            source=source,
+            shown=signal.show(value) if known else "",
+            value=value if known else None,
+            rate=rate,
+            age=age,
+        )
+
+    def _judged(self, lines: dict[str, SignalLine], *, at_rest: bool) -> dict[str, SignalLine]:
+        from msgspec.structs import replace
+
+        means = {
+            name: math.nan if line.value is None else line.value
+            for name, line in lines.items()
+            if line.verdict is Verdict.FINE
+        }
+        found = doubts(means, {name: self.table[name] for name in means}, at_rest=at_rest)
+        return lines | {
+            name: replace(lines[name], verdict=Verdict.DOUBTFUL, remark=doubt)
+            for name, doubt in found.items()
+        }
+
+    def _readable(self, name: str) -> bool:
+        one = self.description.settings.get(name) if self.description else None
+        return one is None or one.fixed is not None or bool(one.read)
+
+    def _reasoned(self, name: str) -> bool:
+        return self.wiring.absent[name] != "the wiring does not mention it"
+
+    def _state(self, lines: dict[str, SignalLine]) -> str:
+        line = lines.get("rig.state")
+        return STATES[round(line.value)] if line is not None and line.value is not None else "unknown"
+
+    def _source(self, signal: Signal) -> str:
+        """Return in words where a signal is on the wires."""
+        told = self.description
+        if told is None:
+            for message in self.table.messages:
+                if any(place.signal == signal.name for place in message.fields):
+                    return f"CAN {message.identifier:#05x}"
+            return f"Modbus {signal.address}"
+        if signal.name in told.readings:
+            return ", ".join(told.readings[signal.name].points)
+        if signal.name in told.settings:
+            one = told.settings[signal.name]
+            return one.read or one.point or "fixed"
+        return told.setpoints[signal.name].point if signal.name in told.setpoints else ""
+
+    # -- who is there --------------------------------------------------------------------------------------------
+
+    def _identity(self) -> str:
+        if isinstance(self.wiring, OwnWiring):
+            differs = self.wiring.capabilities.notes.get("identity", "")
+            holder = self.wiring.registers.whose()
+            return f"{differs or f'table of signals {self.table.map_hash:#010x}'}; held by {holder}"
+        told = self.description.identity if self.description else {}
+        if not told:
+            return "not told: the wiring has no [identity], so any rig with these points would do"
+        return ", ".join(f"{point} = {value:g}" for point, value in told.items())
+
+    def _capabilities(self) -> list[str]:
+        can = self.wiring.capabilities
+        return [
+            "function generator of its own" if can.generator else "no generator: the bench streams the waves",
+            "one commander at a time (lease)" if can.lease else "no lease: two commanders would not notice",
+            "watchdog of the settings" if can.watchdog else "no watchdog of the settings' connection",
+            "tells its map" if can.identity else "does not tell which map it speaks",
+            *(f"{name}: {text}" for name, text in can.notes.items()),
+        ]
+
+
+@contextmanager
+def listen_to(
+    wiring: OwnWiring | DescribedWiring, clock: Clock, description: Description | None = None
+) -> Iterator[Listening]:
+    """Yield a wiring that listens, and close it. LinkLost if nothing comes, MapMismatch if it is another rig.
+
+    A `DescribedWiring` is to be one of ``listening(description)``: it would give signs of life otherwise.
+    """
+    receiver = Receiver(wiring, clock)
+    lost: list[str] = []
+    on_lost: Callable[[str], None] = lost.append
+    try:
+        if isinstance(wiring, OwnWiring):
+            wiring.listen(clock, receiver.hear, on_lost)
+        else:
+            wiring.open(clock, receiver.hear, on_lost, within=WITHIN)
+        yield Listening(wiring, clock, receiver, description)
+        if lost:
+            raise LinkLost(lost[0])
+    finally:
+        wiring.close()

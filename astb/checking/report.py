@@ -1,0 +1,63 @@
+"""What a check of a rig comes to: a line for each signal, one for each move, and what the rig lacks."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import msgspec
+
+
+class Verdict(StrEnum):
+    """What is to be thought of a signal or of a move."""
+
+    FINE = "fine"
+    DOUBTFUL = "doubtful"
+    ABSENT = "absent"  #: no wiring gives it
+    UNTOLD = "not told"  #: nothing that rest shows: what is only written, or of no plausible value
+
+
+class SignalLine(msgspec.Struct, frozen=True, kw_only=True):
+    """One signal: where it comes from, what it reads, and whether that can be."""
+
+    name: str
+    verdict: Verdict
+    source: str = ""
+    shown: str = ""  #: its mean, as people read it
+    value: float | None = None  #: the same, SI
+    rate: float | None = None  #: samples per second; None for what is read when asked
+    age: float | None = None  #: s, of the last sample
+    remark: str = ""
+
+
+class MoveLine(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that a move has shown."""
+
+    what: str
+    verdict: Verdict
+    found: str
+    right: str = ""
+
+
+class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
+    """All that was found."""
+
+    rig: str
+    identity: str
+    state: str
+    capabilities: list[str]
+    signals: list[SignalLine]
+    remembered: list[str] = []  #: settings that no point reads back
+    plans: dict[str, str] = {}  #: plans that cannot run, and what they lack
+    checks: dict[str, str] = {}  #: what aw0 and aw3 then cannot measure, and what that lacks
+    moves: list[MoveLine] = []
+
+    @property
+    def doubtful(self) -> list[str]:
+        """What is doubted, by name."""
+        return [one.name for one in self.signals if one.verdict is Verdict.DOUBTFUL] + [
+            one.what for one in self.moves if one.verdict is Verdict.DOUBTFUL
+        ]
+
+    def to_json(self) -> bytes:
+        """Return the report as JSON, indented."""
+        return msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n"

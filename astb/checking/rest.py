@@ -1,0 +1,122 @@
+"""What a sound bench reads at rest, disarmed and without air; and what a wrong reading may come from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from bench_protocol.signals import Group, Signal
+from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.units import ATMOSPHERE, K, bar, kN, mbar, mm, mrad
+from bench_protocol.words import SIDES
+
+_CELSIUS: Final = 273.15 * K
+_GRAVITY: Final = 9.81
+
+
+class _Band(NamedTuple):
+    low: float
+    high: float
+
+
+#: What can be at rest. A cell carries its share of the bolster and of the platform, nothing else.
+_AT_REST: Final = {
+    Group.HEIGHT: _Band(-150 * mm, 150 * mm),
+    Group.PRESSURE: _Band(-100 * mbar, 200 * mbar),
+    Group.SUPPLY_PRESSURE: _Band(-100 * mbar, 12 * bar),
+    Group.TEMPERATURE: _Band(268 * K, 318 * K),
+    Group.VERTICAL_FORCE: _Band(-2 * kN, 2 * kN),
+    Group.LATERAL_FORCE: _Band(-1 * kN, 1 * kN),
+    Group.DISPLACEMENT: _Band(-150 * mm, 150 * mm),
+    Group.VERTICAL_LOAD_CELL: _Band(-1 * kN, 10 * kN),
+    Group.LATERAL_LOAD_CELL: _Band(-1 * kN, 1 * kN),
+    Group.ACCELERATION: _Band(-0.5, 0.5),
+    Group.PLATFORM_DISPLACEMENT: _Band(-20 * mm, 20 * mm),
+    Group.PLATFORM_ROLL: _Band(-20 * mrad, 20 * mrad),
+}
+#: A gauge that reads the atmosphere, give or take the weather and the transducer.
+_WEATHER: Final = 80 * mbar
+#: By how much the sides may differ, and a laser from the actuator beside it.
+_UNEVEN: Final = 30 * mm
+_APART: Final = 10 * mm
+_HEIGHTS: Final = BY_GROUP[Group.HEIGHT]
+_CELLS: Final = BY_GROUP[Group.VERTICAL_LOAD_CELL]
+
+
+def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest: bool) -> dict[str, str]:
+    """Return what is wrong with the readings ``means`` (SI), by signal; of a bench in motion only what never can be."""
+    found = {}
+    for name, value in means.items():
+        signal = signals[name]
+        if math.isnan(value):
+            found[name] = "the rig has no value"
+        elif not signal.low <= value <= signal.high and not signal.choices:
+            found[name] = f"out of its range, {signal.range_text()}{_guess(signal, value)}"
+        elif at_rest and signal.group is not None and not _fits(signal.group, value):
+            band = _AT_REST[signal.group]
+            found[name] = (
+                f"at rest {signal.show(band.low)} to {signal.show(band.high)} would be right{_guess(signal, value)}"
+            )
+    if at_rest:
+        for name, doubt in _together(means, signals).items():
+            found.setdefault(name, doubt)
+    return found
+
+
+def _fits(group: Group, value: float) -> bool:
+    band = _AT_REST[group]
+    return band.low <= value <= band.high
+
+
+def _guess(signal: Signal, value: float) -> str:
+    """Return what the value may come from, if that is easily said."""
+    if signal.group in (Group.PRESSURE, Group.SUPPLY_PRESSURE):
+        if abs(value - ATMOSPHERE) < _WEATHER:
+            return ': an absolute pressure? then calibration = { offset = "-1.01325 bar" }'
+        if abs(value + ATMOSPHERE) < _WEATHER:
+            return ": a gauge pressure from which the atmosphere is taken off? then no offset"
+    if signal.group is Group.TEMPERATURE and abs(value) < 60:
+        return ': degrees Celsius? then unit = "degC"'
+    if signal.group is Group.TEMPERATURE and abs(value - 2 * _CELSIUS) < 60:
+        return ": kelvins already?"
+    if signal.group is Group.ACCELERATION and abs(abs(value) - _GRAVITY) < 1:
+        return ": gravity? the accelerometer lies in another direction"
+    if signal.group is Group.VERTICAL_LOAD_CELL and value < 0:
+        return ": it carries weight, which is positive: sign = -1?"
+    band = _AT_REST.get(signal.group) if signal.group else None
+    for factor in (10, 100, 1000) if band else ():
+        assert band is not None
+        if band.low <= value / factor <= band.high and abs(value) > 2 * max(band.high, -band.low):
+            return f": its scale, or an offset? {signal.show(value / factor)} with a {factor}th of it"
+    return ""
+
+
+def _together(means: Mapping[str, float], signals: Mapping[str, Signal]) -> dict[str, str]:
+    """Return what readings say of one another."""
+    found = {}
+    cells = [name for name in _CELLS if name in means]
+    for name in cells:
+        if means[name] < -0.2 * kN:
+            found[name] = "it carries weight, which is positive: sign = -1?"
+        elif len(cells) > 1 and means[name] > 4 * _median([means[one] for one in cells]) + 0.5 * kN:
+            found[name] = "four times what the other cells carry, or more: its scale?"
+    heights = [means[name] for name in _HEIGHTS if name in means]
+    if len(heights) == 2 and abs(heights[0] - heights[1]) > _UNEVEN:
+        for name in _HEIGHTS:
+            found[name] = (
+                f"the sides differ by {signals[name].show(abs(heights[0] - heights[1]))}: a sign, or an offset?"
+            )
+    for side in SIDES:
+        piston, laser = f"vertical_{side}.displacement", f"{side}.height"
+        if piston in means and laser in means and abs(means[piston] - means[laser]) > _APART:
+            shown = signals[piston].show(means[piston])
+            found.setdefault(
+                laser, f"the actuator beside it stands at {shown}: the sign, scale or offset of one of them?"
+            )
+    return found
+
+
+def _median(values: list[float]) -> float:
+    ordered = sorted(values)
+    return ordered[(len(ordered) - 1) // 2]

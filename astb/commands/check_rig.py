@@ -1,0 +1,122 @@
+"""`astb check-rig`: who is there, what it says, and whether that can be, before a plan runs on it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from astb.exit_codes import FAIL, PASS, blocked, misuse
+
+if TYPE_CHECKING:
+    from astb.checking.report import CheckReport, MoveLine
+    from astb.rig_file import RigFile
+
+
+@click.command("check-rig")
+@click.argument("target")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the report as JSON, for programs, instead of tables."
+)
+@click.option(
+    "--allow-motion",
+    is_flag=True,
+    help="Also arm the bench, and move each axis by a few millimetres. It must be at rest, without air.",
+)
+def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
+    """Tell of each signal of a rig where it comes from, how often, and whether it can be.
+
+    TARGET is a rig file, or its name in rigs/. Without --allow-motion it only listens and reads: nothing moves, and
+    whoever commands the rig goes on. Ends with 0 if all is fine, 1 if something is doubtful, 2 for misuse, 3 if no rig
+    answers.
+    """
+    from msgspec.structs import replace
+
+    from astb.api import find_rig
+    from astb.rig_file import RigFileError
+    from drivers.errors import BenchError, WiringError
+
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    try:
+        rig, path = find_rig(target)
+        report = _listen(rig, path, say)
+        if allow_motion:
+            report = replace(report, moves=_move(rig, path, say))
+    except (RigFileError, WiringError) as error:
+        misuse(error)
+    except BenchError as error:
+        blocked(error)
+    if as_json:
+        click.echo(report.to_json(), nl=False)
+    else:
+        _show(report)
+    raise click.exceptions.Exit(FAIL if report.doubtful else PASS)
+
+
+def _listen(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "CheckReport":
+    from astb.checking.listening import listen_to
+    from astb.session import open_session
+    from drivers.wiring.described import open_described
+    from drivers.wiring.listening import listening
+    from drivers.wiring.own import OwnWiring
+
+    with open_session(rig, path, say=say) as session:
+        if session.wiring is not None:
+            silent = open_described(rig.name, listening(session.wiring))
+            with listen_to(silent, session.clock, session.wiring) as one:
+                return one.examine()
+        wiring = session.bench.wiring
+        assert isinstance(wiring, OwnWiring)
+        wiring.rig = rig.name
+        with listen_to(wiring, session.clock) as one:
+            return one.examine()
+
+
+def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveLine]":
+    from astb.checking.moving import move_each
+    from astb.session import open_session
+
+    with open_session(rig, path, say=say) as session, session.bench as bench:
+        return move_each(bench)
+
+
+def _show(report: "CheckReport") -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    style = {"fine": "green", "doubtful": "bold red", "absent": "yellow", "not told": "dim"}
+    console = Console()
+    console.print(f"[bold]{report.rig}[/bold], {report.state}; identity: {report.identity}", highlight=False)
+    for line in report.capabilities:
+        console.print(f"  {escape(line)}", highlight=False)
+    table = Table(title="signals")
+    for column in ("", "signal", "from", "value", "rate", "age", "remark"):
+        table.add_column(column)
+    for one in report.signals:
+        rate = "" if one.rate is None else f"{one.rate:.3g} Hz"
+        age = "" if one.age is None else f"{one.age * 1e3:.0f} ms"
+        mark = f"[{style[one.verdict]}]{one.verdict}[/]"
+        table.add_row(mark, one.name, one.source, one.shown, rate, age, escape(one.remark))
+    console.print(table)
+    if report.moves:
+        moves = Table(title="moves")
+        for column in ("", "what", "found", "right"):
+            moves.add_column(column)
+        for move in report.moves:
+            moves.add_row(
+                f"[{style[move.verdict]}]{move.verdict}[/]", move.what, escape(move.found), move.right
+            )
+        console.print(moves)
+    for title, lacking in (
+        ("cannot run", report.plans),
+        ("cannot be measured in aw0 and aw3", report.checks),
+    ):
+        for what, names in lacking.items():
+            console.print(f"{what} {title}: no {names}", highlight=False)
+    if report.remembered:
+        console.print(f"only remembered, as last written: {', '.join(report.remembered)}", highlight=False)
+    said = f"{len(report.doubtful)} doubtful: {', '.join(report.doubtful)}" if report.doubtful else "all fine"
+    console.print(said, highlight=False)

@@ -1,0 +1,186 @@
+"""A check of a rig: sound ones are found sound while somebody else commands them, and each wrong wiring is told."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from astb.checking.listening import listen_to
+from astb.checking.moving import move_each
+from astb.checking.report import Verdict
+from astb.cli import commands
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.table import TABLE
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from drivers.bench import Bench
+from drivers.errors import LinkLost
+from drivers.wiring.described import open_described
+from drivers.wiring.description import read_description
+from drivers.wiring.listening import listening
+from drivers.wiring.own import OwnWiring
+from tests.foreign.virtual import VirtualHall, VirtualPlc
+
+HERE = Path(__file__).parent
+
+
+def wired(virtual, tmp_path, *changes: tuple[str, str]):
+    """The rig's description, with lines of its wiring file changed."""
+    text = (HERE / f"{virtual.name}_wiring.toml").read_text()
+    for was, becomes in changes:
+        assert re.search(was, text, re.MULTILINE), was
+        text = re.sub(was, becomes, text, flags=re.MULTILINE)
+    for name in ("hall_b.dbc", "strangers.py"):
+        (tmp_path / name).write_text((HERE / name).read_text())
+    path = tmp_path / "wiring.toml"
+    path.write_text(text)
+    return read_description(path, TABLE)
+
+
+def report_of(virtual, description):
+    silent = open_described(virtual.name, listening(description), {virtual.transport: virtual.port})
+    with listen_to(silent, virtual.clock, description) as one:
+        return one.examine()
+
+
+def moves_of(virtual, description) -> list[str]:
+    wiring = open_described(virtual.name, description, {virtual.transport: virtual.port})
+    with Bench(wiring, virtual.clock) as bench:
+        lines = move_each(bench)
+        assert bench.state == "DISABLED"
+    return [f"{one.what}: {one.found}" for one in lines if one.verdict is Verdict.DOUBTFUL]
+
+
+def test_our_rig_is_sound_and_its_commander_notices_nothing():
+    memory = RigInMemory(Rig(load(), seed=1))
+    with memory.bench() as bench:
+        bench.arm()
+        with listen_to(OwnWiring(memory.can(), memory.modbus()), memory.clock) as one:
+            report = one.examine()
+        assert bench.state == "ACTIVE"
+        assert bench.rig.strangers == 0
+    assert report.state == "ACTIVE"
+    assert report.doubtful == []
+    assert "held by the commander with token" in report.identity
+
+
+def test_our_rig_moves_as_it_says():
+    memory = RigInMemory(Rig(load(), seed=1))
+    with memory.bench() as bench:
+        lines = move_each(bench)
+    assert [one.what for one in lines if one.verdict is not Verdict.FINE] == []
+    assert "a push to the left moves to the left" in {one.what for one in lines}
+
+
+@pytest.mark.parametrize(
+    ("rig", "absent"), [(VirtualPlc, "lateral.acceleration"), (VirtualHall, "lateral.force")]
+)
+def test_a_strange_rig_is_sound_and_tells_what_it_lacks(rig, absent, tmp_path):
+    virtual = rig()
+    report = report_of(virtual, wired(virtual, tmp_path))
+    assert report.doubtful == []
+    lines = {one.name: one for one in report.signals}
+    assert lines[absent].verdict is Verdict.ABSENT
+    assert lines[absent].remark.startswith("no ")
+    assert lines["left.height"].rate == pytest.approx(20 if rig is VirtualPlc else 100, rel=0.03)
+
+
+@pytest.mark.parametrize("rig", [VirtualPlc, pytest.param(VirtualHall, marks=pytest.mark.slow)])
+def test_a_strange_rig_moves_as_its_wiring_says(rig, tmp_path):
+    virtual = rig()
+    assert moves_of(virtual, wired(virtual, tmp_path)) == []
+
+
+def test_who_only_listens_keeps_no_rig_alive(tmp_path):
+    """A watchdog that was counted by a listener would let a bench go on without its commander."""
+    for virtual in (VirtualPlc(), VirtualHall()):
+        sent = []
+        if isinstance(virtual, VirtualPlc):
+            answer = virtual.rig.answer
+            virtual.rig.answer = lambda request, answer=answer, sent=sent: (
+                sent.append(request[7]) or answer(request)
+            )
+        else:
+            virtual.rig.receive = lambda identifier, data, sent=sent: sent.append(identifier)
+        report_of(virtual, wired(virtual, tmp_path))
+        assert not set(sent) - {2, 3, 4}
+
+
+def test_nobody_there_is_said(tmp_path):
+    virtual = VirtualHall()
+    virtual.silent = True
+    with pytest.raises(LinkLost, match="none of its"):
+        report_of(virtual, wired(virtual, tmp_path))
+
+
+RIGHT_ONE = (r'("left.height" = .*)laser_left', r"\1laser_other")
+LEFT_ONE = (r'("right.height" = .*)laser_right"', r'\1laser_left"')
+SWAPPED = [RIGHT_ONE, LEFT_ONE, ("laser_other", "laser_right")]
+ABSOLUTE = (r'("left.bellows_pressure".*), calibration.*\}', r"\1 }")
+TWICE = (r'("plc.chamber_left", unit = "mbar")', r'\1, calibration = { offset = "-1013 mbar" }')
+TURNED = (r'(laser_left", unit = "mm"), sign = -1(.*)-400', r"\1\2-400")
+
+
+def sign(signal: str) -> tuple[str, str]:
+    return rf'("{signal}" = .*) \}}$', r"\1, sign = -1 }"
+
+
+def scale(point: str, factor: float) -> tuple[str, str]:
+    return rf"^({point} = .*int32\")", rf"\1, scale = {factor}"
+
+
+@pytest.mark.parametrize(
+    ("rig", "change", "signal", "remark"),
+    [
+        (VirtualHall, ABSOLUTE, "left.bellows_pressure", "an absolute pressure"),
+        (VirtualPlc, TWICE, "left.auxiliary_pressure", "no offset"),
+        (VirtualHall, (r"(CellsA.Cell1.*), sign = -1", r"\1"), "load_cell.1", "sign = -1"),
+        (
+            VirtualPlc,
+            (r"(laser_left = .*scale = )0.01", r"\g<1>0.1"),
+            "left.height",
+            "out of its range|its scale",
+        ),
+        (VirtualPlc, scale("cell_3", 10), "load_cell.3", "its scale"),
+        (VirtualPlc, (r'("plc.gas_left", unit = )"degC"', r'\1"K"'), "left.bellows_temperature", "degC"),
+        (VirtualPlc, TURNED, "left.height", "a sign, or an offset|out of its range"),
+    ],
+)
+def test_rest_shows_a_wrong_line(rig, change, signal, remark, tmp_path):
+    virtual = rig()
+    report = report_of(virtual, wired(virtual, tmp_path, change))
+    assert signal in report.doubtful
+    told = next(one.remark for one in report.signals if one.name == signal)
+    assert re.search(remark, told), told
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (SWAPPED, "the left laser .* are the sides swapped"),
+        ([scale("place_lateral", 10)], r"lateral\.displacement changed by 2\.\d+ mm when 0\.2 mm"),
+        ([sign("load_cell.5")], "load cells 5 and 6 hold against"),
+        pytest.param([sign("lateral.displacement")], "its sign is turned", marks=pytest.mark.slow),
+        pytest.param(
+            [scale("force_lateral", 10)], "its scale|lateral.force changed by", marks=pytest.mark.slow
+        ),
+        pytest.param([sign("vertical_left.force")], "load cells 1 to 4 lose", marks=pytest.mark.slow),
+        pytest.param([scale("cell_3", 2)], r"load_cell\.3 has its share", marks=pytest.mark.slow),
+        pytest.param(
+            [sign("platform.roll")], "platform.roll follows .* sign is turned", marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_moves_show_a_wrong_line(changes, told, tmp_path):
+    virtual = VirtualPlc()
+    doubts = moves_of(virtual, wired(virtual, tmp_path, *changes))
+    assert any(re.search(told, one) for one in doubts), doubts
+
+
+def test_the_command_prints_a_table_and_json():
+    result = CliRunner().invoke(commands, ["check-rig", "virtual"])
+    assert (result.exit_code, "all fine" in result.output) == (0, True), result.output
+    result = CliRunner().invoke(commands, ["check-rig", "virtual", "--json"])
+    assert json.loads(result.stdout)["state"] == "DISABLED"
