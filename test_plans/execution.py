@@ -15,6 +15,7 @@ from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.loads import SpecimenError
+from test_plans.parameters import ParameterRefused
 from test_plans.plan import Plan
 from test_plans.punctuality import lateness, timing
 from test_plans.readings import CHAMBERS
@@ -177,6 +178,8 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
         trouble = f"{WHOSE[error.fault]}: {error}"
     except NotMeasured as error:
         trouble = f"the measurement: {error}"
+    except ParameterRefused as error:
+        trouble = f"the parameters: {error}"
     except SpecimenError as error:
         trouble = f"the specimen's file: {error}"
     except KeyboardInterrupt:

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
+import numpy as np
+
 from test_plans.geometry import BOLSTER_WEIGHT
 
 #: The load cases that the plans ask a specimen for: the empty and the full car.
@@ -50,6 +52,21 @@ class Limits:
     def curve(self, name: str) -> Mapping[float, Band]:
         """Return limits by frequency (Hz). SpecimenError if the file does not state them."""
         return self._stated(name, self.curves, "frequency, expected and tolerance")
+
+    def curve_at(self, name: str, place: float) -> tuple[float, float]:
+        """Return low and high at a ``place`` (SI) on a curve, between those of its neighbours.
+
+        SpecimenError if the file does not state the curve, or ends before.
+        """
+        curve = self.curve(name)
+        if not min(curve) <= place <= max(curve):
+            raise SpecimenError(
+                f"{self.where} does not say what is good for {name} at {place:g} (SI): it goes from {min(curve):g} to "
+                f"{max(curve):g}"
+            )
+        ends = ([band.low for band in curve.values()], [band.high for band in curve.values()])
+        low, high = (float(np.interp(place, list(curve), np.array(end, float))) for end in ends)
+        return low, high
 
     def _stated(self, name: str, known: Mapping[str, T], parts: str) -> T:
         if name not in known:

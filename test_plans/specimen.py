@@ -16,7 +16,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.units import WRITTEN_UNITS, mm
 from bench_protocol.words import PROVENANCES
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
@@ -65,11 +65,16 @@ LOAD_LIMITS: Final = {
     "carried": "N",
     "pressure": "Pa",
     "vertical_secant": "N/m",
+    "vertical_secant_closed": "N/m",
+    "vertical_isobaric": "N/m",
     "vertical_stiffness": "N/m",
     "vertical_damping": "N*s/m",
     "lateral_secant": "N/m",
+    "lateral_stiffness_by_amplitude": "N/m",
+    "lateral_damping_by_amplitude": "N*s/m",
     "lateral_stiffness": "N/m",
     "lateral_damping": "N*s/m",
+    "lateral_left_at_offset": "1",
     "roll_stiffness": "N*m/rad",
     "lateral_stiffness_by_pressure": "m",
     "tangent_left": "1",
@@ -79,6 +84,8 @@ LOAD_LIMITS: Final = {
 _NAMES: Final = ("type", "serial_number", "drawing")
 _ORIGIN: Final = {"unit", "provenance", "source"}
 _VALUE: Final = {"value"} | _ORIGIN
+#: What a limit may be stated over, and the SI value of one.
+_OVER: Final = {"frequency": 1.0, "amplitude_mm": mm, "offset_mm": mm}
 _ENDS: Final = ("low", "high")
 _EXPECTED: Final = {"expected", "tolerance"} | _ORIGIN
 _BANDS: Final = (
@@ -86,7 +93,7 @@ _BANDS: Final = (
     {"low"} | _ORIGIN,
     {"high"} | _ORIGIN,
     _EXPECTED,
-    {"frequency"} | _EXPECTED,
+    *({over} | _EXPECTED for over in _OVER),
 )
 
 
@@ -220,8 +227,8 @@ def _limits(file: str, where: str, table: Any, known: Mapping[str, str]) -> Limi
         key = f"{where}.{name}"
         entry = _entry(key, raw, _BANDS)
         factor = _factor(key, entry, known[name])
-        if "frequency" in entry:
-            curves[name] = _curve(key, entry, factor)
+        if over := next((over for over in _OVER if over in entry), ""):
+            curves[name] = _curve(key, over, entry, factor)
         elif "expected" in entry:
             bands[name] = _around(key, entry["expected"], entry, factor)
         else:
@@ -235,15 +242,15 @@ def _limits(file: str, where: str, table: Any, known: Mapping[str, str]) -> Limi
     return Limits(f"specimen {file}: {where}", bands, curves)
 
 
-def _curve(key: str, entry: Mapping[str, Any], factor: float) -> dict[float, Band]:
-    frequencies, expected = entry["frequency"], entry["expected"]
-    if not (
-        isinstance(frequencies, list) and isinstance(expected, list) and len(frequencies) == len(expected)
-    ):
-        raise _Unfit(f"{key} needs lists of as many frequencies (Hz) as expected values")
+def _curve(key: str, over: str, entry: Mapping[str, Any], factor: float) -> dict[float, Band]:
+    places, expected = entry[over], entry["expected"]
+    if not (isinstance(places, list) and isinstance(expected, list) and len(places) == len(expected)):
+        raise _Unfit(f"{key} needs lists of as many values of {over} as expected ones")
+    at = [_number(f"{key}.{over}", place) for place in places]
+    if not at or at != sorted(set(at)):
+        raise _Unfit(f"{key}.{over} = {places} does not rise")
     return {
-        _number(f"{key}.frequency", frequency): _around(key, one, entry, factor)
-        for frequency, one in zip(frequencies, expected, strict=True)
+        place * _OVER[over]: _around(key, one, entry, factor) for place, one in zip(at, expected, strict=True)
     }
 
 

@@ -36,7 +36,9 @@ def judged(tmp_path):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("name", ["differential_pressure_valve", "leveling", "tightness"])
+@pytest.mark.parametrize(
+    "name", ["axial_stiffness", "differential_pressure_valve", "lateral_stiffness", "leveling", "tightness"]
+)
 def test_a_sound_bench_passes(judged, name, seed):
     result, failed = judged(name, seed)
     assert result.verdict is Outcome.PASS, result.reason or failed
@@ -51,6 +53,36 @@ MEANT_FOR = {
         "tightness",
         {"leak_conductance": [5e-11, 0.0]},
         {f"air lost per minute, left spring at {load}" for load in ("AW0", "AW3")},
+    ),
+    "axial stiffness: a bellows that is too large": (
+        "axial_stiffness",
+        {"effects": [("bellows_volume", "15 %")]},
+        {f"{side} vertical stiffness, closed" for side in SIDES},
+    ),
+    "axial stiffness: an auxiliary chamber that is too small": (
+        "axial_stiffness",
+        {"effects": [("auxiliary_volume", "-25 %")]},
+        {f"{side} vertical stiffness, open" for side in SIDES},
+    ),
+    "axial stiffness: another contour": (
+        "axial_stiffness",
+        {"effects": [("area_slope", "0.1 m")]},
+        {f"{side} vertical stiffness, isobaric" for side in SIDES},
+    ),
+    "axial stiffness: a chamber that does not shut off": (
+        "axial_stiffness",
+        {"faults": [("stuck_reservoir_valve", {"side": "left", "at": "open"})]},
+        {"left vertical stiffness, closed"},
+    ),
+    "lateral stiffness: twice the friction": (
+        "lateral_stiffness",
+        {"friction_lateral": 700.0},
+        {"lateral stiffness K'", "lateral damping c"},
+    ),
+    "lateral stiffness: a soft shell": (
+        "lateral_stiffness",
+        {"shell_stiffness_lateral": 25e3},
+        {"lateral stiffness K'"},
     ),
     "differential pressure valve: stuck open": (
         "differential_pressure_valve",
@@ -100,7 +132,11 @@ MEANT_FOR = {
     ),
 }
 #: One of each plan is tried every time; the others take as long again.
-ORDINARY = {name for name in MEANT_FOR if name.endswith(("one bellows", "stuck open", "too slow"))}
+ORDINARY = {
+    name
+    for name in MEANT_FOR
+    if name.endswith(("one bellows", "stuck open", "too slow", "soft shell", "too large"))
+}
 
 
 @pytest.mark.parametrize(
@@ -111,6 +147,29 @@ def test_a_plan_catches_what_it_is_meant_for_and_nothing_else(judged, case):
     result, failed = judged(name, **broken)
     assert result.verdict is Outcome.FAIL, result.reason
     assert failed == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        pytest.param("axial_stiffness", {"load": "AW3"}, marks=slow),
+        pytest.param("lateral_stiffness", {"load": "AW3", "amplitude": "20mm"}, marks=slow),
+        ("lateral_stiffness", {"load": "AW3", "amplitude": "7 mm", "offset": "-30 mm"}),
+        pytest.param("lateral_stiffness", {"amplitude": "2mm", "offset": "40mm"}, marks=slow),
+    ],
+)
+def test_a_sound_bench_passes_with_other_parameters(judged, name, given):
+    result, failed = judged(name, given=given)
+    assert result.verdict is Outcome.PASS, result.reason or failed
+
+
+def test_parameters_that_together_meet_the_bump_stop_are_refused_before_anything_moves(judged):
+    result, _ = judged("lateral_stiffness", given={"amplitude": "15mm", "offset": "20mm"})
+    assert result.verdict is Outcome.BLOCKED
+    assert result.reason.startswith(
+        "the parameters: amplitude = 15 mm about offset = 20 mm takes the bolster 33 mm"
+    )
+    assert result.duration < 1.0
 
 
 def test_a_longer_hold_is_held_longer(judged):

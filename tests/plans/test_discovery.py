@@ -33,7 +33,7 @@ def creep(run: Run) -> None:
 def find():
     """Find all plans anew, now and whatever is changed."""
     yield discovery.plans.__wrapped__
-    for name in ("our_plans", "test_plans.creep", "test_plans.symmetry"):
+    for name in ("our_plans", *(f"test_plans.{plan}" for plan in ("creep", "lateral_push", "symmetry"))):
         sys.modules.pop(name, None)
 
 
@@ -62,6 +62,21 @@ def test_the_recipe_in_contributing_works_to_the_letter(find, tmp_path, monkeypa
     with bench_composed(effective_area=[0.26, 0.24]) as made:
         result = execute(plan, made.bench, tmp_path / "unlike")
     assert (result.verdict, result.duration) == (Outcome.FAIL, pytest.approx(plan.lasts, rel=0.2))
+
+
+def test_the_plan_with_parameters_in_the_how_to_works_to_the_letter(
+    find, tmp_path, monkeypatch, bench_composed
+):
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "run-and-write-plans-with-parameters.md"
+    code = re.search(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)[1]
+    (tmp_path / "lateral_push.py").write_text(f'"""A push."""\n{code}', encoding="utf-8")
+    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    plan = find()["lateral_push"]
+    with bench_composed() as made:
+        result = execute(plan.given({"load": "AW3", "way": "8 mm"}), made.bench, tmp_path / "sound")
+    assert result.verdict is Outcome.PASS, result.reason or result.checks
+    with bench_composed(shell_stiffness_lateral=0.0, membrane_length=0.15) as made:
+        assert execute(plan, made.bench, tmp_path / "soft").verdict is Outcome.FAIL
 
 
 def test_a_package_of_ones_own_brings_plans_through_an_entry_point(find, tmp_path, monkeypatch):

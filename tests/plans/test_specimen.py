@@ -87,7 +87,7 @@ def test_the_ordinary_specimen_is_that_of_the_drawing():
         (
             "frequency = [0.5, 1.0, 2.0, 3.0]",
             "frequency = [0.5]",
-            "needs lists of as many frequencies (Hz) as expected",
+            "needs lists of as many values of frequency as expected",
         ),
         (
             "rest_height =",
@@ -133,6 +133,16 @@ def test_what_a_file_does_not_state_is_told_when_it_is_asked_for():
     assert beside.fill_pressure == pytest.approx(60 * kN / 0.26)
     with pytest.raises(SpecimenError, match=r"AW0\.limits at 60 kN does not say what is good for pressure"):
         beside.limits.band("pressure")
+
+
+def test_between_two_places_of_a_curve_limits_are_those_between_and_beyond_it_nobody_knows():
+    limits = Limits("x: limits", {}, {"k": {0.002: Band(10.0, 20.0), 0.004: Band(20.0, 40.0)}})
+    assert limits.curve_at("k", 0.003) == pytest.approx((15.0, 30.0))
+    assert limits.curve_at("k", 0.004) == (20.0, 40.0)
+    with pytest.raises(
+        SpecimenError, match=r"does not say what is good for k at 0.005 \(SI\): it goes from 0.002 to"
+    ):
+        limits.curve_at("k", 0.005)
 
 
 def test_another_specimen_carries_another_load_and_is_named_wherever_the_result_stands(

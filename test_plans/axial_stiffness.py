@@ -1,0 +1,79 @@
+"""Axial stiffness: isobaric, with the auxiliary volume shut off, and with it open (the tests of EN 13597)."""
+
+from typing import Final, Literal
+
+import numpy as np
+
+from bench_protocol.units import mm, s
+from bench_protocol.words import SIDES
+from test_plans import steps
+from test_plans.analysis import straight_line
+from test_plans.fittings import leave_connected
+from test_plans.plan import plan
+from test_plans.poses import COOL, Home, go_home, restore_the_air
+from test_plans.readings import CELLS_UNDER, PRESSURES, VERTICAL_CELLS
+from test_plans.run import Run
+from test_plans.steps.shaking import check_band
+
+#: Up, down and up again, each place from both directions: what friction does falls out of the mean.
+STAIRS: Final = tuple(z * mm for z in (10, 20, 10, 0, -10, -20, -10, 0))
+STAIR_RATE: Final = 10 * mm / s
+#: Air that was let in or out comes to the temperature of the walls, and a little more of it is needed.
+STAIR_WAIT: Final = 3 * s
+
+
+@plan(
+    setup=steps.carry_load,
+    needs=(*steps.CARRYING, *VERTICAL_CELLS, *PRESSURES, "air.left_reservoir", "air.right_reservoir"),
+    teardown=leave_connected,
+    lasts=140 * s,
+)
+def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
+    """Axial stiffness of each spring under one `load`, in the three ways of EN 13597.
+
+    The springs carry the load on their leveling valves and stand at design height.
+
+    * Isobaric: the bolster goes up and down in stairs of 10 mm to 20 mm, on each of which the pressure is brought back
+      to what it was. What is left is the area's change with height and the rubber.
+    * Closed: the auxiliary volumes are shut off, a slow triangle of 5 mm to either side compresses the bellows alone.
+    * Open: the same triangle with all the volume of the spring.
+
+    Good is what the specimen's file says of each. A bellows of wrong volume shows closed, a wrong auxiliary volume
+    open, a wrong contour isobaric.
+    """
+    case = run.specimen.load(load)
+    isobaric = case.limits.band("vertical_isobaric")
+    home = go_home(run)
+    run.bench.wait(COOL)
+    with run.phase("isobaric"):
+        for side, stiffness in _isobaric(run, home).items():
+            check_band(run, f"{side} vertical stiffness, isobaric", stiffness, "kN/m", isobaric)
+    steps.lock_the_air(run)
+    run.bench.air.isolate_reservoirs()
+    steps.vertical_loop(run, case, "closed")
+    run.bench.air.connect_reservoirs()
+    steps.vertical_loop(run, case, "open")
+
+
+def _isobaric(run: Run, home: Home) -> dict[str, float]:
+    """Return the slope of force over compression (N/m) at constant pressure, both directions together."""
+    names = [
+        f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure", "auxiliary_pressure")
+    ]
+    rest = run.bench.averages(*names, over=steps.AVERAGE_OVER)
+    seen: dict[str, list[tuple[float, float]]] = {side: [] for side in SIDES}
+    for stair in STAIRS:
+        run.bench.vertical.move_to(home.left + stair, home.right + stair, rate=STAIR_RATE)
+        run.bench.wait(STAIR_WAIT)
+        restore_the_air(run, rest)
+        mean = run.bench.averages(*names, *VERTICAL_CELLS, over=steps.AVERAGE_OVER)
+        for side in SIDES:
+            # The valves bring the pressure back within some mbar: what is missing weighs as much as its area.
+            away = mean[f"{side}.bellows_pressure"] - rest[f"{side}.bellows_pressure"]
+            force = sum(mean[cell] for cell in CELLS_UNDER[side]) - run.specimen.effective_area * away
+            seen[side].append((-mean[f"{side}.height"], force))
+    slopes = {}
+    for side, points in seen.items():
+        compression, force = np.array(points).T
+        slopes[side] = straight_line(compression, force)[1]
+    return slopes

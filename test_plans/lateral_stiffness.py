@@ -1,0 +1,68 @@
+"""Lateral stiffness: slow sines of any amplitude about any offset, under the empty or the full car."""
+
+from typing import Annotated, Final, Literal
+
+from bench_protocol.units import Hz, mm, s
+from test_plans import steps
+from test_plans.fittings import leave_connected
+from test_plans.geometry import BUMP_STOP_GAP, POSE_SIGNALS, STOP_TRAVEL_MAX
+from test_plans.parameters import ParameterRefused, Range
+from test_plans.plan import plan
+from test_plans.poses import go_home, take_pose
+from test_plans.readings import SHEAR_CELLS
+from test_plans.run import Run
+from test_plans.waves import lateral_stiffness as stiffness_of
+from test_plans.waves import shake
+
+#: Slow enough for a quasi-static spring; friction forgets the way to the offset within the lead.
+FREQUENCY: Final = 0.5 * Hz
+LEAD: Final = 10 * s
+
+
+def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
+    """Refuse what would meet the bump stop; then let the springs carry the load."""
+    travel = min(abs(offset), STOP_TRAVEL_MAX) + amplitude
+    if travel > BUMP_STOP_GAP:
+        raise ParameterRefused(
+            f"amplitude = {amplitude / mm:g} mm about offset = {offset / mm:g} mm takes the bolster "
+            f"{travel / mm:.3g} mm to the side; its stop begins at {BUMP_STOP_GAP / mm:g} mm, and less of either "
+            "would be right"
+        )
+    steps.carry_load(run, load)
+
+
+@plan(
+    setup=take_up,
+    needs=(*steps.CARRYING, *POSE_SIGNALS, *SHEAR_CELLS),
+    teardown=leave_connected,
+    lasts=50 * s,
+)
+def lateral_stiffness(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    amplitude: Annotated[float, Range(2 * mm, 20 * mm, "mm")] = 10 * mm,
+    offset: Annotated[float, Range(-40 * mm, 40 * mm, "mm")] = 0 * mm,
+) -> None:
+    """Lateral stiffness and damping for one `load`, `amplitude` and `offset`.
+
+    The springs carry the load on their leveling valves; then height and pressure are held. Bolster and platform shear
+    the springs to the offset, tilted together where the bump stop would be in the way, and the lateral actuator moves
+    them about it: a sine of 0.5 Hz, first harmonic, half of the pair's.
+
+    Good is what the specimen's file says of stiffness and damping at this amplitude, times what it says is left of them
+    at this offset. It interpolates between the values of the file; beyond them it does not know what is good.
+    """
+    limits = run.specimen.load(load).limits
+    left = limits.curve_at("lateral_left_at_offset", abs(offset))
+    stiffness = limits.curve_at("lateral_stiffness_by_amplitude", amplitude)
+    damping = limits.curve_at("lateral_damping_by_amplitude", amplitude)
+    home = go_home(run)
+    with run.phase("sine"):
+        take_pose(run, home, shear=offset)
+        times, values = shake(run, "lateral", FREQUENCY, amplitude, lead=LEAD)
+        K = stiffness_of(times, values, FREQUENCY)
+    take_pose(run, home)
+    low, high = (end * share for end, share in zip(stiffness, left, strict=True))
+    run.check("lateral stiffness K'", K.storage, "kN/m", low=low, high=high)
+    run.check("lateral damping c", K.damping, "kN*s/m", low=damping[0], high=damping[1])
