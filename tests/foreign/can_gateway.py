@@ -112,7 +112,11 @@ def serve(rig: Rig, cycle: int, interface: str) -> None:
     due = time.monotonic()
     while not select.select([sys.stdin], [], [], 0)[0]:
         due += cycle * 1e-3
-        while (left := due - time.monotonic()) > 0:
-            for identifier, data in bus.wait(left):
+        left, heard = 1.0, True
+        while left > 0 or heard:  # a rig that is late hears all the same what has come
+            left = due - time.monotonic()
+            heard = False
+            for identifier, data in bus.wait(max(left, 0.0)):
                 rig.receive(identifier, data)
+                heard = True
         bus.send(rig.cycle())
