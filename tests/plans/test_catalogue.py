@@ -37,7 +37,15 @@ def judged(tmp_path):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(
-    "name", ["axial_stiffness", "differential_pressure_valve", "lateral_stiffness", "leveling", "tightness"]
+    "name",
+    [
+        "axial_stiffness",
+        "differential_pressure_valve",
+        "dynamic_stiffness",
+        "lateral_stiffness",
+        "leveling",
+        "tightness",
+    ],
 )
 def test_a_sound_bench_passes(judged, name, seed):
     result, failed = judged(name, seed)
@@ -153,6 +161,7 @@ def test_a_plan_catches_what_it_is_meant_for_and_nothing_else(judged, case):
     ("name", "given"),
     [
         pytest.param("axial_stiffness", {"load": "AW3"}, marks=slow),
+        pytest.param("dynamic_stiffness", {"load": "AW3"}, marks=slow),
         pytest.param("lateral_stiffness", {"load": "AW3", "amplitude": "20mm"}, marks=slow),
         ("lateral_stiffness", {"load": "AW3", "amplitude": "7 mm", "offset": "-30 mm"}),
         pytest.param("lateral_stiffness", {"amplitude": "2mm", "offset": "40mm"}, marks=slow),
@@ -161,6 +170,22 @@ def test_a_plan_catches_what_it_is_meant_for_and_nothing_else(judged, case):
 def test_a_sound_bench_passes_with_other_parameters(judged, name, given):
     result, failed = judged(name, given=given)
     assert result.verdict is Outcome.PASS, result.reason or failed
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"orifice_diameter": 16 * mm}, {"c at 1 Hz", "loss angle at 1 Hz", "c at 2 mm", "c at 10 mm"}),
+        ({"shell_stiffness_vertical": 120e3}, {"K' at 0.5 Hz", "K' at 1 Hz", "K' at 2 mm", "K' at 10 mm"}),
+    ],
+)
+def test_the_dynamic_stiffness_tells_a_wide_orifice_from_a_stiff_shell(judged, changes, expected):
+    """Both move many values; damping is the orifice's, stiffness alone the shell's."""
+    result, failed = judged("dynamic_stiffness", **changes)
+    assert result.verdict is Outcome.FAIL
+    assert failed >= expected
+    damping = {name for name in failed if name.startswith("c at")}
+    assert bool(damping) == ("orifice_diameter" in changes)
 
 
 def test_parameters_that_together_meet_the_bump_stop_are_refused_before_anything_moves(judged):

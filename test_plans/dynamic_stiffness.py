@@ -1,0 +1,82 @@
+"""Dynamic stiffness: K', K'' and loss angle of the springs over frequency and over amplitude, vertically."""
+
+from cmath import phase
+from typing import Final, Literal
+
+from bench_protocol.units import Hz, mm, s
+from test_plans import steps
+from test_plans.analysis import Stiffness
+from test_plans.fittings import leave_connected
+from test_plans.plan import plan
+from test_plans.poses import COOL, go_home
+from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, VERTICAL_CELLS
+from test_plans.run import Run
+from test_plans.steps.shaking import check_band
+from test_plans.tables import AMPLITUDE, FREQUENCY, STORAGE, keep
+from test_plans.waves import shake, vertical_stiffness
+
+#: Limits over frequency are those of one amplitude, limits over amplitude those of one frequency.
+OF_FREQUENCIES: Final = 5 * mm
+OF_AMPLITUDES: Final = 1 * Hz
+LEAD: Final = 2 * s
+LOSS: Final = ("stiffness K''", "kN/m")
+ANGLE: Final = ("loss angle", "deg")
+
+
+@plan(
+    setup=steps.carry_load,
+    needs=(*steps.CARRYING, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES),
+    teardown=leave_connected,
+    lasts=86 * s,
+)
+def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
+    """Dynamic stiffness under one `load`: storage K', loss K'' and loss angle, per spring, first harmonic.
+
+    The springs carry the load on their leveling valves and stand at design height; all valves are shut. The vertical
+    actuators move the bolster in sines of 5 mm at each frequency of the specimen's file, then of 1 Hz with each
+    amplitude that it states. What the orifice does depends on both: its damping has a peak over frequency and over
+    amplitude.
+
+    Good is what the specimen's file says: stiffness, damping c = K''/ω and loss angle over frequency, stiffness and
+    damping over amplitude.
+    """
+    limits = run.specimen.load(load).limits
+    angles = limits.curve("vertical_loss_angle")
+    stiffness, damping = (limits.curve(f"vertical_{what}_by_amplitude") for what in ("stiffness", "damping"))
+    go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+
+    over_frequency = []
+    for frequency, storage, loss in run.specimen.load(load).sweep("vertical"):
+        K = _sine(run, frequency, OF_FREQUENCIES)
+        check_band(run, f"K' at {frequency:g} Hz", K.storage, "kN/m", storage)
+        check_band(run, f"c at {frequency:g} Hz", K.damping, "kN*s/m", loss)
+        check_band(run, f"loss angle at {frequency:g} Hz", phase(K.value), "deg", angles[frequency])
+        over_frequency.append(K)
+    over_amplitude = []
+    for amplitude in stiffness:
+        K = _sine(run, OF_AMPLITUDES, amplitude)
+        check_band(run, f"K' at {amplitude / mm:g} mm", K.storage, "kN/m", stiffness[amplitude])
+        check_band(run, f"c at {amplitude / mm:g} mm", K.damping, "kN*s/m", damping[amplitude])
+        over_amplitude.append(K)
+    _keep(run, load, over_frequency, over_amplitude)
+
+
+def _sine(run: Run, frequency: float, amplitude: float) -> Stiffness:
+    with run.phase(f"vertical sine {frequency:g} Hz, {amplitude / mm:g} mm"):
+        times, values = shake(run, "vertical", frequency, amplitude, lead=LEAD)
+    return vertical_stiffness(times, values, frequency)
+
+
+def _keep(run: Run, load: str, over_frequency: list[Stiffness], over_amplitude: list[Stiffness]) -> None:
+    for over, found, places in (
+        (FREQUENCY, over_frequency, [K.frequency for K in over_frequency]),
+        (AMPLITUDE, over_amplitude, [K.amplitude for K in over_amplitude]),
+    ):
+        for quantity, ys in (
+            (STORAGE, [K.storage for K in found]),
+            (LOSS, [K.value.imag for K in found]),
+            (ANGLE, [phase(K.value) for K in found]),
+        ):
+            keep(run, load, f"Vertical {quantity[0]} over {over[0]}", over, quantity, places, ys)
