@@ -53,13 +53,13 @@ of cases:
   before the orifice; on the oscillator a stop and a one-way damper;
 * *null*: nothing.
 
-Conditions: white noise; autoregressive noise (AR) with 0.6 and 0.9 in forces and pressures; converters of 12 bits; one
-frame in ten lost; and *siblings*, whose form differs somewhere from that of the model, in a way that no parameter and
-no effect covers. Of the bench: rubber that remembers small loops otherwise, walls 0.1 K warmer or colder than the hall,
-another law of the orifice near zero, actuators of half the speed, bellows whose area is curved over the height. Of the
-oscillator: a damper that tires, a spring that warms, one that softens with its largest displacement, one whose seat
-moves, each of a λ of 5 to 50 beside the effect that imitates it best. Something may be seen of a sibling in which
-nothing is hidden; named must be nothing.
+Conditions: white noise; autoregressive noise (AR) with 0.6 and 0.9 in forces and pressures; converters of 12 bits,
+whose steps are whole steps of the wire; one frame in ten lost; and *siblings*, whose form differs somewhere from that
+of the model, in a way that no parameter and no effect covers. Of the bench: rubber that remembers small loops
+otherwise, walls 0.1 K warmer or colder than the hall, another law of the orifice near zero, actuators of half the
+speed, bellows whose area is curved over the height. Of the oscillator: a damper that tires, a spring that warms, one
+that softens with its largest displacement, one whose seat moves, each of a λ of 5 to 50 beside the effect that
+imitates it best. Something may be seen of a sibling in which nothing is hidden; named must be nothing.
 
 Rates have exact 95 % intervals (Clopper and Pearson), and are told of at least 20 cases. An aim counts as met where the
 measured rate meets it; the interval says how sure that is.

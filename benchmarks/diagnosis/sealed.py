@@ -12,6 +12,7 @@ from typing import Final, get_args
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block, join
@@ -26,6 +27,7 @@ from benchmarks.diagnosis.short_screening import short_screening
 from benchmarks.diagnosis.sibling_forms import CURVED, FAST, Curved
 from benchmarks.diagnosis.sibling_forms import parameters as sibling
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
+from diagnosis.systems.air_spring import OUTPUTS, channels
 from drivers.bench import Bench
 from drivers.memory import Faults
 from test_plans.execution import execute
@@ -55,11 +57,24 @@ def parameters_of(truth: GroundTruth) -> Parameters:
         terms.append(roughness(truth.seed, truth.roughness / LambdaPerUnit.read().roughness))
     bench = with_effects(bench.with_values(**together(*terms)), truth.effects)
     if truth.condition == "12 bits":
-        span = bench.entries["sensor_high"].value - bench.entries["sensor_low"].value
-        coarse = bench.entries["sensor_resolution"].value.copy()
-        coarse[COLOURED] = np.maximum(coarse[COLOURED], BITS * span[COLOURED])
+        coarse = of_twelve_bits(bench)
         bench = bench.with_values(sensor_resolution=coarse)
     return bench
+
+
+def of_twelve_bits(bench: Parameters) -> NDArray[np.float64]:
+    """Return the resolutions (SENSORS,) of sensors with coarse converters, in whole steps of the wire.
+
+    Other steps would be rounded twice, and the sum of both errors is a sawtooth over kilonewtons, ± 12.5 N at the load
+    cells: a sensor that is not straight, and no noise.
+    """
+    span = bench.entries["sensor_high"].value - bench.entries["sensor_low"].value
+    coarse = bench.entries["sensor_resolution"].value.copy()
+    for channel in channels(bench):
+        sensor = OUTPUTS[channel.name]
+        if sensor in COLOURED:
+            coarse[sensor] = np.rint(BITS * span[sensor] / channel.resolution) * channel.resolution
+    return coarse
 
 
 class Coloured:

@@ -88,7 +88,7 @@ _VALVES: Final = {
 #: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
 _SHIFTS: Final = (".offset", SEAT, DRAG)
 #: Offsets of sensors from whose readings a replay starts or is driven: these change the simulation.
-_PHYSICAL: Final = (".bellows_pressure.offset", f"{SHEAR}.offset")
+_PHYSICAL: Final = (".bellows_pressure.offset", f"{SHEAR}.offset", f"{SHEAR}{SEAT}")
 #: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
 _PREPARED, _OUTPUTS = 64, 2
 
@@ -332,7 +332,7 @@ def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
 
 def _shift(parameters: Mapping[str, float]) -> float:
     """How far the bolster is to the left of where it was seen: less by what its transducer reads too much."""
-    return -parameters.get(f"{SHEAR}.offset", 0.0)
+    return -parameters.get(f"{SHEAR}.offset", 0.0) - parameters.get(f"{SHEAR}{SEAT}", 0.0)
 
 
 def _actuator_speeds(motion: Motion, par: Any) -> dict[str, Array]:

@@ -34,8 +34,9 @@ INITIAL_TEMPERATURE: Final = 0.2
 
 #: Lag (s) that a replay itself imitates: benches without any effect seem to lag by as much.
 TIMING: Final = 2e-5
-#: Suffix and spread (m) of an actuator's apparent shift in one run: the wire rounds the platform's transducers to 10
-#: µm, and while the platform rests, the rounding error is the same for the whole run.
+#: Suffix and spread (m) of an apparent shift in one run, of an actuator or of the shear: the wire rounds the platform's
+#: transducers to 10 µm, and while the platform rests, the rounding error is the same for the whole run. In the shear
+#: it stands for what friction remembers of earlier motions, too.
 SEAT: Final = ".seat"
 ROUNDING: Final = 3e-6
 #: Suffix and spread (N s/m) of a force in proportion to the speed that an actuator's transducer shows and the bolster
@@ -89,6 +90,8 @@ def _offsets(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...
 
 def _rounding_errors(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
     """How far displacements seem off in one run, since the platform rests between two steps of its transducers."""
+    shear = _nuisance(f"{SHEAR}{SEAT}", "m", ROUNDING, "mm", 1e-3)
+    yield replace(shear, per_run=True)
     for channel, _ in measured:
         if channel.kind == "displacement":
             one = _nuisance(f"{channel.name}{SEAT}", channel.unit, ROUNDING, channel.display, channel.scale)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +22,8 @@ from bench_records.layout import Phase
 from bench_records.record import Record, read
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
-from diagnosis.contracts import Array, Dataset, DiagnosisError, Experiment, MeasuredRun
+from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
+from diagnosis.engine.config import AR_ORDER
 from diagnosis.systems.air_spring import GAS, AirSpring
 from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise
 
@@ -30,6 +32,10 @@ CONDITION: Final = "condition"
 REST: Final = "rest"
 #: Sampling interval of what travels on CAN at its full rate.
 STEP: Final = 1.0 / FAST_RATE
+#: Samples over which noise may remember: rounding errors that stay the same for longer are no noise.
+_REMEMBERED: Final = AR_ORDER
+#: A signal is coarse if it is rounded to more than so many times its noise: then the noise does not move it about.
+_COARSE: Final = 2.0
 #: The state at the beginning of a run is read from so much of its first rest (s).
 _FIRST: Final = 1.0
 
@@ -41,10 +47,11 @@ def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
     """
     digest = hashlib.sha256()
     runs: list[tuple[Path, MeasuredRun]] = []
-    for directory in directories:
-        record = read(directory)
+    records = [read(directory) for directory in directories]
+    channels = _as_read(simulator.channels, records)
+    for directory, record in zip(directories, records, strict=True):
         digest.update(record.path.read_bytes())
-        found = [_run(record, phase, simulator) for phase in _phases(record)]
+        found = [_run(record, phase, simulator, channels) for phase in _phases(record)]
         if not found:
             raise DiagnosisError(
                 f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
@@ -52,7 +59,7 @@ def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
             )
         runs += [(Path(directory), run) for run in found]
     return Dataset(
-        simulator.channels,
+        channels,
         tuple(_with_unique_names(runs)),
         digest.hexdigest(),
         tuple(str(directory) for directory in directories),
@@ -65,8 +72,6 @@ def _phases(record: Record) -> Iterable[Phase]:
 
 def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:
     """Add the path of their record to the names of runs that several records of one plan share."""
-    from dataclasses import replace
-
     count = Counter(run.experiment.name for _, run in runs)
     for directory, run in runs:
         name = run.experiment.name
@@ -77,7 +82,31 @@ def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[Mea
             yield run
 
 
-def _run(record: Record, phase: Phase, simulator: AirSpring) -> MeasuredRun:
+def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Channel, ...]:
+    """Return the channels with the resolution that their readings show, where that is coarse and the data sheet finer.
+
+    A converter of fewer bits than was believed does not say so, but no two readings are nearer together than its step.
+    """
+    found = []
+    for channel in channels:
+        steps = [
+            _rounded_to(record.series(channel.name)[1])
+            for record in records
+            if channel.name in record.signals
+        ]
+        step = min((step for step in steps if step > 0.0), default=0.0)
+        coarse = step > max(_COARSE * channel.noise, 1.5 * channel.resolution)
+        found.append(replace(channel, resolution=step) if coarse else channel)
+    return tuple(found)
+
+
+def _rounded_to(values: Array) -> float:
+    """Return the smallest difference between readings (n,); 0 where they are all the same."""
+    apart = np.diff(np.unique(values[np.isfinite(values)]))
+    return float(apart.min()) if apart.size else 0.0
+
+
+def _run(record: Record, phase: Phase, simulator: AirSpring, channels: Sequence[Channel]) -> MeasuredRun:
     grid = _grid(record, phase)
     measured = {name: _sampled(record, name, grid) for name in (*SENSORS, *BESIDE)}
     measured = {name: values for name, values in measured.items() if np.isfinite(values).any()}
@@ -86,7 +115,7 @@ def _run(record: Record, phase: Phase, simulator: AirSpring) -> MeasuredRun:
             raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
     settings = _SettingsOfRecord(record)
     inputs = motion_inputs(measured, STEP, simulator.parameters) | settings.valves(grid)
-    outputs = _outputs(record, grid, inputs, simulator)
+    outputs = _outputs(record, grid, inputs, simulator, channels)
     inputs["supply.pressure"] = _interpolated(_sampled(record, "supply.pressure", grid), simulator.parameters)
     inside = [p for p in record.phases if phase.start <= p.start and p.end <= phase.end and p is not phase]
     conditioned = max((p.end for p in inside if p.name.startswith(CONDITION)), default=phase.start)
@@ -108,7 +137,13 @@ def _run(record: Record, phase: Phase, simulator: AirSpring) -> MeasuredRun:
     return MeasuredRun(experiment, outputs, (grid >= conditioned) & settings.predictable(grid), rest)
 
 
-def _outputs(record: Record, grid: Array, inputs: Mapping[str, Array], simulator: AirSpring) -> Array:
+def _outputs(
+    record: Record,
+    grid: Array,
+    inputs: Mapping[str, Array],
+    simulator: AirSpring,
+    channels: Sequence[Channel],
+) -> Array:
     """The channels (n, c); actuator forces are NaN where the acceleration of the bolster is not known well enough."""
     par = simulator.parameters.record
     outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
@@ -125,12 +160,35 @@ def _outputs(record: Record, grid: Array, inputs: Mapping[str, Array], simulator
     anywhere = np.logical_or.reduce(tuple(turns.values()))
     unknown = {"vertical_left.force": anywhere, "vertical_right.force": anywhere}
     unknown["lateral.force"] = turns.get("shear", anywhere)
-    for k, channel in enumerate(simulator.channels):
+    for k, (channel, believed) in enumerate(zip(channels, simulator.channels, strict=True)):
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan
-        if channel.resolution > 2.0 * channel.noise:
+        if believed.resolution > _COARSE * believed.noise:
             outputs[:, k] = _at_its_steps(outputs[:, k])
+        elif channel.resolution > believed.resolution:
+            outputs[:, k] = _while_it_moves(outputs[:, k], channel.resolution)
     return outputs
+
+
+def _while_it_moves(values: Array, step: float) -> Array:
+    """Return the readings (n,) of a quick signal that is rounded to a coarse ``step``, one of each stretch at rest.
+
+    While a signal moves, rounding errors change from sample to sample, and pass for noise. Where it stays within a step
+    for longer than noise remembers, the error stays the same: of such a stretch its middle is kept, else NaN.
+    """
+    result = values.copy()
+    known = np.flatnonzero(np.isfinite(values))
+    start = 0
+    for k in range(1, len(known) + 1):
+        if k < len(known) and abs(values[known[k]] - values[known[start]]) < 1.5 * step:
+            continue
+        stretch = known[start:k]
+        if len(stretch) > _REMEMBERED:
+            result[stretch] = np.nan
+            middle = stretch[len(stretch) // 2]
+            result[middle] = values[middle]
+        start = k
+    return result
 
 
 def _at_its_steps(values: Array) -> Array:

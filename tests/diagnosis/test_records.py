@@ -7,9 +7,11 @@ from bench_protocol.rates import TICK
 from bench_protocol.units import Hz, mm
 from bench_records.layout import RecordedEvent
 from bench_records.record import read
+from bench_sim.model.layout import Sensor
+from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.air_spring import OUTPUTS, AirSpring
-from diagnosis.systems.records import STEP, _SettingsOfRecord, read_records
+from diagnosis.systems.records import STEP, _SettingsOfRecord, _while_it_moves, read_records
 from drivers.memory import Faults
 from test_plans.motions import Stand, Stretch, Valves, Wave
 
@@ -69,6 +71,36 @@ def test_a_coarse_reading_counts_where_it_steps(recorded, dataset):
     assert len(there) == len(steps) > 10
     assert warm[there] == pytest.approx(0.5 * (values[inside][steps] + values[inside][steps + 1]))
     assert run.experiment.time[there] + began == pytest.approx(times[inside][steps] + 0.05, abs=2 * STEP)
+
+
+@pytest.fixture(scope="module")
+def rounded(bench_record):
+    """A rig whose first load cell has a coarse converter, which no data sheet tells."""
+    return bench_record("rounded", SHORT[:1], sensor_resolution={Sensor.LOAD_CELL_1: 100.0})
+
+
+def test_readings_show_a_coarser_step_than_the_data_sheet(rounded, dataset):
+    """A hundred newtons, five times the noise. Where the cell rests its reading stays the same, and counts once."""
+    simulator = AirSpring(load("astb"), effects={})
+    data = read_records([rounded.directory], simulator)
+    place = list(OUTPUTS).index("load_cell.1")
+    assert data.channels[place].resolution == pytest.approx(100.0)
+    others = [k for k in range(len(data.channels)) if k != place]
+    assert [data.channels[k] for k in others] == [simulator.channels[k] for k in others]
+    fine, coarse = (np.isfinite(one.runs[0].outputs[:, place]) for one in (dataset, data))
+    rest, moving = data.runs[0].rest, data.runs[0].scored & ~data.runs[0].rest
+    assert fine[rest].all()
+    assert coarse[rest].sum() < 0.03 * rest.sum()
+    assert coarse[moving].sum() > 0.06 * moving.sum()
+
+
+def test_of_a_stretch_within_one_step_its_middle_counts():
+    still, quick = [300.0] * 8 + [400.0] + [300.0] * 12, [600.0, 900.0, 1200.0, 1200.0, 800.0]
+    values = np.array([*still, *quick, np.nan])
+    kept = _while_it_moves(values, 100.0)
+    assert np.flatnonzero(np.isfinite(kept)).tolist() == [10, *range(21, 26)]
+    assert kept[10] == 300.0
+    assert kept[21:26].tolist() == quick
 
 
 def test_what_conditions_is_not_scored_and_what_rests_is_told(dataset):

@@ -225,3 +225,12 @@ def test_a_simulator_of_which_fewer_channels_were_measured_still_does_many_jobs_
     assert len(integrated) == 2
     assert np.abs((outputs - run.outputs) / bench.noise[kept]).max() < 1e-3
     assert few.unseen_errors == bench.simulator.unseen_errors
+
+
+def test_a_run_may_seem_shifted_sideways_as_by_the_zero_of_its_transducer(bench):
+    experiment = shaken("seat", seconds=0.5)
+    zero, seat = ({f"lateral.displacement.{name}": 4e-6} for name in ("offset", "seat"))
+    plain, one, other = bench.simulator.run_many([Job(experiment, values, {}) for values in ({}, zero, seat)])
+    assert (one == other).all()
+    assert np.abs(one - plain).max() > 0.1
+    assert bench.simulator.run(experiment, seat, {}) == pytest.approx(other, abs=0.01)

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from bench_protocol.rates import FAST_RATE
+from bench_protocol.table import TABLE
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import load
 from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.diagnosis.sealed import measure
+from benchmarks.diagnosis.sealed import COLOURED, measure, of_twelve_bits
+from diagnosis.finding import Verdict
+from diagnosis.systems.air_spring import OUTPUTS
 
 ROOT = Path(__file__).parents[2]
 #: A few candidates of every family; the whole catalogue is the benchmark's.
@@ -59,7 +63,9 @@ def test_an_honest_answer(judged, kind, condition, seed):
     hidden = draw(seed, kind, condition).effects
     assert hidden.keys() <= set(FEW)
     found = judged("bench", kind, condition, seed, effects=FEW)
-    assert not found.amiss
+    # λ is that in white noise. Of the 48 of this friction, noise of another colour leaves 7: too little to name it.
+    assert not found.amiss or (condition == "AR 0.9" and found.verdict == Verdict.UNRESOLVED.value)
+    assert not found.wrong
 
 
 def test_lost_frames_do_not_keep_a_bench_from_being_screened(tmp_path):
@@ -75,6 +81,21 @@ def test_lost_frames_do_not_keep_a_bench_from_being_screened(tmp_path):
     inside = times[(times >= phase.start) & (times <= phase.end)]
     assert np.diff(inside).max() > 5.5 / FAST_RATE
     assert 0.88 < len(inside) / (phase.duration * FAST_RATE) < 0.92
+
+
+def test_a_coarse_converter_has_steps_of_the_wire():
+    """Twelve bits to the nearest step of the wire: rounded twice to other steps, a load cell would not be straight."""
+    bench = load()
+    coarse, fine = of_twelve_bits(bench), bench.entries["sensor_resolution"].value
+    span = bench.entries["sensor_high"].value - bench.entries["sensor_low"].value
+    wire = {message.signal: message.step for one in TABLE.messages for message in one.fields}
+    for name, sensor in OUTPUTS.items():
+        if sensor not in COLOURED:
+            assert coarse[sensor] == fine[sensor]
+            continue
+        assert coarse[sensor] == pytest.approx(span[sensor] / 4096, rel=0.06)
+        step = wire[name] or TABLE[name].step
+        assert coarse[sensor] / step == pytest.approx(round(coarse[sensor] / step))
 
 
 def test_a_sealed_record_says_nothing_of_what_is_hidden(tmp_path):
