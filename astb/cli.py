@@ -25,6 +25,7 @@ from astb.commands.lists import (
 )
 from astb.commands.rig import rig_command
 from astb.commands.run import report_command, run_command
+from astb.commands.wiring import wiring_command
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.plugins import ExtensibleGroup
 
@@ -69,6 +70,7 @@ for _command in (
     limits_command,
     signals_command,
     report_command,
+    wiring_command,
     check_rig_command,
     conform_command,
     diagnose_command,

@@ -1,0 +1,108 @@
+"""A first wiring file: much of what people wrote by hand is found, nothing wrong is filled in, and it can be read."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from astb.cli import commands
+from astb.skeleton.points import dbc_points, register_points
+from astb.skeleton.writing import GROUPS, matches, skeleton
+from bench_protocol.table import TABLE
+from drivers.errors import WiringError
+from drivers.wiring.description import describe
+
+HERE = Path(__file__).parent
+OURS = Path(__file__).parents[2] / "bench_protocol" / "generated"
+
+
+def point(entry: dict) -> str:
+    return entry.get("from") or entry.get("to") or ""
+
+
+@pytest.mark.parametrize(
+    ("name", "clear", "first"),
+    [("hall_b", 0.8, 0.95), ("plant_a", 0.7, 0.9)],
+)
+def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, clear, first, tmp_path):
+    dbc, registers = HERE / "hall_b.dbc", HERE / "plant_a_registers.csv"
+    points = dbc_points(dbc) if name == "hall_b" else register_points(registers)
+    text = skeleton(
+        dbc if name == "hall_b" else None, registers if name == "plant_a" else None, beside=tmp_path
+    )
+    content = tomllib.loads(text)
+    describe(content, tmp_path / "wiring.toml", TABLE)
+    right = tomllib.loads((HERE / f"{name}_wiring.toml").read_text())["signals"]
+    known = [one for one in content["signals"] if point(right.get(one, {}))]
+    filled = {one: point(entry) for one, entry in content["signals"].items() if point(entry)}
+    assert {one: found for one, found in filled.items() if found != point(right.get(one, {}))} == {}
+    assert len(filled) >= clear * len(known)
+    likeliest, _ = matches(points)
+    hits = [
+        one
+        for one in known
+        if likeliest[one].candidates and likeliest[one].candidates[0][1].name == point(right[one])
+    ]
+    assert len(hits) >= first * len(known)
+
+
+def test_units_calibration_and_what_tells_settings_are_filled_in(tmp_path):
+    told = tomllib.loads(skeleton(HERE / "hall_b.dbc", None, tmp_path))["signals"]
+    cell = {"from": "bus.CellsA.Cell1", "unit": "kg", "calibration": {"gain": "9.80665 N/kg"}}
+    assert told["load_cell.1"] == cell
+    assert told["air.dpv"] == {"to": "bus.Parameter.Bridge", "read": "bus.ParameterIs.Bridge"}
+    assert told["lateral.acceleration"] == {"absent": "not found; see the candidates above"}
+    assert told["rig.pipe"] == {"absent": "not found; nothing has such a name and unit"}
+
+
+def test_our_own_files_name_everything_by_its_name(tmp_path):
+    told = tomllib.loads(skeleton(OURS / "astb.dbc", None, tmp_path))["signals"]
+    for name in (*GROUPS["Measurements"], *GROUPS["Set-points"]):
+        assert point(told[name]).endswith(f".{name.replace('.', '_')}"), name
+    assert told["rig.state"]["choices"]["FAULT_HOLD"] == 9
+    both = tomllib.loads(skeleton(OURS / "astb.dbc", OURS / "modbus_map.csv", tmp_path))["signals"]
+    wrong = [name for name, one in both.items() if point(one) and not same(point(one), name)]
+    assert wrong == []
+
+
+def same(found: str, name: str) -> bool:
+    return name.replace(".", "_") in found.replace(".", "_")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name,address\nx,1\n", "no column table"),
+        ("name,table,address\nx,inputs,one\n", "row 2: address = 'one'"),
+        ("name;table;address\nx;input;1\ny;outlet;2\n", "row 3, column table: 'outlet'"),
+        ("name,table,address,type\nx,input,1,half\n", "row 2, column type: 'half'"),
+    ],
+)
+def test_a_wrong_list_says_row_and_column(text, message, tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text(text)
+    with pytest.raises(WiringError, match=message):
+        register_points(path)
+
+
+def test_columns_may_be_called_otherwise(tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text("Tag;Area;Addr;Data type;Factor;Einheit\nDruck Balg links;3x;0x10;INT;0.5;mbar\n")
+    (one,) = register_points(path)
+    assert (
+        one.line
+        == '"Druck_Balg_links" = { table = "input", address = 16, type = "int16", scale = 0.5, group = "fast" }'
+    )
+    likeliest, _ = matches([one])
+    assert likeliest["left.bellows_pressure"].clear is one
+
+
+def test_the_command_writes_a_file_once(tmp_path):
+    out = tmp_path / "wiring.toml"
+    call = ["wiring", "new", "--dbc", str(HERE / "hall_b.dbc"), "--out", str(out)]
+    assert CliRunner().invoke(commands, call).exit_code == 0
+    assert "bus.Heights.HeightLeft" in out.read_text()
+    again = CliRunner().invoke(commands, call)
+    assert again.exit_code == 2
+    assert "is there already" in again.output
