@@ -53,7 +53,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
                 part(bench, book)
             except NotAvailable as error:
                 book.skip(part.__name__.strip("_"), str(error))
-    except BenchError as error:
+    except (BenchError, ValueError) as error:  # a place out of its range is no set-point
         book.note("the moves", False, str(error), "no fault")
     finally:
         _back(bench, book)

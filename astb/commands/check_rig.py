@@ -42,7 +42,9 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
     try:
         rig, path = find_rig(target)
         report = _listen(rig, path, say)
-        if allow_motion:
+        if allow_motion and report.doubtful:  # a wrong reading is a wrong place to start from
+            say("nothing is moved: what is doubtful at rest must be mended first")
+        elif allow_motion:
             report = replace(report, moves=_move(rig, path, say))
     except (RigFileError, WiringError) as error:
         misuse(error)

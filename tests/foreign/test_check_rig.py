@@ -184,3 +184,10 @@ def test_the_command_prints_a_table_and_json():
     assert (result.exit_code, "all fine" in result.output) == (0, True), result.output
     result = CliRunner().invoke(commands, ["check-rig", "virtual", "--json"])
     assert json.loads(result.stdout)["state"] == "DISABLED"
+
+
+def test_a_bench_whose_rest_is_doubtful_is_not_moved(monkeypatch):
+    monkeypatch.setattr("astb.checking.listening.doubts", lambda *_, **__: {"left.height": "no"})
+    monkeypatch.setattr("astb.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
+    result = CliRunner().invoke(commands, ["check-rig", "virtual", "--allow-motion"])
+    assert (result.exit_code, "nothing is moved" in result.output) == (1, True), result.output
