@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -11,6 +11,9 @@ from astb.exit_codes import FAIL, PASS, blocked, misuse
 if TYPE_CHECKING:
     from astb.checking.report import CheckReport, MoveLine
     from astb.rig_file import RigFile
+
+#: Width of a terminal from which on all is told beside a signal; else remarks stand below, and sources in the JSON.
+_WIDE: Final = 120
 
 
 @click.command("check-rig")
@@ -85,28 +88,30 @@ def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveL
 
 
 def _show(report: "CheckReport") -> None:
-    from rich.console import Console
     from rich.markup import escape
-    from rich.table import Table
+
+    from astb.tables import open_console, open_table
 
     style = {"fine": "green", "doubtful": "bold red", "absent": "yellow", "not told": "dim"}
-    console = Console()
+    console = open_console()
     console.print(f"[bold]{report.rig}[/bold], {report.state}; identity: {report.identity}", highlight=False)
     for line in report.capabilities:
         console.print(f"  {escape(line)}", highlight=False)
-    table = Table(title="signals")
-    for column in ("", "signal", "from", "value", "rate", "age", "remark"):
-        table.add_column(column)
+    wide = console.width >= _WIDE
+    columns = ("", "signal", "value", "rate") + (("age", "from", "remark") if wide else ())
+    table = open_table("signals", *columns, whole=columns[:5])
     for one in report.signals:
         rate = "" if one.rate is None else f"{one.rate:.3g} Hz"
         age = "" if one.age is None else f"{one.age * 1e3:.0f} ms"
         mark = f"[{style[one.verdict]}]{one.verdict}[/]"
-        table.add_row(mark, one.name, one.source, one.shown, rate, age, escape(one.remark))
+        further = (age, one.source, escape(one.remark)) if wide else ()
+        table.add_row(mark, one.name, one.shown, rate, *further)
     console.print(table)
+    for one in report.signals:
+        if one.remark and not wide:
+            console.print(f"{one.name}: {escape(one.remark)}", highlight=False)
     if report.moves:
-        moves = Table(title="moves")
-        for column in ("", "what", "found", "right"):
-            moves.add_column(column)
+        moves = open_table("moves", "", "what", "found", "right", whole=("",))
         for move in report.moves:
             moves.add_row(
                 f"[{style[move.verdict]}]{move.verdict}[/]", move.what, escape(move.found), move.right

@@ -64,13 +64,10 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
 
 
 def _show(report: "Report") -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from astb.tables import open_console, open_table
 
     style = {"right": "green", "wrong": "bold red", "not asked": "dim"}
-    table = Table(title=f"{report.rig}, {report.time} time")
-    for column in ("", "what", "found", "right"):
-        table.add_column(column)
+    table = open_table(f"{report.rig}, {report.time} time", "", "what", "found", "right", whole=("",))
     group = ""
     for one in report.findings:
         if one.group != group:
@@ -79,22 +76,20 @@ def _show(report: "Report") -> None:
             table.add_row("", f"[bold]{group}[/bold]")
         mark = f"[{style[one.outcome]}]{one.outcome}[/]"
         table.add_row(mark, one.what, one.found, one.right)
-    console = Console()
+    console = open_console()
     console.print(table)
     console.print(f"{len(report.findings)} findings, {len(report.wrong)} wrong", highlight=False)
 
 
 def _show_differences(here: "Report", there: "Report", apart: "list[Difference]") -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from astb.tables import open_console, open_table
 
-    console = Console()
+    console = open_console()
     if not apart:
         console.print(f"{here.rig} and {there.rig} do the same, in all that both were asked")
         return
-    table = Table(title=f"{len(apart)} differences")
-    for column in ("group", "what", here.rig, f"{there.rig} (other)"):
-        table.add_column(column)
+    columns = ("group", "what", here.rig, f"{there.rig} (other)")
+    table = open_table(f"{len(apart)} differences", *columns, whole=("group",))
     for one in apart:
         table.add_row(*one)
     console.print(table)
