@@ -1,20 +1,29 @@
-"""Rig B on an interface of the kernel: armed, filled, shaken and brought to rest over real SocketCAN."""
+"""Rig B on an interface of the kernel: led by hand, and through the whole of AW0, over real SocketCAN."""
+
+import json
+import subprocess
+import sys
 
 import pytest
 
+from astb.exit_codes import INCOMPLETE
 from astb.rig_file import read
 from astb.session import open_session
 from bench_protocol.units import bar, mm
 from drivers.can_port import has_interface
+from tests.foreign.conftest import ROOT
 
 INTERFACE = "vcan0"
+pytestmark = [pytest.mark.vcan, pytest.mark.real_time]
 
 
-@pytest.mark.vcan
-@pytest.mark.real_time
-def test_rig_b_is_led_over_socketcan(started):
+@pytest.fixture(autouse=True)
+def _socketcan():
     if not has_interface(INTERFACE):
-        pytest.skip("this kernel has no vcan0; `make test-vcan` runs this where there is one")
+        pytest.skip("this kernel has no vcan0; `make test-vcan` runs these where there is one")
+
+
+def test_rig_b_is_led_over_socketcan(started):
     with started("hall_b", INTERFACE) as (rig_file, address):
         assert address == INTERFACE
         with open_session(read(rig_file), rig_file) as session, session.bench as bench:
@@ -30,3 +39,15 @@ def test_rig_b_is_led_over_socketcan(started):
             bench.air.vent(tolerance=0.2 * bar)
             bench.disarm()
             assert bench.rig.state == "DISABLED"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_aw0_judges_a_spring_on_rig_b(started, tmp_path):
+    """The bolster is held sideways, where rolling tells nothing: two checks of forty are not available."""
+    with started("hall_b", INTERFACE) as (rig_file, _):
+        command = [sys.executable, "-m", "astb", "run", "aw0", "--rig", str(rig_file), "--out", str(tmp_path)]
+        done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=220)
+    assert done.returncode == INCOMPLETE, done.stdout + done.stderr
+    verdicts = [one["verdict"] for one in json.loads((tmp_path / "aw0/result.json").read_text())["checks"]]
+    assert (len(verdicts), verdicts.count("not available"), verdicts.count("fail")) == (40, 2, 0), done.stdout
