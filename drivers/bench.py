@@ -26,7 +26,7 @@ from drivers.devices import (
     Spring,
     Supply,
 )
-from drivers.errors import BenchError, LinkLost, Misuse, RigFault
+from drivers.errors import BenchError, LinkLost, Misuse, Refused, RigFault
 from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
 from drivers.settings import UNKNOWN
@@ -184,9 +184,14 @@ class Bench(Link):
         self._armed = False
         self.commander.freeze()
         with self.despite_faults():
+            refused: list[Refused] = []
             for order in conduct.rest:
-                self._give(order)
-            self._until(lambda: self.state in conduct.at_rest, within, "the bench at rest")
+                try:
+                    self._give(order)
+                except Refused as one:  # the others may still bring it to rest
+                    refused.append(one)
+            what = "; ".join(("the bench at rest", *map(str, refused)))
+            self._until(lambda: self.state in conduct.at_rest, within, what)
 
     def reset(self, within: float = 5 * s) -> None:
         """Clear a latched fault, if there is one: to HOLD or DISABLED. RigFault if the emergency stop is pressed."""

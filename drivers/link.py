@@ -13,7 +13,7 @@ from bench_protocol.units import NS, minutes, ms, s
 from bench_protocol.words import LIVE_STATES, REASONS_OF_THE_LINK, STATES
 from drivers.commander import BEAT, Commander
 from drivers.errors import BenchError, BenchTimeout, Fault, LinkLost, Misuse, NotCommander, RigFault, Stale
-from drivers.reading import Readings, Sample
+from drivers.reading import Quality, Readings, Sample
 from drivers.receiver import Capture, Receiver
 from drivers.settings import UNKNOWN, Settings
 from drivers.wiring.contract import Wiring
@@ -178,10 +178,12 @@ class Link:
         state = self.state
         self._silent = self._silent + 1 if state == UNKNOWN else 0
         if self._silent > SILENT_BEATS:
-            age = self.readings.sample("rig.state").age
+            told = self.readings.sample("rig.state")
             limit = int(self.wiring.freshness[self.table.index["rig.state"]]) / NS
+            if told.quality is Quality.UNAVAILABLE:
+                raise LinkLost("the rig tells no state that is known here")
             raise LinkLost(
-                f"the rig is silent: its state came {age:.2g} s ago, and is stale after {limit:g} s"
+                f"the rig is silent: its state came {told.age:.2g} s ago, and is stale after {limit:g} s"
             )
         if state in DOWN_STATES:
             reason = self.readings.choice("rig.reason") if self.has("rig.reason") else UNKNOWN

@@ -6,6 +6,7 @@ the same.
 """
 
 import logging
+import math
 import struct
 import threading
 from collections.abc import Callable, Sequence
@@ -61,13 +62,13 @@ class ModbusPort:
         """Return ``count`` coils from ``address`` on (FC 1)."""
         what = self._range("reading coils", address, count, BITS_READ_MAX)
         read = self._client.read_coils
-        return list(self._ask(what, lambda: read(address, count=count, device_id=self._unit)).bits[:count])
+        return self._bits(what, count, lambda: read(address, count=count, device_id=self._unit))
 
     def read_discrete(self, address: int, count: int) -> list[bool]:
         """Return ``count`` discrete inputs from ``address`` on (FC 2)."""
         what = self._range("reading discrete inputs", address, count, BITS_READ_MAX)
         read = self._client.read_discrete_inputs
-        return list(self._ask(what, lambda: read(address, count=count, device_id=self._unit)).bits[:count])
+        return self._bits(what, count, lambda: read(address, count=count, device_id=self._unit))
 
     def read_holding(self, address: int, count: int) -> list[int]:
         """Return ``count`` holding registers from ``address`` on (FC 3)."""
@@ -174,6 +175,12 @@ class ModbusPort:
             raise LinkLost(f"{what} failed: {reply}")
         return reply
 
+    def _bits(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[bool]:
+        bits = self._ask(what, request).bits[:count]
+        if len(bits) != count:
+            raise LinkLost(f"{what} failed: the device sent {len(bits)} bits instead of {count}")
+        return list(bits)
+
     def _counted(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[int]:
         registers = self._ask(what, request).registers
         if len(registers) != count:
@@ -181,15 +188,19 @@ class ModbusPort:
         return list(registers)
 
 
-def open_modbus(host: str, port: int = 502, *, unit: int = 1, timeout: float = 0.5) -> ModbusPort:
-    """Connect to a device; ``timeout`` (s) bounds the connection and every answer.
+def open_modbus(
+    host: str, port: int = 502, *, unit: int = 1, timeout: float = 0.5, within: float = math.inf
+) -> ModbusPort:
+    """Connect to a device; ``timeout`` (s) bounds the connection and every answer, ``within`` (s) the first connection.
 
     Raises LinkLost if nobody answers there.
     """
     where = f"{host}:{port}"
-    client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0)
+    client = ModbusTcpClient(host, port=port, timeout=min(timeout, within), retries=0)
     if not client.connect():
         raise LinkLost(f"no Modbus device answers at {where}; is the rig running?")
+    for params in (client.comm_params, client.transaction.comm_params):
+        params.timeout_connect = timeout
     return ModbusPort(client, where, unit)
 
 

@@ -234,5 +234,7 @@ def listen_to(
         yield Listening(wiring, clock, receiver, description)
         if lost:
             raise LinkLost(lost[0])
+        if wiring.failure is not None:
+            raise wiring.failure
     finally:
         wiring.close()

@@ -41,7 +41,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
     """Return what moves have shown of a connected ``bench``, which is at rest without air, and is so afterwards."""
     book = _Moves(bench)
     if why := _not_now(bench):
-        book.skip("all moves", why)
+        book.note("all moves", False, why, "at rest, without air")
         return book.lines
     try:
         bench.arm()

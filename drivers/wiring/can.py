@@ -287,6 +287,7 @@ class CanTransport:
             step = (count - message.heard) % message.counter_period
             if message.when >= 0 and time - message.when < message.stale * NS:
                 if step == 0:
+                    message.when = time  # it goes on coming: a counter that stands still is never news
                     self._note(message, "repeated")
                     return
                 self._note(message, "lost", step - 1)

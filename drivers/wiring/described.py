@@ -113,10 +113,10 @@ class DescribedWiring:
             for name, transport in self._transports.items():
                 left = max(deadline - clock.now(), 0) / NS
                 transport.connect(clock, partial(on_lost, name), within=left)
-            self._check_identity()
+            self._check_identity(clock, deadline)
             self._greeted = True
             self._say(self._description.greetings.open)
-            self.given = self._read_given()
+            self.given = self._read_given(clock, deadline)
             for name, transport in self._transports.items():
                 transport.subscribe(partial(self._accept, f"{name}."))
             for name, transport in self._transports.items():
@@ -132,7 +132,7 @@ class DescribedWiring:
         self._hear = None
         if self._greeted:
             self._greeted = False
-            with contextlib.suppress(BenchError):
+            with contextlib.suppress(BenchError, ValueError):
                 self._say(self._description.greetings.close)
         for transport in reversed(self._transports.values()):
             transport.close()
@@ -146,19 +146,31 @@ class DescribedWiring:
             clock.sleep_until(min(deadline, clock.now() + _LOOK))
 
     def _await_settings(self, clock: Clock, deadline: int) -> None:
-        """Let every setting be told once: on a bus they come in their turn. What never comes stays unknown."""
-        told = [setting.read for setting in self._description.settings.values() if setting.read]
-        while any(map(math.isnan, self._read_points(told).values())) and clock.now() < deadline:
+        """Let every setting be told once. What never comes stays unknown."""
+        self._told(
+            [setting.read for setting in self._description.settings.values() if setting.read], clock, deadline
+        )
+
+    def _told(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
+        """Return points once all have a value, NaN for one that has none by then: on a bus they come in their turn."""
+        while True:
+            told = self._read_points(points)
+            if not any(map(math.isnan, told.values())) or clock.now() >= deadline:
+                return told
             clock.sleep_until(min(deadline, clock.now() + _LOOK))
 
-    def _read_given(self) -> dict[str, float]:
+    def _read_given(self, clock: Clock, deadline: int) -> dict[str, float]:
         targets = {name: one for name, one in self._description.setpoints.items() if one.given}
-        told = self._read_points(one.given for one in targets.values())
-        return {name: one.conversion.si(told[one.given]) for name, one in targets.items()}
+        told = self._told([one.given for one in targets.values()], clock, deadline)
+        given = {name: one.conversion.si(told[one.given]) for name, one in targets.items()}
+        for name, value in given.items():
+            if math.isnan(value):
+                raise LinkLost(f"{self.rig} does not tell {name}: {targets[name].given} has no value")
+        return given
 
-    def _check_identity(self) -> None:
+    def _check_identity(self, clock: Clock, deadline: int) -> None:
         wanted = self._description.identity
-        for point, found in self._read_points(wanted).items():
+        for point, found in self._told(list(wanted), clock, deadline).items():
             if found != wanted[point]:
                 raise MapMismatch(
                     f"this is not the rig that the wiring of {self.rig} describes: {point} reads {found:g}, and "
@@ -237,7 +249,7 @@ class DescribedWiring:
             for name in written:
                 self._acknowledged(name, values[name])
         except (BenchError, ValueError):
-            with contextlib.suppress(BenchError):
+            with contextlib.suppress(BenchError, ValueError):
                 self._write_points(before)
                 self._say(self._description.greetings.apply)
             raise

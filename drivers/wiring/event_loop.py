@@ -5,9 +5,13 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Coroutine
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
+
+from bench_protocol.units import s
 
 T = TypeVar("T")
+#: What a loop may take to say that the time is over; one that was stopped meanwhile says nothing.
+_GRACE: Final = 1 * s
 
 
 class EventLoop:
@@ -20,7 +24,8 @@ class EventLoop:
 
     def run(self, work: Coroutine[Any, Any, T], within: float) -> T:
         """Return what ``work`` returns; TimeoutError after ``within`` s."""
-        return asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, within), self._loop).result()
+        waited = asyncio.wait_for(work, within)
+        return asyncio.run_coroutine_threadsafe(waited, self._loop).result(within + _GRACE)
 
     def stop(self) -> None:
         """End the loop, and what still runs in it."""

@@ -34,8 +34,8 @@ class Reading:
     conversion: Conversion
 
     def si(self, values: Sequence[float]) -> float:
-        """Return the SI value for the numbers of the points; NaN if one of them is."""
-        if any(math.isnan(value) for value in values):
+        """Return the SI value for the numbers of the points; NaN if one of them is no number, or infinite."""
+        if not all(map(math.isfinite, values)):
             return math.nan
         return self.conversion.si(values[0] if self.combine is None else self.combine(values))
 

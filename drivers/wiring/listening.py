@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from drivers.wiring.lines import Description
+from drivers.wiring.lines import Description, Greetings
 
 
 def listening(description: Description) -> Description:
-    """Return ``description`` without what its transports send by themselves: signs of life and streamed messages.
+    """Return ``description`` without what is sent by itself: signs of life, streamed messages, words on connecting.
 
     What a transport of somebody's own sends is its own affair: only the keys ``alive`` and ``every`` are left out.
     """
     transports = {name: _silent(table) for name, table in description.transports.items()}
-    return replace(description, transports=transports)
+    return replace(description, transports=transports, greetings=Greetings((), (), ()))
 
 
 def _silent(table: Mapping[str, Any]) -> dict[str, Any]:

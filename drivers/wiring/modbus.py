@@ -176,7 +176,7 @@ class ModbusTransport:
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
         """Connect and read each group once. LinkLost if nobody answers, Refused if a group is outside the map."""
         self._clock = clock
-        self._port = self._open(min(self._timeout, within))
+        self._port = self._open(within)
         self._outbox, self._grant = Outbox(), Grant()
         self._ear.open(clock, lost)
         try:
@@ -193,12 +193,13 @@ class ModbusTransport:
         if self._alive is not None:
             self._recur(self._alive[1], self._count)
 
-    def _open(self, timeout: float) -> ModbusPort:
+    def _open(self, within: float) -> ModbusPort:
         if self._opener is not None:
             return self._opener()
         from drivers.modbus_port import open_modbus
 
-        return open_modbus(self._keys.host, self._keys.port, unit=self._keys.unit, timeout=timeout)
+        host, port, unit = self._keys.host, self._keys.port, self._keys.unit
+        return open_modbus(host, port, unit=unit, timeout=self._timeout, within=within)
 
     def _recur(self, period: float, call: Callable[[], None]) -> None:
         """Let ``call`` recur; in virtual time never in the middle of a request of the thread that lets time pass."""

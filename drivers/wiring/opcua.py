@@ -30,6 +30,7 @@ import math
 import struct
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
+from concurrent.futures import CancelledError
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -158,7 +159,7 @@ class OpcUaTransport:
         self._clock, self._known, self._news = clock, {}, []
         self._outbox, self._grant = Outbox(), Grant()
         self._loop = EventLoop(self._where)
-        self._client = Client(self._keys.url, timeout=min(self._timeout, within))
+        self._client = Client(self._keys.url, timeout=self._timeout)
         if self._keys.user is not None:
             self._client.set_user(self._keys.user)
             self._client.set_password(self._keys.password or "")
@@ -190,7 +191,14 @@ class OpcUaTransport:
         names = {self._ids[name]: name for name, point in self._points.items() if point.subscribe}
         subscription = await client.create_subscription(1e3 * self._every, _Handler(names, self._hear))
         nodes = [client.get_node(node) for node in names]
-        await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
+        told = await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
+        refused = [
+            f"{name} ({one.name})"
+            for name, one in zip(names.values(), told, strict=True)
+            if not isinstance(one, int)
+        ]
+        if refused:
+            raise Refused(f"{self._where} does not tell of {', '.join(refused)} by itself", 0)
 
     def subscribe(self, hear: OnPoints) -> None:
         """Call ``hear(time, points)`` with what the server tells from now on, every period."""
@@ -257,11 +265,16 @@ class OpcUaTransport:
                 )
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take values that are written with the next period; NaN leaves what was there."""
+        """Take values that are written with the next period; NaN leaves what was there.
+
+        ValueError for one that does not fit, as soon as a first writing has shown the type of its variable.
+        """
         self._ear.check()
         news = {name: value for name, value in points.items() if not math.isnan(value)}
-        for name in news:
+        for name, value in news.items():
             self.require(name, writable=True)
+            if name in self._types:
+                self._raw(name, value)
         self._grant.renew(time)
         self._outbox.put(news)
 
@@ -290,12 +303,13 @@ class OpcUaTransport:
         if not math.isfinite(raw):
             raise ValueError(f"{name} = {value:g} is not a number to write")
         letter = _LETTERS.get(kind)
+        if letter is None:
+            raise ValueError(f"{name} = {value:g} cannot be written: it is a {kind} of the server, no number")
         try:
-            if letter is not None:
-                struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
+            struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
         except (struct.error, OverflowError):
             raise ValueError(f"{name} = {value:g} does not fit in the server's {kind}") from None
-        return round(raw) if letter is not None and letter not in "fd" else raw
+        return raw if letter in "fd" else round(raw)
 
     def _type(self, name: str) -> ua.VariantType:
         """Return the type of a variable, which is asked for once."""
@@ -368,7 +382,7 @@ class OpcUaTransport:
             raise LinkLost(f"{self._where} is not connected")
         try:
             result = loop.run(work, within)
-        except (TimeoutError, asyncio.CancelledError, OSError, ua.UaError) as error:
+        except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
             said = str(error) or f"no answer in {within:g} s"
             reason = f"{what}: {self._where} failed: {said}; is the server running?"
             if self._tasks and self._ear.silence() >= self._patience:

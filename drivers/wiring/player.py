@@ -81,7 +81,8 @@ class Player:
         self._time: int | None = None  # ns of the last beat of the program
         self._wave, self._cycles, self._frequency = WAVES[0], 1.0, 1.0
         self._heights: dict[int, float] = {}  # amplitude (SI) by table row
-        self._returning: dict[int, float] = {}  # offset (SI) by table row at the time of the stop
+        self._added: dict[int, float] = {}  # offset (SI) by table row on the last beat
+        self._returning: dict[int, float] = {}  # the same at the time of the stop
         self._stopped: int | None = None  # ns; None: at the next beat
 
     @property
@@ -138,7 +139,7 @@ class Player:
         with self._lock:
             if not self.busy:
                 raise _refused("stop", "no program runs")
-            self._returning, self._stopped = self._offsets(), None
+            self._returning, self._stopped = dict(self._added), None
             self._program, self._phase = Program.STOPPED, 0.0
 
     # -- beats ---------------------------------------------------------------------------------------------------
@@ -152,7 +153,7 @@ class Player:
             if not active:
                 if self.busy:
                     self._program, self._phase = Program.STOPPED, 0.0
-                self._returning = {}
+                self._returning, self._added = {}, {}
                 return {}
             if self._program is Program.RUN:
                 if self._time is not None:
@@ -163,7 +164,8 @@ class Player:
             offsets = self._offsets() if self.busy else {}
             for row, offset in self._return(time).items():
                 offsets[row] = offsets.get(row, 0.0) + offset
-            return offsets
+            self._added = offsets
+            return dict(offsets)
 
     def _offsets(self) -> dict[int, float]:
         unit = waveform(self._wave, self._phase, self._cycles)

@@ -69,14 +69,19 @@ def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transpo
             spec.loader.exec_module(module)
         else:
             module = importlib.import_module(module_name)
-    except (ImportError, OSError) as error:
+    except Exception as error:  # whatever a user's file does wrong
         raise WiringError(f"{place} cannot be imported: {error}") from error
     factory = getattr(module, factory_name, None)
     if not callable(factory):
         raise WiringError(
             f"{place}: {module_name} has no {factory_name!r} to call with (name, table, directory)"
         )
-    transport = factory(name, table, where)
+    try:
+        transport = factory(name, table, where)
+    except WiringError:
+        raise
+    except Exception as error:  # a key that it takes for granted, say
+        raise WiringError(f"{place} could not be made: {error!r}") from error
     missing = [part for part in _PARTS if not hasattr(transport, part)]
     if missing:
         raise WiringError(f"{place} makes a {type(transport).__name__} without {', '.join(missing)}")

@@ -12,8 +12,9 @@ from bench_protocol.units import NS, bar, mm, ms, s
 from bench_protocol.words import STATES
 from drivers.bench import Bench
 from drivers.commander import BEAT
-from drivers.errors import BenchTimeout, LinkLost, NotAvailable, Refused, RigFault
+from drivers.errors import BenchTimeout, LinkLost, NotAvailable, Refused, RigFault, WiringError
 from drivers.wiring.contract import Capabilities, Conduct, Order, Step
+from drivers.wiring.transports import open_transport
 
 ABSENT = {
     "left.auxiliary_temperature": "no thermometer in the chamber",
@@ -222,3 +223,56 @@ def test_a_wiring_is_closed_though_the_plan_failed(tiny):
         bench.arm()
         1 / 0  # noqa: B018
     assert (tiny.opened, tiny.state) == (False, "DISABLED")
+
+
+def test_an_order_that_is_refused_keeps_the_others_from_nothing(tiny):
+    """On the way to rest what comes after it may still do it."""
+    tiny.conduct = Conduct(tiny.conduct.up, (), (Order({"key": 7}), Order({"key": 0})), ("DISABLED",))
+    say = tiny.say
+
+    def refuse(points):
+        if points["key"] == 7:
+            raise Refused("key = 7 was refused", 4)
+        say(points)
+
+    tiny.say = refuse
+    with Bench(tiny, tiny.clock) as bench:
+        bench.arm()
+        bench.disarm()
+        assert tiny.state == "DISABLED"
+        bench.arm()
+        tiny.deaf = {0}
+        with pytest.raises(BenchTimeout, match="the bench at rest; key = 7 was refused: not reached"):
+            bench.disarm(within=1 * s)
+        tiny.deaf = set()
+
+
+def test_a_state_that_nobody_knows_is_not_called_silence(tiny, bench):
+    bench.arm()
+    tiny.clock.sleep_until(tiny.clock.now() + 60_000_000)
+    tiny._telling.cancel()
+    row = np.array([TABLE.index["rig.state"]])
+
+    def tell():
+        tiny.receiver.hear(np.array([tiny.clock.now()]), row, np.array([math.nan]), tiny.clock.now())
+
+    tiny.receiver = bench.receiver
+    tiny._telling = tiny.clock.every(50_000_000, tell)
+    with pytest.raises(LinkLost, match="the rig tells no state that is known here"):
+        bench.wait(5 * s)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "def make(name, table, where):\n    return table['hots']\n",
+            r"could not be made: KeyError\('hots'\)",
+        ),
+        ("def make(:\n", "cannot be imported: invalid syntax"),
+    ],
+)
+def test_a_transport_of_somebodys_own_that_is_written_wrongly(tmp_path, text, words):
+    (tmp_path / "mine.py").write_text(text)
+    with pytest.raises(WiringError, match=words):
+        open_transport("mine", {"kind": "mine.py:make", "host": "x"}, tmp_path)

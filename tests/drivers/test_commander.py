@@ -16,7 +16,7 @@ from bench_protocol.frames import join, payload  # noqa: E402
 from bench_protocol.table import TABLE  # noqa: E402
 from bench_protocol.units import NS, kN, mm, s  # noqa: E402
 from drivers.commander import BEAT, Commander  # noqa: E402
-from drivers.errors import LinkLost, Misuse  # noqa: E402
+from drivers.errors import LinkLost, Misuse, Refused  # noqa: E402
 from drivers.memory import InMemoryCan  # noqa: E402
 from drivers.modbus_port import InMemoryModbus  # noqa: E402
 from drivers.wiring.own import OwnWiring  # noqa: E402
@@ -223,3 +223,21 @@ def test_set_points_wait_for_a_beat_that_holds_the_gate():
     thread.join(5)
     assert given.is_set()
     assert line.commander.value("lateral.force_setpoint") == 1 * kN
+
+
+@pytest.mark.parametrize("error", [Refused("not in this state", 4), KeyError("Set.Left")])
+def test_whatever_ends_the_stream_is_told(monkeypatch, error):
+    """A transport of somebody's own may raise anything; in a thread nobody would hear of it."""
+    clock, port = VirtualClock(), InMemoryCan(lambda block: None)
+    wiring = own_wiring(port)
+    commander = Commander(wiring, clock)
+
+    def fail(values, time):
+        raise error
+
+    monkeypatch.setattr(wiring.outlet, "send", fail)
+    commander.start()
+    clock.sleep_until(3 * BEAT)
+    assert isinstance(commander.failure, LinkLost)
+    assert type(error).__name__ in str(commander.failure)
+    commander.stop()

@@ -16,6 +16,7 @@ from bench_protocol.words import STATES
 from drivers.errors import LinkLost, MapMismatch, Misuse, NotAvailable, Refused, WiringError
 from drivers.wiring.described import DescribedWiring
 from drivers.wiring.description import describe
+from drivers.wiring.listening import listening
 from tests.drivers.strange_rig import PointsInMemory
 
 TEXT = """
@@ -133,6 +134,16 @@ def test_a_value_of_two_transports_is_new_when_the_last_of_its_points_came(stand
     assert np.diff([time for time, _ in forces]) == pytest.approx([50_000_000] * 9)
 
 
+@pytest.mark.parametrize("number", [math.inf, -math.inf])
+def test_what_is_infinite_is_none(stand, number):
+    """An infinite pressure would be above every target."""
+    stand.plc.points["left_height"] = stand.plc.points["slow_pressure"] = number
+    stand.open()
+    stand.wait(0.1)
+    assert math.isnan(stand.last("left.height"))
+    assert math.isnan(stand.wiring.read(["supply.pressure"])["supply.pressure"])
+
+
 def test_a_value_one_of_whose_points_is_stale_is_none(stand):
     stand.open()
     stand.wait(0.1)
@@ -215,6 +226,43 @@ def test_another_rig_than_the_one_described(stand):
     stand.plc.points["device"] = 12
     with pytest.raises(MapMismatch, match=r"plc\.device reads 12, and identity in hall\.toml says 4711"):
         stand.open()
+
+
+def test_a_rig_that_tells_who_it_is_in_its_turn(stand):
+    """On a bus nothing can be asked: what a wiring wants to know first may come last."""
+    stand.plc.points["device"] = math.nan
+    ticks = iter(range(100))
+
+    def tell():
+        if next(ticks) == 5:
+            stand.plc.points["device"] = 4711
+
+    stand.clock.every(20_000_000, tell)
+    stand.open()
+    assert stand.clock.now() < 1e9
+
+
+def test_words_on_parting_that_do_not_fit_keep_no_connection_open(tmp_path):
+    stand = Stand(tmp_path, TEXT + '[conduct]\nclose = [{ "plc.command" = 70000 }]\n').open()
+
+    def refuse(points):
+        raise ValueError("plc.command = 70000 does not fit")
+
+    stand.plc.write = refuse
+    stand.wiring.close()
+    assert stand.plc.connections == stand.bus.connections == 0
+
+
+def test_who_only_listens_says_nothing(tmp_path):
+    stand = Stand(
+        tmp_path, TEXT + '[conduct]\nopen = [{ "plc.command" = 1 }]\nclose = [{ "plc.command" = 2 }]\n'
+    )
+    for description, words in ((stand.description, [1, 2]), (listening(stand.description), [])):
+        stand.plc.writes.clear()
+        wiring = DescribedWiring("hall", description, {"plc": stand.plc, "bus": stand.bus})
+        wiring.open(stand.clock, lambda *heard: None, stand.lost.append, within=1 * s)
+        wiring.close()
+        assert [one["command"] for one in stand.plc.writes] == words
 
 
 def test_nothing_comes_after_close_and_a_loss_is_told_once(stand):
@@ -307,6 +355,21 @@ def test_a_mode_must_not_change_under_a_program(stand):
     stand.wait(0.1)
     assert stand.beat(2, **setpoints)[-1]["Left"] == pytest.approx(-20)
     assert stand.last("rig.program") == 3
+
+
+def test_what_cannot_be_taken_back_hides_no_refusal(stand):
+    stand.open()
+    stand.deaf = True
+    write = stand.plc.write
+
+    def once(points):
+        if stand.plc.writes:
+            raise ValueError("mode = 0 does not fit")
+        write(points)
+
+    stand.plc.write = once
+    with pytest.raises(Refused, match="hall never acknowledged"):
+        stand.wiring.write({"air.left_mode": 2})
 
 
 def test_a_number_that_a_rig_rounds_is_acknowledged(stand):

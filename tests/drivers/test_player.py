@@ -152,3 +152,21 @@ def test_states_in_which_an_action_means_nothing():
     _run(player, "displacement")
     with pytest.raises(Refused, match="runs already"):
         _run(player, "displacement")
+
+
+def test_a_program_that_is_stopped_while_the_last_one_comes_back_does_not_jump():
+    player = _player()
+    _run(player, "displacement")
+    for beat in range(46):
+        offset = player.advance(beat * BEAT, active=True)
+    player.stop()
+    way = [offset, *(player.advance((46 + k) * BEAT, active=True) for k in range(5))]
+    _run(player, "displacement")
+    way += [player.advance((51 + k) * BEAT, active=True) for k in range(3)]
+    player.stop()
+    way += [player.advance((54 + k) * BEAT, active=True) for k in range(60)]
+    row = min(offset)
+    assert abs(offset[row]) > 5 * mm
+    steps = np.abs(np.diff([one.get(row, 0.0) for one in way]))
+    assert steps.max() < 2 * mm  # of 12 mm at 0.83 Hz there are 1.25 mm in a beat
+    assert way[-1] == {}

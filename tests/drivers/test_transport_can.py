@@ -207,6 +207,23 @@ def test_lost_and_repeated_frames_are_counted(
     assert len(times) == len(set(times)), "a repeated frame is no sample"
 
 
+def test_a_counter_that_stands_still_is_no_news(memory: InMemory, connected: Callable) -> None:
+    """A rig whose program hangs may go on sending its last frame."""
+    transport = connected()
+    last = memory.far.frames()
+    memory.change = lambda block: last.copy()
+    memory.wait(0.02)
+    transport.heard.clear()
+    memory.wait(1.0)
+    assert not [points for _, points in transport.heard if "Heights.Left" in points]
+    assert math.isnan(transport.read(["Heights.Left"])["Heights.Left"])
+    memory.silent = True
+    memory.wait(0.5)
+    memory.silent = False
+    memory.wait(0.02)  # after a silence the same count may be chance
+    assert [points for _, points in transport.heard if "Heights.Left" in points]
+
+
 def test_every_single_wrong_bit_is_found(memory: InMemory, connected: Callable) -> None:
     transport = connected()
     bits = iter(range(1, 10_000))

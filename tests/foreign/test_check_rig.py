@@ -179,6 +179,15 @@ def test_moves_show_a_wrong_line(changes, told, tmp_path):
     assert any(re.search(told, one) for one in doubts), doubts
 
 
+def test_a_bench_that_cannot_be_moved_now_is_not_called_fine(tmp_path):
+    virtual = VirtualPlc()
+    wiring = open_described(virtual.name, wired(virtual, tmp_path), {virtual.transport: virtual.port})
+    with Bench(wiring, virtual.clock) as bench:
+        bench.arm()
+        (line,) = move_each(bench)
+    assert (line.verdict, line.found) == (Verdict.DOUBTFUL, "the bench is ACTIVE, and not at rest")
+
+
 def test_the_command_prints_a_table_and_json():
     result = CliRunner().invoke(commands, ["check-rig", "virtual"])
     assert (result.exit_code, "all fine" in result.output) == (0, True), result.output

@@ -37,6 +37,12 @@ def test_reading(port: ModbusPort, bank) -> None:
     assert port.read_input(0, 125) == bank.input[:125]
 
 
+def test_fewer_bits_than_were_asked_for_are_no_answer() -> None:
+    port = InMemoryModbus(lambda adu: adu[:4] + b"\0\4" + adu[6:8] + b"\1\xff")
+    with pytest.raises(LinkLost, match="the device sent 8 bits instead of 12"):
+        port.read_coils(0, 12)
+
+
 def test_writing(port: ModbusPort, bank) -> None:
     port.write_coil(7, True)
     port.write_coils(20, [True] * 9 + [False])

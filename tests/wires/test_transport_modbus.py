@@ -59,6 +59,7 @@ class ForeignPlc:
         self.coils: list[int] = []
         self.requests: list[tuple[int, int, int]] = []  # function, address, count
         self.refuse_writes = False
+        self.lag = 0.0  # s that it takes for an answer
         self.port = 0
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -67,6 +68,7 @@ class ForeignPlc:
 
     async def _action(self, function, start, address, count, current, new):
         self.requests.append((function, address, count))
+        await asyncio.sleep(self.lag)
         if new is not None and self.refuse_writes:
             return ExcCodes.DEVICE_FAILURE
         if function in (1, 2, 5, 15):  # bits are the server's own, 16 in a word
@@ -247,6 +249,15 @@ def test_its_sign_of_life_counts_while_somebody_streams(plc: ForeignPlc, connect
     stopped = plc.tables[HOLDING][50]
     time.sleep(0.1)
     assert plc.tables[HOLDING][50] == stopped, "who streams no more does not look alive"
+
+
+def test_an_answer_may_take_its_time_though_the_connection_had_little(plc: ForeignPlc) -> None:
+    """What an earlier connection took of the time must not shorten the patience with this one."""
+    transport = ModbusTransport("plc", {**PLC, "port": plc.port, "timeout": "2 s"})
+    plc.lag = 0.3
+    transport.connect(RealClock(), pytest.fail, within=0.2)
+    assert transport.read(["target"]) == {"target": 0.0}
+    transport.close()
 
 
 def test_polls_that_are_late_do_not_pile_up(bank) -> None:

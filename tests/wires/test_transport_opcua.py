@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from asyncua import Server, ua
+from asyncua.common.subscription import Subscription
 
 from bench_protocol.clock import RealClock
 from drivers.errors import LinkLost, MapMismatch, Refused, WiringError
@@ -207,6 +208,44 @@ def test_numbers_that_do_not_fit_and_what_the_server_refuses(cell: Cell, connect
         Refused, match=r"writing height to cell at .* was refused: Bad(NotWritable|UserAccessDenied)"
     ):
         transport.write({"height": 1})
+
+
+def test_a_streamed_number_that_does_not_fit_is_told(cell: Cell, connected: Callable) -> None:
+    """One that is kept back in silence would leave all others of its request at what they were."""
+    transport = connected(cell)
+    now = transport._clock.now
+    with pytest.raises(ValueError, match="target = 40000 does not fit in the server's Int16"):
+        for _ in range(50):
+            transport.stream({"target": 40000, "rate": 2.5}, now())
+            time.sleep(0.02)
+
+
+def test_what_the_server_does_not_tell_by_itself(
+    cell: Cell, connected: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server that has too many subscribers already says so item by item."""
+    subscribe = Subscription.subscribe_data_change
+
+    async def last_one_refused(self, nodes, **keys):
+        told = await subscribe(self, nodes, **keys)
+        return [*told[:-1], ua.StatusCode(ua.StatusCodes.BadTooManyMonitoredItems)]
+
+    monkeypatch.setattr(Subscription, "subscribe_data_change", last_one_refused)
+    with pytest.raises(Refused, match=r"does not tell of beat \(BadTooManyMonitoredItems\) by itself"):
+        connected(cell)
+
+
+def test_a_text_takes_no_number(cell: Cell, connected: Callable) -> None:
+    transport = connected(cell)
+    with pytest.raises(ValueError, match="serial = 1 cannot be written: it is a String of the server"):
+        transport.write({"serial": 1})
+
+
+def test_an_answer_may_take_its_time_though_the_connection_had_little(cell: Cell) -> None:
+    transport = OpcUaTransport("cell", {**CELL, "url": cell.url, "timeout": "2 s"})
+    transport.connect(RealClock(), pytest.fail, within=1.0)
+    assert transport._client.uaclient._timeout == 2.0
+    transport.close()
 
 
 def test_its_sign_of_life_counts_while_somebody_streams(cell: Cell, connected: Callable) -> None:
