@@ -111,7 +111,8 @@ def read(path: Path) -> RigFile:
 def _in_words(error: str, content: dict[str, Any]) -> str:
     """Return what msgspec says of ``content``, with the key as people write it, its value and what would be right."""
     said, _, place = error.partition(" - at `$")
-    keys = [key for key in place.rstrip("`").split(".") if key]
+    # Of a table with keys of the user's own msgspec says only that it is one of its values.
+    keys = [key for key in place.rstrip("`").replace("[...]", "").split(".") if key]
     what: Any = content
     for key in keys:
         name, _, place = key.rstrip("]").partition("[")

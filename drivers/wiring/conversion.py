@@ -179,6 +179,8 @@ def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibra
         added = quantity(f"{where}.calibration.offset", offset, signal.si, difference=True)
     else:
         added = offset * after.factor
+    if not math.isfinite(added):
+        raise WiringError(f"{where}.calibration.offset = {offset!r} is no number to add")
     return Line(sign * gain * after.factor, sign * (added + after.zero))
 
 
@@ -211,6 +213,8 @@ def _curve(where: str, signal: Signal, unit: str, sign: int, calibration: Calibr
     if calibration.gain != 1.0 or calibration.offset != 0.0:
         raise WiringError(f"{where}.calibration: a table stands instead of gain and offset, not beside them")
     numbers, meanings = zip(*((float(a), float(b)) for a, b in calibration.table), strict=True)
+    if not all(map(math.isfinite, (*numbers, *meanings))):
+        raise WiringError(f"{where}.calibration.table: inf and nan are no rows to draw lines between")
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         raise WiringError(
             f"{where}.calibration.table: the rig's numbers, which come first, must rise over two or more rows"

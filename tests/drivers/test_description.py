@@ -181,6 +181,15 @@ height = { from = "plc.h", unit = "mm" }
 "left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 0 } }
 -> calibration.gain = 0 is no gain; right would be such as 1.002
 
+"left.height" = { from = "plc.h", unit = "mm", calibration = { offset = nan } }
+-> calibration.offset = nan is no number to add
+
+"left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[nan, 0], [1, 2]] } }
+-> calibration.table: inf and nan are no rows
+
+"control.enable" = { to = "plc.h", choices = { on = 1 } }
+-> "control.enable".choices lacks off: nothing would be sent for it
+
 "left.height" = { from = "plc.h", unit = "mm", calibration = { offset = "1 bar" } }
 -> calibration.offset = '1 bar': 'bar' is a unit of another quantity
 

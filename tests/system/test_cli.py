@@ -155,6 +155,7 @@ BAD_FILES = {
     'name = "x"\n[simulation]\nseed = -1': "simulation.seed = -1: expected int >= 0",
     'name = "x"\n[simulation]\nseed = 99999999999999999999': "seed = 99999999999999999999: expected int <= 4294967295",
     'name = "x"\n[simulation]\nlate_ticks = "drop"': "one of catch_up, skip, fault is right",
+    'name = "x"\n[simulation]\nfaults = [{ name = "a", values = { b = [1] } }]': "[0].values = {'b': [1]}: expected",
     'name = "x"\n[simulation]\nparameters = "atsb"': "no parameter set 'atsb'",
 }
 BAD_CHANGES = {
