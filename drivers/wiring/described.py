@@ -227,9 +227,12 @@ class DescribedWiring:
             if not math.isnan(number):
                 transport, _, point = target.point.partition(".")
                 streams[transport][point] = number
-        for transport, points in streams.items():
-            if not points:
-                continue
+        if not any(streams.values()):
+            return
+        for (
+            transport,
+            points,
+        ) in streams.items():  # all of them: a sign of life may go another way than set-points
             try:
                 self._transports[transport].stream(points, time)
             except ValueError as error:  # beyond what the rig's numbers can be: the plan is to hear of it

@@ -27,9 +27,7 @@ class SignalEntry(
     initial: str | Number = ""  #: what a setting without ``read`` is before it is first written
     within: str = "2 s"  #: how long a setting may take until ``read`` tells it
     tolerance: str = ""  #: by which ``read`` may differ; else one step, or 0.1 % of the range
-    given: str = (
-        ""  #: the point that tells a set-point once and for all when the bench connects: a token, say
-    )
+    given: str = ""  #: the point that tells a set-point for good when the bench connects: a token, say
     absent: str = ""  #: why the rig does not have it
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, get_args
 
 import msgspec
 
@@ -17,7 +17,7 @@ _DURATION: Final = re.compile(r"([0-9.eE+-]+) *(min|[num]?s|h)")
 
 
 class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A point that the rig wants to see counting up."""
+    """A point that the rig wants to see counting up, or a bit that it wants to see going on and off."""
 
     point: str
     every: str
@@ -48,7 +48,7 @@ def convert(where: str, table: object, kind: type[T]) -> T:
     """Return ``table`` as a struct ``kind``; WiringError, which begins with ``where``, if it does not fit."""
     if not isinstance(table, Mapping):
         raise WiringError(f"{where} = {table!r} is not a table of keys and values")
-    fields = [field.encode_name for field in msgspec.structs.fields(kind)]
+    fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
     for key in table:
         if key not in fields:
             raise WiringError(f"{where}: there is no key {key!r} here; {meant(str(key), fields)}")
@@ -62,4 +62,12 @@ def convert(where: str, table: object, kind: type[T]) -> T:
             value = value[key] if isinstance(value, Mapping) and key in value else value
         name = ".".join(keys)
         says = f"{where}: {name} = {value!r}" if name else where
+        words = _words(fields.get(name))
+        if words and isinstance(value, str):
+            raise WiringError(f"{says}: {meant(value, words)}") from None
         raise WiringError(f"{says}: {text[0].lower()}{text[1:]}") from None
+
+
+def _words(hint: Any) -> list[str]:
+    """Return the words that a key may be, of those in a ``Literal`` somewhere in its type."""
+    return [word for part in get_args(hint) for word in ([part] if isinstance(part, str) else _words(part))]

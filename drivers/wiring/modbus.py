@@ -12,7 +12,7 @@
     timeout = "500 ms"            # for the connection and for each answer
     patience = "1 s"              # silence after which the connection counts as lost
     stream = "50 ms"              # how often points that are streamed are written
-    alive = { point = "heartbeat", every = "100 ms" }   # a point that counts up while somebody commands
+    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
 
     [transports.plc.groups.fast]
     every = "50 ms"
@@ -20,6 +20,8 @@
     gap = 0                       # registers without a point that may be read along to save a request
 
     [transports.plc.points]
+    # table: input, holding, coil, discrete; type: int16, uint16 (where nothing is said), int32, uint32, int64, uint64,
+    # float32, float64, string; number = scale · what the registers hold + offset
     left_height = { table = "input", address = 100, type = "int16", scale = 0.01, null = -32768, group = "fast" }
     mode        = { table = "holding", address = 0 }
     ready       = { table = "input", address = 5, bit = 3 }
@@ -111,9 +113,9 @@ class ModbusTransport:
         if keys.alive is not None:
             alive = convert(f"{where}.alive", keys.alive, AliveKeys)
             self.require(alive.point, writable=True)
-            if self._points[alive.point].type in ("bit", "string"):
+            if self._points[alive.point].type == "string":
                 raise WiringError(
-                    f"{where}.alive: point = {alive.point!r} is a bit or a text; nothing can count there"
+                    f"{where}.alive: point = {alive.point!r} is a text; right would be a number or a bit"
                 )
             self._alive = alive.point, duration(f"{where}.alive: every", alive.every)
         self.counts = {

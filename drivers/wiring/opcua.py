@@ -10,7 +10,7 @@
     timeout = "1 s"                                 # for each answer
     patience = "2 s"                                # silence after which the connection counts as lost
     user = "bench"                                  # and password; optional
-    alive = { point = "heartbeat", every = "100 ms" }   # a point that counts up while somebody commands
+    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
 
     [transports.cell.points]
     height = { node = "ns=2;s=Left.Height", scale = 0.001 }     # number = scale · what the server says + offset
@@ -51,6 +51,7 @@ T = TypeVar("T")
 _STALE_PERIODS: Final = 3
 _STALE_MIN: Final = 300 * ms
 _COUNT_MAX: Final = 0x7FFF
+_SMALLER_COUNTS: Final = {"Boolean": 1, "SByte": 0x7F, "Byte": 0xFF}
 _CLOSING: Final = 2 * s
 # What asyncua logs as an error is raised here as an exception; without this it is also printed.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
@@ -357,8 +358,9 @@ class OpcUaTransport:
         assert self._alive is not None and self._clock is not None
         if self._grant.given(self._clock.now()):
             self._beats += 1
-            with contextlib.suppress(LinkLost):
-                self._in_background({self._alive[0]: float(self._beats % (_COUNT_MAX + 1))})
+            with contextlib.suppress(LinkLost, Refused):
+                highest = _SMALLER_COUNTS.get(self._type(self._alive[0]).name, _COUNT_MAX)
+                self._in_background({self._alive[0]: float(self._beats % (highest + 1))})
 
     def _in_background(self, values: Mapping[str, float]) -> None:
         """Write ``values``; a server that refuses them in its present state is asked again with the next ones."""

@@ -124,6 +124,15 @@ def test_points_become_signals_in_si_with_the_time_at_which_they_came(stand):
     assert STATES[int(stand.last("rig.state"))] == "ACTIVE"
 
 
+def test_all_transports_hear_that_set_points_go_out(stand):
+    stand.open()
+    stand.beat()
+    assert stand.plc.streams == stand.bus.streams == [], "nothing was given yet"
+    stand.beat(vertical_left__force_setpoint=1 * kN)
+    assert [points for _, points in stand.bus.streams] == [{"Left": -1.0}]
+    assert [points for _, points in stand.plc.streams] == [{}], "its sign of life hangs on it"
+
+
 def test_a_value_of_two_transports_is_new_when_the_last_of_its_points_came(stand):
     stand.plc.points["f1"], stand.bus.points["F2"] = 3.0, 4.0
     stand.open()

@@ -234,6 +234,15 @@ def test_a_group_outside_the_map_is_told_when_connecting(plc: ForeignPlc, connec
         connected(plc, points=points)
 
 
+def test_a_sign_of_life_may_be_a_bit(plc: ForeignPlc, connected: Callable) -> None:
+    transport, _, _ = connected(plc, alive={"point": "valve", "every": "100 ms"})
+    seen = []
+    for _ in range(50):
+        seen.append(transport.read(["valve"])["valve"])
+        time.sleep(0.02)
+    assert 4 <= sum(a != b for a, b in itertools.pairwise(seen)) <= 12
+
+
 def test_its_sign_of_life_counts_while_somebody_streams(plc: ForeignPlc, connected: Callable) -> None:
     transport, _, _ = connected(plc, alive={"point": "beat", "every": "20 ms"})
     time.sleep(0.3)
@@ -341,10 +350,17 @@ def changed(**keys: object) -> dict:
             "no point 'beet'; did you mean 'beat'",
         ),
         (
+            changed(points={"height": {"table": "inputs", "address": 1}}),
+            "height: table = 'inputs': did you mean 'input'",
+        ),
+        (
+            changed(points={"height": {"table": "input", "address": 1, "type": "word"}}),
+            "height: type = 'word': there is bit, float32, float64, int16",
+        ),
+        (
             changed(alive={"point": "height", "every": "1 s"}),
             "height is a int16 in the table 'input', which cannot be written",
         ),
-        (changed(alive={"point": "valve", "every": "1 s"}), "alive: point = 'valve' is a bit"),
         (changed(kind="modbuss"), "kind = 'modbuss' is no transport; did you mean 'modbus'"),
         (changed(kind=None), "kind = None is no transport"),
         (changed(kind="nowhere.at_all:factory"), "cannot be imported: No module named 'nowhere'"),

@@ -262,6 +262,15 @@ def test_its_sign_of_life_counts_while_somebody_streams(cell: Cell, connected: C
     assert cell.get("Beat") == stopped, "who streams no more does not look alive"
 
 
+def test_a_sign_of_life_may_be_a_bit(cell: Cell, connected: Callable) -> None:
+    connected(cell, alive={"point": "valve", "every": "100 ms"})
+    seen = []
+    for _ in range(50):
+        seen.append(cell.get("Valve"))
+        time.sleep(0.02)
+    assert 4 <= sum(a != b for a, b in itertools.pairwise(seen)) <= 12
+
+
 def test_a_node_that_the_server_does_not_have(cell: Cell, connected: Callable) -> None:
     points = {**POINTS, "heigth": {"node": "ns=2;s=Heigth"}}
     with pytest.raises(MapMismatch, match=r"cell at opc.* has no node for heigth \(ns=2;s=Heigth\)"):
