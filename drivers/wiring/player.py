@@ -29,6 +29,8 @@ Floats = npt.NDArray[np.float64]
 RETURN: Final = 1 * s
 #: A wave of which fewer set-points are streamed in a cycle would be a staircase.
 POINTS_MIN: Final = 5
+#: What a wave moves on by at the most from one beat to the next: one beat may be missing, a stall is left out.
+_STEP_MAX: Final = round(2 * NS / COMMAND_RATE)
 #: Peak speed of a wave of amplitude 1 and frequency 1 Hz, in the order of the waves.
 _STEEPEST: Final = {"sine": math.tau, "unilateral_cosine": math.pi, "triangle": 4.0}
 assert tuple(_STEEPEST) == WAVES
@@ -78,12 +80,14 @@ class Player:
         self._lock = threading.Lock()
         self._program = Program.IDLE
         self._phase = 0.0
-        self._time: int | None = None  # ns of the last beat of the program
+        self._last: int | None = None  # ns of the last beat
+        self._elapsed = 0  # ns of beats so far, without stalls
+        self._time: int | None = None  # ns of the last beat of the program, in time elapsed
         self._wave, self._cycles, self._frequency = WAVES[0], 1.0, 1.0
         self._heights: dict[int, float] = {}  # amplitude (SI) by table row
         self._added: dict[int, float] = {}  # offset (SI) by table row on the last beat
         self._returning: dict[int, float] = {}  # the same at the time of the stop
-        self._stopped: int | None = None  # ns; None: at the next beat
+        self._stopped: int | None = None  # ns in time elapsed; None: at the next beat
 
     @property
     def busy(self) -> bool:
@@ -150,6 +154,7 @@ class Player:
         A bench that is not ACTIVE any more has no program: its set-points are taken over anew before the next.
         """
         with self._lock:
+            time = self._played(time)
             if not active:
                 if self.busy:
                     self._program, self._phase = Program.STOPPED, 0.0
@@ -166,6 +171,13 @@ class Player:
                 offsets[row] = offsets.get(row, 0.0) + offset
             self._added = offsets
             return dict(offsets)
+
+    def _played(self, time: int) -> int:
+        """Return how long there have been set-points (ns), without what a stall took: no wave jumps over it."""
+        if self._last is not None:
+            self._elapsed += min(time - self._last, _STEP_MAX)
+        self._last = time
+        return self._elapsed
 
     def _offsets(self) -> dict[int, float]:
         unit = waveform(self._wave, self._phase, self._cycles)

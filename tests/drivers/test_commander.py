@@ -177,6 +177,31 @@ def test_a_lost_bus_ends_the_stream_and_is_remembered():
 
 
 @pytest.mark.real_time
+def test_a_stall_makes_no_set_point_jump():
+    """A bus that takes 250 ms for one block: the ramp goes on from where it was, a beat at a time."""
+    clock, blocks = RealClock(), []
+
+    def send(block):
+        blocks.append(block)
+        if len(blocks) == 10:
+            clock.sleep_until(clock.now() + NS // 4)
+
+    commander = Commander(own_wiring(InMemoryCan(send)), clock)
+    name = "lateral.displacement_setpoint"
+    commander.set(name, 0.0)
+    commander.start()
+    commander.ramp(name, 30 * mm, 40 * mm / s)
+    clock.sleep_until(clock.now() + 3 * NS // 4)
+    commander.stop()
+    decoder = Decoder(TABLE)
+    track = [value for block in blocks for value in _values(decoder.decode(block), name)]
+    assert len(track) > 15
+    assert np.diff(track).max() <= 40 * mm / s * BEAT / NS + 0.01 * mm
+    assert np.diff([block["time"][0] for block in blocks]).min() >= BEAT // 2  # not all at once
+    assert track[-1] < 30 * mm
+
+
+@pytest.mark.real_time
 def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
     clock, stamps = RealClock(), []
     port = InMemoryCan(lambda block: stamps.append((int(block["time"][0]), clock.now())))

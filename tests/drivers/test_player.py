@@ -97,6 +97,20 @@ def test_a_held_program_stays_where_it_is_and_goes_on():
     assert player.advance(102 * BEAT, active=True) != before
 
 
+def test_no_wave_jumps_over_a_stall():
+    """Beats of 250 ms come too late, all at once: the wave goes on from where it was, by two beats at the most."""
+    stalled, sound = _player(), _player()
+    for player in (stalled, sound):
+        _run(player, "displacement")
+        for beat in range(40):
+            player.advance(beat * BEAT, active=True)
+    late = stalled.advance(52 * BEAT, active=True)
+    assert late == sound.advance(41 * BEAT, active=True)
+    stalled.stop()
+    sound.stop()
+    assert stalled.advance(80 * BEAT, active=True) == sound.advance(42 * BEAT, active=True)
+
+
 def test_a_stopped_program_comes_back_within_a_second():
     player = _player()
     _run(player, "displacement")
