@@ -217,7 +217,11 @@ class Transport(Protocol):
         """Write points once, in as few messages as possible, in the order given; return when the rig has them."""
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take the present value of points that are streamed; the transport sends them at the rig's own rate."""
+        """Take the present value of points that are streamed; the transport sends them at the rig's own rate.
+
+        It is called at each beat of the set-points, also without points: they then go over another transport, and a
+        sign of life over this one goes on.
+        """
 
     def alive(self) -> float:
         """Return how long ago anything was heard (s); infinite before the first."""
