@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.clock import Clock, Task
+from bench_protocol.clock import Clock, Task, every_without_late
 from bench_protocol.gate import Gate
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
@@ -39,7 +39,7 @@ class Commander:
                 self._values[self._table.index[signal.name]] = 0.0
         self._gate = Gate()
         self._task: Task | None = None
-        self.origin = self._last_beat = clock.now()  #: beats are at ``origin + k * BEAT``
+        self.origin = clock.now()  #: beats are at ``origin + k * BEAT``
         self.failure: LinkLost | None = None
 
     def start(self) -> None:
@@ -48,14 +48,15 @@ class Commander:
             return
         self.failure = None
         self.set_all(self._wiring.given)
-        self.origin = self._last_beat = self._clock.now()
+        self.origin = self._clock.now()
         outlet = self._wiring.outlet
         if isinstance(outlet, BeatingOutlet):
             self._task = outlet.beat(
                 Beating(self._setpoints, self._gate, self._clock, self.origin, BEAT, self._fail)
             )
         if self._task is None:
-            self._task = self._clock.every(BEAT, self._beat)
+            # After a stall set-points go on from where they were, one step at a time.
+            self._task = every_without_late(self._clock, BEAT, self._beat)
 
     def stop(self) -> None:
         """End the stream; nothing is sent after this has returned."""
@@ -121,16 +122,13 @@ class Commander:
 
     def _beat(self) -> None:
         """Hand a beat to the outlet: in virtual time, and to whatever only Python can send."""
-        now = self._clock.now()
-        # Beats that a stall made late come all at once: set-points go on from where they were, one step at a time.
-        if self.failure is not None or now - self._last_beat < BEAT // 2:
+        if self.failure is not None:
             return
-        self._last_beat = now
         with self._gate:
             self._moving.next_beat(self._setpoints)
             values = self._values.copy()
         try:
-            self._wiring.outlet.send(values, now)
+            self._wiring.outlet.send(values, self._clock.now())
         except LinkLost as failure:
             self._fail(failure)
         except Exception as error:  # it would end the thread of the beat, and nobody would hear of it

@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import msgspec
 from msgspec import Meta
 
-from bench_protocol.clock import Clock, Task, wall_time_ns
+from bench_protocol.clock import Clock, wall_time_ns
 from bench_protocol.frames import LENGTH_MAX, frame, join, payload
 from bench_protocol.units import NS, ms, s
 from drivers.errors import LinkLost, WiringError
@@ -128,7 +128,6 @@ class CanTransport:
         self._port: CanPort | None = None
         self._clock: Clock | None = None
         self._epoch = 0
-        self._tasks: list[Task] = []
         self._turns: dict[str, int] = {}
 
     def _check_node(self, place: str, node: str) -> None:
@@ -216,7 +215,7 @@ class CanTransport:
         port.on_lost(self._ear.lose)
         periods = {one.every for one in self._messages.values() if one.every}
         for period in sorted(periods):
-            self._tasks.append(self._ear.recur(period, partial(self._send_cyclic, period)))
+            self._ear.recur(period, partial(self._send_cyclic, period))
         deadline = clock.now() + round(within * NS)
         while self._keys.answers and not self._latest and not told and clock.now() < deadline:
             clock.sleep_until(min(deadline, clock.now() + _LOOK))
@@ -245,9 +244,6 @@ class CanTransport:
     def close(self) -> None:
         """Leave the bus; no callback comes after this has returned. Harmless when repeated."""
         self._ear.close()
-        tasks, self._tasks = self._tasks, []
-        for task in tasks:
-            task.cancel()
         if self._port is not None:
             self._port.close()
 

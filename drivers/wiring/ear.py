@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from bench_protocol.clock import Clock, Task
+from bench_protocol.clock import Clock, Task, every_without_late
 from bench_protocol.units import NS, ms
 from drivers.errors import LinkLost
 from drivers.wiring.contract import OnLost, OnPoints
@@ -32,6 +32,7 @@ class Ear:
         self._heard = -1  # ns, when anything came
         self._lost = ""
         self._open = False
+        self._tasks: list[Task] = []
 
     def open(self, clock: Clock, lost: OnLost) -> None:
         """Begin to hand on; ``lost(reason)`` is called once if the connection is lost."""
@@ -96,16 +97,13 @@ class Ear:
         period: float,
         call: Callable[[], None],
         place: Callable[[Callable[[], None]], None] = lambda call: call(),
-    ) -> Task:
-        """Call ``call`` every ``period`` s on absolute deadlines, by way of ``place``.
+    ) -> None:
+        """Call ``call`` every ``period`` s on absolute deadlines, by way of ``place``, until `close`.
 
         Beats that pass while it still works are left out. What it raises would end its thread and be heard by nobody:
         the connection counts as lost, with the exception as the reason.
         """
-        clock = self._clock
-        assert clock is not None, "opened"
-        step = round(period * NS)
-        last = clock.now() - step
+        assert self._clock is not None, "opened"
 
         def guarded() -> None:
             try:
@@ -113,19 +111,20 @@ class Ear:
             except Exception as error:
                 self.lose(f"{self._name} failed: {type(error).__name__}: {error}")
 
-        def beat() -> None:
-            nonlocal last
-            now = clock.now()
-            if now - last >= step // 2:
-                last = now
-                place(guarded)
+        self._tasks.append(every_without_late(self._clock, round(period * NS), lambda: place(guarded)))
 
-        return clock.every(step, beat)
+    @property
+    def busy(self) -> bool:
+        """Whether anything recurs: not before the connection stands."""
+        return bool(self._tasks)
 
     def close(self) -> None:
-        """Hand on nothing any more, also not what is just arriving."""
+        """Hand on nothing any more, also not what is just arriving, and end what recurs."""
         with self._lock:
             self._open = False
+        tasks, self._tasks = self._tasks, []
+        for task in tasks:  # without the lock, for which one of them may be waiting
+            task.cancel()
 
 
 class Grant:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from typing import Any, Final, TypeVar, get_args
 
 import msgspec
 
+from bench_protocol import suggestion
 from bench_protocol.units import UNITS
 from drivers.errors import WiringError
 
@@ -26,10 +26,9 @@ class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 def meant(word: str, words: Iterable[str]) -> str:
     """Return what to say of a ``word`` that is none of ``words``: the one that was meant, or all of a short list."""
     known = sorted(words)
-    close = get_close_matches(word, known, n=1, cutoff=0.6)
-    if close:
-        return f"did you mean {close[0]!r}?"
-    return f"there is {', '.join(known)}" if 0 < len(known) <= 12 else f"there are {len(known)} others"
+    few = 0 < len(known) <= 12
+    all_of_them = f"there is {', '.join(known)}" if few else f"there are {len(known)} others"
+    return suggestion.meant(word, known, all_of_them)
 
 
 def duration(where: str, text: object) -> float:

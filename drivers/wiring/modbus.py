@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import msgspec
 from msgspec import Meta
 
-from bench_protocol.clock import Clock, Task
+from bench_protocol.clock import Clock
 from bench_protocol.modbus import BITS_WRITE_MAX, REGISTERS_WRITE_MAX
 from bench_protocol.units import ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
@@ -127,7 +127,6 @@ class ModbusTransport:
         self._writing = threading.RLock()
         self._port: ModbusPort | None = None
         self._clock: Clock | None = None
-        self._tasks: list[Task] = []
         self._beats = 0
 
     def _add_group(self, place: str, group: str, keys: GroupKeys) -> None:
@@ -206,7 +205,7 @@ class ModbusTransport:
     def _recur(self, period: float, call: Callable[[], None]) -> None:
         """Let ``call`` recur; in virtual time never in the middle of a request of the thread that lets time pass."""
         assert self._clock is not None and self._port is not None
-        self._tasks.append(self._ear.recur(period, call, self._port.between_requests))
+        self._ear.recur(period, call, self._port.between_requests)
 
     def subscribe(self, hear: OnPoints) -> None:
         """Call ``hear(time, points)`` with what each request of a group brings from now on."""
@@ -219,9 +218,6 @@ class ModbusTransport:
     def close(self) -> None:
         """Disconnect; no callback comes after this has returned. Harmless when repeated."""
         self._ear.close()
-        tasks, self._tasks = self._tasks, []
-        for task in tasks:
-            task.cancel()
         if self._port is not None:
             self._port.close()
 
@@ -337,7 +333,7 @@ class ModbusTransport:
             raise
         except LinkLost as error:
             self.counts["silent"] += 1
-            if self._tasks and self._ear.silence() >= self._patience:
+            if self._ear.busy and self._ear.silence() >= self._patience:
                 self._ear.lose(str(error))
             raise
         self._ear.sign()

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 
-from bench_protocol.clock import Clock, Task
+from bench_protocol.clock import Clock
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints
@@ -127,7 +127,6 @@ class OpcUaTransport:
         self._loop: EventLoop | None = None
         self._client: Client | None = None
         self._clock: Clock | None = None
-        self._tasks: list[Task] = []
         self._news: list[tuple[int, str, float]] = []
         self._known: dict[str, float] = {}
         self._news_lock, self._closing = threading.Lock(), threading.Lock()
@@ -173,9 +172,9 @@ class OpcUaTransport:
         except BenchError:
             self.close()
             raise
-        self._tasks.append(self._ear.recur(self._every, self._beat))
+        self._ear.recur(self._every, self._beat)
         if self._alive is not None:
-            self._tasks.append(self._ear.recur(self._alive[1], self._count))
+            self._ear.recur(self._alive[1], self._count)
 
     def _look_for_all(self) -> None:
         missing = []
@@ -212,9 +211,6 @@ class OpcUaTransport:
     def close(self) -> None:
         """Disconnect; no callback comes after this has returned. Harmless when repeated."""
         self._ear.close()
-        tasks, self._tasks = self._tasks, []
-        for task in tasks:
-            task.cancel()
         with self._closing:
             loop, self._loop = self._loop, None
             client, self._client = self._client, None
@@ -387,7 +383,7 @@ class OpcUaTransport:
         except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
             said = str(error) or f"no answer in {within:g} s"
             reason = f"{what}: {self._where} failed: {said}; is the server running?"
-            if self._tasks and self._ear.silence() >= self._patience:
+            if self._ear.busy and self._ear.silence() >= self._patience:
                 self._ear.lose(reason)
             raise LinkLost(reason) from None
         self._ear.sign()
