@@ -41,7 +41,7 @@ def _print_fault(fault: Fault, out: io.StringIO) -> None:
     for one in fault.parameters:
         span = one.span
         if isinstance(one, FaultChoice) and len(one.choices) > 8:
-            kind = "measurement" if one.name == "sensor" else "CAN message"
+            kind = "CAN message" if one.name == "message" else "measurement"
             span = f"{'`all` or ' if 'all' in one.choices else ''}the name of a [{kind}](signals.md)"
         usual = f"`{one.usual}`" if one.usual else ""
         print(f"| `{one.name}` | {span} | {usual} | {one.text} |", file=out)

@@ -77,6 +77,30 @@ def broken_wire(stand: Stand) -> None:
         assert stand.told("left.auxiliary_pressure") == rail
 
 
+@seen
+def swapped(stand: Stand) -> None:
+    names = "load_cell.1", "load_cell.3"
+    values = {"load_cell.1": "8 kN", "load_cell.3": "2 kN"}
+    for name, value in values.items():
+        stand.on("bias", sensor=name, value=value)
+    before = [stand.readings(name)[5:].mean() for name in names]
+    stand.on("swapped", sensor=names[0], other=names[1])
+    after = [stand.readings(name)[5:].mean() for name in names]
+    assert after == pytest.approx(before[::-1], abs=50)
+    refused = stand.order(do="on", name="swapped", values={"sensor": "load_cell.2", "other": "left.height"})
+    assert "two sensors of one unit can" in refused["error"]
+
+
+@seen
+def turned(stand: Stand) -> None:
+    sound = stand.readings("left.height").mean()
+    stand.on("turned", sensor="left.height")
+    assert stand.readings("left.height")[5:].mean() == pytest.approx(-sound, abs=0.1 * mm)
+    stand.on("turned", sensor="supply.pressure")
+    low = stand.rig.plant.parameters.sensor_low[TABLE.index["supply.pressure"]]
+    assert stand.readings("supply.pressure")[-1] >= low, "no transducer reads beyond its range"
+
+
 # -- the plant ---------------------------------------------------------------------------------------------------
 
 

@@ -26,6 +26,8 @@ class DisturbanceKind(IntEnum):
     SPIKE = 3  #: is off by ``value`` in some samples, with the probability ``chance``
     NOISE = 4  #: is off by a normal variate of the standard deviation ``value``
     LOST = 5  #: is ``value``: a rail of the transducer, or NaN
+    TURNED = 6  #: has the other sign
+    SWAPPED = 7  #: is that of the sensor ``value``, which has this one's
 
 
 #: One disturbed reading; ``start`` is the tick from which it counts.
@@ -68,7 +70,7 @@ def hold_inputs(faults: Any, u: Any) -> None:
 def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
     """Disturb the readings (SI) of one sampling instant, in the order in which the faults were switched on.
 
-    What is only off stays within the range of its transducer.
+    What is only off, or turned, stays within the range of its transducer.
     """
     for row in range(faults.counts[0]):
         one = faults.disturbances[row]
@@ -81,11 +83,17 @@ def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
             readings[sensor] = one.value
         elif kind == DisturbanceKind.LOST:
             readings[sensor] = one.value
+        elif kind == DisturbanceKind.SWAPPED:
+            other = int(one.value)
+            readings[sensor] = readings[other]
+            readings[other] = reading
         else:
             if kind == DisturbanceKind.BIAS:
                 reading += one.value
             elif kind == DisturbanceKind.DRIFT:
                 reading += one.value * (tick - one.start) * TICK
+            elif kind == DisturbanceKind.TURNED:
+                reading = -reading
             elif kind == DisturbanceKind.NOISE:
                 reading += one.value * normal(one.seed, tick, sensor)
             elif scramble(scramble(int(one.seed) + int(sensor)) ^ int(tick)) < one.chance * _WORDS:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+from bench_protocol.table import TABLE
 from bench_protocol.table_signals import MEASUREMENTS
 from bench_sim.model.wiring import sensor_of
 from bench_sim.rig.faults.fault import (
@@ -20,7 +21,8 @@ from bench_sim.rig.faults.in_tick import DisturbanceKind, chance_of
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Mend
 
-_SENSOR: Final = FaultChoice("sensor", tuple(signal.name for signal in MEASUREMENTS), "whose reading")
+_NAMES: Final = tuple(signal.name for signal in MEASUREMENTS)
+_SENSOR: Final = FaultChoice("sensor", _NAMES, "whose reading")
 _SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the samples", 0, whole=True)
 _WIDE: Final = math.inf  # of a sensor: its own range bounds it
 LOW, HIGH, NOTHING = "low", "high", "nothing"
@@ -42,6 +44,13 @@ def _broken_wire(points: InsertionPoints, v: Values) -> Mend:
     sensor = sensor_of(v["sensor"])
     reads = {LOW: points.sensor_low[sensor], HIGH: points.sensor_high[sensor], NOTHING: math.nan}
     return points.tick.disturb(sensor, DisturbanceKind.LOST, float(reads[v["reads"]]))
+
+
+def _swapped(points: InsertionPoints, v: Values) -> Mend:
+    sensor, other = v["sensor"], v["other"]
+    if sensor == other or TABLE[sensor].si != TABLE[other].si:
+        raise RuntimeError(f"{sensor} and {other} cannot be swapped; two sensors of one unit can")
+    return points.tick.disturb(sensor_of(sensor), DisturbanceKind.SWAPPED, float(sensor_of(other)))
 
 
 FAULTS: Final = (
@@ -103,6 +112,24 @@ FAULTS: Final = (
         "A pressure that nobody can read keeps the actuators shut in.",
         _broken_wire,
         (_SENSOR, FaultChoice("reads", (LOW, HIGH, NOTHING), "what the amplifier makes of it", LOW)),
+        "sensor",
+    ),
+    Fault(
+        "swapped",
+        Place.SENSORS,
+        "Two sensors are wired crosswise: each reads what the other one should.",
+        "Two readings have changed places, on both wires and for the rig's own limits and valves.",
+        _swapped,
+        (_SENSOR, FaultChoice("other", _NAMES, "whose reading it has instead, and gives its own to")),
+        "sensor",
+    ),
+    Fault(
+        "turned",
+        Place.SENSORS,
+        "A sensor is wired the wrong way round.",
+        "The reading has the other sign, as far as the transducer reads that way.",
+        _disturbed(DisturbanceKind.TURNED),
+        (_SENSOR,),
         "sensor",
     ),
 )
