@@ -13,8 +13,10 @@ from typing import Final, NoReturn
 import click
 
 from astb.commands.check_rig import check_rig_command
+from astb.commands.completion import completion_command
 from astb.commands.conform import conform_command
 from astb.commands.diagnosis import diagnose_command, investigate_command
+from astb.commands.doctor import doctor_command
 from astb.commands.fault import fault_command
 from astb.commands.lists import (
     effects_command,
@@ -75,5 +77,7 @@ for _command in (
     conform_command,
     diagnose_command,
     investigate_command,
+    doctor_command,
+    completion_command,
 ):
     commands.add_command(_command)

@@ -28,3 +28,11 @@ def open_table(title: str, *columns: str, whole: Collection[str] = ()) -> "Table
     for column in columns:
         table.add_column(column, no_wrap=column in whole)
     return table
+
+
+def print_json(rows: object) -> None:
+    """Print what a table shows for a program instead: structs, mappings and lists of them, as one JSON document."""
+    import click
+    import msgspec
+
+    click.echo(msgspec.json.format(msgspec.json.encode(rows), indent=2).decode())

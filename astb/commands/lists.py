@@ -2,12 +2,14 @@
 
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from astb.commands.options import RIG_OPTION, read_rig, read_specimen
+from astb.commands.completion import complete_plans, complete_specimens
+from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig, read_specimen
 from astb.exit_codes import misuse
+from astb.tables import print_json
 from bench_protocol.units import kN
 
 if TYPE_CHECKING:
@@ -15,9 +17,13 @@ if TYPE_CHECKING:
 
 
 @click.command("plans")
-@click.argument("names", nargs=-1, metavar="[NAME]...")
-def plans_command(names: tuple[str, ...]) -> None:
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_plans)
+@JSON_OPTION
+def plans_command(names: tuple[str, ...], as_json: bool) -> None:
     """List the test plans, or the instruction of each NAME and its parameters with unit, range and default."""
+    if as_json:
+        print_json([_facts(known_plan(name)) for name in names or known_plans()])
+        return
     for name in names:
         plan = known_plan(name)
         click.echo(f"{plan.name}\n\n{plan.instruction}\n")
@@ -32,12 +38,41 @@ def plans_command(names: tuple[str, ...]) -> None:
             click.echo(f"{name:<{width}}  {plan.title}")
 
 
+def _facts(plan: "Plan") -> dict[str, Any]:
+    """What `astb plans` tells of one plan."""
+    return {
+        "name": plan.name,
+        "title": plan.title,
+        "instruction": plan.instruction,
+        "lasts_s": plan.lasts or None,
+        "needs": plan.needs,
+        "parameters": [
+            {"name": one.name, "default": one.show(one.default), "allowed": one.allowed}
+            for one in plan.parameters
+        ],
+    }
+
+
 @click.command("specimens")
-@click.argument("names", nargs=-1, metavar="[NAME]...")
-def specimens_command(names: tuple[str, ...]) -> None:
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_specimens)
+@JSON_OPTION
+def specimens_command(names: tuple[str, ...], as_json: bool) -> None:
     """List the specimens that come with the bench, or what the file of each NAME says."""
     from test_plans.specimen import packaged
 
+    if as_json:
+        named = {name: read_specimen(name) for name in names or packaged()}
+        print_json(
+            [
+                {
+                    "name": name,
+                    **one.facts,
+                    "preload_N": {load.name: load.preload for load in one.loads.values()},
+                }
+                for name, one in named.items()
+            ]
+        )
+        return
     for name in names or packaged():
         one = read_specimen(name)
         loads = ", ".join(f"{load.name} {load.preload / kN:g} kN" for load in one.loads.values())
@@ -45,10 +80,32 @@ def specimens_command(names: tuple[str, ...]) -> None:
 
 
 @click.command("effects")
-def effects_command() -> None:
+@JSON_OPTION
+def effects_command(as_json: bool) -> None:
     """List the effects that a simulated rig can be given and a diagnosis can name."""
     from bench_sim.model.effects import CATALOGUE
 
+    if as_json:
+        print_json(
+            [
+                {
+                    "name": effect.name,
+                    "places": effect.places,
+                    "family": effect.family,
+                    "title": effect.title,
+                    "parameters": [
+                        {
+                            "name": one.name,
+                            "unit": one.display,
+                            **{end: getattr(one, end) / one.scale for end in ("low", "high", "typical")},
+                        }
+                        for one in effect.parameters
+                    ],
+                }
+                for effect in CATALOGUE.values()
+            ]
+        )
+        return
     for effect in CATALOGUE.values():
         places = f".{'|'.join(effect.places)}" if effect.places else ""
         click.echo(f"{effect.name + places:<30} {effect.family:<12} {effect.title}")
@@ -60,7 +117,8 @@ def effects_command() -> None:
 
 @click.command("limits")
 @RIG_OPTION
-def limits_command(rig_path: Path | None) -> None:
+@JSON_OPTION
+def limits_command(rig_path: Path | None, as_json: bool) -> None:
     """List the limit detectors of a simulated rig: what trips when, and what happens then."""
     from bench_sim.rig.limit_table import limits_of, listed
 
@@ -69,6 +127,10 @@ def limits_command(rig_path: Path | None) -> None:
         limits = limits_of(rig.simulation.limits if rig.simulation else ())
     except ValueError as error:
         misuse(f"{path}: {error}")
+    if as_json:
+        columns = ("signal", "kind", "at", "lasting", "hysteresis", "latch", "action")
+        print_json([dict(zip(columns, row, strict=True)) for row in listed(limits)])
+        return
     for signal, kind, at, lasting, hysteresis, latch, action in listed(limits):
         after = f"for {lasting}" if lasting != "0 ms" else "at once"
         click.echo(
@@ -88,7 +150,8 @@ def limits_command(rig_path: Path | None) -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write the CANopen data sheet as an EDS file.",
 )
-def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None) -> None:
+@JSON_OPTION
+def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None, as_json: bool) -> None:
     """List everything that crosses the wires, or write it for other tools."""
     generated = files("bench_protocol") / "generated"
     for target, source in ((dbc, "astb.dbc"), (csv, "modbus_map.csv"), (eds, "astb.eds")):
@@ -101,6 +164,18 @@ def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None) -> Non
     if dbc is csv is eds is None:
         from bench_protocol.table import TABLE
 
+        if as_json:
+            rows = [
+                {
+                    "name": row.name,
+                    "kind": str(row.kind),
+                    "range": row.range_text(),
+                    "description": row.description,
+                }
+                for row in TABLE.signals
+            ]
+            print_json({"map": f"{TABLE.map_hash:08x}", "signals": rows})
+            return
         click.echo(f"map {TABLE.map_hash:08x}")
         for row in TABLE.signals:
             click.echo(f"{row.name:<38} {row.kind:<12} {row.range_text():<28.60} {row.description}")

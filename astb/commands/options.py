@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from astb.commands.completion import complete_effects
 from astb.exit_codes import misuse
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ RIG_OPTION: Final = click.option(
     type=click.Path(path_type=Path),
     help="Rig file (TOML).  [default: rigs/local.toml]",
 )
+JSON_OPTION: Final = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table."
+)
 _SIMULATION_OPTIONS: Final = (
     click.option("--model", help="Parameter set, or path of a parameter or model file; over the rig file."),
     click.option(
@@ -27,6 +31,7 @@ _SIMULATION_OPTIONS: Final = (
         "effects",
         multiple=True,
         metavar="NAME=VALUE",
+        shell_complete=complete_effects,
         help="Give the simulated rig an effect, such as leak.left=0.2mm2; repeatable. `astb effects` lists them.",
     ),
     click.option("--sealed", help="File with effects that are recorded and shown nowhere."),

@@ -5,6 +5,7 @@ from typing import Final
 
 import click
 
+from astb.commands.completion import complete_plans, complete_settings, complete_specimens
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
 from astb.commands.plan_values import chosen_plans
 from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
@@ -14,7 +15,7 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
 
 
 @click.command("run")
-@click.argument("plans", nargs=-1, required=True, metavar="PLAN...")
+@click.argument("plans", nargs=-1, required=True, metavar="PLAN...", shell_complete=complete_plans)
 @RIG_OPTION
 @click.option(
     "--virtual", is_flag=True, help="In virtual time, without sockets: the same plans, bytes and verdicts."
@@ -25,6 +26,7 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
     "--specimen",
     "specimen_name",
     metavar="FILE",
+    shell_complete=complete_specimens,
     help="What is on the bench, with its limits: a name that `astb specimens` lists, or a TOML file.",
 )
 @click.option(
@@ -32,6 +34,7 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
     "settings",
     multiple=True,
     metavar="NAME=VALUE",
+    shell_complete=complete_settings,
     help="Set a parameter of the plans, such as amplitude=20mm, or of one, PLAN.amplitude=20mm; repeatable. "
     "`astb plans PLAN` lists them.",
 )

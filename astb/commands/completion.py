@@ -1,0 +1,72 @@
+"""What the shell offers after the tab key: names of plans, specimens, effects and signals, and the script for it."""
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import click
+
+SHELLS: Final = ("bash", "zsh", "fish")
+Completer = Callable[[click.Context, click.Parameter, str], list[str]]
+
+
+def complete_from(names: Callable[[], Iterable[str]]) -> Completer:
+    """Return what offers those of the ``names`` that begin as the user began; nothing where they cannot be had."""
+
+    def offer(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+        del ctx, param
+        try:
+            return [name for name in names() if name.startswith(incomplete)]
+        except (Exception, SystemExit):  # a shell shows whatever is printed in the middle of the user's line
+            return []
+
+    return offer
+
+
+def _plan_names() -> Iterable[str]:
+    from test_plans.discovery import plans
+
+    return plans()
+
+
+def _specimen_names() -> Iterable[str]:
+    from test_plans.specimen import packaged
+
+    return packaged()
+
+
+def _effect_names() -> Iterable[str]:
+    from bench_sim.model.effects import CATALOGUE
+
+    for one in CATALOGUE.values():
+        yield from (f"{one.name}.{place}=" for place in one.places) if one.places else (f"{one.name}=",)
+
+
+complete_plans: Final = complete_from(_plan_names)
+complete_specimens: Final = complete_from(_specimen_names)
+complete_effects: Final = complete_from(_effect_names)
+
+
+def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Offer ``NAME=`` for the parameters of the plans named before, or of all; and their choices."""
+    from test_plans.discovery import plans
+
+    known = plans()
+    chosen = [known[name] for name in ctx.params.get("plans") or known if name in known]
+    parameters = [one for plan in chosen for one in plan.parameters]
+    texts = [f"{one.name}={choice}" for one in parameters for choice in (one.choices or ("",))]
+    return complete_from(lambda: dict.fromkeys(texts))(ctx, param, incomplete)
+
+
+@click.command("completion")
+@click.argument("shell", type=click.Choice(SHELLS))
+@click.pass_context
+def completion_command(context: click.Context, shell: str) -> None:
+    """Print what lets SHELL complete the words of `astb`.
+
+    For bash: astb completion bash > ~/.local/share/bash-completion/completions/astb
+    """
+    from click.shell_completion import get_completion_class
+
+    kind = get_completion_class(shell)
+    assert kind is not None, shell
+    click.echo(kind(context.find_root().command, {}, "astb", "_ASTB_COMPLETE").source())

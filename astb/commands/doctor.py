@@ -1,0 +1,48 @@
+"""`astb doctor`: what this machine lacks for the bench, and how to mend it."""
+
+from pathlib import Path
+
+import click
+
+from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig
+from astb.exit_codes import BLOCKED, PASS
+from astb.tables import open_console, open_table, print_json
+
+HOME_RIG = Path("rigs/local.toml")
+
+
+@click.command("doctor")
+@RIG_OPTION
+@JSON_OPTION
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="Where records would go.",
+)
+def doctor_command(rig_path: Path | None, as_json: bool, out: Path) -> None:
+    """Tell what this machine has of what the bench can use, and how to mend what lacks.
+
+    Ends with 0 if the bench works here, though perhaps not everything of it, and with 3 if it does not.
+    """
+    from astb.doctor import examine_machine
+    from astb.rig_file import RigFile
+
+    # Asked anywhere, it still answers: the ports are those that a rig file need not name.
+    rig = read_rig(rig_path)[0] if rig_path or HOME_RIG.exists() else RigFile(name="local")
+    findings = examine_machine(rig, out)
+    if as_json:
+        print_json(findings)
+    else:
+        style = {"fine": "green", "lacking": "yellow", "broken": "bold red"}
+        table = open_table("this machine", "", "what", "found", "used for", whole=("",))
+        for one in findings:
+            table.add_row(f"[{style[one.state]}]{one.state}[/]", one.name, one.found, one.used_for)
+        console = open_console()
+        console.print(table)
+        for one in findings:
+            if one.mend:
+                console.print(f"{one.name}: {one.mend}", highlight=False, markup=False)
+    broken = any(one.state == "broken" for one in findings)
+    raise click.exceptions.Exit(BLOCKED if broken else PASS)

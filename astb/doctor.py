@@ -1,0 +1,329 @@
+"""What this machine has of what the bench can use: packages, priority, SocketCAN, ports, tools; and how to mend it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import socket
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Literal
+
+import msgspec
+
+from bench_protocol.clock import RealClock, hurry
+from bench_protocol.units import NS, ms, s, us
+
+if TYPE_CHECKING:
+    from astb.rig_file import RigFile
+
+#: *fine*; *lacking*: the bench works without it, though not everything of it; *broken*: it does not work.
+State = Literal["fine", "lacking", "broken"]
+
+#: What a run in real time asks for: see `bench_protocol.clock`.
+PRIORITY: Final = 10
+NICE: Final = -10
+#: How punctual the machine is now: so many sleeps of a tick each.
+NAPS: Final = 300
+TICK: Final = round(1 * ms * NS)
+#: What wakes up later than this does not hold 1 kHz.
+LATE: Final = TICK
+#: An hour of records at 200 Hz takes some 100 MB.
+ROOM: Final = 1e9
+CONNECT: Final = 0.3 * s
+
+APT: Final = "apt install"
+#: Programs that somebody may use beside the bench, the package they come in, and what for.
+TOOLS: Final = {
+    "mbpoll": ("mbpoll", "a Modbus client that owes nothing to us"),
+    "tshark": ("tshark", "live views of the bus, `astb rig --capture-port`"),
+    "candump": ("can-utils", "SocketCAN tools: candump, cansend, canplayer"),
+}
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing that was looked at."""
+
+    name: str
+    state: State
+    found: str
+    used_for: str
+    mend: str = ""
+
+
+def examine_machine(rig: RigFile, records: Path) -> list[Finding]:
+    """Return what there is and what lacks, for ``rig`` on this machine and records under ``records``.
+
+    Takes about half a second. Nothing is changed and nothing leaves the machine, except that the rig file's own
+    addresses are asked whether somebody listens there.
+    """
+    return [
+        _python(),
+        *_packages(),
+        _compiled_code(),
+        _processors(),
+        *_priority(),
+        _punctuality(),
+        _socketcan(),
+        *_ports(rig),
+        *_tools(),
+        _room(records),
+    ]
+
+
+def _python() -> Finding:
+    right = sys.version_info >= (3, 11)
+    return Finding(
+        "Python",
+        "fine" if right else "broken",
+        platform.python_version(),
+        "everything",
+        "" if right else "Python 3.11 or newer",
+    )
+
+
+def _packages() -> Iterator[Finding]:
+    """Compare what is installed with what the metadata of this package ask for."""
+    from packaging.requirements import Requirement
+
+    wrong, lacking = [], {}
+    for text in metadata.requires("astb") or ():
+        one = Requirement(text)
+        extra = next((name for name in ("opcua", "mdf") if one.marker and name in str(one.marker)), "")
+        if one.marker and not one.marker.evaluate({"extra": extra}):
+            continue
+        try:
+            version = metadata.version(one.name)
+        except metadata.PackageNotFoundError:
+            version = ""
+        if version and one.specifier.contains(version, prereleases=True):
+            continue
+        if extra:
+            lacking[extra] = f"{one.name} {version}".strip()
+        else:
+            wrong.append(f"{one.name} {version or 'is missing'} ({one.specifier} would be right)")
+    yield Finding(
+        "packages",
+        "broken" if wrong else "fine",
+        "; ".join(wrong) or "all there, in versions that fit",
+        "everything",
+        "pip install -e . in the project's folder" if wrong else "",
+    )
+    for extra, purpose in (("opcua", "rigs behind an OPC UA server"), ("mdf", "measured data in MDF 4")):
+        yield Finding(
+            f"extra {extra}",
+            "lacking" if extra in lacking else "fine",
+            f"no {lacking[extra]}" if extra in lacking else "there",
+            purpose,
+            f"pip install 'astb[{extra}]'" if extra in lacking else "",
+        )
+
+
+def _compiled_code() -> Finding:
+    """Tell whether machine code can be kept: without it every start compiles the model anew."""
+    from bench_sim import model
+
+    kept = os.environ.get("NUMBA_CACHE_DIR") or str(Path(model.__file__).parent)
+    plain = os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}
+    if plain:
+        return Finding(
+            "compiled code",
+            "lacking",
+            "switched off by NUMBA_DISABLE_JIT",
+            "real time; plain Python is a hundred times slower",
+            "unset NUMBA_DISABLE_JIT",
+        )
+    right = _can_write(kept)
+    return Finding(
+        "compiled code",
+        "fine" if right else "lacking",
+        f"kept beside {kept}" if right else f"{kept} cannot be written: every start compiles for a minute",
+        "quick starts",
+        "" if right else "set NUMBA_CACHE_DIR to a folder that you may write",
+    )
+
+
+def _can_write(folder: str | Path) -> bool:
+    """Try it with a file that has no name: permissions alone do not tell."""
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _processors() -> Finding:
+    count = len(os.sched_getaffinity(0))
+    return Finding(
+        "processors",
+        "fine" if count > 1 else "lacking",
+        f"{count} for this process",
+        "a rig and its commander side by side in real time",
+        "" if count > 1 else "another processor; virtual time needs one",
+    )
+
+
+def _in_a_thread(attempt: Callable[[], None]) -> str:
+    """Return why ``attempt`` fails, in a thread whose priority nobody else has; empty if it does not."""
+    said = ""
+
+    def body() -> None:
+        nonlocal said
+        try:
+            attempt()
+        except (OSError, AttributeError) as error:
+            said = getattr(error, "strerror", None) or str(error)
+
+    thread = threading.Thread(target=body)
+    thread.start()
+    thread.join()
+    return said
+
+
+def _priority() -> Iterator[Finding]:
+    limits = "/etc/security/limits.d/astb.conf"
+    for name, attempt, line, purpose in (
+        (
+            "real-time priority",
+            lambda: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY)),
+            f"@USERS - rtprio {PRIORITY}",
+            "punctual ticks and set-points on a busy machine",
+        ),
+        (
+            "nice",
+            lambda: os.setpriority(os.PRIO_PROCESS, 0, NICE),
+            f"@USERS - nice {NICE}",
+            "a commander that goes before other programs",
+        ),
+    ):
+        refused = _in_a_thread(attempt)
+        yield Finding(
+            name,
+            "lacking" if refused else "fine",
+            refused.lower() or "granted",
+            purpose,
+            f"the line `{line}` in {limits}, USERS being a group of yours; then log in anew"
+            if refused
+            else "",
+        )
+
+
+def _punctuality() -> Finding:
+    late: list[int] = []
+
+    def nap() -> None:
+        hurry(PRIORITY)
+        clock = RealClock()
+        for _ in range(NAPS):
+            due = clock.now() + TICK
+            clock.sleep_until(due)
+            late.append(clock.now() - due)
+
+    _in_a_thread(nap)
+    late.sort()
+    median, high = late[NAPS // 2], late[NAPS * 99 // 100]
+    right = high < LATE
+    return Finding(
+        "punctuality",
+        "fine" if right else "lacking",
+        f"sleeps of 1 ms end {median / NS / us:.0f} us late, one in a hundred {high / NS / us:.0f} us",
+        "runs in real time",
+        "" if right else "end what else computes here, or run in virtual time (--virtual)",
+    )
+
+
+def _socketcan() -> Finding:
+    from drivers.can_port import VIRTUAL_INTERFACE
+
+    purpose = "SocketCAN clients beside the bench; without it CAN goes over TCP"
+    how = "docs/how-to/run-socketcan-without-kernel-support.md"
+    interface = Path("/sys/class/net") / VIRTUAL_INTERFACE
+    try:
+        up = int((interface / "flags").read_text(encoding="ascii"), 16) & 1
+    except (OSError, ValueError):
+        pass
+    else:
+        mend = "" if up else f"ip link set {VIRTUAL_INTERFACE} up"
+        said = f"{VIRTUAL_INTERFACE} is {'up' if up else 'down'}"
+        return Finding("SocketCAN", "fine" if up else "lacking", said, purpose, mend)
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except (OSError, AttributeError):
+        where = "tools/with_vcan.sh runs a command in user-mode Linux"
+        if platform.machine() != "x86_64":
+            where = f"user-mode Linux exists for x86_64 only, not for {platform.machine()}"
+        elif _has_wide_tiles() and not (os.environ.get("CC") or shutil.which("cc")):
+            where += ", on this processor with the help of a C compiler: apt install gcc libc6-dev"
+        return Finding("SocketCAN", "lacking", "this kernel has none", purpose, f"{where} ({how})")
+    mend = f"ip link add {VIRTUAL_INTERFACE} type vcan && ip link set {VIRTUAL_INTERFACE} up, as root"
+    return Finding("SocketCAN", "lacking", f"the kernel has it, but no {VIRTUAL_INTERFACE}", purpose, mend)
+
+
+def _has_wide_tiles() -> bool:
+    """Whether the processor has AMX, whose registers user-mode Linux has no room for."""
+    try:
+        return "amx_tile" in Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return False
+
+
+def _ports(rig: RigFile) -> Iterator[Finding]:
+    if rig.wiring:
+        return
+    from astb.session import answers
+
+    is_rig = False
+    for name, host, port in (
+        ("Modbus", rig.modbus.host, rig.modbus.port),
+        ("CAN hub", rig.can.host, rig.can.port),
+    ):
+        try:
+            socket.create_connection((host, port), CONNECT).close()
+        except OSError:
+            taken = False
+        else:
+            taken = True
+        if taken and name == "Modbus":
+            is_rig = answers(rig)
+        right = not taken or is_rig
+        said = "free" if not taken else "a rig answers" if is_rig else "somebody else listens there"
+        yield Finding(
+            f"{name} {host}:{port}",
+            "fine" if right else "lacking",
+            said,
+            f"the rig {rig.name}",
+            ""
+            if right
+            else f"end that program (`ss -ltnp 'sport = {port}'` names it) or change the rig file",
+        )
+
+
+def _tools() -> Iterator[Finding]:
+    for name, (package, purpose) in TOOLS.items():
+        path = shutil.which(name)
+        yield Finding(
+            name,
+            "fine" if path else "lacking",
+            path or "not here",
+            purpose,
+            "" if path else f"{APT} {package}",
+        )
+
+
+def _room(records: Path) -> Finding:
+    there = next(one for one in (records.absolute(), *records.absolute().parents) if one.is_dir())
+    free = shutil.disk_usage(there).free
+    writable = _can_write(there)
+    right = writable and free > ROOM
+    return Finding(
+        f"room in {records}",
+        "fine" if right else "lacking" if writable else "broken",
+        f"{free / 1e9:.3g} GB free" if writable else f"{there} cannot be written",
+        "records; an hour takes some 0.1 GB",
+        "" if right else "another folder: --out DIRECTORY",
+    )
