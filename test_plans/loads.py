@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 import numpy as np
 
+from bench_protocol.units import UNITS
 from test_plans.geometry import BOLSTER_WEIGHT
 
 #: The load cases that the plans ask a specimen for: the empty and the full car.
@@ -39,26 +40,33 @@ def within(expected: float, tolerance: float) -> Band:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The limits that one table of a specimen's file states, by name; ``where`` names file and table."""
+    """The limits that one table of a specimen's file states, by name; ``where`` names file and table.
+
+    Those that stand in a table with a plan's name are called ``plan.name`` here. Nobody but the plan knows what they
+    are of, so it says in which ``unit`` it will take them.
+    """
 
     where: str
     bands: Mapping[str, Band]
-    curves: Mapping[str, Mapping[float, Band]]  #: over frequency (Hz)
+    curves: Mapping[
+        str, Mapping[float, Band]
+    ]  #: over frequency (Hz), amplitude, offset or plate (m), roll (rad)
+    units: Mapping[str, str] = field(default_factory=dict)  #: SI unit of each that stands in a plan's table
 
-    def band(self, name: str) -> Band:
-        """Return the limits of one value. SpecimenError if the file does not state them."""
-        return self._stated(name, self.bands, "low, high or expected with tolerance")
+    def band(self, name: str, unit: str = "") -> Band:
+        """Return the limits of one value. SpecimenError if the file does not state them, or in another quantity."""
+        return self._stated(name, unit, self.bands, "low, high or expected with tolerance")
 
-    def curve(self, name: str) -> Mapping[float, Band]:
-        """Return limits by frequency (Hz). SpecimenError if the file does not state them."""
-        return self._stated(name, self.curves, "frequency, expected and tolerance")
+    def curve(self, name: str, unit: str = "") -> Mapping[float, Band]:
+        """Return limits by place (SI). SpecimenError if the file does not state them, or in another quantity."""
+        return self._stated(name, unit, self.curves, "a list of places, expected and tolerance")
 
-    def curve_at(self, name: str, place: float) -> tuple[float, float]:
+    def curve_at(self, name: str, place: float, unit: str = "") -> tuple[float, float]:
         """Return low and high at a ``place`` (SI) on a curve, between those of its neighbours.
 
         SpecimenError if the file does not state the curve, or ends before.
         """
-        curve = self.curve(name)
+        curve = self.curve(name, unit)
         if not min(curve) <= place <= max(curve):
             raise SpecimenError(
                 f"{self.where} does not say what is good for {name} at {place:g} (SI): it goes from {min(curve):g} to "
@@ -68,9 +76,13 @@ class Limits:
         low, high = (float(np.interp(place, list(curve), np.array(end, float))) for end in ends)
         return low, high
 
-    def _stated(self, name: str, known: Mapping[str, T], parts: str) -> T:
+    def _stated(self, name: str, unit: str, known: Mapping[str, T], parts: str) -> T:
         if name not in known:
             raise SpecimenError(f"{self.where} does not say what is good for {name}: {parts} would")
+        if name in self.units and (unit not in UNITS or UNITS[unit].si != self.units[name]):
+            raise SpecimenError(
+                f"{self.where}.{name} is stated in {self.units[name]}; the plan asks for it in {unit or 'no unit'}"
+            )
         return known[name]
 
 

@@ -16,7 +16,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from bench_protocol.units import WRITTEN_UNITS, mm
+from bench_protocol.units import WRITTEN_UNITS, mm, mrad
 from bench_protocol.words import PROVENANCES
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
@@ -35,7 +35,8 @@ DRAWING: Final = {
     "emergency_stiffness_lateral": "N/m",
 }
 LOAD: Final = {"preload": "N", "fill_pressure": "Pa", "roll_load": "N"}
-#: What may be limited under any load, each with its SI unit.
+#: What may be limited under any load, each with its SI unit. What one plan alone asks for stands beside these, in a
+#: table with its name.
 LIMITS: Final = {
     "rest_height": "m",
     "air_loss_per_minute": "1",
@@ -60,7 +61,7 @@ LIMITS: Final = {
     "leveling_fill_time": "s",
     "leveling_exhaust_time": "s",
 }
-#: What may be limited under one load, each with its SI unit.
+#: What may be limited under one load, likewise.
 LOAD_LIMITS: Final = {
     "carried": "N",
     "pressure": "Pa",
@@ -88,7 +89,7 @@ _NAMES: Final = ("type", "serial_number", "drawing")
 _ORIGIN: Final = {"unit", "provenance", "source"}
 _VALUE: Final = {"value"} | _ORIGIN
 #: What a limit may be stated over, and the SI value of one.
-_OVER: Final = {"frequency": 1.0, "amplitude_mm": mm, "offset_mm": mm}
+_OVER: Final = {"frequency": 1.0, "amplitude_mm": mm, "offset_mm": mm, "plate_mm": mm, "roll_mrad": mrad}
 _ENDS: Final = ("low", "high")
 _EXPECTED: Final = {"expected", "tolerance"} | _ORIGIN
 _BANDS: Final = (
@@ -223,26 +224,45 @@ def _values(where: str, table: Any, known: Mapping[str, str]) -> dict[str, float
 
 
 def _limits(file: str, where: str, table: Any, known: Mapping[str, str]) -> Limits:
-    bands, curves = {}, {}
-    table = _table(where, table)
-    _refuse_unknown(f"{where}.", table, known)
-    for name, raw in table.items():
-        key = f"{where}.{name}"
-        entry = _entry(key, raw, _BANDS)
-        factor = _factor(key, entry, known[name])
-        if over := next((over for over in _OVER if over in entry), ""):
-            curves[name] = _curve(key, over, entry, factor)
-        elif "expected" in entry:
-            bands[name] = _around(key, entry["expected"], entry, factor)
+    bands: dict[str, Band] = {}
+    curves: dict[str, dict[float, Band]] = {}
+    units: dict[str, str] = {}
+
+    def keep(name: str, raw: Any, si: str) -> None:
+        limit = _limit(f"{where}.{name}", raw, si)
+        if isinstance(limit, Band):
+            bands[name] = limit
         else:
-            ends = [_number(f"{key}.{end}", entry[end]) * factor if end in entry else None for end in _ENDS]
-            bands[name] = Band(*ends)
-            if None not in ends and entry["low"] > entry["high"]:
-                low, high, unit = entry["low"], entry["high"], entry["unit"]
-                raise _Unfit(
-                    f"{key}.low = {low:g} {unit} lies above high = {high:g} {unit}; nothing could pass"
-                )
-    return Limits(f"specimen {file}: {where}", bands, curves)
+            curves[name] = limit
+
+    stated = dict(_table(where, table))
+    for plan in [name for name, raw in stated.items() if name not in known and _is_group(raw)]:
+        for name, raw in stated.pop(plan).items():
+            units[f"{plan}.{name}"] = _si(f"{where}.{plan}.{name}", raw)
+            keep(f"{plan}.{name}", raw, units[f"{plan}.{name}"])
+    _refuse_unknown(f"{where}.", stated, known)
+    for name, raw in stated.items():
+        keep(name, raw, known[name])
+    return Limits(f"specimen {file}: {where}", bands, curves, units)
+
+
+def _is_group(raw: Any) -> bool:
+    """Tell a table of limits from one limit."""
+    return isinstance(raw, dict) and bool(raw) and all(isinstance(one, dict) for one in raw.values())
+
+
+def _limit(key: str, raw: Any, si: str) -> Band | dict[float, Band]:
+    entry = _entry(key, raw, _BANDS)
+    factor = _factor(key, entry, si)
+    if over := next((over for over in _OVER if over in entry), ""):
+        return _curve(key, over, entry, factor)
+    if "expected" in entry:
+        return _around(key, entry["expected"], entry, factor)
+    ends = [_number(f"{key}.{end}", entry[end]) * factor if end in entry else None for end in _ENDS]
+    if None not in ends and entry["low"] > entry["high"]:
+        low, high, unit = entry["low"], entry["high"], entry["unit"]
+        raise _Unfit(f"{key}.low = {low:g} {unit} lies above high = {high:g} {unit}; nothing could pass")
+    return Band(*ends)
 
 
 def _curve(key: str, over: str, entry: Mapping[str, Any], factor: float) -> dict[float, Band]:
@@ -278,6 +298,14 @@ def _entry(key: str, raw: Any, shapes: Collection[set[str]]) -> Mapping[str, Any
     if not str(entry["source"]).strip():
         raise _Unfit(f"{key}.source is empty; it says where the value comes from")
     return entry
+
+
+def _si(key: str, raw: Any) -> str:
+    """Return the SI unit of the quantity that an entry is stated in."""
+    unit = _entry(key, raw, _BANDS)["unit"]
+    if unit not in WRITTEN_UNITS:
+        raise _Unfit(f"{key} is in {unit!r}, which is no unit; there are {', '.join(WRITTEN_UNITS)}")
+    return WRITTEN_UNITS[unit].si
 
 
 def _factor(key: str, entry: Mapping[str, Any], si: str) -> float:

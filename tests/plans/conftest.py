@@ -7,6 +7,8 @@ import pytest
 
 from astb.rig_in_memory import RigInMemory
 from bench_sim.parameters import load
+from bench_sim.parameters.effects import read_effect_text, with_effects
+from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -59,5 +61,27 @@ def bench_run(tmp_path):
                 state=made.rig.state.name,
                 pressure=max(made.bench.left.bellows_pressure, made.bench.right.bellows_pressure),
             )
+
+    return run
+
+
+@pytest.fixture
+def judged(tmp_path):
+    """Run a plan with parameters on a bench with changes, effects and faults; return the result and what failed.
+
+    A fault is a name, its values, and from when on (s) if not from the beginning.
+    """
+
+    def run(name, seed=1, *, given=(), effects=(), faults=(), **changes):
+        parameters = load("astb").with_values(**changes)
+        effects = {effect: read_effect_text(effect, text) for effect, text in effects}
+        rig = Rig(with_effects(parameters, effects), seed=seed)
+        for fault, values, *start in faults:
+            rig.faults.plan(PlannedFault(fault, values, *(start or [0.0]), None))
+        with RigInMemory(rig).bench(seed=seed) as bench:
+            result = execute(
+                plans()[name].given(dict(given)), bench, tmp_path / name, rig="virtual", seed=seed
+            )
+        return result, {one.name for one in result.checks if not one.passed}
 
     return run

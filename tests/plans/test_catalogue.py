@@ -2,37 +2,12 @@
 
 import pytest
 
-from astb.rig_in_memory import RigInMemory
 from bench_protocol.units import bar, mm
 from bench_records.result import Outcome
-from bench_sim.parameters import load
-from bench_sim.parameters.effects import read_effect_text, with_effects
-from bench_sim.rig.faults.panel import PlannedFault
-from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
-from test_plans.execution import execute
 
 slow = pytest.mark.slow
 SEEDS = [0, *(pytest.param(seed, marks=slow) for seed in (1, 2))]
-
-
-@pytest.fixture
-def judged(tmp_path):
-    """Run a plan with parameters on a bench with changes, effects and faults; return the result and what failed."""
-
-    def run(name, seed=1, *, given=(), effects=(), faults=(), **changes):
-        parameters = load("astb").with_values(**changes)
-        effects = {effect: read_effect_text(effect, text) for effect, text in effects}
-        rig = Rig(with_effects(parameters, effects), seed=seed)
-        for fault, values in faults:
-            rig.faults.plan(PlannedFault(fault, values, 0.0, None))
-        with RigInMemory(rig).bench(seed=seed) as bench:
-            result = execute(
-                plans()[name].given(dict(given)), bench, tmp_path / name, rig="virtual", seed=seed
-            )
-        return result, {one.name for one in result.checks if not one.passed}
-
-    return run
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -44,6 +19,7 @@ def judged(tmp_path):
         "dynamic_stiffness",
         "lateral_stiffness",
         "leveling",
+        "measuring_chain",
         "tightness",
     ],
 )

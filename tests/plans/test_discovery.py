@@ -53,7 +53,7 @@ def test_a_new_file_is_a_new_plan(find, tmp_path, monkeypatch):
 
 def test_the_recipe_in_contributing_works_to_the_letter(find, tmp_path, monkeypatch, bench_composed):
     recipe = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    code = re.search(r"in `test_plans/symmetry\.py`:\n\n```python\n(.*?)```", recipe, re.DOTALL)[1]
+    code = re.search(r"`test_plans/symmetry\.py`:\n\n```python\n(.*?)```", recipe, re.DOTALL)[1]
     (tmp_path / "symmetry.py").write_text(code, encoding="utf-8")
     monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
     plan = find()["symmetry"]

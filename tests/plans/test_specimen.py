@@ -178,3 +178,55 @@ def test_a_specimen_that_does_not_say_what_is_good_blocks_the_plan_before_anythi
         result = execute(unknown_load, made.bench, tmp_path)
     assert result.verdict is Outcome.BLOCKED
     assert result.reason == "the specimen's file: specimen astb.toml has no load case AW9; it has AW0, AW3"
+
+
+OWN = """
+[limits.creep]
+sag = { high = 0.5, unit = "mm", provenance = "assumed", source = "in ten minutes" }
+
+[load_case.AW0.limits.creep.by_amplitude]
+amplitude_mm = [2.0, 4.0]
+expected = [1.0, 3.0]
+tolerance = 0.1
+unit = "kN"
+provenance = "assumed"
+source = "by hand"
+"""
+
+
+def test_what_one_plan_alone_asks_for_stands_in_a_table_with_its_name(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text(TEXT + OWN, encoding="utf-8")
+    one = read_specimen(path)
+    assert one.limits.band("creep.sag", "mm") == Band(high=0.5 * mm)
+    assert one.load("AW0").limits.curve_at("creep.by_amplitude", 3 * mm, "N") == pytest.approx((1800, 2200))
+    assert one.limits.band("rest_height") == ordinary().limits.band("rest_height")
+    with pytest.raises(SpecimenError, match=r"limits does not say what is good for creep\.set"):
+        one.limits.band("creep.set", "mm")
+
+
+@pytest.mark.parametrize(("unit", "told"), [("bar", "is stated in m; .* in bar"), ("", "in no unit")])
+def test_a_plan_that_takes_its_own_limit_for_another_quantity_is_refused(tmp_path, unit, told):
+    path = tmp_path / "own.toml"
+    path.write_text(TEXT + OWN, encoding="utf-8")
+    with pytest.raises(SpecimenError, match=told):
+        read_specimen(path).limits.band("creep.sag", unit)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('unit = "mm"', 'unit = "ell"', "limits.creep.sag is in 'ell', which is no unit"),
+        ("high = 0.5", "hihg = 0.5", "limits.creep.sag has hihg"),
+        (
+            "amplitude_mm = [2.0, 4.0]",
+            "amplitude_mm = [4.0, 2.0]",
+            "limits.creep.by_amplitude.amplitude_mm = [4.0, 2.0]",
+        ),
+    ],
+)
+def test_what_does_not_fit_in_the_table_of_a_plan_is_refused(tmp_path, old, new, told):
+    path = tmp_path / "own.toml"
+    path.write_text(TEXT + OWN.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(SpecimenError, match=re.escape(told)):
+        read_specimen(path)

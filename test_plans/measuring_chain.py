@@ -1,0 +1,189 @@
+"""Measuring chain: the zero of every transducer, a known weight, known forces, and what a stiff dummy reads as."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import inf
+from typing import Final, Literal
+
+import numpy as np
+
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.units import MN, K, N, kN, m, mbar, minutes, mm, s
+from bench_protocol.words import SIDES
+from drivers.errors import RigFault
+from test_plans import steps
+from test_plans.analysis import Samples, straight_line
+from test_plans.geometry import BOLSTER_WEIGHT, VERTICAL_FRAME
+from test_plans.loads import Band, within
+from test_plans.plan import plan
+from test_plans.readings import CELLS_UNDER, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.run import Run
+from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, VENT_WITHIN
+from test_plans.steps.shaking import check_band
+from test_plans.tables import keep
+
+TEMPERATURES: Final = BY_GROUP[Group.TEMPERATURE]
+FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)
+PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
+#: What each transducer may read where its quantity is zero, by the data sheets of the bench, and its unit.
+ZEROS: Final = {
+    Group.PRESSURE: (25 * mbar, "mbar"),
+    Group.VERTICAL_FORCE: (200 * N, "N"),
+    Group.LATERAL_FORCE: (50 * N, "N"),
+    Group.LATERAL_LOAD_CELL: (50 * N, "N"),
+    Group.ACCELERATION: (0.02, "m/s2"),
+}
+CELL_ZERO: Final = 200 * N
+PLACE_ZERO: Final = 0.05 * mm
+THERMOMETER_ZERO: Final = 0.1 * K
+#: For noise and the steps of the converters.
+ROOM: Final = 1.1
+READ_OVER: Final = 2 * s
+
+#: Up and down again: what friction and creep of a cell do shows as a branch beside the other.
+FORCE_STEPS: Final = tuple(F * kN for F in (5, 20, 40, 60, 40, 20, 5))
+PUSH_STEPS: Final = tuple(F * kN for F in (0.0, 0.7, 1.4, 0.0, -0.7, -1.4, 0.0))
+PRESS_RATE: Final = 10 * kN / s
+PUSH_RATE: Final = 0.5 * kN / s
+STEP_WAIT: Final = 2 * s
+#: Two cells and a transducer, each good for 0.1 % of 200 kN, over 55 kN: 0.7 % if their errors are alike.
+GAIN: Final = within(1.0, 0.01)
+LATERAL_GAIN: Final = within(1.0, 0.02)
+#: From the straight line, of the largest force.
+NONLINEAR: Final = Band(high=0.005)
+#: What a cell across may read of a vertical force.
+CROSSTALK: Final = Band(-0.002, 0.002)
+FRAME: Final = within(VERTICAL_FRAME, 0.10)
+#: So much stiffer than any spring that a spring's stiffness is right within 1 %.
+BLOCK: Final = Band(low=200 * MN / m)
+#: Beyond this a way is too small to be told from none.
+STIFFEST: Final = 10_000 * MN / m
+#: Blocks stand at design height, stops far below.
+AT_BLOCKS: Final = 10 * mm
+#: Air that is let off cools: so warm again.
+WARM: Final = 0.1 * K
+
+
+def without_air(run: Run) -> None:
+    """Let all air off, the rest of it too, and the actuators go: nothing presses but the bolster."""
+    steps.power_up(run)
+    with run.phase("without air"):
+        run.bench.air.vent(within=VENT_WITHIN)
+        gas = [name for name in TEMPERATURES if run.bench.has(name)]
+        if gas:
+            run.bench.settle(*gas, band=WARM, over=READ_OVER, within=1 * minutes)
+    run.bench.disarm()
+
+
+@plan(setup=without_air, needs=(*steps.CARRYING, *VERTICAL_CELLS), lasts=87 * s)
+def measuring_chain(run: Run, *, dummy: Literal["stops", "blocks"] = "stops") -> None:
+    """Measuring chain: zeros, the bolster's weight, known forces, and the stiffness of a `dummy`.
+
+    The springs are without air and the actuators without force. Then every pressure, force and acceleration is
+    zero, the thermometers agree, lasers and pistons are at one height, and the four load cells carry
+    nothing but the bolster, whose weight is known: 1200 kg.
+
+    Then the vertical actuators press in steps up to 60 kN each and back. What they press, the cells must read; how far
+    the lasers move is what the dummy gives way, how much further the pistons move is the frame. At last the lateral
+    actuator pushes to both sides, and the cells across must read as much.
+
+    The dummy is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
+    steel blocks that somebody has put in the springs' place. These give way by nothing that could be seen: what they
+    read as stiffness is the chain's own.
+
+    Good are zeros within the data sheets of the transducers, forces that agree within 1 % (2 % sideways) on a line that
+    is straight within 0.5 %, cells across that feel less than 0.2 % of a vertical force, a frame of 100 MN/m within
+    10 %, and blocks that are stiffer than 200 MN/m.
+    """
+    stop = run.specimen.limits.band("measuring_chain.stop_stiffness", "MN/m")
+    with run.phase("zero"):
+        _check_zeros(run)
+    high = [run.bench.readings.value(name) for name in HEIGHTS]
+    if dummy == "blocks" and not all(abs(one) < AT_BLOCKS for one in high):
+        places = " and ".join(f"{one / mm:.1f} mm" for one in high)
+        raise RigFault(
+            f"there are no blocks in the springs' place: the bolster rests at {places}, blocks reach 0 mm"
+        )
+    steps.power_up(run)
+    with run.phase("press"):
+        across = [cell for cell in SHEAR_CELLS if run.bench.has(cell)]
+        pressed = _steps(run, (*FORCES, *VERTICAL_CELLS, *HEIGHTS, *PISTONS, *across), FORCE_STEPS, _press)
+    for side in SIDES:
+        _check_side(run, side, pressed, BLOCK if dummy == "blocks" else stop)
+    for cell in SHEAR_CELLS:
+        name = f"{cell} over vertical force"
+        if run.can(name, needs=(cell,)):
+            downward = np.sum([pressed[one] for one in VERTICAL_CELLS], axis=0)
+            check_band(run, name, straight_line(downward, pressed[cell])[1], "%", CROSSTALK)
+    if run.can("lateral cells over actuator", needs=(*FREE_SIDEWAYS, *SHEAR_CELLS)):
+        with run.phase("push"):
+            pushed = _steps(run, ("lateral.force", *SHEAR_CELLS), PUSH_STEPS, _push)
+        across = -np.sum([pushed[cell] for cell in SHEAR_CELLS], axis=0)
+        _check_line(run, "lateral cells over actuator", pushed["lateral.force"], across, LATERAL_GAIN)
+
+
+def _zeros() -> Iterator[tuple[str, dict[str, float], float, float, str]]:
+    """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit."""
+    for group, (tolerance, unit) in ZEROS.items():
+        for name in BY_GROUP[group]:
+            yield name, {name: 1.0}, 0.0, tolerance, unit
+    for cell in VERTICAL_CELLS:
+        yield cell, {cell: 1.0}, BOLSTER_WEIGHT / len(VERTICAL_CELLS), CELL_ZERO, "N"
+    for height, piston in zip(HEIGHTS, PISTONS, strict=True):
+        yield f"{height} less {piston}", {height: 1.0, piston: -1.0}, 0.0, 2 * PLACE_ZERO, "mm"
+    share = 1 / len(TEMPERATURES)
+    for name in TEMPERATURES:
+        away = {one: (one == name) - share for one in TEMPERATURES}
+        yield f"{name} less the mean", away, 0.0, 2 * THERMOMETER_ZERO, "K"
+
+
+def _check_zeros(run: Run) -> None:
+    """Check what each transducer reads where its quantity is known."""
+    asked = [zero for zero in _zeros() if run.can(zero[0], needs=zero[1])]
+    mean = run.bench.averages(
+        *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
+    )
+    for title, sum_of, expected, tolerance, unit in asked:
+        value = sum(share * mean[name] for name, share in sum_of.items())
+        check_band(run, title, value, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))
+
+
+def _steps(
+    run: Run, names: Sequence[str], forces: Sequence[float], press: Callable[[Run, float], None]
+) -> dict[str, Samples]:
+    """Press with each of the ``forces`` (N); return what was read on each step."""
+    read = []
+    for force in forces:
+        press(run, force)
+        run.bench.wait(STEP_WAIT)
+        read.append(run.bench.averages(*names, over=READ_OVER))
+    return {name: np.array([one[name] for one in read]) for name in names}
+
+
+def _press(run: Run, force: float) -> None:
+    run.bench.vertical.preload(force, force, rate=PRESS_RATE, within=PRELOAD_WITHIN)
+
+
+def _push(run: Run, force: float) -> None:
+    run.bench.lateral.push(force, rate=PUSH_RATE, within=PRELOAD_WITHIN)
+
+
+def _check_side(run: Run, side: str, read: Mapping[str, Samples], dummy: Band) -> None:
+    """Check one side: its cells against its actuator, what the dummy gives way, and what the frame."""
+    pressed = np.sum([read[cell] for cell in CELLS_UNDER[side]], axis=0)
+    _check_line(run, f"{side} cells over actuator", read[f"vertical_{side}.force"], pressed, GAIN)
+    down = -read[f"{side}.height"]
+    frame = -read[f"vertical_{side}.displacement"] - down
+    for what, give, band in (("dummy", down, dummy), ("frame", frame, FRAME)):
+        compliance = straight_line(pressed, give)[1]
+        stiffness = 1 / compliance if compliance > 0.0 else inf
+        check_band(run, f"{side} stiffness of the {what}", min(stiffness, STIFFEST), "MN/m", band)
+    keep(run, side, "Dummy: way over force", ("force", "kN"), ("way", "mm"), pressed.tolist(), down.tolist())
+
+
+def _check_line(run: Run, name: str, applied: Samples, read: Samples, gain: Band) -> None:
+    """Check the slope of ``read`` over ``applied`` (N), and how far it bends from a straight line."""
+    level, slope = straight_line(applied, read)
+    check_band(run, name, slope, "1", gain)
+    away = read - level - slope * (applied - applied.mean())
+    check_band(run, f"{name}, off the line", float(np.abs(away).max() / np.ptp(applied)), "%", NONLINEAR)
