@@ -4,7 +4,7 @@ import os
 from math import inf
 from typing import Final, NamedTuple
 
-from bench_protocol.units import ms, us
+from bench_protocol.units import kN, mm, mrad, ms, s, us
 
 #: Ticks per second that a rig may have; its compiled tick is made for one of them.
 TICK_RATES: Final = (1000, 2000, 5000)
@@ -34,6 +34,8 @@ RATES: Final = (FAST_RATE, COMMAND_RATE, SLOW_RATE)
 #: How long the rig waits for a valid command until it holds, and until it disables itself.
 HOLD_AFTER: Final = 100 * ms
 DISABLE_AFTER: Final = 500 * ms
+#: How fast the rig follows a set-point that is streamed, by its SI unit, per second.
+PACE: Final = {"m": 200 * mm / s, "N": 50 * kN / s, "rad": 200 * mrad / s}
 
 
 class LatenessBin(NamedTuple):

@@ -61,8 +61,7 @@ _copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
 class Beat(NamedTuple):
     """What a beat reads and writes; ``granted`` and ``stop`` of its counts may be written without the gate."""
 
-    values: npt.NDArray[np.float64]  #: of the `Setpoints`
-    ramps: npt.NDArray[np.void]
+    setpoints: Setpoints
     rows: npt.NDArray[np.int64]  #: of the messages that go out
     messages: npt.NDArray[np.void]
     fields: npt.NDArray[np.void]
@@ -76,8 +75,7 @@ class Beat(NamedTuple):
     def of(cls, encoder: Encoder, rows: npt.NDArray[np.int64], setpoints: Setpoints) -> "Beat":
         """Return a beat of the messages ``rows`` of ``encoder``, which carry ``setpoints``."""
         return cls(
-            setpoints.values,
-            setpoints.ramps,
+            setpoints,
             rows,
             encoder.layout.messages,
             encoder.layout.fields,
@@ -92,8 +90,10 @@ class Beat(NamedTuple):
 @entry
 def make_block(beat: Any, time: int) -> None:
     """Advance by one beat and encode its frames, stamped ``time`` (ns)."""
-    advance(beat.values, beat.ramps)
-    encode_into(beat.values, beat.rows, time, beat.messages, beat.fields, beat.counters, beat.frames, 0)
+    advance(beat.setpoints)
+    encode_into(
+        beat.setpoints.values, beat.rows, time, beat.messages, beat.fields, beat.counters, beat.frames, 0
+    )
 
 
 @inlined

@@ -30,6 +30,7 @@ from drivers.errors import BenchError, LinkLost, Misuse, Refused, RigFault
 from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
 from drivers.settings import UNKNOWN
+from drivers.waveform import Waveform
 from drivers.wiring.contract import Order, Step, Wiring
 
 #: What has a set-point of its own beside the mode of its control: the names of the readings.
@@ -68,6 +69,7 @@ class Bench(Link):
         "vertical": "Both vertical actuators together.",
         "vertical_left": "The left vertical actuator.",
         "vertical_right": "The right vertical actuator.",
+        "waveform": "A motion of any shape, streamed as set-points.",
     }
 
     def __init__(self, wiring: Wiring, clock: Clock) -> None:
@@ -89,6 +91,7 @@ class Bench(Link):
         self.interlock = Interlocks(self, "interlock")
         self.air = Air(self, "air")
         self.generator = Generator(self, "generator")
+        self.waveform = Waveform(self, "waveform")
         self.about: Mapping[str, Any] = {}
         self.closing = ExitStack()
         parts = (getattr(self, name) for name in self.__slots__ if name != "devices")

@@ -1,10 +1,10 @@
-"""The commander: holds all set-points, moves them along ramps, and lets the rig have them 50 times a second."""
+"""The commander: holds all set-points, moves them along ramps or a waveform, and lets the rig have them each beat."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,14 @@ from drivers.errors import LinkLost, Misuse
 from drivers.wiring.contract import Beating, BeatingOutlet, Wiring, refuse_absent
 
 BEAT: Final = round(NS / COMMAND_RATE)  # ns
+
+
+class Played(NamedTuple):
+    """How far a waveform has come."""
+
+    beat: int  #: how many have gone out
+    beats: int  #: in all
+    going: bool
 
 
 class Commander:
@@ -103,9 +111,55 @@ class Commander:
         moving = self._setpoints.ramps["moving"]
         return bool((moving[[self._row(name) for name in names]] if names else moving).any())
 
+    def play(self, offsets: Mapping[str, npt.NDArray[np.float64]]) -> None:
+        """Move set-points by ``offsets`` (SI, each (beats,)) from where they are now, one beat after the other.
+
+        All of them begin on the same beat. Whatever gives one of them another value ends the waveform. Misuse, and
+        nothing moves, for what the wire cannot carry, or for a set-point without a value to begin from.
+        """
+        rows = np.array([self._row(name) for name in offsets], np.int64)
+        table = np.array(list(offsets.values()), np.float64)
+        rows_max, beats_max = self._setpoints.track.shape
+        if rows.size > rows_max or not 0 < table.shape[-1] <= beats_max:
+            raise Misuse(
+                f"a waveform has up to {rows_max} set-points and {beats_max * BEAT / NS:g} s; "
+                f"this one has {rows.size} and {table.shape[-1] * BEAT / NS:g} s"
+            )
+        for name, way in zip(offsets, table, strict=True):
+            signal, places = self._table[name], self.value(name) + way
+            outside = (places < signal.low) | (places > signal.high)
+            if outside.any():
+                first = int(np.argmax(outside))
+                raise Misuse(
+                    f"{name} would be {signal.show(places[first])} at {first * BEAT / NS:g} s of the waveform, and can "
+                    f"be {signal.range_text()}"
+                )
+        if not self._moving.play_waveform(self._setpoints, self._gate.address, rows, table):
+            name = next(name for name in offsets if math.isnan(self.value(name)))
+            raise Misuse(
+                f"{name} has no value yet for a waveform to begin from; arm the bench, or set it first"
+            )
+
+    @property
+    def played(self) -> Played:
+        """How far the last waveform has come."""
+        state = self._setpoints.waveform[0]
+        return Played(int(state["beat"]), int(state["beats"]), bool(state["playing"]))
+
+    def recall(self, duration: float) -> tuple[str, ...]:
+        """End the waveform: its set-points go back to where it began, in ``duration`` s; return their names."""
+        count = self._setpoints.waveform[0]["count"]
+        rows, starts = self._setpoints.rows[:count], self._setpoints.track[:count, 0]
+        names = tuple(self._table.signals[row].name for row in rows)
+        self.freeze()
+        for name, start in zip(names, starts.tolist(), strict=True):
+            if way := abs(start - self.value(name)):
+                self.ramp(name, start, way / duration)
+        return names
+
     def freeze(self) -> None:
-        """End all ramps where they are."""
-        self._moving.end_ramps(self._setpoints, self._gate.address)
+        """End all ramps and the waveform where they are."""
+        self._moving.end_moves(self._setpoints, self._gate.address)
 
     def _checked(self, values: Mapping[str, float]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Return rows and values of set-points that the wire can carry; ValueError or Misuse for any other."""

@@ -1,4 +1,4 @@
-"""The set-points of a bench and the ramps on which they move, changed in compiled code that holds a gate.
+"""The set-points of a bench, the ramps and the waveform on which they move, changed in compiled code that holds a gate.
 
 Python, once it has the gate, may have to wait for the interpreter, and whatever keeps the beat with it.
 """
@@ -24,6 +24,17 @@ RAMP: Final = np.dtype(
         ("beats", "<i8"),  # since the start
     ]
 )
+#: What the waveform may consist of at the most: set-points, and beats, 20 minutes of them.
+WAVEFORM_ROWS: Final = 8
+WAVEFORM_BEATS: Final = 60_000
+WAVEFORM: Final = np.dtype(
+    [
+        ("playing", "<i8"),
+        ("count", "<i8"),  # of set-points
+        ("beats", "<i8"),  # in all
+        ("beat", "<i8"),  # since the start
+    ]
+)
 
 
 class Setpoints(NamedTuple):
@@ -31,11 +42,22 @@ class Setpoints(NamedTuple):
 
     values: npt.NDArray[np.float64]  #: SI, NaN where none was given yet
     ramps: npt.NDArray[np.void]  #: `RAMP`
+    waveform: npt.NDArray[np.void]  #: one `WAVEFORM`
+    rows: npt.NDArray[np.int64]  #: of the set-points that the waveform moves, as many as its count
+    track: npt.NDArray[
+        np.float64
+    ]  #: (rows, beats): where it moves them, SI; memory that is not used costs nothing
 
     @classmethod
     def of(cls, signals: int) -> "Setpoints":
         """Return the set-points of a table with so many ``signals``; none has a value."""
-        return cls(np.full(signals, np.nan), np.zeros(signals, RAMP))
+        return cls(
+            np.full(signals, np.nan),
+            np.zeros(signals, RAMP),
+            np.zeros(1, WAVEFORM),
+            np.zeros(WAVEFORM_ROWS, np.int64),
+            np.zeros((WAVEFORM_ROWS, WAVEFORM_BEATS)),
+        )
 
 
 def _digest() -> str:
@@ -55,10 +77,11 @@ def entry(function: Callable[..., Any]) -> Any:
 
 
 @inlined
-def advance(values: Any, ramps: Any) -> None:
+def advance(setpoints: Any) -> None:
     """Move every set-point that is on its way by one beat; the last beat brings it to its end exactly."""
-    for row in range(ramps.size):
-        ramp = ramps[row]
+    values = setpoints.values
+    for row in range(setpoints.ramps.size):
+        ramp = setpoints.ramps[row]
         if ramp.moving == 0:
             continue
         ramp.beats += 1
@@ -67,6 +90,23 @@ def advance(values: Any, ramps: Any) -> None:
             value = ramp.end
             ramp.moving = 0
         values[row] = value
+    waveform = setpoints.waveform[0]
+    if waveform.playing != 0:
+        for k in range(waveform.count):
+            values[setpoints.rows[k]] = setpoints.track[k, waveform.beat]
+        waveform.beat += 1
+        if waveform.beat >= waveform.beats:
+            waveform.playing = 0
+
+
+@inlined
+def _release(setpoints: Any, row: int) -> None:
+    """End what moves the set-point of ``row``: whoever gives it another value takes it over, and the waveform ends."""
+    setpoints.ramps[row].moving = 0
+    waveform = setpoints.waveform[0]
+    for k in range(waveform.count):
+        if setpoints.rows[k] == row:
+            waveform.playing = 0
 
 
 @entry
@@ -74,7 +114,7 @@ def change(setpoints: Any, gate: int, rows: Any, values: Any) -> None:
     """Let the set-points ``rows`` be ``values`` (SI) from the next beat on, together; ``gate``: its address."""
     lock_mutex(gate)
     for k in range(rows.size):
-        setpoints.ramps[rows[k]].moving = 0
+        _release(setpoints, rows[k])
         setpoints.values[rows[k]] = values[k]
     unlock_mutex(gate)
 
@@ -93,6 +133,7 @@ def depart(setpoints: Any, gate: int, rows: Any, ends: Any, pace: float) -> floa
             longest = math.nan
             break
     for k in range(0 if math.isnan(longest) else rows.size):
+        _release(setpoints, rows[k])
         ramp = setpoints.ramps[rows[k]]
         ramp.start = setpoints.values[rows[k]]
         ramp.end = ends[k]
@@ -104,9 +145,35 @@ def depart(setpoints: Any, gate: int, rows: Any, ends: Any, pace: float) -> floa
 
 
 @entry
-def stay(setpoints: Any, gate: int) -> None:
-    """End all ramps where they are."""
+def play(setpoints: Any, gate: int, rows: Any, offsets: Any) -> bool:
+    """Begin to play ``offsets`` (SI, rows × beats) on where the set-points ``rows`` are now, one column each beat.
+
+    False, and nothing changes, if one of them has no value to begin from.
+    """
     lock_mutex(gate)
+    given = True
+    for k in range(rows.size):
+        given = given and not math.isnan(setpoints.values[rows[k]])
+    if given:
+        waveform = setpoints.waveform[0]
+        waveform.count, waveform.beats = offsets.shape
+        waveform.beat = 0
+        waveform.playing = 1
+        for k in range(rows.size):
+            setpoints.ramps[rows[k]].moving = 0
+            setpoints.rows[k] = rows[k]
+            start = setpoints.values[rows[k]]
+            for beat in range(offsets.shape[1]):
+                setpoints.track[k, beat] = start + offsets[k, beat]
+    unlock_mutex(gate)
+    return given
+
+
+@entry
+def stay(setpoints: Any, gate: int) -> None:
+    """End all ramps and the waveform where they are."""
+    lock_mutex(gate)
+    setpoints.waveform[0].playing = 0
     for row in range(setpoints.ramps.size):
         setpoints.ramps[row].moving = 0
     unlock_mutex(gate)
@@ -115,12 +182,13 @@ def stay(setpoints: Any, gate: int) -> None:
 @entry
 def step(setpoints: Any) -> None:
     """Move the set-points by one beat; whoever calls holds the gate."""
-    advance(setpoints.values, setpoints.ramps)
+    advance(setpoints)
 
 
 _NONE: Final = Setpoints.of(0)
 _ROWS: Final = np.zeros(0, np.int64)
 set_values: Final = bind(change, _NONE, 0, _ROWS, _NONE.values)
 start_ramps: Final = bind(depart, _NONE, 0, _ROWS, _NONE.values, 0.0)
-end_ramps: Final = bind(stay, _NONE, 0)
+play_waveform: Final = bind(play, _NONE, 0, _ROWS, _NONE.track)
+end_moves: Final = bind(stay, _NONE, 0)
 next_beat: Final = bind(step, _NONE)

@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.rates import TICK
+from bench_protocol.rates import PACE, TICK
 from bench_protocol.table import TABLE
-from bench_protocol.units import kN, m, mm, rad, s
+from bench_protocol.units import kN, m, rad, s
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, PLATFORM_AXES, WAVES
 from bench_sim.model.compiled import compiled
 from bench_sim.rig.controls import TARGETS
@@ -33,16 +33,14 @@ _LET_GO: Final = (
 _STOP: Final = "assumed: an actuator that a limit stops has overrun it by 8 mm at most"
 _VALVE: Final = "waves: flow of the servo-valve"
 PACES: Final = (
-    *(SetpointPace(one, "force", "kN", 50 * kN / s, 50 * kN / s, _LET_GO) for one in ACTUATORS),
+    *(SetpointPace(one, "force", "kN", PACE["N"], 50 * kN / s, _LET_GO) for one in ACTUATORS),
     *(
-        SetpointPace(one, "displacement", "mm", 200 * mm / s, 0.6 * m / s, f"{_STOP}; {_VALVE}")
+        SetpointPace(one, "displacement", "mm", PACE["m"], 0.6 * m / s, f"{_STOP}; {_VALVE}")
         for one in ACTUATORS
     ),
     *(
-        SetpointPace(
-            f"platform.{axis}", "displacement", unit, 0.2 * rad / s, 0.6 * rad / s, f"{_STOP}; {_VALVE}"
-        )
-        for axis, unit in zip(PLATFORM_AXES, ("mm", "mm", "mrad"), strict=True)
+        SetpointPace(f"platform.{axis}", "displacement", unit, PACE[si], 0.6 * rad / s, f"{_STOP}; {_VALVE}")
+        for axis, unit, si in zip(PLATFORM_AXES, ("mm", "mm", "mrad"), ("m", "m", "rad"), strict=True)
     ),
 )
 

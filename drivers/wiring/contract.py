@@ -79,6 +79,9 @@ class Capabilities:
     lease: bool = False  #: knows one commander at a time
     watchdog: bool = False  #: notices that the settings' connection is silent
     identity: bool = False  #: tells which map it speaks
+    pace: Mapping[str, float] = field(
+        default_factory=dict
+    )  #: how fast set-points are followed, by SI unit, per s
     latency: float = 0.0  #: s until what was said shows in what is read, beside the beats themselves
     notes: Mapping[str, str] = field(default_factory=dict)  #: in words, by capability, for who looks at a rig
 

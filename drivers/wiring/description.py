@@ -126,6 +126,7 @@ class _Reader:
         conduct = self._conduct()
         capabilities = Capabilities(
             generator=keys.capabilities.generator,
+            pace={"m": player.speed, "rad": player.roll_rate, "N": player.force_rate} if player else {},
             latency=latency,
             notes={**keys.capabilities.notes, **self._remembered()},
         )

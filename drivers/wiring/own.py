@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench_protocol.clock import Clock
 from bench_protocol.messages import TOKEN
+from bench_protocol.rates import PACE
 from bench_protocol.table import TABLE
 from bench_protocol.wires import Table
 from bench_protocol.words import FAULT_STATES, LIVE_STATES, STATES
@@ -79,7 +80,7 @@ class OwnWiring:
         self.rig, self.table = rig, table
         self.absent: Mapping[str, str] = {}
         self.freshness = stale_limits(table)
-        self.capabilities = Capabilities(generator=True, lease=True, watchdog=True, identity=True)
+        self.capabilities = Capabilities(generator=True, lease=True, watchdog=True, identity=True, pace=PACE)
         self.conduct = CONDUCT
         self.given: Mapping[str, float] = {}
         self.outlet = OwnOutlet(table, can_port)

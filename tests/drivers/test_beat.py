@@ -134,6 +134,25 @@ def test_the_stream_goes_on_while_a_library_holds_the_interpreter(peer):
 
 @compiled_only
 @pytest.mark.real_time
+def test_a_waveform_arrives_beat_by_beat_while_a_library_holds_the_interpreter(peer):
+    peer.commander.set("lateral.force_setpoint", 0.0)
+    peer.start()
+    beats = 1000.0 * np.sin(np.pi * np.arange(26) / 25) ** 2
+    peer.commander.play({"lateral.force_setpoint": beats})
+    hold_the_interpreter(300 * ms)
+    clock = RealClock()
+    clock.sleep_until(clock.now() + 20 * BEAT)
+    decoder = Decoder(TABLE)
+    samples = decoder.decode(peer.waiting())
+    assert decoder.tally[3] == 0, "no beat is lost"
+    forces = samples.values[samples.signals == TABLE.index["lateral.force_setpoint"]]
+    first = int(np.argmax(forces > 0.0)) - 1  # the first beat of it is still at rest
+    assert forces[first : first + 26] == pytest.approx(beats, abs=1.01), "none twice, none changed"
+    assert (forces[first + 26 :] == 0.0).all()
+
+
+@compiled_only
+@pytest.mark.real_time
 def test_a_plan_that_is_stuck_is_not_alive(peer):
     """What the stream does without Python is bounded; afterwards it goes on."""
     peer.start()

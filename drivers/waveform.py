@@ -1,0 +1,139 @@
+"""A motion of any shape, which the host streams to the rig as set-points, beat by beat."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import NS, s
+from drivers.commander import BEAT
+from drivers.declarations import Device
+from drivers.errors import Misuse, NotAvailable
+from drivers.link import STREAM_BEATS
+
+Floats = npt.NDArray[np.float64]
+
+#: What the end of a waveform may come later than its duration.
+MARGIN: Final = 5 * s
+#: How long the set-points of a stopped waveform take to come back.
+RETURN: Final = 1 * s
+
+
+class Waveform(Device):
+    """A motion of any shape: ``bench.waveform``; it rides on the present set-points and ends where it began.
+
+    It goes out with the beats of the set-points, 50 a second, and a rig joins them by straight lines: of a sine of 2 Hz
+    0.5 % of the amplitude is lost, of one of 5 Hz 3 %. It arrives two beats late.
+    """
+
+    __slots__ = ()
+
+    def run(self, times: Floats, offsets: Mapping[str, Floats], *, margin: float = MARGIN) -> None:
+        """Play it to its end; ``times`` (s, (n,)) rise from 0, ``offsets`` (SI, each (n,)) by the name of a reading.
+
+        ``{"lateral.force": F}`` moves ``lateral.force_setpoint`` by F, which begins and ends at 0. What cannot be is
+        refused before anything moves: Misuse for a shape, a range, a pace or a control mode, NotAvailable for what the
+        rig does not have. RigFault or LinkLost end it where it is.
+        """
+        self.start(times, offsets)
+        self.wait_done(within=float(times[-1]) + margin)
+
+    def start(self, times: Floats, offsets: Mapping[str, Floats]) -> None:
+        """Begin what :meth:`run` does and return while it goes on."""
+        link = self._link
+        names = {name: f"{name}_setpoint" for name in offsets}
+        if lacking := link.lacks(*names.values()):
+            raise NotAvailable(lacking)
+        beats = _beats(times, offsets)
+        for name, way in beats.items():
+            self._refuse_mode(name)
+            self._refuse_pace(names[name], way)
+        if link.commander.moving(*names.values()):
+            raise Misuse(
+                f"{', '.join(names.values())}: a waveform begins at rest, and one is still on its way"
+            )
+        link.commander.play({names[name]: way for name, way in beats.items()})
+
+    def wait_done(self, within: float) -> None:
+        """Wait until all of it has gone out and shows; whatever ends the wait before ends the waveform where it is.
+
+        Misuse if a set-point was given another value meanwhile.
+        """
+        link = self._link
+        try:
+            link.wait_for(lambda: not link.commander.played.going, within=within, what="end of the waveform")
+        except BaseException:
+            link.commander.freeze()
+            raise
+        played = link.commander.played
+        if played.beat < played.beats:
+            raise Misuse(
+                f"the waveform ended after {played.beat * BEAT / NS:g} of {played.beats * BEAT / NS:g} s: "
+                "one of its set-points was given another value"
+            )
+        link.wait_beats(STREAM_BEATS)
+
+    def stop(self) -> None:
+        """End it, if it is being played, and lead its set-points back to where they were, within 1 s."""
+        link = self._link
+        if not link.commander.played.going:
+            return
+        names = link.commander.recall(RETURN)
+        link.wait_for(
+            lambda: not link.commander.moving(*names),
+            within=RETURN + MARGIN,
+            what="set-points of the waveform back where they were",
+        )
+
+    def _refuse_mode(self, name: str) -> None:
+        """Misuse if the axis of the reading ``name`` is controlled by something else now."""
+        device, _, wanted = name.partition(".")
+        if device == "platform":
+            return
+        control = "lateral.control" if device == "lateral" else "vertical.control"
+        if self._link.has(control) and (mode := self._link.settings.choice(control)) != wanted:
+            raise Misuse(f"waveform of {name}: {control} is {mode!r}; it must be {wanted!r}")
+
+    def _refuse_pace(self, name: str, way: Floats) -> None:
+        """Misuse if ``way`` (SI, one value each beat) is steeper than the rig follows the set-point ``name``."""
+        link, signal = self._link, self._link.table[name]
+        pace = link.wiring.capabilities.pace.get(signal.si, math.nan)
+        if math.isnan(pace):
+            raise NotAvailable(
+                f"nobody knows how fast {link.wiring.rig} follows {name}: its wiring has no [player], "
+                "which would say so"
+            )
+        speeds = np.diff(way) * NS / BEAT
+        worst = int(np.argmax(np.abs(speeds)))
+        if abs(speeds[worst]) > pace * (1 + 1e-9):
+            raise Misuse(
+                f"{name} would move with {signal.show(abs(speeds[worst]))}/s at {(worst + 1) * BEAT / NS:g} s; "
+                f"{signal.show(pace)}/s is the most that {link.wiring.rig} follows"
+            )
+
+
+def _beats(times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return ``offsets`` as they are at each beat, the first one at 0 s; Misuse for what is no waveform."""
+    times = np.asarray(times, np.float64)
+    if times.ndim != 1 or times.size < 2 or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
+        raise Misuse("the times of a waveform must rise from 0 s")
+    if not offsets:
+        raise Misuse("a waveform moves at least one set-point")
+    beats = np.arange(math.ceil(times[-1] * NS / BEAT - 1e-6) + 1) * BEAT / NS
+    found = {}
+    for name, given in offsets.items():
+        values = np.asarray(given, np.float64)
+        if values.shape != times.shape or not np.isfinite(values).all():
+            good = np.count_nonzero(np.isfinite(values))
+            raise Misuse(f"waveform of {name}: {good} numbers for {times.size} times")
+        if values[0] != 0.0 or values[-1] != 0.0:
+            raise Misuse(
+                f"waveform of {name}: it begins at {values[0]:g} and ends at {values[-1]:g}; "
+                "it rides on the present set-point, so both must be 0"
+            )
+        found[name] = np.interp(beats, times, values)
+    return found
