@@ -1,6 +1,7 @@
 """What stands behind ``import astb``: a bench to try things on, and plans that run on it."""
 
 import logging
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -11,6 +12,7 @@ from bench_protocol.suggestion import meant
 if TYPE_CHECKING:
     from bench_records.result import Result
     from drivers.bench import Bench
+    from test_plans.operator import Operator, Reply
     from test_plans.plan import Plan
 
 #: The rig that needs no file: the simulated one in the memory of this process.
@@ -59,17 +61,24 @@ def run_plan(
     *,
     seed: int | None = None,
     report: bool = True,
+    answers: "Operator | Mapping[str, Reply] | None" = None,
 ) -> "tuple[Result, Path]":
     """Run a plan, by its name or itself, on a bench or a rig as `open_bench` knows it; return result and record.
+
+    ``answers`` are those to what the plan asks its operator: by the text of the question or its deed, with ``*`` for
+    anything, or somebody who can be asked.
 
     The record is a new directory in ``out``, with a report unless that is not wanted; what lies there already is not
     touched. PlanError for a plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises
     nothing: the verdict is *blocked*, the reason says whose fault it was.
     """
+    from astb.operators import with_hand
     from astb.run import new_directory, undisturbed
     from bench_records.report import write_report
     from test_plans.execution import execute
+    from test_plans.operator import Script
 
+    operator = Script(answers) if isinstance(answers, Mapping) else answers
     chosen = find_plan(plan)
     with ExitStack() as stack:
         bench = stack.enter_context(open_bench(on, seed=seed)) if isinstance(on, str | Path) else on
@@ -77,7 +86,13 @@ def run_plan(
         about = bench.about
         stack.enter_context(undisturbed())
         result = execute(
-            chosen, bench, directory, meta=about, rig=about.get("rig", ""), seed=about.get("seed")
+            chosen,
+            bench,
+            directory,
+            meta=about,
+            rig=about.get("rig", ""),
+            seed=about.get("seed"),
+            operator=with_hand(operator, bench.hand),
         )
     if report:
         write_report(directory)

@@ -1,7 +1,7 @@
 """A plugin of pytest: `pytest --rig rigs/local.toml` gives tests the fixtures `rig`, `bench` and `run`."""
 
 import logging
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from astb.rig_file import RigFile
     from bench_records.result import Result
     from drivers.bench import Bench
+    from test_plans.operator import Reply
     from test_plans.plan import Plan
 
 _LOG: Final = logging.getLogger("astb")
@@ -79,15 +80,19 @@ def bench(request: pytest.FixtureRequest) -> "Iterator[Bench]":
 
 
 @pytest.fixture
-def run(bench: "Bench", request: pytest.FixtureRequest, tmp_path: Path) -> "Callable[[str | Plan], Result]":
-    """Run a plan on `bench`, by its name or itself, and return its result: `run("aw0")`; BLOCKED if none was judged."""
+def run(bench: "Bench", request: pytest.FixtureRequest, tmp_path: Path) -> "Callable[..., Result]":
+    """Run a plan on `bench`, by its name or itself, and return its result: `run("aw0")`; BLOCKED if none was judged.
+
+    What the plan asks its operator is answered beforehand: `run(plan, {"press the emergency stop*": "done"})`.
+    """
     from astb.api import run_plan
     from bench_records.result import Outcome
 
     records = request.config.getoption("astb_records")
 
-    def run_one(plan: "str | Plan") -> "Result":
-        result, directory = run_plan(plan, bench, records or tmp_path, report=bool(records))
+    def run_one(plan: "str | Plan", answers: "Mapping[str, Reply] | None" = None) -> "Result":
+        out = records or tmp_path
+        result, directory = run_plan(plan, bench, out, report=bool(records), answers=answers)
         told = [f"{result.plan}: {result.verdict}, record in {directory}", *map(str, result.checks)]
         request.node.add_report_section("call", "plan", "\n".join(told))
         if result.verdict is Outcome.BLOCKED:

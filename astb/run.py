@@ -20,6 +20,7 @@ from bench_records.layout import RESULT, RecordError
 from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:
+    from test_plans.operator import Operator
     from test_plans.plan import Plan
     from test_plans.specimen import Specimen
 
@@ -35,19 +36,20 @@ def run_plans(
     seed: int | None,
     out: Path,
     specimen: "Specimen | None" = None,
+    operator: "Operator | None" = None,
 ) -> list[Result]:
     """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
 
-    Without a ``specimen`` the bench's own is taken. In real time they share one session with the rig, and a
-    blocked plan is the last; in virtual time each starts with a new one, so that what a plan measures does not depend
-    on what ran before.
+    Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked. In real time the plans share
+    one session with the rig, and a blocked plan is the last; in virtual time each starts with a new one, so that what
+    a plan measures does not depend on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
     with ProgressDisplay(Console()) as display:
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
-                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen)
+                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen, operator)
                 results.append(result)
                 if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
@@ -64,11 +66,13 @@ def run_plan(
     name: str,
     display: ProgressDisplay,
     specimen: "Specimen | None" = None,
+    operator: "Operator | None" = None,
 ) -> tuple[Result, Path]:
     """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
 
     KeyboardInterrupt, by Ctrl-C or a signal, comes out again after tear-down and report.
     """
+    from astb.operators import with_hand
     from bench_records.report import write_report
     from test_plans.execution import execute
 
@@ -88,6 +92,7 @@ def run_plan(
                 seed=session.seed,
                 watcher=display,
                 specimen=specimen,
+                operator=with_hand(operator, session.bench.hand),
             )
     except KeyboardInterrupt as stop:
         if not (directory / RESULT).exists():  # stopped once more, while the files were written

@@ -144,7 +144,13 @@ def open_session(
 @contextlib.contextmanager
 def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None) -> Iterator[Session]:
     """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can."""
+    from contextlib import nullcontext
+
+    from msgspec import json
+
+    from astb.operators import SimulatedHand
     from astb.rig_in_memory import RigInMemory
+    from bench_sim.rig.faults.orders import obey
 
     known = simulation.seed if seed is None else seed
     told = simulated_parameters(simulation).as_built(known)
@@ -152,6 +158,7 @@ def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None)
     for stage in bus_stages(rig, simulation):
         memory.bus.add(stage)
     bench = memory.bench()
+    bench.hand = SimulatedHand(lambda order: json.decode(obey(rig.faults, json.encode(order), nullcontext())))
     try:
         yield Session(bench, memory.clock, True, told, known)
     finally:
@@ -161,6 +168,10 @@ def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None)
 @contextlib.contextmanager
 def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
     """Yield a session with a rig that is running somewhere, simulated or not."""
+    from msgspec import json
+
+    from astb.operators import SimulatedHand
+    from bench_sim.rig.control_socket import ask, control_path
     from drivers.bench import Bench
     from drivers.can_port import open_can
     from drivers.modbus_port import open_modbus
@@ -177,6 +188,12 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
         bench = Bench(OwnWiring(can, modbus, epoch), clock)
         stack.callback(bench.close)
         simulation = rig.simulation
+        if simulation:
+            bench.hand = SimulatedHand(
+                lambda order: json.decode(
+                    ask(control_path(rig.modbus.host, rig.modbus.port), json.encode(order))
+                )
+            )
         parameters = simulated_parameters(simulation) if simulation else None
         known = simulation.seed if simulation and seed is None else seed
         yield Session(bench, clock, False, parameters, known)

@@ -14,7 +14,9 @@ from bench_protocol.words import SIDES
 from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
+from test_plans.asking import Aborted
 from test_plans.loads import SpecimenError
+from test_plans.operator import NoOperator, Operator
 from test_plans.parameters import ParameterRefused
 from test_plans.plan import Plan
 from test_plans.punctuality import lateness, timing
@@ -46,13 +48,15 @@ def execute(
     seed: int | None = None,
     watcher: Watcher | None = None,
     specimen: Specimen | None = None,
+    operator: Operator | None = None,
 ) -> Result:
     """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
 
-    Without a ``specimen`` the bench's own is taken. The verdict is *fail* if the product broke a limit and
-    *blocked* if rig, link, plan or operator kept it from being judged. Tear-down runs in every case, and its
-    own troubles stand behind those that came first. KeyboardInterrupt comes out again, once everything is written, and
-    says what the springs hold; the report is made of the directory by ``bench_records.report``.
+    Without a ``specimen`` the bench's own is taken, and without an ``operator`` what a simulated rig can do by itself.
+    The verdict is *fail* if the product broke a limit and *blocked* if rig, link, plan or operator kept it from being
+    judged. Tear-down runs in every case, and its own troubles stand behind those that came first. KeyboardInterrupt
+    comes out again, once everything is written, and says what the springs hold; the report is made of the directory by
+    ``bench_records.report``.
     """
     from bench_records.layout import phases_of
     from bench_records.result import Sample, conclude
@@ -61,7 +65,9 @@ def execute(
     spring = specimen or ordinary()
     facts = {"plan": plan.name, "set": plan.written, "specimen": spring.facts, **(meta or {})}
     recording = begin_recording(bench.table, bench.clock, directory, facts)
-    run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring)
+    run = Run(
+        bench, recording, watcher or Nobody(), plan.lasts, spring, operator or bench.hand or NoOperator()
+    )
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, last, interrupted = _perform(run, plan)
@@ -182,6 +188,8 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
         trouble = f"the parameters: {error}"
     except SpecimenError as error:
         trouble = f"the specimen's file: {error}"
+    except Aborted as stop:
+        trouble = f"{_STOPPED}: {stop}"
     except KeyboardInterrupt:
         trouble, interrupted = _STOPPED, True
     except Exception as error:

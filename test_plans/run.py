@@ -7,7 +7,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from bench_protocol.units import FACTORS, NS
+from bench_protocol.units import FACTORS, NS, minutes
+from test_plans.asking import answer_to
+from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.specimen import Specimen, ordinary
 
 if TYPE_CHECKING:
@@ -62,6 +64,7 @@ class Run:
     watcher: Watcher = field(default_factory=Nobody)
     lasts: float = 0.0
     specimen: Specimen = field(default_factory=ordinary)
+    operator: Operator = field(default_factory=NoOperator)
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
@@ -113,15 +116,51 @@ class Run:
 
         Ask before anything moves for the sake of these checks alone, and leave them out if the answer is no.
         """
+        lacking = self.bench.lacks(*needs)
+        if lacking:
+            self.lack(checks, lacking)
+        return not lacking
+
+    def lack(self, checks: Iterable[str], reason: str) -> None:
+        """Record ``checks`` as *not available*, with the ``reason``."""
         from bench_records.result import unavailable
 
-        lacking = self.bench.lacks(*needs)
-        for name in checks if lacking else ():
-            one = unavailable(name, lacking, phase=self._open[-1] if self._open else "")
+        for name in checks:
+            one = unavailable(name, reason, phase=self._open[-1] if self._open else "")
             self.checks.append(one)
             self.keep("check", str(one), verdict=one.verdict.value)
             self.watcher.checked(one)
-        return not lacking
+
+    def ask(
+        self,
+        question: str,
+        answers: Iterable[str] = (DONE, NOT_POSSIBLE),
+        *,
+        within: float = 10 * minutes,
+        deed: str = "",
+        checks: Iterable[str] = (),
+    ) -> str:
+        """Ask the operator; return the answer, "" if there is none: then ``checks`` are *not available*, and why.
+
+        The bench is commanded and watched meanwhile. ``within`` (s) bounds the wait, ``deed`` tells a simulated rig
+        what it can do by itself (`Question`). Whoever answers *abort* ends the run.
+        """
+        asked = Question(question, tuple(answers), within, deed)
+        try:
+            return answer_to(self, asked).text
+        except Unanswered as reason:
+            self.lack(checks, str(reason))
+            return ""
+
+    def confirm(self, what: str, *checks: str, within: float = 10 * minutes, deed: str = "") -> bool:
+        """Ask the operator to do something; return whether it was done. If not, ``checks`` are *not available*.
+
+        Ask before anything moves for the sake of these checks, and leave them out if the answer is no.
+        """
+        answer = self.ask(what, within=within, deed=deed, checks=checks)
+        if answer == NOT_POSSIBLE:
+            self.lack(checks, f"{what}: {NOT_POSSIBLE}, says the operator")
+        return answer == DONE
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
@@ -162,6 +201,10 @@ class Run:
     def say(self, text: str) -> None:
         """Tell whoever watches, and the record, what is going on."""
         self.keep("note", text)
+        self.follow(text)
+
+    def follow(self, text: str) -> None:
+        """Tell whoever watches what is going on now."""
         self.watcher.say(text)
 
     def keep(self, kind: str, text: str, **data: Any) -> None:

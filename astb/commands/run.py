@@ -30,6 +30,12 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
     help="What is on the bench, with its limits: a name that `astb specimens` lists, or a TOML file.",
 )
 @click.option(
+    "--answers",
+    metavar="FILE",
+    help="Answers to what the plans ask their operator, a TOML file: "
+    '"QUESTION" = "ANSWER", * for anything; - for lines of the standard input. A terminal is asked otherwise.',
+)
+@click.option(
     "--set",
     "settings",
     multiple=True,
@@ -62,6 +68,7 @@ def run_command(
     effects: tuple[str, ...],
     sealed: str | None,
     specimen_name: str | None,
+    answers: str | None,
     settings: tuple[str, ...],
     values_path: Path | None,
     out: Path,
@@ -76,6 +83,9 @@ def run_command(
     """
     import signal
 
+    from rich.console import Console
+
+    from astb.operators import AnswersFileError, operator_for
     from astb.rig_file import RigFileError
     from astb.run import run_plans
     from bench_records.layout import RecordError
@@ -85,6 +95,10 @@ def run_command(
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_path)
     rig = simulated(rig, path, model, effects, sealed)
+    try:
+        operator = operator_for(answers, Console())
+    except AnswersFileError as error:
+        misuse(error)
     # Whoever ends the run, tear-down runs.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -96,6 +110,7 @@ def run_command(
             seed=seed,
             out=out,
             specimen=specimen,
+            operator=operator,
         )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)

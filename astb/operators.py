@@ -1,0 +1,140 @@
+"""Who answers a plan's questions: a terminal, a file of answers, or a simulated rig that does what it can by itself."""
+
+import sys
+import threading
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+from rich.console import Console
+
+from test_plans.operator import (
+    DONE,
+    Answer,
+    FirstOf,
+    NoOperator,
+    Operator,
+    Question,
+    QuestionBox,
+    Script,
+    Unanswered,
+)
+
+#: What ``--answers`` says for "the answers come line by line from the standard input".
+STDIN: Final = "-"
+
+
+class AnswersFileError(ValueError):
+    """A file of answers that is none; the text names it and says what would be right."""
+
+
+class SimulatedHand:
+    """Does by itself what a simulated rig can be told to do: deeds such as ``estop on``, the name of a fault.
+
+    ``order`` gives the rig an order of its fault panel and returns the answer.
+    """
+
+    def __init__(self, order: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        self._order = order
+        self._answer: Answer | None = None
+
+    def ask(self, question: Question) -> None:
+        name, _, way = question.deed.rpartition(" ")
+        if way not in {"on", "off"} or DONE not in question.answers:
+            raise Unanswered("the simulated rig cannot do it by itself")
+        told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
+        if "error" in told:
+            raise Unanswered(f"the simulated rig cannot do it by itself: {told['error']}")
+        self._answer = Answer(DONE, "the simulated rig")
+
+    def answer(self) -> Answer | None:
+        return self._answer
+
+    def withdraw(self) -> None:
+        self._answer = None
+
+
+class Terminal(QuestionBox):
+    """An operator at a terminal: questions are printed, answers are lines, of which the beginning is enough."""
+
+    def __init__(self, console: Console, lines: TextIO) -> None:
+        super().__init__()
+        self._console, self._lines = console, lines
+        self._reader: threading.Thread | None = None
+        self._ended = False
+
+    def ask(self, question: Question) -> None:
+        if self._ended:
+            raise Unanswered("the terminal is closed")
+        super().ask(question)
+        answers = " / ".join(question.allowed)
+        self._print(f"? {question.text}  [{answers}], within {question.within:g} s", "bold")
+        if self._reader is None:
+            # Nobody can be kept from waiting for a line; the process does not wait for this thread.
+            self._reader = threading.Thread(target=self._read, name="terminal", daemon=True)
+            self._reader.start()
+
+    def answer(self) -> Answer | None:
+        found = super().answer()
+        if found is None and self._ended:
+            raise Unanswered("the terminal is closed")
+        return found
+
+    def _read(self) -> None:
+        for line in self._lines:
+            question = self.question
+            if question is None or not line.strip():
+                continue
+            said = line.strip().lower()
+            fitting = [one for one in question.allowed if one.lower().startswith(said)]
+            if len(fitting) == 1 or said in fitting:
+                self.reply(said if said in fitting else fitting[0], "the operator at the terminal")
+            else:
+                self._print(
+                    f"  {line.strip()!r} is no answer; {' / '.join(question.allowed)} would be", "bold"
+                )
+        self._ended = True
+
+    def _print(self, text: str, style: str) -> None:
+        self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+
+
+def read_answers(path: Path) -> Script:
+    """Return the answers in a TOML file: ``"text of the question, or its deed" = "answer"``, ``*`` for anything.
+
+    AnswersFileError for a file that is none.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise AnswersFileError(f"answers {path} cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise AnswersFileError(f"answers {path} is not TOML: {error}") from None
+    for question, answer in content.items():
+        if not isinstance(answer, str):
+            raise AnswersFileError(
+                f'answers {path}: {question} = {answer!r}: a text such as "done" would be right'
+            )
+    return Script(content, by=path.name)
+
+
+def operator_for(answers: str | None, console: Console) -> Operator:
+    """Return who answers: the file ``answers``, the standard input for ``-``, else a terminal if there is one.
+
+    AnswersFileError as `read_answers`.
+    """
+    if answers not in {None, STDIN}:
+        return read_answers(Path(answers))
+    if answers == STDIN or (sys.stdin is not None and sys.stdin.isatty()):
+        return Terminal(console, sys.stdin)
+    return NoOperator()
+
+
+def with_hand(operator: Operator | None, hand: Operator | None) -> Operator:
+    """Return who is asked on a rig that may have a ``hand`` of its own.
+
+    What is known beforehand goes first; nobody at a terminal can do to a simulated rig what it can do by itself.
+    """
+    both = (operator, hand) if isinstance(operator, Script) else (hand, operator)
+    return FirstOf(*filter(None, both))

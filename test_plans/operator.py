@@ -1,0 +1,181 @@
+"""The operator of a run: who can be asked, what a question is, and how an answer comes back."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Final, Protocol
+
+from bench_protocol.units import minutes
+
+DONE: Final = "done"
+NOT_POSSIBLE: Final = "not possible"
+#: May always be answered: it ends the run, as Ctrl-C does.
+ABORT: Final = "abort"
+
+
+class Unanswered(Exception):
+    """Nobody answers a question; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What a plan asks: a text, what may be answered, and how long it waits (s).
+
+    ``deed`` names what is to be done by hand for those who can do it themselves: a simulated rig knows its faults,
+    ``estop on`` and ``estop off``.
+    """
+
+    text: str
+    answers: tuple[str, ...] = (DONE, NOT_POSSIBLE)
+    within: float = 10 * minutes
+    deed: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.text.strip() or not self.answers:
+            raise ValueError(f"a question has a text and answers; {self.text!r} has {list(self.answers)}")
+
+    @property
+    def allowed(self) -> tuple[str, ...]:
+        """What may be answered, `ABORT` included."""
+        return tuple(dict.fromkeys((*self.answers, ABORT)))
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What was answered, and by whom."""
+
+    text: str
+    by: str
+
+
+class Operator(Protocol):
+    """Who can be asked. A run asks one question at a time and looks for its answer until there is one."""
+
+    def ask(self, question: Question) -> None:
+        """Take a question. Unanswered, with the reason, if nobody will answer it."""
+
+    def answer(self) -> Answer | None:
+        """Return the answer to the question, None as long as there is none. Unanswered if there will be none."""
+
+    def withdraw(self) -> None:
+        """Forget the question: it was answered, or its time has passed."""
+
+
+class NoOperator:
+    """An operator who is not there."""
+
+    def ask(self, question: Question) -> None:
+        raise Unanswered("nobody is there to be asked")
+
+    def answer(self) -> Answer | None:
+        return None
+
+    def withdraw(self) -> None:
+        pass
+
+
+#: What a script says to a question: an answer, or a function that does something and returns one.
+Reply = str | Callable[[Question], str]
+
+
+class Script:
+    """Answers known beforehand: by the text of the question or its deed, in which ``*`` stands for anything.
+
+    The first that fits is taken. ValueError for an answer that the question does not allow.
+    """
+
+    def __init__(self, replies: Mapping[str, Reply], by: str = "a script") -> None:
+        self._replies, self._by = dict(replies), by
+        self._answer: Answer | None = None
+
+    def ask(self, question: Question) -> None:
+        known = [question.text, *filter(None, [question.deed])]
+        for pattern, reply in self._replies.items():
+            if any(fnmatchcase(text.lower(), pattern.lower()) for text in known):
+                self._answer = Answer(
+                    _allowed(question, reply(question) if callable(reply) else reply), self._by
+                )
+                return
+        raise Unanswered(f"{self._by} has no answer to it")
+
+    def answer(self) -> Answer | None:
+        return self._answer
+
+    def withdraw(self) -> None:
+        self._answer = None
+
+
+class QuestionBox:
+    """Where a question waits for whoever answers it, from any thread: a terminal, a panel in a browser.
+
+    ``question`` is what to show. What is shown where is not its business.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._question: Question | None = None
+        self._answer: Answer | None = None
+
+    @property
+    def question(self) -> Question | None:
+        """The question that waits for an answer, if there is one."""
+        with self._lock:
+            return None if self._answer else self._question
+
+    def reply(self, text: str, by: str) -> None:
+        """Answer the question that waits. ValueError if there is none, or if it does not allow this answer."""
+        with self._lock:
+            if self._question is None or self._answer is not None:
+                raise ValueError(f"{by} answers {text!r}, but nothing is being asked")
+            self._answer = Answer(_allowed(self._question, text), by)
+
+    def ask(self, question: Question) -> None:
+        with self._lock:
+            self._question, self._answer = question, None
+
+    def answer(self) -> Answer | None:
+        with self._lock:
+            return self._answer
+
+    def withdraw(self) -> None:
+        with self._lock:
+            self._question = self._answer = None
+
+
+class FirstOf:
+    """Several operators: each question goes to the first who takes it."""
+
+    def __init__(self, *operators: Operator) -> None:
+        self._operators = operators
+        self._asked: Operator | None = None
+
+    def ask(self, question: Question) -> None:
+        reasons = []
+        for operator in self._operators:
+            try:
+                operator.ask(question)
+            except Unanswered as reason:
+                reasons.append(str(reason))
+            else:
+                self._asked = operator
+                return
+        raise Unanswered("; ".join(dict.fromkeys(reasons)) or "nobody is there to be asked")
+
+    def answer(self) -> Answer | None:
+        return self._asked.answer() if self._asked else None
+
+    def withdraw(self) -> None:
+        if self._asked:
+            self._asked.withdraw()
+        self._asked = None
+
+
+def _allowed(question: Question, text: str) -> str:
+    if text not in question.allowed:
+        raise ValueError(
+            f"{text!r} is no answer to {question.text!r}; {', '.join(question.allowed)} would be"
+        )
+    return text

@@ -1,0 +1,177 @@
+"""Questions to the operator: who answers, what is recorded, and what becomes of checks that nobody answers for."""
+
+import io
+import threading
+
+import pytest
+from rich.console import Console
+
+from astb.operators import AnswersFileError, SimulatedHand, Terminal, operator_for, read_answers, with_hand
+from bench_protocol.clock import RealClock
+from bench_records.record import read
+from bench_records.result import CheckVerdict, Outcome
+from test_plans.execution import execute
+from test_plans.operator import FirstOf, NoOperator, Question, QuestionBox, Script, Unanswered
+from test_plans.plan import plan
+
+
+def nothing(run):
+    pass
+
+
+def asking(within=600.0, then=None):
+    @plan(setup=nothing, teardown=nothing)
+    def asks(run):
+        """Ask."""
+        run.check("before", 1.0, "1", low=0.0)
+        if run.confirm("fit the plate of 16 mm", "damping", within=within, deed="plate 16"):
+            run.check("damping", 5.0, "1", low=0.0)
+
+    return asks
+
+
+@pytest.fixture
+def asked(bench_composed, tmp_path):
+    """Run a plan that asks on a virtual rig; return its result and the record's events."""
+
+    def run(operator, **rest):
+        with bench_composed() as made:
+            result = execute(asking(**rest), made.bench, tmp_path / "out", operator=operator)
+        events = [
+            (e.kind, e.text, e.data) for e in read(tmp_path / "out").events if e.kind in {"prompt", "answer"}
+        ]
+        return result, events
+
+    return run
+
+
+def test_a_script_answers_and_the_record_says_what_was_asked_and_who_answered(asked):
+    result, (prompt, answer) = asked(Script({"Fit the plate of *": "done"}, by="night shift"))
+    assert result.verdict is Outcome.PASS
+    assert prompt[:2] == ("prompt", "fit the plate of 16 mm")
+    assert prompt[2]["answers"] == ["done", "not possible"]
+    assert answer[:2] == ("answer", "done")
+    assert answer[2]["by"] == "night shift"
+
+
+@pytest.mark.parametrize(
+    ("operator", "why"),
+    [
+        (NoOperator(), "fit the plate of 16 mm: nobody is there to be asked"),
+        (Script({"something else": "done"}, by="answers.toml"), "answers.toml has no answer to it"),
+        (Script({"plate 16": "not possible"}), "not possible, says the operator"),
+        (QuestionBox(), "no answer within 0.1 s"),
+    ],
+)
+def test_what_nobody_answers_for_is_not_available_and_the_reason_says_why(asked, operator, why):
+    result, _ = asked(operator, within=0.1)
+    assert result.verdict is Outcome.INCOMPLETE
+    assert [one.verdict for one in result.checks] == [CheckVerdict.PASS, CheckVerdict.NOT_AVAILABLE]
+    assert why in result.checks[1].note
+
+
+def test_whoever_answers_abort_ends_the_run(asked):
+    result, _ = asked(Script({"*": "abort"}, by="the panel"))
+    assert result.verdict is Outcome.BLOCKED
+    assert "the panel ended the run when asked: fit the plate" in result.reason
+
+
+def test_a_question_that_is_answered_wrongly_by_a_script_is_the_plans_trouble_and_never_a_pass(asked):
+    result, _ = asked(Script({"*": "yes"}))
+    assert result.verdict is Outcome.BLOCKED
+    assert (
+        "'yes' is no answer to 'fit the plate of 16 mm'; done, not possible, abort would be" in result.reason
+    )
+
+
+def test_a_box_is_answered_from_another_thread_while_virtual_time_stands(bench_composed, tmp_path):
+    box, clock, seen = QuestionBox(), RealClock(), []
+
+    def somebody():
+        while box.question is None:
+            clock.sleep_until(clock.now() + 1_000_000)
+        seen.append(box.question.text)
+        box.reply("done", by="the panel")
+
+    with bench_composed() as made:
+        thread = threading.Thread(target=somebody)
+        thread.start()
+        before = made.clock.now()
+        result = execute(asking(within=10.0), made.bench, tmp_path / "out", operator=box)
+        thread.join(10)
+        assert made.clock.now() == before  # the rig's time did not run away while somebody thought
+    assert seen == ["fit the plate of 16 mm"]
+    assert result.verdict is Outcome.PASS
+    assert box.question is None
+    with pytest.raises(ValueError, match="nothing is being asked"):
+        box.reply("done", by="the panel")
+
+
+def test_a_box_takes_allowed_answers_once():
+    box = QuestionBox()
+    box.ask(Question("ready?", ("yes", "no")))
+    with pytest.raises(ValueError, match="'perhaps' is no answer to 'ready\\?'; yes, no, abort would be"):
+        box.reply("perhaps", by="a")
+    box.reply("yes", by="a")
+    with pytest.raises(ValueError, match="nothing is being asked"):
+        box.reply("no", by="b")
+    assert (box.answer().text, box.answer().by) == ("yes", "a")
+
+
+@pytest.mark.parametrize(("typed", "answer"), [("done\n", "done"), ("what\n\nN\n", "not possible")])
+def test_at_a_terminal_the_beginning_of_an_answer_is_enough(asked, typed, answer):
+    shown = io.StringIO()
+    _, events = asked(Terminal(Console(file=shown), io.StringIO(typed)), within=10.0)
+    assert events[1][1] == answer
+    assert "? fit the plate of 16 mm  [done / not possible / abort], within 10 s" in shown.getvalue()
+    assert ("'what' is no answer" in shown.getvalue()) == typed.startswith("what")
+
+
+def test_a_terminal_that_is_closed_answers_nothing(asked):
+    result, _ = asked(Terminal(Console(file=io.StringIO()), io.StringIO("")), within=10.0)
+    assert result.verdict is Outcome.INCOMPLETE
+    assert "the terminal is closed" in result.checks[1].note
+
+
+def test_a_simulated_rig_does_by_itself_what_its_faults_can_and_says_what_it_cannot():
+    orders = []
+
+    def order(told):
+        orders.append(told)
+        return {} if told["name"] == "estop" else {"error": f"there is no fault {told['name']!r}"}
+
+    hand = SimulatedHand(order)
+    hand.ask(Question("press the emergency stop", deed="estop on"))
+    assert hand.answer().text == "done"
+    assert orders == [{"do": "on", "name": "estop", "values": {}}]
+    for question in (Question("look", deed=""), Question("turn it", deed="crank on")):
+        with pytest.raises(Unanswered, match="cannot do it by itself"):
+            hand.ask(question)
+
+
+def test_a_script_goes_before_the_simulated_hand_and_a_terminal_behind_it():
+    question = Question("press", deed="estop on")
+    for operator, by in (
+        (Script({"estop on": "not possible"}, by="me"), "me"),
+        (QuestionBox(), "the simulated rig"),
+    ):
+        both = with_hand(operator, SimulatedHand(lambda order: {}))
+        both.ask(question)
+        assert both.answer().by == by
+    nobody = FirstOf(NoOperator(), Script({}))
+    with pytest.raises(Unanswered, match="nobody is there to be asked; a script has no answer to it"):
+        nobody.ask(question)
+
+
+def test_answers_come_from_a_toml_file(tmp_path):
+    path = tmp_path / "answers.toml"
+    path.write_text('"fit the plate of *" = "done"\n')
+    script = operator_for(str(path), Console())
+    script.ask(Question("fit the plate of 10 mm"))
+    assert (script.answer().text, script.answer().by) == ("done", "answers.toml")
+    for text, why in (("a = 1", "a text such as"), ("a =", "is not TOML")):
+        path.write_text(text)
+        with pytest.raises(AnswersFileError, match=why):
+            read_answers(path)
+    with pytest.raises(AnswersFileError, match="cannot be read"):
+        read_answers(tmp_path / "none.toml")
