@@ -45,15 +45,16 @@ def addresses(can: int, modbus: int) -> str:
     return f'name = "here"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
 
 
-def test_the_session_of_the_page_goes_as_printed(tmp_path, monkeypatch):
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_sessions_of_the_page_go_as_printed(tmp_path, monkeypatch, number):
     monkeypatch.chdir(tmp_path)
-    (text,) = blocks("pycon")
+    text = blocks("pycon")[number]
     session = doctest.DocTestParser().get_doctest(text, {}, "page", str(PAGE), 0)
     said: list[str] = []
     runner = doctest.DocTestRunner(Readings())
     results = runner.run(session, out=said.append)
     assert results.failed == 0, "".join(said)
-    assert results.attempted > 10
+    assert results.attempted >= 10
 
 
 @pytest.mark.real_time
