@@ -31,6 +31,7 @@ PROTOCOL = "The protocol is bytes in, bytes out: no sockets"
 RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know sockets"
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_port"
+DASK = "dask belongs to the campaigns"
 OPCUA = "asyncua belongs to drivers.wiring.opcua"
 
 #: What is packaged and holds no module.
@@ -86,6 +87,8 @@ SABOTAGE = [
     (CAN, "bench_records/__init__.py", HIDDEN.format("from can import Message")),
     (MODBUS, "drivers/__init__.py", "from pymodbus.client import ModbusTcpClient"),
     (MODBUS, "test_plans/__init__.py", HIDDEN.format("import pymodbus")),
+    (LAYERS, "astb/__init__.py", HIDDEN.format("import campaigns")),
+    (DASK, "paper_study/__init__.py", HIDDEN.format("from distributed import Client")),
     (OPCUA, "drivers/bench.py", HIDDEN.format("import asyncua")),
 ]
 """(the contract that must go red, the file, the line added to it)."""

@@ -1,0 +1,123 @@
+"""Many cases of one function on a cluster: one for each of its threads, each told as soon as it is finished."""
+
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+from uuid import uuid4
+
+from bench_protocol.clock import RealClock
+from bench_protocol.units import NS, s
+from campaigns.on_a_worker import Finished, carry_out, in_words
+from campaigns.workers import ClusterError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+Case = TypeVar("Case")
+
+#: A scheduler whose workers have all gone is given this long to get new ones.
+WITHOUT_WORKERS: Final = 60 * s
+_LOOK: Final = 1 * s
+_CLOCK: Final = RealClock()
+
+
+@dataclass(frozen=True, slots=True)
+class _Submitted:
+    key: str
+    future: "Future"
+    at: int  #: ns
+
+
+def carried_out(
+    client: "Client",
+    function: Callable[[Case], Any],
+    cases: Mapping[str, Case],
+    *,
+    limit: float | None = None,
+    prepare: Callable[[], Any] | None = None,
+) -> Generator[Finished, None, None]:
+    """Yield what becomes of each case, in the order in which they end.
+
+    ``function``, ``prepare`` and the cases have to be picklable. ``limit`` (s) is a case's own time, without
+    ``prepare``, which each worker calls once. An exception, a worker that dies again and again and a time limit are
+    results with an error. ClusterError if scheduler or workers are gone; closing the iterator cancels what still runs.
+    """
+    run = uuid4().hex  # another client of the same scheduler must not be given these results
+    ended: SimpleQueue[Future] = SimpleQueue()
+    running: dict[Any, _Submitted] = {}
+    waiting = enumerate(cases.items())
+    found: list[Finished] = []
+    try:
+        while True:
+            # One for each thread and no more: a case that waits behind one that kills its worker would be blamed too.
+            room = max(_threads(client), 1) - len(running)
+            for number, (key, case) in islice(waiting, max(room, 0)):
+                future = client.submit(
+                    carry_out, key, function, case, limit, prepare, key=f"case-{run}-{number}", pure=False
+                )
+                running[future.key] = _Submitted(key, future, _CLOCK.now())
+                future.add_done_callback(ended.put)
+            yield from found
+            if not running:
+                return
+            found = [_result(running.pop(future.key), limit) for future in _next(client, ended)]
+    finally:
+        if running:
+            client.cancel([one.future for one in running.values()], force=True)
+
+
+def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
+    """Wait for a future that has ended; return it, and those that ended meanwhile."""
+    found: list[Future] = []
+    alone_since = None
+    while not found:
+        try:
+            found.append(ended.get(timeout=_LOOK))
+        except Empty:
+            if _threads(client):
+                alone_since = None
+                continue
+            alone_since = alone_since or _CLOCK.now()
+            if (_CLOCK.now() - alone_since) / NS > WITHOUT_WORKERS:
+                raise ClusterError(
+                    f"the scheduler at {_address(client)} has had no worker for {WITHOUT_WORKERS:g} s: start some with "
+                    f"`dask worker {_address(client)}`"
+                ) from None
+    while not ended.empty():
+        found.append(ended.get())
+    return found
+
+
+def _threads(client: "Client") -> int:
+    """How many cases the cluster can compute at a time. ClusterError if it cannot be asked."""
+    try:
+        return sum(client.nthreads().values())
+    except (OSError, TimeoutError, ValueError, AttributeError) as error:
+        raise ClusterError(f"the scheduler at {_address(client)} is gone: {error}") from None
+
+
+def _address(client: "Client") -> str:
+    return str(client.scheduler.address) if client.scheduler else "an unknown address"
+
+
+def _result(one: _Submitted, limit: float | None) -> Finished:
+    """Return what a future that has ended holds. ClusterError if it was lost with the cluster."""
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker
+
+    elapsed = (_CLOCK.now() - one.at) / NS
+    try:
+        finished: Finished = one.future.result()
+    except KilledWorker as error:
+        words = f"its worker died {error.allowed_failures + 1} times over it"
+        if limit is not None and elapsed > limit:
+            words += f"; it did not end after its time limit of {limit:g} s"
+        return Finished(one.key, None, words, elapsed)
+    except (CancelledError, OSError) as error:
+        raise ClusterError(f"the cluster lost the case {one.key}: {error}") from None
+    except Exception as error:  # what cannot be sent: the case, the function, or its result
+        return Finished(one.key, None, in_words(error), elapsed)
+    return finished

@@ -1,0 +1,191 @@
+"""The rows that a campaign keeps: a directory of Parquet parts, none of which is ever half written."""
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+#: So many small parts become one.
+PARTS: Final = 100
+_LOCK: Final = ".lock"
+
+
+class KeptError(ValueError):
+    """A directory that is no data set of a campaign, or that another campaign is at work on."""
+
+
+class KeptRows:
+    """Rows by their ``key``, in a directory that one campaign at a time writes to.
+
+    A part gets its name when it is complete and on the disk. Parts are joined from time to time; if that is cut short,
+    a row may stand in two of them, which `read_rows` and the next opening see to.
+    """
+
+    def __init__(self, directory: Path, *, without_errors: bool = False) -> None:
+        """Open ``directory`` or make it; ``without_errors`` forgets the rows of cases that failed.
+
+        KeptError if it cannot be used.
+        """
+        self.directory = directory
+        self._lock = _locked(directory)
+        try:
+            self._take_over(without_errors)
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def _take_over(self, without_errors: bool) -> None:
+        """Read what is kept, and put in order what an end without warning has left."""
+        table = read_table(self.directory)
+        for left in self.directory.glob(".part-*"):
+            left.unlink()
+        if without_errors and "error" in table.column_names:
+            import pyarrow.compute as pc
+
+            table = table.filter(pc.equal(table["error"], ""))
+        numbers = (int(path.stem.removeprefix("part-")) for path in _parts(self.directory))
+        self._count = max(numbers, default=-1) + 1
+        self._replace_all(table)
+        self._schema = table.schema
+        self.keys = set(table["key"].to_pylist())
+
+    def __enter__(self) -> "KeptRows":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Keep a row; when this returns it is on the disk.
+
+        ValueError, in words, if it does not fit into a table with the rows before.
+        """
+        table = _table(row)
+        schema = _unified(self._schema, table.schema)
+        _write(table, self._next_part())
+        self._schema = schema
+        self.keys.add(row["key"])
+        self._parts += 1
+        if self._parts > PARTS:
+            self._replace_all(read_table(self.directory))
+
+    def close(self) -> None:
+        """Join all parts, and let others open the directory."""
+        if self._parts > 1:
+            self._replace_all(read_table(self.directory))
+        self._lock.close()
+
+    def _next_part(self) -> Path:
+        path = self.directory / f"part-{self._count:06}.parquet"
+        self._count += 1
+        return path
+
+    def _replace_all(self, table: "pa.Table") -> None:
+        """Let one part with ``table`` stand for all that are there."""
+        old = _parts(self.directory)
+        if table.num_rows:
+            _write(table, self._next_part())
+        for path in old:
+            path.unlink()
+        self._parts = 1
+
+
+def read_table(directory: Path) -> "pa.Table":
+    """Return all rows that are kept in ``directory``, each key once, in the order in which they were kept.
+
+    KeptError if something else lies there.
+    """
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        parts = [pq.read_table(path, partitioning=None) for path in _parts(directory)]
+    except (OSError, pa.ArrowException) as error:
+        raise KeptError(f"{directory} cannot be read as the rows of a campaign: {error}") from None
+    if not parts:
+        return pa.table({"key": pa.array([], pa.string())})
+    whole = pa.concat_tables(parts, promote_options="permissive")
+    _, first = np.unique(whole["key"].to_numpy(), return_index=True)
+    return whole if first.size == whole.num_rows else whole.take(np.sort(first))
+
+
+def read_rows(directory: Path) -> list[dict[str, Any]]:
+    """Return all rows that are kept in ``directory``, as `read_table` does."""
+    rows: list[dict[str, Any]] = read_table(directory).to_pylist()
+    return rows
+
+
+def _parts(directory: Path) -> list[Path]:
+    return sorted(directory.glob("part-*.parquet"))
+
+
+def _locked(directory: Path) -> IO[str]:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = (directory / _LOCK).open("w")
+    except OSError as error:
+        raise KeptError(f"{directory} cannot keep rows: {error.strerror}") from None
+    try:
+        fcntl.flock(
+            lock, fcntl.LOCK_EX | fcntl.LOCK_NB
+        )  # the kernel lets go of it, however this process ends
+    except OSError:
+        lock.close()
+        raise KeptError(
+            f"another campaign is at work in {directory}: wait for it, or choose another directory"
+        ) from None
+    return lock
+
+
+def _table(row: Mapping[str, Any]) -> "pa.Table":
+    import pyarrow as pa
+
+    try:
+        return pa.Table.from_pylist([_bare(dict(row))])
+    except (pa.ArrowException, TypeError) as error:
+        raise ValueError(f"the row cannot be kept: {error}") from None
+
+
+def _unified(*schemas: "pa.Schema") -> "pa.Schema":
+    import pyarrow as pa
+
+    try:
+        return pa.unify_schemas(schemas, promote_options="permissive")
+    except pa.ArrowException as error:
+        raise ValueError(f"the row does not fit to those before: {error}") from None
+
+
+def _bare(value: Any) -> Any:
+    """Return ``value`` without empty dictionaries, for which Parquet has no place."""
+    if isinstance(value, dict):
+        return {name: _bare(one) for name, one in value.items()} or None
+    return [_bare(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+def _write(table: "pa.Table", path: Path) -> None:
+    """Write a part under another name, and give it its own when all of it is on the disk."""
+    import pyarrow.parquet as pq
+
+    hidden = path.with_name(f".{path.name}")
+    with hidden.open("wb") as file:
+        pq.write_table(table, file)
+        file.flush()
+        os.fsync(file.fileno())
+    hidden.replace(path)
+    with _opened(path.parent) as folder:
+        os.fsync(folder)
+
+
+@contextlib.contextmanager
+def _opened(folder: Path) -> Iterator[int]:
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        yield number
+    finally:
+        os.close(number)

@@ -1,0 +1,122 @@
+"""What a worker does with one case: prepare once, compute within a time limit, make a result of whatever happens."""
+
+import ctypes
+import faulthandler
+import os
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from bench_protocol.clock import RealClock
+from bench_protocol.units import NS, s
+
+#: What does not end by an exception (compiled code, a blocked call) ends with its process, so much later.
+GRACE: Final = 10 * s
+
+_prepared: set[str] = set()
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """What became of a case: a value, or an error in words."""
+
+    key: str
+    value: Any  #: None where it failed
+    error: str  #: "" where it did not
+    seconds: float  #: it took, without the preparation
+    worker: str = ""
+
+
+class OutOfTime(BaseException):
+    """The case has used up its time. Not an Exception: no case should take it for one of its own."""
+
+
+def carry_out(
+    key: str,
+    function: Callable[[Any], Any],
+    case: Any,
+    limit: float | None,
+    prepare: Callable[[], Any] | None,
+) -> Finished:
+    """Return what ``function`` makes of ``case``, within ``limit`` (s); a failure is a result too.
+
+    What ``prepare`` does (imports, a first compilation) is done once in each process and not counted.
+    """
+    clock = RealClock()
+    start = clock.now()
+    value, error = None, ""
+    try:
+        _prepare(prepare)
+        start = clock.now()
+        with limited(limit):
+            value = function(case)
+    except OutOfTime:
+        error = f"stopped after its time limit of {limit:g} s"
+    except BaseException as failure:  # a case that calls sys.exit must not take the worker with it
+        error = in_words(failure)
+    return Finished(key, value, error, (clock.now() - start) / NS, f"{os.uname().nodename}:{os.getpid()}")
+
+
+def in_words(error: BaseException) -> str:
+    """Return kind, place and text of an error on one line."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+    return f"{type(error).__name__}{place}: {' '.join(str(error).split())}"
+
+
+def _prepare(prepare: Callable[[], Any] | None) -> None:
+    if prepare is None:
+        return
+    name = f"{prepare.__module__}.{prepare.__qualname__}"
+    if name not in _prepared:
+        prepare()
+        _prepared.add(name)
+
+
+@contextmanager
+def limited(seconds: float | None) -> Iterator[None]:
+    """Raise OutOfTime in this thread if the block lasts longer; end the process if even that does not end it.
+
+    The latter only where the process has no other case at work: there is one such alarm in a process.
+    """
+    if seconds is None:
+        yield
+        return
+    thread, lock, over = threading.get_ident(), threading.Lock(), False
+
+    def interrupt() -> None:
+        with lock:
+            if not over:
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                    ctypes.c_ulong(thread), ctypes.py_object(OutOfTime)
+                )
+
+    timer = threading.Timer(seconds, interrupt)
+    timer.daemon = True
+    timer.start()
+    alone = _threads() == 1
+    if alone:
+        # It needs no interpreter: code that holds it for good is ended too.
+        faulthandler.dump_traceback_later(seconds + GRACE, exit=True)
+    try:
+        yield
+    finally:
+        with lock:
+            over = True
+        timer.cancel()
+        if alone:
+            faulthandler.cancel_dump_traceback_later()
+
+
+def _threads() -> int:
+    """How many cases this process computes at a time; 0 where it is no worker."""
+    from distributed import get_worker
+
+    try:
+        return int(get_worker().state.nthreads)
+    except ValueError:
+        return 0

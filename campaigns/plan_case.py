@@ -1,0 +1,102 @@
+"""One case of the bench: a plan on a virtual rig with its parameters, effects, faults and seed, and a specimen."""
+
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+
+from astb.rig_file import RigFile, Simulation
+
+if TYPE_CHECKING:
+    from bench_records.result import Result
+
+#: The rig of a case; what it simulates is the case's own.
+RIG: Final = "campaign"
+
+
+class PlanCase(msgspec.Struct, frozen=True, kw_only=True):
+    """A plan, once, in virtual time: the same case gives the same row, but for how long it took."""
+
+    plan: str
+    values: dict[str, Any] = {}  #: of the plan's parameters, as people write them
+    specimen: str = "astb"  #: a name that `astb specimens` lists, or the path of a TOML file
+    simulation: Simulation = Simulation()  #: parameter set, change, effects, faults, seed, as in a rig file
+    variant: str = ""  #: what people call the rig that differs so from the ordinary one
+
+    @property
+    def key(self) -> str:
+        """What names the case for good: legible, and with a digest of all that it is."""
+        digest = sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()[:10]
+        return "/".join(filter(None, (self.plan, self.variant, f"seed {self.simulation.seed}", digest)))
+
+
+def by_key(cases: "list[PlanCase]") -> dict[str, PlanCase]:
+    """Return the cases by their keys, as `run_cases` takes them."""
+    return {case.key: case for case in cases}
+
+
+def facts(case: PlanCase) -> dict[str, Any]:
+    """Return what a row says of the case: plan, its values, variant, specimen, seed, and what was simulated."""
+    return {
+        "plan": case.plan,
+        "values": {name: str(value) for name, value in case.values.items()},
+        "variant": case.variant,
+        "specimen": case.specimen,
+        "seed": case.simulation.seed,
+        "simulation": msgspec.json.encode(case.simulation, order="deterministic").decode(),
+    }
+
+
+def warm_up() -> None:
+    """Import and compile what every case needs."""
+    import drivers.beat  # noqa: F401
+    from astb.session import build_rig
+
+    build_rig(Simulation())
+
+
+def run_plan_case(case: PlanCase, records: str = "") -> dict[str, Any]:
+    """Run the plan of ``case`` on its rig; return verdict, reason and checks.
+
+    The record is left in a directory of ``records``, if one is named. A plan, parameter, effect or specimen that cannot
+    be raises what `astb run` would say.
+    """
+    if records:
+        return _told(_run(case, Path(records) / case.key.replace("/", "-").replace(" ", "")))
+    with TemporaryDirectory(prefix="astb-case-") as directory:
+        return _told(_run(case, Path(directory)))
+
+
+def _run(case: PlanCase, directory: Path) -> "Result":
+    from astb.api import find_plan
+    from astb.run import connected, describe
+    from astb.session import build_rig, virtual_session
+    from test_plans.execution import execute
+    from test_plans.specimen import read_specimen
+
+    plan = find_plan(case.plan)
+    plan = plan.given(case.values) if case.values else plan
+    specimen = read_specimen(case.specimen)
+    rig = RigFile(RIG, time="virtual", simulation=case.simulation)
+    with virtual_session(build_rig(case.simulation), case.simulation) as session, connected(session):
+        return execute(
+            plan,
+            session.bench,
+            directory,
+            meta=describe(session, rig),
+            rig=rig.name,
+            seed=session.seed,
+            specimen=specimen,
+        )
+
+
+def _told(result: "Result") -> dict[str, Any]:
+    """Return the columns of a row: verdict, its reason, and each check with value, limits, unit and verdict (SI)."""
+    return {
+        "verdict": str(result.verdict),
+        "reason": result.reason,
+        "checks": [msgspec.to_builtins(one) for one in result.checks],
+        "lasted": result.duration,  # s of the bench's own time
+    }

@@ -1,0 +1,104 @@
+"""A campaign: the cases that are not kept yet are carried out, each becomes a row, and somebody may watch."""
+
+from collections.abc import Callable, Mapping
+from contextlib import closing, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from bench_protocol.clock import RealClock
+from bench_protocol.units import NS
+from campaigns.core import carried_out
+from campaigns.kept import KeptRows, read_rows
+from campaigns.on_a_worker import Finished
+from campaigns.workers import cluster
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Case = TypeVar("Case")
+
+_CLOCK: Final = RealClock()
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How far a campaign is."""
+
+    total: int  #: cases that were asked for
+    before: int  #: of them were kept before it began
+    done: int  #: were carried out since
+    failed: int  #: of these, without a result
+    elapsed: float  #: s since the workers are there
+    row: Mapping[str, Any]  #: the latest; empty at the beginning
+
+    @property
+    def left(self) -> int:
+        """How many are still to be carried out."""
+        return self.total - self.before - self.done
+
+    @property
+    def time_left(self) -> float | None:
+        """How long they will take (s), if they are like those before."""
+        return self.elapsed * self.left / self.done if self.done else None
+
+
+def run_cases(
+    function: Callable[[Case], Mapping[str, Any]],
+    cases: Mapping[str, Case],
+    out: Path | str,
+    *,
+    facts: Callable[[Case], Mapping[str, Any]] | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    client: "Client | None" = None,
+    limit: float | None = None,
+    prepare: Callable[[], Any] | None = None,
+    again: bool = False,
+    watch: Callable[[Standing], None] = lambda standing: None,
+) -> list[dict[str, Any]]:
+    """Carry out the ``cases`` that are not kept in ``out``, and return the rows of all of them, in their order.
+
+    The key of a case names it for good: the same key is the same case, and what is kept of it is not computed again,
+    unless ``again`` asks for those that failed. A row has key, what ``facts`` says of the case, what ``function``
+    returned (numbers, texts, lists and dictionaries of them), error ("" if there is none), seconds and worker. It is in
+    ``out`` as soon as the case has ended.
+
+    Workers are those of a ``client`` or of the ``scheduler`` at an address, else processes of this machine, as many as
+    there are cores or ``workers``. ``limit`` and ``prepare`` are those of `carried_out`, which see. KeptError, before
+    anything starts, if ``out`` cannot be used; ClusterError if the cluster is gone. Whatever ends it, KeyboardInterrupt
+    included, the same call goes on where it stopped.
+    """
+    with KeptRows(Path(out), without_errors=again) as kept:
+        left = {key: case for key, case in cases.items() if key not in kept.keys}
+        before, failed = len(cases) - len(left), 0
+        start = _CLOCK.now()
+
+        def tell(number: int, row: Mapping[str, Any]) -> None:
+            watch(Standing(len(cases), before, number, failed, (_CLOCK.now() - start) / NS, row))
+
+        tell(0, {})
+        if left:
+            with nullcontext(client) if client else cluster(scheduler, workers=workers) as present:
+                start = _CLOCK.now()
+                ended = carried_out(present, function, left, limit=limit, prepare=prepare)
+                with closing(ended):
+                    for number, one in enumerate(ended, 1):
+                        row = _keep(kept, one, dict(facts(left[one.key])) if facts else {})
+                        failed += bool(row["error"])
+                        tell(number, row)
+    rows = {row["key"]: row for row in read_rows(Path(out))}
+    return [rows[key] for key in cases]
+
+
+def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any]:
+    """Keep the row of a case, and return it; where its values cannot be kept, one that says so."""
+    known = {"key": one.key, **facts}
+    told = {"error": one.error, "seconds": one.seconds, "worker": one.worker}
+    row = known | (dict(one.value) if one.value is not None else {}) | told
+    try:
+        kept.add(row)
+    except ValueError as error:
+        row = known | told | {"error": str(error)}
+        kept.add(row)
+    return row

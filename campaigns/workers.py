@@ -1,0 +1,63 @@
+"""The workers of a campaign: processes of this machine, or those of a dask scheduler somewhere."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import sched_getaffinity
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_protocol.units import s
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: For a scheduler to answer, and for workers to come up.
+CONNECT: Final = 20 * s
+LOOPBACK: Final = "127.0.0.1"
+
+_SETTINGS: Final[dict[str, Any]] = {
+    # A case whose worker dies is tried once more: the death may have had nothing to do with it.
+    "distributed.scheduler.allowed-failures": 1,
+    # A case may keep the interpreter for longer than any heartbeat; that a process has died is seen without them.
+    "distributed.scheduler.worker-ttl": None,
+    "distributed.admin.tick.limit": "1h",
+    # A worker is given its next case when the present one is done, and none that waits for it in vain.
+    "distributed.scheduler.worker-saturation": 1.0,
+}
+
+
+class ClusterError(RuntimeError):
+    """The scheduler cannot be reached, or has no workers."""
+
+
+@contextmanager
+def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iterator["Client"]:
+    """Yield a client of the ``scheduler`` (``tcp://host:port``), or of a local cluster that ends with the block.
+
+    The local one has a process for each core, or so many ``workers``, each with one thread, its share of the memory,
+    and ports on 127.0.0.1 alone. ClusterError if the scheduler does not answer.
+    """
+    import dask
+    from distributed import Client, LocalCluster
+
+    if scheduler:
+        try:
+            client = Client(scheduler, timeout=CONNECT, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ClusterError(f"no scheduler answers at {scheduler} within {CONNECT:g} s: {error}") from None
+        with client:
+            yield client
+        return
+    with (
+        dask.config.set(_SETTINGS),
+        LocalCluster(
+            n_workers=workers or len(sched_getaffinity(0)),
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            dashboard_address=f"{LOOPBACK}:0",
+            silence_logs=logging.CRITICAL,
+        ) as local,
+        Client(local, set_as_default=False) as client,
+    ):
+        yield client
