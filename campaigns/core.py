@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
-from itertools import islice
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 from uuid import uuid4
 
 from bench_protocol.clock import RealClock
 from bench_protocol.units import NS, s
-from campaigns.on_a_worker import Finished, carry_out, in_words
+from campaigns.on_a_worker import GRACE, Finished, carry_out, in_words
 from campaigns.workers import ClusterError
 
 if TYPE_CHECKING:
@@ -44,6 +43,8 @@ def carried_out(
     ``prepare``, which each worker calls once. An exception, a worker that dies again and again and a time limit are
     results with an error. ClusterError if scheduler or workers are gone; closing the iterator cancels what still runs.
     """
+    from cloudpickle import dumps  # takes what stands in a script, too
+
     run = uuid4().hex  # another client of the same scheduler must not be given these results
     ended: SimpleQueue[Future] = SimpleQueue()
     running: dict[Any, _Submitted] = {}
@@ -52,11 +53,15 @@ def carried_out(
     try:
         while True:
             # One for each thread and no more: a case that waits behind one that kills its worker would be blamed too.
-            room = max(_threads(client), 1) - len(running)
-            for number, (key, case) in islice(waiting, max(room, 0)):
-                future = client.submit(
-                    carry_out, key, function, case, limit, prepare, key=f"case-{run}-{number}", pure=False
-                )
+            room = max(_threads(client), 1)
+            while len(running) < room and (following := next(waiting, None)):
+                number, (key, case) = following
+                try:
+                    packed = dumps((function, case, prepare))
+                except Exception as error:
+                    found.append(Finished(key, None, f"the case cannot be sent: {in_words(error)}", 0.0))
+                    continue
+                future = client.submit(carry_out, key, packed, limit, key=f"case-{run}-{number}", pure=False)
                 running[future.key] = _Submitted(key, future, _CLOCK.now())
                 future.add_done_callback(ended.put)
             yield from found
@@ -112,12 +117,13 @@ def _result(one: _Submitted, limit: float | None) -> Finished:
     try:
         finished: Finished = one.future.result()
     except KilledWorker as error:
-        words = f"its worker died {error.allowed_failures + 1} times over it"
-        if limit is not None and elapsed > limit:
-            words += f"; it did not end after its time limit of {limit:g} s"
+        deaths = error.allowed_failures + 1
+        words = f"its worker died {deaths} times over it"
+        if limit is not None and elapsed > deaths * (limit + GRACE):
+            words += f", each time beyond its time limit of {limit:g} s"
         return Finished(one.key, None, words, elapsed)
     except (CancelledError, OSError) as error:
         raise ClusterError(f"the cluster lost the case {one.key}: {error}") from None
-    except Exception as error:  # what cannot be sent: the case, the function, or its result
+    except Exception as error:  # its result cannot be sent
         return Finished(one.key, None, in_words(error), elapsed)
     return finished

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import loads
 from typing import Any, Final
 
 from bench_protocol.clock import RealClock
@@ -35,21 +36,16 @@ class OutOfTime(BaseException):
     """The case has used up its time. Not an Exception: no case should take it for one of its own."""
 
 
-def carry_out(
-    key: str,
-    function: Callable[[Any], Any],
-    case: Any,
-    limit: float | None,
-    prepare: Callable[[], Any] | None,
-) -> Finished:
-    """Return what ``function`` makes of ``case``, within ``limit`` (s); a failure is a result too.
+def carry_out(key: str, packed: bytes, limit: float | None) -> Finished:
+    """Return what a function makes of a case, within ``limit`` (s); a failure is a result too.
 
-    What ``prepare`` does (imports, a first compilation) is done once in each process and not counted.
+    ``packed`` is the pickle of function, case, and what is to be done once in each process and not counted, or None.
     """
     clock = RealClock()
     start = clock.now()
     value, error = None, ""
     try:
+        function, case, prepare = loads(packed)
         _prepare(prepare)
         start = clock.now()
         with limited(limit):

@@ -1,5 +1,7 @@
 """Cases on workers of this machine: every one is a row, whatever becomes of it."""
 
+import threading
+
 import pytest
 
 from campaigns.core import carried_out
@@ -68,8 +70,11 @@ def test_those_that_failed_are_tried_again_when_that_is_asked_for(client, tmp_pa
 
 
 def test_what_cannot_be_sent_is_an_error_of_its_case(client):
-    (finished,) = carried_out(client, lambda lock: 1, {"lock": __import__("threading").Lock()})
-    assert "pickle" in finished.error
+    cases = {"there": threading.Lock(), "back": None, "neither": 1}
+    errors = {one.key: one.error for one in carried_out(client, lambda one: one or threading.Lock(), cases)}
+    assert errors["there"].startswith("the case cannot be sent: TypeError")
+    assert "pickle" in errors["back"]
+    assert errors["neither"] == ""
 
 
 def test_a_scheduler_that_is_none_is_told(monkeypatch):
