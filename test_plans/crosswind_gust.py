@@ -1,0 +1,153 @@
+"""Crosswind gust: how far one gust moves and rolls the bolster on its springs, and whether it comes back."""
+
+from typing import Annotated, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import FACTORS, kN, s
+from test_plans import steps
+from test_plans.analysis import Samples
+from test_plans.fittings import leave_connected
+from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, roll_of, shear_of
+from test_plans.parameters import ParameterRefused, Range
+from test_plans.plan import plan
+from test_plans.readings import SHEAR_CELLS
+from test_plans.run import Run
+from test_plans.steps.carrying import FREE_SIDEWAYS
+from test_plans.steps.shaking import SAMPLE_RATE, check_band
+from test_plans.tables import PRESSURE, ROLL, SHEAR, keep
+from test_plans.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
+
+PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in ("left", "right"))
+READ: Final = (*POSE_SIGNALS, *PRESSURES, *SHEAR_CELLS)
+kmh: Final = FACTORS["km/h"]
+BEFORE: Final = 2 * s
+#: The mean wind alone, before the gust and after it; and no wind at all, after that.
+MEAN: Final = 4 * s
+AFTER: Final = 3 * s
+MIDDLE: Final = RISE + MEAN
+LASTS: Final = 2 * MIDDLE + 2 * s
+#: What is averaged to see where the bolster stands, how many samples against noise, and every how many is kept.
+SMOOTH: Final = 1 * s
+NOISE: Final = 10
+KEPT: Final = 10
+#: Twice what brings the bolster to its stop.
+FORCE_MAX: Final = 15 * kN
+#: Settled: so near to where the mean wind holds it, of the way that the gust moved it.
+SETTLED: Final = 0.1
+
+
+def blow(wind: float, train_speed: float) -> tuple[Samples, Samples]:
+    """Return the force on the bogie (N) over time (s) of a gust up to ``wind`` and of the mean wind around it (m/s)."""
+    times = np.linspace(0.0, LASTS, round(LASTS / STEP) + 1)
+    return times, fade(times) * side_force(gust(wind, train_speed, times, MIDDLE), train_speed)
+
+
+def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
+    """Refuse what the bench should not push with; let the springs carry the load, shut in, and the bolster go."""
+    most = float(blow(wind, train_speed)[1].max())
+    if most > FORCE_MAX:
+        raise ParameterRefused(
+            f"wind = {wind:g} m/s at train_speed = {train_speed / kmh:g} km/h pushes with {most / kN:.1f} kN; less of "
+            f"either, up to {FORCE_MAX / kN:g} kN, would be right"
+        )
+    steps.carry_load(run, load)
+    steps.lock_the_air(run)
+    run.bench.air.connect_dpv()
+    steps.free_the_bolster(run)
+
+
+@plan(
+    setup=take_up,
+    needs=(
+        *steps.CARRYING,
+        *READ,
+        *FREE_SIDEWAYS,
+        "vertical_left.force_setpoint",
+        "vertical_right.force_setpoint",
+    ),
+    teardown=leave_connected,
+    lasts=51 * s,
+)
+def crosswind_gust(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    wind: Annotated[float, Range(6.0, 20.0, "m/s")] = 10.0,
+    train_speed: Annotated[float, Range(10 * kmh, 300 * kmh, "km/h")] = 100 * kmh,
+) -> None:
+    """Crosswind gust: the answer of the springs to a gust of so much `wind` at so much `train_speed`.
+
+    The springs carry the load, their valves are shut, and the differential pressure valve connects them. The bolster is
+    free in all directions under the preload. The wind rises to its mean within 4 s; after 4 s a gust of 1.7 times as
+    much passes over the car, in the shape of EN 14067-6; then the mean wind blows on for 4 s and fades. What one bogie
+    bears of it pushes the bolster sideways, and its moment rolls it: the lateral actuator and the difference of the
+    vertical ones follow a waveform that the host streams.
+
+    Good is what the specimen's file says of the largest displacement and roll, of the stiffness against the gust, of
+    the pressure difference, which must not open the valve between the springs, of the moment that the air bears, of the
+    time until the bolster stands still again, and of what remains after the wind.
+    """
+    limits = run.specimen.load(load).limits
+    times, force = blow(wind, train_speed)
+    with run.phase("gust"):
+        with run.bench.capture(*READ) as capture:
+            run.bench.wait(BEFORE)
+            run.bench.waveform.run(times, on_the_bolster(force))
+            run.bench.wait(AFTER)
+        at, values = capture.aligned(SAMPLE_RATE)
+    at = at - BEFORE
+    calm = _during(at, -SMOOTH)
+    y, roll, pushed, parted = (
+        _smooth(series - series[calm].mean())
+        for series in (
+            shear_of(values),
+            roll_of(values),
+            -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0),
+            values[PRESSURES[0]] - values[PRESSURES[1]],
+        )
+    )
+    peak = int(np.argmax(y))
+    moment = pushed[peak] * CAR.pressure_height
+    blown, calmed = y[_during(at, MIDDLE + MEAN - SMOOTH)].mean(), _during(at, LASTS + AFTER - SMOOTH)
+    unsettled = np.abs(y - blown) > SETTLED * (y[peak] - blown)
+    still = at[np.flatnonzero(unsettled & (at < MIDDLE + MEAN))[-1]] - MIDDLE
+    places = limits.curve("crosswind_gust.stiffness", "kN/m")
+    low, high = limits.curve_at(
+        "crosswind_gust.stiffness", float(np.clip(y[peak], min(places), max(places))), "kN/m"
+    )
+    run.check("lateral stiffness", float(pushed[peak] / y[peak]), "kN/m", low=low, high=high)
+    for name, limit, value, unit in (
+        ("largest displacement", "displacement", y[peak], "mm"),
+        ("largest roll", "roll", np.abs(roll).max(), "mrad"),
+        ("roll stiffness", "roll_stiffness", moment / abs(roll[peak]), "kN*m/rad"),
+        ("largest pressure difference", "pressure_difference", parted.max(), "bar"),
+        (
+            "moment of the air over that of the wind",
+            "air_moment",
+            parted[peak] * run.specimen.effective_area * SPRING_HALF_SPACING / moment,
+            "1",
+        ),
+        ("time to settle", "settling", still, "s"),
+        ("displacement that remains", "remains", abs(y[calmed].mean()), "mm"),
+        ("pressure difference that remains", "pressure_remains", abs(parted[calmed].mean()), "bar"),
+    ):
+        check_band(run, name, float(value), unit, limits.band(f"crosswind_gust.{limit}", unit))
+    for group, quantity, series in (
+        ("Displacement in the gust", SHEAR, y),
+        ("Roll in the gust", ROLL, np.abs(roll)),
+        ("Force on the springs in the gust", ("force", "kN"), pushed),
+        ("Pressure difference in the gust", PRESSURE, parted),
+    ):
+        keep(run, load, group, ("time", "s"), quantity, at[::KEPT].tolist(), series[::KEPT].tolist())
+
+
+def _during(at: Samples, start: float) -> npt.NDArray[np.bool_]:
+    """Return which samples belong to the second from ``start`` (s) on."""
+    return np.asarray((at >= start) & (at < start + SMOOTH))
+
+
+def _smooth(series: Samples) -> Samples:
+    """Return means over 50 ms: no gust is so short, and every noise."""
+    return np.convolve(series, np.full(NOISE, 1 / NOISE), mode="same")

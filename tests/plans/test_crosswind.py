@@ -1,0 +1,146 @@
+"""Crosswind: the wind is that of the literature, sound springs bear it, and what the plans are meant for fails them."""
+
+import numpy as np
+import pytest
+
+from bench_protocol.units import FACTORS
+from bench_records.result import Outcome
+from bench_sim.model import wind as oracle
+from bench_sim.parameters.paper import load_paper
+from test_plans.crosswind_gust import blow
+from test_plans.wind import (
+    CAR,
+    GUST_FACTOR,
+    GUST_LENGTH,
+    fade,
+    gust,
+    on_the_bolster,
+    random_process,
+    side_force,
+    spectrum,
+)
+
+slow = pytest.mark.slow
+KMH = FACTORS["km/h"]
+TRAIN = 100 * KMH
+
+
+def test_force_and_spectrum_are_those_of_the_simulated_wind():
+    """The study of the paper has them too, and another author's numbers: both must be one formula."""
+    crosswind = load_paper().wind
+    assert crosswind.train_speed == pytest.approx(TRAIN)
+    W = np.linspace(-30, 30, 61)
+    assert side_force(W, TRAIN) == pytest.approx(0.5 * oracle.lateral_force(W, crosswind))
+    f = np.geomspace(0.01, 20, 50)
+    assert spectrum(f, 12.0, TRAIN) == pytest.approx(oracle.spectrum(f, 12.0, crosswind))
+
+
+def test_the_gust_is_the_mean_wind_with_a_peak_that_the_car_averages():
+    times = np.linspace(-20, 20, 40_001)
+    W = gust(GUST_FACTOR * 10.0, TRAIN, times, 0.0)
+    assert W[[0, -1]] == pytest.approx([10.0, 10.0], abs=1e-3)
+    half = 0.5 * CAR.length / GUST_LENGTH
+    assert W.max() == pytest.approx(10 + 10 * (GUST_FACTOR - 1) * (1 - np.exp(-half)) / half)
+    extra = np.trapezoid(W - 10.0, times) * TRAIN  # what the mean over the car must not change
+    assert extra == pytest.approx(10 * (GUST_FACTOR - 1) * 2 * GUST_LENGTH, rel=1e-3)
+
+
+def test_the_moment_of_the_actuators_is_that_of_the_wind():
+    added = {name: float(F) for name, F in on_the_bolster(np.array(1000.0)).items()}
+    assert added["lateral.force"] == 1000.0
+    assert added["vertical_left.force"] == -added["vertical_right.force"]
+    roll = 0.6 * added["lateral.force"] + 1.0 * (added["vertical_left.force"] - added["vertical_right.force"])
+    assert roll == pytest.approx(1000.0 * CAR.pressure_height)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_random_process_has_its_spectrum(seed):
+    from scipy.signal import welch
+
+    times = np.arange(0, 2000, 0.02)
+    f = np.fft.rfftfreq(times.size, 0.02)
+    density = 4.0 / (1 + (f / 0.5) ** 2)
+    found = random_process(times, density, np.random.default_rng(seed))
+    g, power = welch(found, 50.0, nperseg=2048)
+    middle = (g > 0.1) & (g < 5)
+    ratio = power[middle] / (4.0 / (1 + (g[middle] / 0.5) ** 2))
+    assert ratio.mean() == pytest.approx(1.0, abs=0.03)
+    assert found.std() ** 2 == pytest.approx(np.trapezoid(density, f), rel=0.1)
+
+
+def test_a_waveform_begins_and_ends_at_rest():
+    times = np.linspace(0, 20, 2001)
+    edge = fade(times)
+    assert edge[0] == edge[-1] == 0.0
+    assert (edge[400:1601] == 1.0).all()
+    _, force = blow(10.0, TRAIN)
+    assert force[0] == force[-1] == 0.0
+
+
+def sound(name, load="AW0", seed=1, *, marks=()):
+    return pytest.param(name, load, seed, marks=marks, id=f"{name}-{load}-{seed}")
+
+
+@pytest.mark.parametrize(
+    ("name", "load", "seed"),
+    [
+        sound("crosswind_gust"),
+        sound("crosswind_gust", "AW3", 2, marks=slow),
+        sound("crosswind_gust", "AW0", 0, marks=slow),
+    ],
+)
+def test_sound_springs_pass(judged, name, load, seed):
+    result, failed = judged(name, seed, given={"load": load})
+    assert result.verdict is Outcome.PASS, result.reason or failed
+
+
+#: A fault, and all that must fail of it.
+MEANT_FOR = {
+    "a soft shell lets the bolster go to its stop": (
+        "crosswind_gust",
+        {"shell_stiffness_lateral": 10e3},
+        {"lateral stiffness", "largest displacement", "displacement that remains"},
+    ),
+    "springs that are joined do not keep it level": (
+        "crosswind_gust",
+        {"faults": [("stuck_dpv", {"at": "open"})]},
+        {
+            "lateral stiffness",
+            "largest roll",
+            "roll stiffness",
+            "moment of the air over that of the wind",
+            "displacement that remains",
+        },
+    ),
+    "a valve that opens too early": (
+        "crosswind_gust",
+        {"dpv_opening": 15e3, "dpv_reclosing": 10e3},
+        {"roll stiffness", "moment of the air over that of the wind", "displacement that remains"},
+    ),
+    "much friction": ("crosswind_gust", {"friction_lateral": 1400.0}, {"lateral stiffness"}),
+    "too small an auxiliary chamber": (
+        "crosswind_gust",
+        {"effects": [("auxiliary_volume", "-25 %")]},
+        {"roll stiffness"},
+    ),
+}
+ORDINARY = {"a soft shell lets the bolster go to its stop"}
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=() if case in ORDINARY else slow) for case in MEANT_FOR]
+)
+def test_what_the_plans_are_meant_for_fails_them(judged, case):
+    name, broken, expected = MEANT_FOR[case]
+    result, failed = judged(name, **broken)
+    assert result.verdict is Outcome.FAIL, result.reason
+    assert failed == expected
+
+
+def test_more_wind_than_the_bench_should_push_with_is_refused_before_anything_moves(judged):
+    result, _ = judged("crosswind_gust", given={"wind": "20 m/s", "train_speed": "200 km/h"})
+    assert result.verdict is Outcome.BLOCKED
+    assert result.reason.startswith(
+        "the parameters: wind = 20 m/s at train_speed = 200 km/h pushes with 17.3 kN; less"
+    )
+    assert result.duration < 1.0
