@@ -47,11 +47,17 @@ Values = dict[str, Samples]
 
 
 def shake(
-    run: Run, axis: Literal["vertical", "lateral"], frequency: float, amplitude: float, *, lead: float = LEAD
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    frequency: float,
+    amplitude: float,
+    *,
+    lead: float = LEAD,
+    measured: float = MEASURED,
 ) -> tuple[Samples, Values]:
-    """Run a sine (m, Hz) and return times and aligned samples of whole cycles after ``lead`` s at full amplitude."""
+    """Run a sine (m, Hz); return times and aligned samples of whole cycles, after ``lead`` s, for ``measured`` s."""
     before = max(1, ceil(lead * frequency))
-    count = max(1 if frequency < 0.3 else 2, ceil(MEASURED * frequency))
+    count = max(1 if frequency < 0.3 else 2, ceil(measured * frequency))
     cycles = before + count + ceil(COUNT_LATE * frequency)
     cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
     names = _VERTICAL if axis == "vertical" else _LATERAL

@@ -1,0 +1,175 @@
+"""Endurance: many cycles, and at intervals what they have changed of stiffness, damping, height and tightness."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import ceil
+from typing import Annotated, Final, Literal
+
+import numpy as np
+
+from bench_protocol.units import Hz, kN, mm, s
+from bench_protocol.words import SIDES
+from test_plans import steps
+from test_plans.analysis import Stiffness, dynamic_stiffness, straight_line
+from test_plans.fittings import leave_connected
+from test_plans.loads import Load
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.poses import COOL, Home, go_home
+from test_plans.readings import HEIGHTS, LASER_LAG, LOAD_CELL_LAG
+from test_plans.run import Run
+from test_plans.steps.carrying import PRELOAD_WITHIN
+from test_plans.steps.shaking import check_band, spring_motion
+from test_plans.tables import DAMPING, HEIGHT, STORAGE, Quantity, keep
+from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake
+
+#: The generator counts no further in one program.
+PROGRAM: Final = 1000
+#: The gas that the cycles warm is as warm from here on: four times what it takes to give its heat off.
+RUN_IN: Final = 60 * s
+REST: Final = 30 * s
+LOOK_FREQUENCY: Final = 1 * Hz
+LOOK_AMPLITUDE: Final = 5 * mm
+LOOK_LEAD: Final = 3 * s
+LOOK_OVER: Final = 10 * s
+PRELOAD_RATE: Final = 5 * kN / s
+STAND: Final = 3 * s
+RATE: Final = 10 * mm / s
+A_THOUSAND: Final = 1000.0
+CYCLES: Final = ("cycles", "1")
+#: What is judged: its curve, the limit of its change in 1000 cycles, and the unit of that.
+JUDGED: Final = (
+    ("stiffness K'", STORAGE, "stiffness_change", "%"),
+    ("damping c", DAMPING, "damping_change", "%"),
+    ("height", HEIGHT, "height_change", "mm"),
+)
+
+
+@dataclass(slots=True)
+class Looks:
+    """How many cycles were made, and what was found after some of them, by quantity and spring."""
+
+    made: int = 0
+    cycles: list[float] = field(default_factory=list)
+    found: dict[tuple[str, str], list[float]] = field(default_factory=dict)
+
+    def add(self, stiffness: Mapping[str, Stiffness], heights: Mapping[str, float]) -> None:
+        """Add one look."""
+        self.cycles.append(float(self.made))
+        for where, K in stiffness.items():
+            self.found.setdefault(("stiffness K'", where), []).append(K.storage)
+            self.found.setdefault(("damping c", where), []).append(K.damping)
+        for where, height in heights.items():
+            self.found.setdefault(("height", where), []).append(height)
+
+    def change(self, values: Sequence[float], unit: str) -> float:
+        """Return how much ``values`` change in 1000 cycles, along the straight line; of ratios, against the first."""
+        slope = A_THOUSAND * straight_line(np.array(self.cycles), np.array(values))[1]
+        return slope / values[0] if unit == "%" else slope
+
+    def judge(self, run: Run) -> None:
+        """Keep all curves, and check what changed, if there is more than one look."""
+        for what, quantity, limit, unit in JUDGED:
+            band = run.specimen.limits.band(f"endurance.{limit}", unit)
+            for (name, where), values in self.found.items():
+                if name == what:
+                    self._keep(run, where, quantity, values)
+                    if len(values) > 1:
+                        title = f"{where} {what}, change in 1000 cycles"
+                        check_band(run, title, self.change(values, unit), unit, band)
+
+    def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[float]) -> None:
+        keep(run, where, f"{quantity[0].capitalize()} over cycles", CYCLES, quantity, self.cycles, values)
+
+
+@plan(
+    setup=steps.carry_load,
+    needs=(*steps.CARRYING, *VERTICAL_WAVES, *LATERAL_WAVES, *steps.WEIGHED_BY),
+    teardown=leave_connected,
+    lasts=665 * s,
+)
+def endurance(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    axis: Literal["vertical", "lateral"] = "vertical",
+    amplitude: Annotated[float, Range(2 * mm, 20 * mm, "mm")] = 10 * mm,
+    frequency: Annotated[float, Range(0.2 * Hz, 3 * Hz, "Hz")] = 1 * Hz,
+    cycles: Annotated[int, Range(100, 1_000_000)] = 300,
+    intervals: Annotated[int, Range(1, 100)] = 3,
+) -> None:
+    """Endurance: `cycles` of one `amplitude` and `frequency` along one `axis`, under one `load`, in some `intervals`.
+
+    The springs carry the load on their leveling valves and stand at design height; all valves are shut. They are run in
+    for a minute, until the gas is as warm as it will be. Before the cycles and after each interval the bench rests for
+    half a minute and looks: stiffness and damping (5 mm, 1 Hz), the height at which each spring carries its load, and
+    the mass of its air.
+
+    Good is what the specimen's file allows to change in 1000 cycles, along the straight line through all looks, and of
+    air to be lost in a minute. The more cycles, the less a look's own scatter matters: 0.1 % over 300 cycles is a third
+    of a per cent in 1000. A run that is stopped keeps and judges what it has seen.
+    """
+    case = run.specimen.load(load)
+    for _, _, limit, unit in JUDGED:
+        run.specimen.limits.band(f"endurance.{limit}", unit)
+    home = go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    with run.phase("run in"):
+        _look(run, case, axis, home, Looks())  # friction remembers a look, too
+        _cycle(run, axis, amplitude, frequency, ceil(RUN_IN * frequency), Looks())
+    looks = Looks()
+    try:
+        before = _look(run, case, axis, home, looks)
+        for number in range(1, intervals + 1):
+            until = cycles * number // intervals
+            with run.phase(f"cycles to {until}"):
+                _cycle(run, axis, amplitude, frequency, until - looks.made, looks)
+            _look(run, case, axis, home, looks)
+    finally:
+        run.check("cycles", looks.made, "1", low=cycles, margin=0.0)
+        looks.judge(run)
+    steps.check_tightness(run, case, before)
+
+
+def _cycle(
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    amplitude: float,
+    frequency: float,
+    count: int,
+    looks: Looks,
+) -> None:
+    """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made."""
+    while count > 0:
+        some = min(count, PROGRAM)
+        try:
+            run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=some)
+        finally:
+            looks.made += int(np.nan_to_num(run.bench.readings.value("rig.generator_cycle")))
+        count -= some
+
+
+def _look(
+    run: Run, load: Load, axis: Literal["vertical", "lateral"], home: Home, looks: Looks
+) -> dict[str, float]:
+    """Add to ``looks`` what is found now; return what tells the mass of air."""
+    with run.phase(f"look after {looks.made} cycles"):
+        run.bench.wait(REST)
+        air = steps.weigh_the_air(run)
+        times, values = shake(run, axis, LOOK_FREQUENCY, LOOK_AMPLITUDE, lead=LOOK_LEAD, measured=LOOK_OVER)
+        if axis == "lateral":
+            stiffness = {"lateral": lateral_stiffness(times, values, LOOK_FREQUENCY)}
+        else:
+            lag = LASER_LAG - LOAD_CELL_LAG
+            stiffness = {
+                side: dynamic_stiffness(times, *spring_motion(values, side), LOOK_FREQUENCY, motion_lag=lag)
+                for side in SIDES
+            }
+        force = load.actuator_force
+        run.bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
+        run.bench.wait(STAND)
+        heights = run.bench.averages(*HEIGHTS, over=steps.AVERAGE_OVER)
+        run.bench.vertical.move_to(home.left, home.right, rate=RATE)
+    looks.add(stiffness, {side: heights[f"{side}.height"] for side in SIDES})
+    return air

@@ -1,0 +1,80 @@
+"""Endurance: a sound spring does not change, each change is told by its own check, a stopped run keeps its looks."""
+
+import pytest
+
+from bench_records.result import Outcome, read_result
+from test_plans.discovery import plans
+from test_plans.execution import execute
+
+slow = pytest.mark.slow
+SIDES = ("left", "right")
+SHORT = {"cycles": "100", "intervals": "1"}
+#: Amid the second of four intervals of a hundred fast cycles (s).
+STOPPED = 325.0
+
+
+def changes(*names):
+    return {f"{name}, change in 1000 cycles" for name in names}
+
+
+def numbers(result):
+    return {one.name: one.number for one in result.checks}
+
+
+@slow
+@pytest.mark.parametrize("given", [{}, {"axis": "lateral"}])
+def test_a_sound_spring_does_not_change(judged, given):
+    result, failed = judged("endurance", given=given)
+    assert result.verdict is Outcome.PASS, result.reason or failed
+    assert result.duration == pytest.approx(plans()["endurance"].lasts, rel=0.1)
+    assert numbers(result)["cycles"] == 300
+    assert all(len(curve.xs) == 4 and curve.xs[-1] == 300 for curve in result.curves)
+
+
+@slow
+def test_an_orifice_that_clogs_in_the_middle_is_stiffer_and_damps_more_on_its_side(judged):
+    """Half way between the second and the third of three looks; the right spring, on the same beam, stays as it was."""
+    clogged = ("blocked_orifice", {"side": "left", "share": "30 %"}, 250.0)
+    result, failed = judged("endurance", given={"cycles": "200", "intervals": "2"}, faults=[clogged])
+    assert result.verdict is Outcome.FAIL
+    assert failed >= changes("left stiffness K'", "left damping c")
+    assert not failed & changes("right stiffness K'", "right damping c")
+
+
+@slow
+def test_a_spring_that_leaks_sinks_and_loses_air_on_its_side(judged):
+    result, failed = judged("endurance", given=SHORT, leak_conductance=[5e-11, 0.0])
+    assert result.verdict is Outcome.FAIL
+    assert failed >= changes("left stiffness K'", "left height") | {"air lost per minute, left spring"}
+    assert "air lost per minute, right spring" not in failed
+
+
+@slow
+def test_a_rubber_that_creeps_sinks_and_keeps_its_air(judged):
+    result, failed = judged("endurance", given=SHORT, effects=[("creep", "10 %, time=1000 s")])
+    assert result.verdict is Outcome.FAIL
+    assert failed >= changes("left height", "right height")
+    assert not failed & {f"air lost per minute, {side} spring" for side in SIDES}
+
+
+def test_a_run_that_is_stopped_keeps_what_it_has_seen_and_how_many_cycles_it_made(
+    bench_composed, after, tmp_path
+):
+    def stop():
+        raise KeyboardInterrupt
+
+    with bench_composed(1) as made:
+        given = plans()["endurance"].given(
+            {"cycles": "400", "intervals": "4", "frequency": "3 Hz", "amplitude": "2 mm"}
+        )
+        after(made.clock, STOPPED, stop)
+        with pytest.raises(KeyboardInterrupt):
+            execute(given, made.bench, tmp_path / "out", rig="virtual", seed=1)
+        assert made.rig.state.name in {"DISABLED", "INIT"}
+    result = read_result(tmp_path / "out")
+    assert result.verdict is Outcome.BLOCKED
+    assert result.reason.startswith("stopped by the operator")
+    done = numbers(result)["cycles"]
+    looks = max(curve.xs[-1] for curve in result.curves)
+    assert 100 <= looks < done < 400  # stopped amid some more
+    assert changes("left stiffness K'", "right height") <= set(numbers(result))
