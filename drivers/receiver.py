@@ -15,7 +15,7 @@ import numpy as np
 
 from bench_protocol.clock import Clock
 from bench_protocol.units import NS
-from drivers.errors import Misuse
+from drivers.errors import Misuse, Stale
 from drivers.wiring.contract import Floats, Ints, Wiring, refuse_absent
 
 #: Called with (times in ns, table rows, SI values), three arrays of one length.
@@ -126,7 +126,8 @@ class Capture:
         series = {name: self._series(name) for name in self.names}
         empty = [name for name, (times, _) in series.items() if times.size == 0]
         if empty:
-            raise Misuse(f"{', '.join(empty)}: no samples in this capture, so there is nothing to align")
+            told = f"{', '.join(empty)}: no samples in this capture, so there is nothing to align"
+            raise Misuse(told) if len(empty) == len(series) else Stale(told)  # of others some did come
         first = max(times[0] for times, _ in series.values())
         last = min(times[-1] for times, _ in series.values())
         # Half a nanosecond of slack: a grid that ends exactly on the last sample includes it.

@@ -9,6 +9,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import bar
 from bench_protocol.words import SIDES
 from drivers.black_box import incident_since, last_incident
@@ -183,7 +184,7 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
     except BenchError as error:
         trouble = f"{WHOSE[error.fault]}: {error}"
     except NotMeasured as error:
-        trouble = f"the measurement: {error}"
+        trouble = f"the measurement: {error}{_silent(run.bench)}"
     except ParameterRefused as error:
         trouble = f"the parameters: {error}"
     except SpecimenError as error:
@@ -197,6 +198,16 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
     run.keep("error", f"{name}: {trouble}")
     run.watcher.say(f"{name}: {trouble}")
     return trouble, interrupted
+
+
+def _silent(bench: Bench) -> str:
+    """Name the measurements of which nothing comes: arrays of samples do not know whose they were."""
+    silent = [
+        signal.name
+        for signal in MEASUREMENTS
+        if not bench.lacks(signal.name) and isnan(bench.readings.told(signal.name))
+    ]
+    return f"; nothing comes of {', '.join(silent)}" if silent else ""
 
 
 def _place(error: Exception) -> str:

@@ -12,7 +12,7 @@ from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.frames import join
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm
-from drivers.errors import Misuse
+from drivers.errors import Misuse, Stale
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.receiver import Capture, Receiver
@@ -139,6 +139,14 @@ def test_a_capture_answers_only_for_its_own_signals():
     with pytest.raises(Misuse, match=r"right\.height is not in this capture, which has left\.height"):
         capture.values("right.height")
     with pytest.raises(Misuse, match="no samples"):
+        capture.aligned()
+
+
+def test_a_signal_of_which_nothing_came_is_not_the_plans_fault():
+    receiver = Heard(VirtualClock())
+    capture = Capture(receiver, ["left.height", "load_cell.1"])
+    fill(capture, receiver, [5 * MS * k for k in range(10)], [0.0] * 10)
+    with pytest.raises(Stale, match=r"^load_cell\.1: no samples"):
         capture.aligned()
 
 
