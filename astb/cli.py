@@ -1,7 +1,8 @@
 """The command `astb`: start a rig, run plans on one, show what crosses its wires, make reports.
 
 Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke, not the product),
-4 incomplete (what the rig can measure passes, and something is not available on it).
+4 incomplete (what the rig can measure passes, and something is not available on it),
+5 refused (rehearsed, a plan trips a limit).
 Everything heavy is imported inside the commands: `astb --help` answers at once.
 """
 
@@ -25,6 +26,7 @@ from astb.commands.lists import (
     signals_command,
     specimens_command,
 )
+from astb.commands.rehearse import rehearse_command
 from astb.commands.rig import rig_command
 from astb.commands.run import report_command, run_command
 from astb.commands.wiring import wiring_command
@@ -66,6 +68,7 @@ for _command in (
     rig_command,
     fault_command,
     run_command,
+    rehearse_command,
     plans_command,
     specimens_command,
     effects_command,

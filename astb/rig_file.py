@@ -78,6 +78,7 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     modbus: Modbus = Modbus()
     simulation: Simulation | None = None
     wiring: str | dict[str, Any] = ""  #: of a rig that speaks otherwise: path of its file, or its keys
+    limits: tuple[dict[str, Any], ...] = ()  #: of a real rig, as far as they are known: for rehearsals
 
 
 def read(path: Path) -> RigFile:
@@ -98,6 +99,10 @@ def read(path: Path) -> RigFile:
     if rig.time == "virtual" and rig.simulation is None:
         raise RigFileError(
             f"rig file {path}: time = virtual needs a [simulation] table, a real rig has real time"
+        )
+    if rig.limits and rig.simulation is not None:
+        raise RigFileError(
+            f"rig file {path}: limits beside simulation: those of a simulated rig are simulation.limits"
         )
     beside = [key for key in ("can", "modbus", "simulation") if key in content]
     if rig.wiring and beside:

@@ -15,6 +15,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 
 if TYPE_CHECKING:
+    from bench_protocol.frames import Block
     from bench_sim.parameters import Parameters
     from bench_sim.rig.can_bus import Stage
     from bench_sim.rig.faults.panel import PlannedFault
@@ -142,8 +143,16 @@ def open_session(
 
 
 @contextlib.contextmanager
-def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None) -> Iterator[Session]:
-    """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can."""
+def virtual_session(
+    rig: "Rig",
+    simulation: Simulation,
+    seed: int | None = None,
+    run: "Callable[[int], Block] | None" = None,
+) -> Iterator[Session]:
+    """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can.
+
+    ``run`` stands in for ``rig.run`` where somebody looks at the rig between its ticks.
+    """
     from contextlib import nullcontext
 
     from msgspec import json
@@ -154,7 +163,7 @@ def virtual_session(rig: "Rig", simulation: Simulation, seed: int | None = None)
 
     known = simulation.seed if seed is None else seed
     told = simulated_parameters(simulation).as_built(known)
-    memory = RigInMemory(rig)
+    memory = RigInMemory(rig, run)
     for stage in bus_stages(rig, simulation):
         memory.bus.add(stage)
     bench = memory.bench()

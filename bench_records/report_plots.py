@@ -82,8 +82,9 @@ def time_panel(
     phases: Sequence[Phase],
     span: tuple[float, float],
     marks: Sequence[float] = (),
+    levels: Sequence[float] = (),
 ) -> str:
-    """Signals of one quantity over time, phases shaded, trips marked."""
+    """Signals of one quantity over time, phases shaded, trips marked at their times, limits at their levels."""
     from matplotlib.lines import Line2D
 
     height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
@@ -99,6 +100,8 @@ def time_panel(
             axes.add_line(Line2D(*points, color=color, linestyle=dash, linewidth=wide))
         for mark in marks:
             axes.axvline(mark, color=ALARM, linewidth=0.8, linestyle=(0, (3, 2)))
+        for level in levels:
+            axes.axhline(level, color=ALARM, linewidth=0.8)
         axes.set_xlim(*span)
         axes.margins(y=0.08)
         _open_flat_band(paper)

@@ -1,16 +1,67 @@
 """The plans that a command is told to run, with the parameters that it gives them."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
+import click
+
+from astb.commands.completion import complete_settings, complete_specimens
 from astb.commands.lists import known_plan
 from astb.commands.options import pairs
 from astb.exit_codes import misuse
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
+
+_OPTIONS: Final = (
+    click.option(
+        "--specimen",
+        "specimen_name",
+        metavar="FILE",
+        shell_complete=complete_specimens,
+        help="What is on the bench, with its limits: a name that `astb specimens` lists, or a TOML file.",
+    ),
+    click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="NAME=VALUE",
+        shell_complete=complete_settings,
+        help="Set a parameter of the plans, such as amplitude=20mm, or of one, PLAN.amplitude=20mm; repeatable. "
+        "`astb plans PLAN` lists them.",
+    ),
+    click.option(
+        "--with",
+        "values_path",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help='Parameters of the plans in a TOML file: NAME = "VALUE", for one plan in a table [PLAN]; '
+        "--set goes over it.",
+    ),
+    click.option(
+        "--answers",
+        metavar="FILE",
+        help="Answers to what the plans ask their operator, a TOML file: "
+        '"QUESTION" = "ANSWER", * for anything; - for lines of the standard input.',
+    ),
+    click.option(
+        "--out",
+        "out",
+        type=click.Path(path_type=Path),
+        default=Path("runs"),
+        show_default=True,
+        help="Where records go.",
+    ),
+)
+
+
+def plan_value_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command say with what specimen, parameters and answers plans are run, and where their records go."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
 
 
 def chosen_plans(names: Sequence[str], settings: Sequence[str], path: Path | None) -> "list[Plan]":

@@ -5,9 +5,9 @@ from typing import Final
 
 import click
 
-from astb.commands.completion import complete_plans, complete_settings, complete_specimens
+from astb.commands.completion import complete_plans
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
-from astb.commands.plan_values import chosen_plans
+from astb.commands.plan_values import chosen_plans, plan_value_options
 from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
 
 #: Exit codes by verdict; of several plans the last in this order counts.
@@ -22,43 +22,7 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
 )
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
 @simulation_options
-@click.option(
-    "--specimen",
-    "specimen_name",
-    metavar="FILE",
-    shell_complete=complete_specimens,
-    help="What is on the bench, with its limits: a name that `astb specimens` lists, or a TOML file.",
-)
-@click.option(
-    "--answers",
-    metavar="FILE",
-    help="Answers to what the plans ask their operator, a TOML file: "
-    '"QUESTION" = "ANSWER", * for anything; - for lines of the standard input. A terminal is asked otherwise.',
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="NAME=VALUE",
-    shell_complete=complete_settings,
-    help="Set a parameter of the plans, such as amplitude=20mm, or of one, PLAN.amplitude=20mm; repeatable. "
-    "`astb plans PLAN` lists them.",
-)
-@click.option(
-    "--with",
-    "values_path",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help='Parameters of the plans in a TOML file: NAME = "VALUE", for one plan in a table [PLAN]; --set goes over it.',
-)
-@click.option(
-    "--out",
-    "out",
-    type=click.Path(path_type=Path),
-    default=Path("runs"),
-    show_default=True,
-    help="Where records go.",
-)
+@plan_value_options
 def run_command(
     plans: tuple[str, ...],
     rig_path: Path | None,

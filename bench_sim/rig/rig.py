@@ -334,6 +334,11 @@ class Rig:
         """The present state of the bench."""
         return self.supervisor.state
 
+    @property
+    def detectors(self) -> npt.NDArray[np.void]:
+        """The limit detectors with all that they remember, one for each limit: to be read between two ticks."""
+        return self._detectors
+
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
         return self._contacts[name]()

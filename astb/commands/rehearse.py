@@ -1,0 +1,141 @@
+"""`astb rehearse`: a plan in virtual time before a rig moves, and the limits that it would come close to or trip."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from astb.commands.completion import complete_plans
+from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
+from astb.commands.plan_values import chosen_plans, plan_value_options
+from astb.exit_codes import BLOCKED, PASS, REFUSED, blocked, misuse
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from astb.display import ProgressDisplay
+    from astb.rehearsal.rehearsing import Rehearsal
+    from astb.rig_file import RigFile, Simulation
+    from bench_records.result import Check
+    from test_plans.plan import Plan
+
+#: Limits that the terminal shows; the page has them all.
+_SHOWN: Final = 6
+#: Exit codes by how a rehearsal ended; of several plans the last in this order counts.
+_EXIT: Final = {"clear": PASS, "blocked": BLOCKED, "refused": REFUSED}
+_STYLE: Final = {"clear": "bold green", "blocked": "bold magenta", "refused": "bold red"}
+
+
+@click.command("rehearse")
+@click.argument("plans", nargs=-1, required=True, metavar="PLAN...", shell_complete=complete_plans)
+@RIG_OPTION
+@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
+@simulation_options
+@plan_value_options
+def rehearse_command(
+    plans: tuple[str, ...],
+    rig_path: Path | None,
+    seed: int | None,
+    model: str | None,
+    effects: tuple[str, ...],
+    sealed: str | None,
+    specimen_name: str | None,
+    settings: tuple[str, ...],
+    values_path: Path | None,
+    answers: str | None,
+    out: Path,
+) -> None:
+    """Rehearse test plans in virtual time: how far they go, and how close to which limit of the rig.
+
+    Nothing moves and nobody is asked on the wires: a real rig is stood for by the simulated one, with the limits that
+    its file tells and, where it tells none, assumed ones. --model takes the extended model of a diagnosis. Each plan
+    leaves DIR/PLAN-rehearsal/ with rehearsal.html, rehearsal.json and the record.
+
+    Ends with 0 if no limit trips, whatever the checks say, 2 for misuse, 3 if the plan cannot go through for another
+    reason, 5 if a limit would trip: then the plan is refused, and the limit is named with step, value and time.
+    """
+    from rich.console import Console
+
+    from astb.operators import AnswersFileError, operator_for
+    from astb.rehearsal.page import word, write_page
+    from astb.rig_file import RigFileError
+    from bench_records.layout import RecordError
+    from drivers.errors import BenchError
+
+    chosen = chosen_plans(plans, settings, values_path)
+    specimen = read_specimen(specimen_name)
+    rig, path = read_rig(rig_path)
+    simulation = _simulation(rig, path, model, effects, sealed)
+    console, ends = Console(), []
+    try:
+        # Without answers a rehearsal asks nobody: it shall come to its end by itself.
+        operator = operator_for(answers, console) if answers else None
+        others = {"simulation": simulation, "seed": seed, "specimen": specimen, "operator": operator}
+        for plan in chosen:
+            found, directory = _rehearsed(console, plan, rig, path, out, others)
+            _show(console, found, write_page(found, directory))
+            ends.append(word(found))
+    except (RigFileError, ValueError, AnswersFileError, RecordError) as error:
+        misuse(error)
+    except BenchError as error:
+        blocked(error)
+    raise click.exceptions.Exit(_EXIT[max(ends, key=list(_EXIT).index)])
+
+
+def _rehearsed(
+    console: "Console", plan: "Plan", rig: "RigFile", path: Path, out: Path, others: dict[str, Any]
+) -> "tuple[Rehearsal, Path]":
+    """Rehearse ``plan`` with a bar on the screen; ``others`` are for `rehearse`."""
+    from astb.display import ProgressDisplay
+    from astb.rehearsal.rehearsing import rehearse
+    from bench_records.circumstances import circumstances
+
+    with ProgressDisplay(console) as display:
+
+        def begin(meta: dict[str, Any]) -> None:
+            display.introduce(" · ".join(["REHEARSAL", *circumstances(meta)]))
+            display.begin(plan.name)
+
+        return rehearse(plan, rig, path, out, watcher=_Phases(display), begin=begin, **others)
+
+
+def _simulation(
+    rig: "RigFile", path: Path, model: str | None, effects: tuple[str, ...], sealed: str | None
+) -> "Simulation":
+    """Return what simulates ``rig``, with what the options say over it."""
+    from msgspec.structs import replace
+
+    from astb.rehearsal.rehearsing import simulation_of
+
+    acting = simulated(replace(rig, simulation=simulation_of(rig)), path, model, effects, sealed)
+    assert acting.simulation is not None
+    return acting.simulation
+
+
+class _Phases:
+    """Follows a rehearsal: the checks are for the run."""
+
+    def __init__(self, display: "ProgressDisplay") -> None:
+        self.say, self.progress = display.say, display.progress
+
+    def checked(self, check: "Check") -> None:
+        """Leave the check to the run."""
+
+
+def _show(console: "Console", found: "Rehearsal", page: Path) -> None:
+    from astb.rehearsal.page import limit_line, sentence, word
+
+    def tell(text: str, style: str = "") -> None:
+        console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+
+    for note in found.notes:
+        tell(f"  {note}", "yellow")
+    for row in found.limits[:_SHOWN]:
+        tell(f"  {limit_line(row)}")
+    for one in found.indicated:
+        tell(f"  told, and the plan goes on: {one}", "yellow")
+    end = word(found)
+    tell(f"{found.plan}: {end.upper()}: {sentence(found)}", _STYLE[end])
+    if end == "clear":
+        tell(f"  on the simulated spring it ends with: {found.verdict}")
+    tell(f"  page: {page}")

@@ -1,0 +1,277 @@
+"""Rehearses a plan: runs it on the simulated rig, and tells how far it went and whether the rig would let it."""
+
+from collections.abc import Callable
+from math import isnan, nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+from msgspec.structs import replace
+
+from astb.rehearsal.envelope import Extreme, envelope, step_at
+from astb.rehearsal.rig_limits import KnownLimit, known_limits
+from astb.rehearsal.watch import Closest, LimitWatch, Trip
+from astb.rig_file import RigFile, Simulation
+from astb.run import describe, new_directory, undisturbed
+from astb.session import Session, build_rig, virtual_session, wiring_of
+from bench_protocol.signals import Kind
+from bench_protocol.table import TABLE
+from bench_protocol.units import NS
+from bench_protocol.words import LimitKind
+from bench_records.layout import RecordError
+from bench_records.result import Outcome, Result
+from bench_sim.rig.controls import TICK_NS
+from bench_sim.rig.limit_table import ACTIONS
+from bench_sim.rig.limits import LimitAction
+
+if TYPE_CHECKING:
+    from test_plans.operator import Operator
+    from test_plans.plan import Plan
+    from test_plans.run import Watcher
+    from test_plans.specimen import Specimen
+
+REHEARSAL: Final = "rehearsal.json"
+#: kg in a cubic metre of dry air at 0 °C and 101 325 Pa (DIN 1343).
+_NORMAL_DENSITY: Final = 1.2922
+#: What a plan asks of a rig: where a real one lacks some of it, the simulated one shall lack it too.
+_ASKED: Final = (Kind.MEASUREMENT, Kind.SETPOINT, Kind.SETTING)
+#: What our wires alone have, and no plan asks for.
+_OUR_WIRES: Final = ("control.", "lease.")
+
+
+class LimitMargin(msgspec.Struct, frozen=True):
+    """How close a plan came to one limit; SI, ``judged`` and ``margin`` as the limit counts them."""
+
+    signal: str
+    kind: str
+    at: float
+    judged: float | None  #: what stood farthest out for as long as the limit asks; None: never anything
+    margin: float | None
+    used: float  #: of the way from where the reading was at first to the limit: 1 is there
+    time: float  #: s since the run began
+    step: str
+    action: str
+    source: str
+    limit: str  #: in words
+    closest: str
+
+
+class Refusal(msgspec.Struct, frozen=True):
+    """The limit that would trip first and end the plan."""
+
+    step: str
+    signal: str
+    kind: str
+    judged: float  #: SI
+    at: float
+    time: float  #: s since the run began
+    words: str
+
+
+class Rehearsal(msgspec.Struct, frozen=True, kw_only=True):
+    """What a rehearsal found; limits are sorted by what is left of them, the least first."""
+
+    plan: str
+    title: str
+    rig: str
+    model: str
+    parameters: dict[str, str]
+    refusal: Refusal | None
+    limits: list[LimitMargin]
+    envelope: list[Extreme]
+    indicated: list[str]  #: limits that would trip and only tell so
+    duration: float  #: s
+    air: float  #: m³ at 0 °C and 1013 mbar that the springs took in
+    verdict: Outcome  #: of the plan on the simulated spring
+    reason: str
+    notes: list[str] = []  #: what a reader has to know of the rig that is rehearsed
+
+    def write(self, directory: Path) -> Path:
+        """Write ``rehearsal.json`` into ``directory``; RecordError for a disk that fails."""
+        path = directory / REHEARSAL
+        try:
+            path.write_bytes(msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n")
+        except OSError as error:
+            raise RecordError(f"{path} cannot be written: {error.strerror}") from None
+        return path
+
+
+def rehearse(
+    plan: "Plan",
+    rig: RigFile,
+    path: Path,
+    out: Path,
+    *,
+    simulation: Simulation | None = None,
+    seed: int | None = None,
+    specimen: "Specimen | None" = None,
+    operator: "Operator | None" = None,
+    watcher: "Watcher | None" = None,
+    begin: Callable[[dict[str, Any]], None] = lambda meta: None,
+) -> tuple[Rehearsal, Path]:
+    """Run ``plan`` in virtual time on what simulates ``rig``; return what was found, and the directory of its record.
+
+    Without a ``simulation`` that of `simulation_of` is taken; the limits are those of ``rig`` in any case, and what the
+    wiring of a real rig lacks the simulated one lacks too. ``begin`` is told what the record says of its origin.
+    ValueError for a limit or parameter that cannot be, WiringError for such a wiring, RecordError for a directory that
+    cannot be written.
+    """
+    from astb.operators import with_hand
+    from test_plans.execution import execute
+
+    limits, absent = known_limits(rig), _lacking(rig, path)
+    simulation = simulation or simulation_of(rig)
+    simulated = build_rig(simulation, seed)
+    watch = LimitWatch(simulated, [one.limit for one in limits])
+    directory = new_directory(out, f"{plan.name}-rehearsal")
+    with virtual_session(simulated, simulation, seed, watch.run) as session:
+        _leave_out(session, absent)
+        session.bench.connect()
+        meta = describe(session, replace(rig, simulation=simulation)) | {"rehearsal": True}
+        begin(meta)
+        with undisturbed():
+            result = execute(
+                plan,
+                session.bench,
+                directory,
+                meta=meta,
+                rig=rig.name,
+                seed=session.seed,
+                watcher=watcher,
+                specimen=specimen,
+                operator=with_hand(operator, session.bench.hand),
+            )
+    model = session.parameters.name if session.parameters else ""
+    found = _conclude(plan, rig.name, model, limits, watch, result, directory)
+    found = replace(found, notes=_notes(rig, model, limits, absent))
+    found.write(directory)
+    return found, directory
+
+
+def _conclude(
+    plan: "Plan",
+    rig: str,
+    model: str,
+    limits: list[KnownLimit],
+    watch: LimitWatch,
+    result: Result,
+    directory: Path,
+) -> Rehearsal:
+    """Bring together what the detectors judged, what the plan concluded, and the record in ``directory``."""
+    from bench_records.record import read
+
+    record = read(directory)
+
+    def seconds(tick: int) -> float:
+        return (tick * TICK_NS - record.start_ns) / NS
+
+    over = watch.over
+    return Rehearsal(
+        plan=plan.name,
+        title=plan.title,
+        rig=rig,
+        model=model,
+        parameters=result.parameters,
+        refusal=_refusal(limits, over, result, seconds) if over else None,
+        limits=_margins(limits, watch.closest(), result, seconds),
+        envelope=envelope(record, result.phases, seconds(over.tick) if over else float("inf")),
+        indicated=[
+            f"{limits[trip.row].limit.told(trip.judged)} at {seconds(trip.tick):.2f} s"
+            for trip in watch.trips
+            if limits[trip.row].limit.action is LimitAction.INDICATE
+        ],
+        duration=result.duration,
+        air=watch.air / _NORMAL_DENSITY,
+        verdict=result.verdict,
+        reason=result.reason,
+    )
+
+
+def simulation_of(rig: RigFile) -> Simulation:
+    """Return what simulates ``rig``: what its file says, or the ordinary simulation with the limits of a real rig."""
+    return rig.simulation or Simulation(limits=rig.limits)
+
+
+def _lacking(rig: RigFile, path: Path) -> dict[str, str]:
+    """Return what ``rig`` does not have of what plans ask, with the reasons."""
+    if not rig.wiring:
+        return {}
+    absent = wiring_of(rig, path).absent
+    return {
+        name: why
+        for name, why in absent.items()
+        if TABLE[name].kind in _ASKED and not name.startswith(_OUR_WIRES)
+    }
+
+
+def _leave_out(session: Session, absent: dict[str, str]) -> None:
+    from drivers.wiring.own import OwnWiring
+
+    wiring = session.bench.wiring
+    assert isinstance(wiring, OwnWiring)
+    wiring.absent = absent
+    wiring.freshness[[TABLE.index[name] for name in absent]] = 0
+
+
+def _notes(rig: RigFile, model: str, limits: list[KnownLimit], absent: dict[str, str]) -> list[str]:
+    if rig.simulation is not None:
+        return []
+    assumed = sum(one.source == "assumed" for one in limits)
+    notes = [f"{rig.name} is a real rig: the simulated one with the parameters {model} stands for it"]
+    if assumed:
+        notes.append(
+            f"{assumed} of {len(limits)} limits are ours, assumed: [[limits]] of the rig file would tell its own"
+        )
+    if absent:
+        notes.append(f"as the rig does, the simulated one lacks {', '.join(absent)}")
+    return notes
+
+
+def _refusal(
+    limits: list[KnownLimit], trip: Trip, result: Result, seconds: Callable[[int], float]
+) -> Refusal:
+    limit, time = limits[trip.row].limit, seconds(trip.tick)
+    kind = limit.kind.name.lower()
+    step = step_at(result.phases, time)
+    return Refusal(step, limit.signal, kind, trip.judged, limit.at, time, limit.told(trip.judged))
+
+
+def _margins(
+    limits: list[KnownLimit], closest: list[Closest], result: Result, seconds: Callable[[int], float]
+) -> list[LimitMargin]:
+    rows = []
+    for (limit, source), near in zip(limits, closest, strict=True):
+        if limit.action is LimitAction.NONE:
+            continue
+        sense = -1.0 if limit.kind is LimitKind.LOWER else 1.0
+        way, gone = sense * (limit.at - near.rest), sense * (near.judged - near.rest)
+        margin = sense * (limit.at - near.judged)
+        used = gone / way if way > 0.0 else nan
+        time = seconds(near.tick)
+        rows.append(
+            LimitMargin(
+                signal=limit.signal,
+                kind=limit.kind.name.lower(),
+                at=limit.at,
+                judged=None if isnan(near.judged) else near.judged,
+                margin=None if isnan(margin) else margin,
+                used=0.0 if isnan(near.judged) else 1.0 if isnan(used) else max(used, 0.0),
+                time=time,
+                step=step_at(result.phases, time),
+                action=ACTIONS[limit.action],
+                source=source,
+                limit=_shown(limit.signal, limit.kind, limit.at),
+                closest="" if isnan(near.judged) else _shown(limit.signal, limit.kind, near.judged),
+            )
+        )
+    return sorted(rows, key=lambda row: -row.used)
+
+
+def _shown(signal: str, kind: LimitKind, value: float) -> str:
+    """Return what a limit of this kind counts, in words: a value, its rate, a time, a number."""
+    if kind is LimitKind.TIMEOUT:
+        return f"{value * 1e3:.0f} ms"
+    if kind is LimitKind.COUNT:
+        return f"{value:g}"
+    number, _, unit = TABLE[signal].show(value).partition(" ")
+    return f"{float(number):.4g} {unit}" + ("/s" if kind is LimitKind.RATE else "")

@@ -1,0 +1,33 @@
+"""The limits that a rig has, as far as its file tells them, and the assumed ones in place of those that it does not."""
+
+from typing import Final, NamedTuple
+
+from astb.rig_file import RigFile
+from bench_protocol.words import LIMIT_KINDS
+from bench_sim.rig.limit_table import limits_of
+from bench_sim.rig.limits import Limit
+
+SIMULATED: Final = "simulated rig"
+TOLD: Final = "rig file"
+ASSUMED: Final = "assumed"
+
+
+class KnownLimit(NamedTuple):
+    """A limit, and who says so: `SIMULATED`, `TOLD` or `ASSUMED`."""
+
+    limit: Limit
+    source: str
+
+
+def known_limits(rig: RigFile) -> list[KnownLimit]:
+    """Return the limits of ``rig``; ValueError with key, value and what would be right for one that cannot be.
+
+    What the file of a simulated rig does not tell holds in the simulation all the same; of a real rig it is assumed.
+    """
+    rows = rig.simulation.limits if rig.simulation else rig.limits
+    otherwise = SIMULATED if rig.simulation else ASSUMED
+    told = {(row.get("signal"), row.get("kind")) for row in rows}
+    return [
+        KnownLimit(limit, TOLD if (limit.signal, LIMIT_KINDS[limit.kind]) in told else otherwise)
+        for limit in limits_of(rows)
+    ]
