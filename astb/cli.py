@@ -29,6 +29,7 @@ from astb.commands.lists import (
 from astb.commands.rehearse import rehearse_command
 from astb.commands.rig import rig_command
 from astb.commands.run import report_command, run_command
+from astb.commands.runs import compare_command, runs_command, trend_command
 from astb.commands.wiring import wiring_command
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.plugins import ExtensibleGroup
@@ -75,6 +76,9 @@ for _command in (
     limits_command,
     signals_command,
     report_command,
+    runs_command,
+    compare_command,
+    trend_command,
     wiring_command,
     check_rig_command,
     conform_command,

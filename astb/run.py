@@ -37,19 +37,20 @@ def run_plans(
     out: Path,
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
+    run_by: str = "",
 ) -> list[Result]:
     """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
 
-    Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked. In real time the plans share
-    one session with the rig, and a blocked plan is the last; in virtual time each starts with a new one, so that what
-    a plan measures does not depend on what ran before.
+    Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked, ``run_by`` the name in the
+    record. In real time the plans share one session with the rig, and a blocked plan is the last; in virtual time each
+    starts with a new one, so that what a plan measures does not depend on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
     with ProgressDisplay(Console()) as display:
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
-                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen, operator)
+                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen, operator, run_by)
                 results.append(result)
                 if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
@@ -67,6 +68,7 @@ def run_plan(
     display: ProgressDisplay,
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
+    run_by: str = "",
 ) -> tuple[Result, Path]:
     """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
 
@@ -78,6 +80,8 @@ def run_plan(
 
     directory = new_directory(out, name)
     meta = describe(session, rig)
+    if run_by:
+        meta["operator"] = run_by
     display.introduce(" · ".join(circumstances(meta)))
     display.begin(plan.name)
     stopped: KeyboardInterrupt | None = None

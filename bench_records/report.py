@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from bench_records.check_table import bar_drawing, check_rows
 from bench_records.circumstances import circumstances
@@ -15,10 +14,8 @@ from bench_records.layout import REPORT, RESULT
 from bench_records.record import Record, read
 from bench_records.result import CheckVerdict, Outcome, Result, conclude, read_result
 from bench_records.run_drawings import curve_groups, numbered, phase_strips, time_panels
+from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, plain, seconds
-
-if TYPE_CHECKING:
-    from jinja2 import Template
 
 
 def write_report(directory: Path | str) -> Path:
@@ -36,7 +33,7 @@ def render(record: Record, result: Result) -> str:
     """The page for a record and a result."""
     phases = record.phases or result.phases
     span = (0.0, max(record.duration, result.duration, 1e-3))
-    return _template().render(
+    return template("report.html.j2").render(
         result=result,
         record=record,
         counts={verdict.value: result.count(verdict) for verdict in CheckVerdict},
@@ -58,20 +55,6 @@ def render(record: Record, result: Result) -> str:
         duration=seconds(span[1]),
         samples=f"{len(record):,}".replace(",", THIN_SPACE),
     )
-
-
-@cache
-def _template() -> Template:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2")
 
 
 def _result_of(record: Record, directory: Path) -> Result:

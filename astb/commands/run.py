@@ -23,6 +23,13 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
 @simulation_options
 @plan_value_options
+@click.option(
+    "--operator",
+    "run_by",
+    envvar="ASTB_OPERATOR",
+    default="",
+    help="Who runs this, for record and report; else ASTB_OPERATOR of the environment.",
+)
 def run_command(
     plans: tuple[str, ...],
     rig_path: Path | None,
@@ -35,6 +42,7 @@ def run_command(
     answers: str | None,
     settings: tuple[str, ...],
     values_path: Path | None,
+    run_by: str,
     out: Path,
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
@@ -75,6 +83,7 @@ def run_command(
             out=out,
             specimen=specimen,
             operator=operator,
+            run_by=run_by,
         )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)

@@ -1,0 +1,246 @@
+"""`astb runs`, `astb compare` and `astb trend`: the runs that a folder keeps."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from astb.commands.options import JSON_OPTION, pairs
+from astb.exit_codes import misuse
+from astb.tables import open_console, open_table, print_json
+
+if TYPE_CHECKING:
+    from bench_records.index import KeptCheck, RunIndex
+
+OUT_OPTION: Final = click.option(
+    "--out",
+    "folder",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="The folder in which `astb run` keeps its runs.",
+)
+PAGE_OPTION: Final = click.option(
+    "--page",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Also write it as an HTML page with drawings.",
+)
+_STYLE: Final = {"pass": "green", "incomplete": "yellow", "fail": "bold red", "blocked": "magenta"}
+
+
+@click.command("runs")
+@OUT_OPTION
+@click.option("--plan", help="Only runs of this plan.")
+@click.option("--verdict", type=click.Choice(tuple(_STYLE)), help="Only runs that ended so.")
+@click.option("--specimen", help="Only runs of the specimen with this serial number.")
+@click.option("--rig", help="Only runs on this rig.")
+@click.option("--operator", help="Only runs of this operator.")
+@click.option(
+    "--rebuild",
+    is_flag=True,
+    help="Make the index anew from the folders. It follows them by itself; this is for doubts.",
+)
+@JSON_OPTION
+def runs_command(
+    folder: Path,
+    plan: str | None,
+    verdict: str | None,
+    specimen: str | None,
+    rig: str | None,
+    operator: str | None,
+    rebuild: bool,
+    as_json: bool,
+) -> None:
+    """List the runs that are kept, oldest first."""
+    from bench_records.layout import RecordError
+
+    index = _index(folder)
+    try:
+        if rebuild:
+            click.echo(f"{index.rebuild()} runs in {folder}", err=True)
+        runs = index.runs(plan=plan, verdict=verdict, serial_number=specimen, rig=rig, operator=operator)
+    except RecordError as error:
+        misuse(error)
+    _tell_unreadable(index)
+    if as_json:
+        print_json(runs)
+        return
+    table = open_table(
+        f"{len(runs)} runs in {folder}",
+        "",
+        "run",
+        "when (UTC)",
+        "plan",
+        "specimen no.",
+        "rig",
+        "operator",
+        whole=("",),
+    )
+    for one in runs:
+        plan_words = " ".join([one.plan, *(f"{name}={value}" for name, value in one.parameters.items())])
+        verdict_mark = f"[{_STYLE.get(one.verdict, '')}]{one.verdict}[/]"
+        began = one.began.replace("T", " ").removesuffix("Z")
+        table.add_row(
+            verdict_mark, one.directory, began, plan_words, one.serial_number, one.rig, one.operator
+        )
+    open_console().print(table)
+
+
+@click.command("compare")
+@click.argument("a", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("b", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@PAGE_OPTION
+@JSON_OPTION
+def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
+    """Tell in what the run in directory B differs from that in A.
+
+    In rig, specimen and parameters, in limits, in results, and in curves, which the page draws on top of each other.
+    """
+    from rich.markup import escape
+
+    from bench_records.comparison import compare_runs
+    from bench_records.kept_pages import comparison_row, write_comparison
+    from bench_records.layout import RecordError
+
+    try:
+        found = compare_runs(a, b)
+        if page:
+            write_comparison(found, page)
+    except RecordError as error:
+        misuse(error)
+    except OSError as error:
+        misuse(f"{page} cannot be written: {error.strerror}")
+    if as_json:
+        print_json(found)
+        return
+    console = open_console()
+    facts = open_table("what was otherwise", "", "A", "B", whole=("",))
+    for fact in found.facts:
+        facts.add_row(fact.what.replace("_", " "), escape(fact.a), escape(fact.b))
+    console.print(facts if found.facts else "nothing was otherwise that the records tell of")
+    results = open_table("results", "check", "A", "B", "B − A", "")
+    phase = None
+    for row in map(comparison_row, found.checks):
+        if row.phase != phase:
+            phase = row.phase
+            results.add_section()
+            results.add_row(f"[bold]{escape(phase) or 'no phase'}[/bold]")
+        tone = {"fail": "bold red", "marginal": "yellow"}.get(row.tone, "")
+        remark = f"[{tone}]{escape(row.remark)}[/]" if tone else escape(row.remark)
+        results.add_row(escape(row.name), row.a, row.b, row.change, remark)
+    console.print(results)
+    for pair in found.curves:
+        if pair.apart is not None:
+            name = ": ".join(filter(None, (pair.group, pair.name)))
+            console.print(f"curve {name}: {100 * pair.apart:.2g} % apart (r.m.s.)", highlight=False)
+    for lonely in found.lonely_curves:
+        console.print(f"curve {lonely}", highlight=False, markup=False)
+    if page:
+        console.print(f"page: {page}", highlight=False)
+
+
+@click.command("trend")
+@click.argument("check")
+@click.option("--specimen", required=True, metavar="NUMBER", help="Serial number of the specimen.")
+@OUT_OPTION
+@click.option("--plan", help="Only runs of this plan.")
+@click.option("--phase", help="Only checks made in this phase.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Only runs with this parameter as written in the run, such as load=AW3; repeatable.",
+)
+@PAGE_OPTION
+@JSON_OPTION
+def trend_command(
+    check: str,
+    specimen: str,
+    folder: Path,
+    plan: str | None,
+    phase: str | None,
+    settings: tuple[str, ...],
+    page: Path | None,
+    as_json: bool,
+) -> None:
+    """Tell how the values of CHECK went over the life of a specimen: scatter, and whether they drift.
+
+    What was measured otherwise is never mixed: where a check of this name comes from several plans, phases or
+    parameters, these are listed, and one has to be chosen.
+    """
+    from bench_records.kept_pages import trend_words, write_trend
+    from bench_records.layout import RecordError
+    from bench_records.trend import trend_of
+
+    index = _index(folder)
+    wanted = pairs(settings, "has no value: NAME=VALUE would be right, such as load=AW3", option="--set ")
+    try:
+        checks = [
+            one
+            for one in index.checks(check, serial_number=specimen, plan=plan)
+            if phase in (None, one.phase) and wanted.items() <= one.run.parameters.items()
+        ]
+        if not checks:
+            misuse(_no_such(index, check, specimen))
+        found = trend_of(check, _of_one_kind(check, checks))
+        if page:
+            write_trend(found, specimen, page)
+    except RecordError as error:
+        misuse(error)
+    except OSError as error:
+        misuse(f"{page} cannot be written: {error.strerror}")
+    _tell_unreadable(index)
+    if as_json:
+        print_json(found)
+        return
+    table = open_table(f"{check}, specimen {specimen}", "", "when (UTC)", "run", "value", whole=("", "value"))
+    for one in found.checks:
+        value = "–" if one.value is None else f"{one.value / one.scale:.6g} {one.unit}".rstrip()
+        table.add_row(
+            one.verdict, one.run.began.replace("T", " ").removesuffix("Z"), one.run.directory, value
+        )
+    console = open_console()
+    console.print(table)
+    for sentence in trend_words(found):
+        console.print(sentence, highlight=False)
+    if page:
+        console.print(f"page: {page}", highlight=False)
+
+
+def _index(folder: Path) -> "RunIndex":
+    from bench_records.index import RunIndex
+    from bench_records.layout import RecordError
+
+    try:
+        return RunIndex(folder)
+    except RecordError as error:
+        misuse(error)
+
+
+def _tell_unreadable(index: "RunIndex") -> None:
+    for directory, why in index.unreadable.items():
+        click.echo(f"{directory} is left out: {why}", err=True)
+
+
+def _no_such(index: "RunIndex", check: str, specimen: str) -> str:
+    from bench_protocol.suggestion import meant
+
+    serials = index.names("serial_number")
+    if specimen not in serials:
+        there = ", ".join(filter(None, serials)) or "none"
+        return f"no run in {index.folder} is of a specimen {specimen}; there are {there}"
+    return f"specimen {specimen} has no check {check!r} in such runs; {meant(check, index.names('check'))}"
+
+
+def _of_one_kind(check: str, checks: "list[KeptCheck]") -> "list[KeptCheck]":
+    """Return the checks if all were measured alike; misuse, with what there is, if not."""
+    kinds = {(one.run.plan, one.phase, tuple(sorted(one.run.parameters.items()))): None for one in checks}
+    if len(kinds) > 1:
+        lines = [
+            " ".join([f"--plan {plan}", f'--phase "{phase}"', *(f"--set {n}='{v}'" for n, v in given)])
+            for plan, phase, given in kinds
+        ]
+        misuse(f"{check} was measured in {len(kinds)} ways; choose one of\n  " + "\n  ".join(lines))
+    return checks

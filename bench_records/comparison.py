@@ -1,0 +1,167 @@
+"""Two runs beside each other: what was otherwise in rig, specimen and parameters, in limits, in results, in curves."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from bench_records.index import facts_of
+from bench_records.result import Check, Curve, Result, read_result
+
+Kind = Literal["changed", "only in A", "only in B"]
+
+
+class Fact(msgspec.Struct, frozen=True):
+    """Something that was otherwise before the run began."""
+
+    what: str
+    a: str
+    b: str
+
+
+class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
+    """A check of both runs, or of one; ``change`` is b - a in SI, ``share`` that over a's size; None is unknown."""
+
+    phase: str
+    name: str
+    a: Check | None
+    b: Check | None
+    change: float | None
+    share: float | None
+    limits_changed: bool
+    verdict_changed: bool
+
+
+class CurvePair(msgspec.Struct, frozen=True, kw_only=True):
+    """A curve of both runs. ``apart`` is the r.m.s. of the difference of y over the r.m.s. of A's; None for loops."""
+
+    group: str
+    name: str
+    a: Curve
+    b: Curve
+    apart: float | None
+
+
+class Comparison(msgspec.Struct, frozen=True, kw_only=True):
+    """Run A beside run B."""
+
+    a: str
+    b: str
+    facts: list[Fact]
+    verdicts: tuple[str, str]
+    checks: list[CheckPair]
+    curves: list[CurvePair]
+    lonely_curves: list[str]  #: which only one of them has, and which
+
+
+def compare_runs(a: Path, b: Path) -> Comparison:
+    """Return what tells the runs in the directories ``a`` and ``b`` apart. RecordError if one has no result."""
+    one, other = read_result(a), read_result(b)
+    curves, lonely = _curve_pairs(one.curves, other.curves)
+    return Comparison(
+        a=str(a),
+        b=str(b),
+        facts=_facts(_all_facts(one, a), _all_facts(other, b)),
+        verdicts=(one.verdict.value, other.verdict.value),
+        checks=_check_pairs(one.checks, other.checks),
+        curves=curves,
+        lonely_curves=lonely,
+    )
+
+
+def _all_facts(result: Result, directory: Path) -> dict[str, str]:
+    told = facts_of(directory)
+    if isinstance(parameters := told.get("parameters"), dict):
+        parameters.pop("effects", None)  # they stand beside, in words
+    told |= {"plan": result.plan, "rig": result.rig, "seed": result.seed, "set": result.parameters}
+    if result.specimen is not None:
+        told["specimen"] = msgspec.to_builtins(result.specimen)
+    return dict(_flattened("", told))
+
+
+def _flattened(key: str, value: Any) -> Iterable[tuple[str, str]]:
+    if isinstance(value, dict):
+        for inner, below in value.items():
+            yield from _flattened(f"{key} › {inner}" if key else str(inner), below)
+    else:
+        # Of a checksum its beginning tells enough.
+        yield key, "" if value is None else str(value)[:12] if key.endswith("sha256") else str(value)
+
+
+def _facts(a: dict[str, str], b: dict[str, str]) -> list[Fact]:
+    return [
+        Fact(what, a.get(what, ""), b.get(what, ""))
+        for what in dict.fromkeys([*a, *b])
+        if a.get(what, "") != b.get(what, "")
+    ]
+
+
+def _check_pairs(a: list[Check], b: list[Check]) -> list[CheckPair]:
+    """Pair checks of the same phase and name; the second of a name with the second."""
+    return [_check_pair(key, one, other) for key, one, other in _paired(a, b, lambda c: (c.phase, c.name))]
+
+
+def _check_pair(key: tuple[str, str], a: Check | None, b: Check | None) -> CheckPair:
+    phase, name = key
+    change = share = None
+    if a and b and math.isfinite(a.number) and math.isfinite(b.number):
+        change = b.number - a.number
+        share = change / abs(a.number) if a.number else None
+    return CheckPair(
+        phase=phase,
+        name=name,
+        a=a,
+        b=b,
+        change=change,
+        share=share,
+        limits_changed=bool(a and b and (a.low, a.high) != (b.low, b.high)),
+        verdict_changed=bool(a and b and a.verdict != b.verdict),
+    )
+
+
+def _curve_pairs(a: list[Curve], b: list[Curve]) -> tuple[list[CurvePair], list[str]]:
+    pairs, lonely = [], []
+    for (group, name), one, other in _paired(a, b, lambda c: (c.group, c.name)):
+        if one is None or other is None:
+            lonely.append(f"{group + ': ' if group else ''}{name} only in {'A' if one else 'B'}")
+        else:
+            pairs.append(CurvePair(group=group, name=name, a=one, b=other, apart=_apart(one, other)))
+    return pairs, lonely
+
+
+def _apart(a: Curve, b: Curve) -> float | None:
+    """How far two sweeps lie apart where both are known: over A's places, B being interpolated between its own."""
+    import numpy as np
+
+    if a.kind != "sweep" or b.kind != "sweep":
+        return None
+    xa, ya, xb, yb = (np.array([np.nan if n is None else n for n in s]) for s in (a.xs, a.ys, b.xs, b.ys))
+    good_a, good_b = np.isfinite(xa + ya), np.isfinite(xb + yb)
+    xa, ya, xb, yb = xa[good_a], ya[good_a], xb[good_b], yb[good_b]
+    order = np.argsort(xb, kind="stable")
+    if not xa.size or not xb.size:
+        return None
+    shared = (xa >= xb.min()) & (xa <= xb.max())
+    size = float(np.sqrt(np.mean(ya[shared] ** 2))) if shared.any() else 0.0
+    if not size:
+        return None
+    difference = np.interp(xa[shared], xb[order], yb[order]) - ya[shared]
+    return float(np.sqrt(np.mean(difference**2))) / size
+
+
+def _paired(a: list[Any], b: list[Any], key: Any) -> Iterable[tuple[Any, Any, Any]]:
+    """Pair what has the same key, in the order of ``a`` and then of ``b``; None stands for what is missing."""
+    left: dict[Any, list[Any]] = defaultdict(list)
+    for one in b:
+        left[key(one)].append(one)
+    for one in a:
+        rest = left[key(one)]
+        yield key(one), one, rest.pop(0) if rest else None
+    for name, rest in left.items():
+        for one in rest:
+            yield name, None, one

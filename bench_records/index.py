@@ -1,0 +1,236 @@
+"""The runs that a folder keeps, in a small database beside them that can be made anew from the folders at any time.
+
+The folders are the truth: every question first looks for results that are new, changed or gone since the last one.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from bench_records.layout import META, RESULT, RecordError
+from bench_records.result import Check, Result, read_result
+
+INDEX: Final = "index.sqlite"
+#: Another version of the tables is thrown away and made anew.
+VERSION: Final = 1
+WAIT: Final = 10.0
+
+TABLES: Final = """
+create table run (
+    directory text primary key, stamp text not null, began text not null, plan text not null, title text not null,
+    verdict text not null, reason text not null, rig text not null, operator text not null, specimen text not null,
+    serial_number text not null, seed integer, duration real not null, parameters text not null
+);
+create table judged (
+    directory text not null references run on delete cascade, place integer not null, phase text not null,
+    name text not null, value real, unit text not null, scale real not null, low real, high real, verdict text not null,
+    primary key (directory, place)
+);
+create index judged_by_name on judged (name);
+"""
+
+
+class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
+    """One run as the index knows it. ``began`` is ISO 8601 in UTC: when it ran, or, in virtual time, was written."""
+
+    directory: str  #: below the folder of the index
+    began: str
+    plan: str
+    title: str
+    verdict: str
+    reason: str
+    rig: str
+    operator: str
+    specimen: str  #: its type
+    serial_number: str
+    seed: int | None
+    duration: float  #: s
+    parameters: dict[str, str]
+
+
+class KeptCheck(msgspec.Struct, frozen=True, kw_only=True):
+    """One check of one run; value and limits in SI, ``scale`` being the SI value of one ``unit``."""
+
+    run: KeptRun
+    phase: str
+    name: str
+    value: float | None
+    unit: str
+    scale: float
+    low: float | None
+    high: float | None
+    verdict: str
+
+
+_RUN: Final = tuple(KeptRun.__struct_fields__)
+_CHECK: Final = ("phase", "name", "value", "unit", "scale", "low", "high", "verdict")
+
+
+class RunIndex:
+    """The runs below ``folder``. RecordError if the folder is none, or the index can be neither read nor written."""
+
+    def __init__(self, folder: Path) -> None:
+        if not folder.is_dir():
+            raise RecordError(f"{folder} is no folder with runs; `astb run --out FOLDER` makes one")
+        self.folder = folder
+        #: Results that are not read, and why.
+        self.unreadable: dict[str, str] = {}
+
+    def runs(self, **chosen: str | None) -> list[KeptRun]:
+        """Return the runs, oldest first, whose columns (``plan``, ``verdict``, …) are as ``chosen``; None is any."""
+        where, values = _where(chosen)
+        with self._fresh() as base:
+            rows = base.execute(
+                f"select {', '.join(_RUN)} from run {where} order by began, directory", values
+            )
+            return [_kept(row) for row in rows]
+
+    def checks(self, name: str, **chosen: str | None) -> list[KeptCheck]:
+        """Return the checks of that name, oldest first, of the runs whose columns are as ``chosen``."""
+        where, values = _where(chosen, "run.")
+        columns = ", ".join([f"judged.{one}" for one in _CHECK] + [f"run.{one}" for one in _RUN])
+        with self._fresh() as base:
+            rows = base.execute(
+                f"select {columns} from judged join run using (directory) "
+                f"{where or 'where true'} and judged.name = ? order by run.began, directory, place",
+                (*values, name),
+            )
+            n = len(_CHECK)
+            return [KeptCheck(run=_kept(row[n:]), **dict(zip(_CHECK, row[:n], strict=True))) for row in rows]
+
+    def names(self, column: str) -> list[str]:
+        """Return what a column holds: ``check`` for the names of checks, else a column of the runs."""
+        table, column = ("judged", "name") if column == "check" else ("run", column)
+        with self._fresh() as base:
+            return [row[0] for row in base.execute(f"select distinct {column} from {table} order by 1")]
+
+    def rebuild(self) -> int:
+        """Throw the index away and make it from the folders; return how many runs there are."""
+        (self.folder / INDEX).unlink(missing_ok=True)
+        with self._fresh() as base:
+            return int(base.execute("select count(*) from run").fetchone()[0])
+
+    @contextmanager
+    def _fresh(self) -> Iterator[sqlite3.Connection]:
+        """Yield the database after it has caught up with the folders."""
+        path = self.folder / INDEX
+        try:
+            with closing(_opened(path)) as base, base:
+                self._catch_up(base)
+                yield base
+        except sqlite3.Error as error:
+            raise RecordError(
+                f"{path}: {error}; it holds nothing that the folders do not: remove it"
+            ) from None
+
+    def _catch_up(self, base: sqlite3.Connection) -> None:
+        known = dict(base.execute("select directory, stamp from run"))
+        there = {str(path.parent.relative_to(self.folder)): path for path in self.folder.rglob(RESULT)}
+        self.unreadable = {}
+        for directory in known.keys() - there.keys():
+            base.execute("delete from run where directory = ?", (directory,))
+        for directory, path in there.items():
+            with suppress(FileNotFoundError):  # somebody removes it just now
+                stamp = _stamp(path)
+                if known.get(directory) == stamp:
+                    continue
+                base.execute("delete from run where directory = ?", (directory,))
+                try:
+                    _insert(base, directory, stamp, read_result(path.parent), path)
+                except RecordError as error:
+                    self.unreadable[directory] = str(error)
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    """Open the database; one of another version, or that is none, is made anew."""
+    base = sqlite3.connect(path, timeout=WAIT)
+    try:
+        version = base.execute("pragma user_version").fetchone()[0]
+    except sqlite3.DatabaseError as error:
+        base.close()
+        if "not a database" not in str(error) and "malformed" not in str(error):
+            raise
+        path.unlink()
+        return _opened(path)
+    if version != VERSION:
+        tables = [name for (name,) in base.execute("select name from sqlite_master where type = 'table'")]
+        drops = "".join(f"drop table {name};" for name in reversed(tables))
+        base.executescript(f"begin; {drops} {TABLES} pragma user_version = {VERSION}; commit;")
+    base.execute("pragma foreign_keys = on")
+    return base
+
+
+def _stamp(path: Path) -> str:
+    status = path.stat()
+    return f"{status.st_mtime_ns} {status.st_size}"
+
+
+def _insert(base: sqlite3.Connection, directory: str, stamp: str, result: Result, path: Path) -> None:
+    meta = facts_of(path.parent)
+    written = datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    sample = result.specimen
+    run = {
+        "directory": directory,
+        "stamp": stamp,
+        "began": meta.get("date", written),
+        "plan": result.plan,
+        "title": result.title,
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "rig": result.rig,
+        "operator": meta.get("operator", ""),
+        "specimen": sample.type if sample else "",
+        "serial_number": sample.serial_number if sample else "",
+        "seed": result.seed,
+        "duration": result.duration,
+        "parameters": msgspec.json.encode(result.parameters).decode(),
+    }
+    _store(base, "run", run)
+    for place, one in enumerate(result.checks):
+        _store(base, "judged", {"directory": directory, "place": place, **_figures(one)})
+
+
+def _figures(one: Check) -> dict[str, Any]:
+    found: dict[str, Any] = {name: getattr(one, name) for name in _CHECK}
+    # A NaN becomes NULL: nothing was measured.
+    return found | {"verdict": one.verdict.value, "value": one.number}
+
+
+def _store(base: sqlite3.Connection, table: str, row: dict[str, Any]) -> None:
+    marks = ", ".join("?" * len(row))
+    base.execute(f"insert into {table} ({', '.join(row)}) values ({marks})", tuple(row.values()))
+
+
+def _where(chosen: dict[str, str | None], prefix: str = "") -> tuple[str, tuple[str, ...]]:
+    asked = {name: value for name, value in chosen.items() if value is not None}
+    unknown = asked.keys() - set(_RUN)
+    if unknown:
+        raise ValueError(f"a run has no {', '.join(unknown)}; it has {', '.join(_RUN)}")
+    text = " and ".join(f"{prefix}{name} = ?" for name in asked)
+    return (f"where {text}" if text else ""), tuple(asked.values())
+
+
+def _kept(row: Sequence[Any]) -> KeptRun:
+    columns = dict(zip(_RUN, row, strict=True))
+    columns["parameters"] = msgspec.json.decode(columns["parameters"])
+    return KeptRun(**columns)
+
+
+#: What `meta.json` tells beside the circumstances of a run.
+_BESIDE: Final = {"samples", "duration_s", "events"}
+
+
+def facts_of(directory: Path) -> dict[str, Any]:
+    """Return what a run says of its origin, without its events; nothing where that cannot be read."""
+    try:
+        meta: dict[str, Any] = msgspec.json.decode((directory / META).read_bytes())
+        return {name: value for name, value in meta.items() if name not in _BESIDE}
+    except (OSError, msgspec.MsgspecError):
+        return {}

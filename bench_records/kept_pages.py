@@ -1,0 +1,183 @@
+"""The pages of runs that are kept: two beside each other, and one check over the life of a specimen."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from bench_records.plots import ALARM, INK, PALETTE, SOFT, heading, panel, style, svg
+from bench_records.result import Check
+from bench_records.templates import template
+from bench_records.typography import THIN_SPACE, fixed
+
+if TYPE_CHECKING:
+    from bench_records.comparison import CheckPair, Comparison, CurvePair
+    from bench_records.index import KeptCheck
+    from bench_records.trend import Trend
+
+#: Of A and of B, wherever they are drawn.
+_TONES = (PALETTE[0], PALETTE[1])
+_LOOP_POINTS = 900
+#: Beyond this a change in per cent says only that A was near zero.
+_TIMES = 10.0
+#: Up to this, time is told in hours.
+_FEW_DAYS = 3.0
+
+
+class Row(NamedTuple):
+    """A check of two runs in words."""
+
+    phase: str
+    name: str
+    a: str
+    b: str
+    change: str
+    remark: str
+    tone: str
+
+
+def write_comparison(comparison: Comparison, path: Path) -> None:
+    """Write the page of two runs; it stands alone. OSError if it cannot be written."""
+    page = template("comparison.html.j2").render(
+        comparison=comparison,
+        rows=[comparison_row(pair) for pair in comparison.checks],
+        drawings=[
+            _overlay(f"curve{number}", pair) for number, pair in enumerate(comparison.curves) if pair.a.xs
+        ],
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def comparison_row(pair: CheckPair) -> Row:
+    """Return the pair in words: values with their unit, the change with its sign, what else is otherwise."""
+    known = pair.a or pair.b
+    assert known is not None
+    remarks = []
+    if pair.a is None or pair.b is None:
+        remarks.append(f"only in {'A' if pair.a else 'B'}")
+    if pair.verdict_changed and pair.a and pair.b:
+        remarks.append(f"{pair.a.verdict} → {pair.b.verdict}")
+    if pair.limits_changed and pair.a and pair.b:
+        remarks.append(f"limits {_limits(pair.a)} → {_limits(pair.b)}")
+    change = ""
+    if pair.change is not None:
+        change = _figure(pair.change, known, sign=True)
+        if pair.share is not None and abs(pair.share) < _TIMES:
+            change += f" ({'+' if pair.share >= 0 else ''}{fixed(100 * pair.share, 1)}{THIN_SPACE}%)"
+    worse = pair.b is not None and not pair.b.passed and pair.verdict_changed
+    return Row(
+        pair.phase,
+        pair.name,
+        _figure(pair.a.number, pair.a) if pair.a else "",
+        _figure(pair.b.number, pair.b) if pair.b else "",
+        change,
+        "; ".join(remarks),
+        "fail" if worse else "marginal" if remarks else "",
+    )
+
+
+def _figure(value: float, one: Check, *, sign: bool = False) -> str:
+    """A value (SI) as people read it: four digits of the largest of value and limits."""
+    if not math.isfinite(value):
+        return "–"
+    sizes = [abs(n / one.scale) for n in (one.number, one.low, one.high) if n and math.isfinite(n)]
+    decimals = min(6, max(0, 4 - math.ceil(math.log10(max(sizes))))) if sizes else 0
+    text = fixed(value / one.scale, decimals)
+    return f"{'+' if sign and value >= 0 else ''}{text}{THIN_SPACE}{one.unit}".rstrip()
+
+
+def _limits(one: Check) -> str:
+    low, high = ("" if n is None else _figure(n, one) for n in (one.low, one.high))
+    return f"{low} … {high}".strip()
+
+
+def _overlay(name: str, pair: CurvePair) -> str:
+    """Both curves in one pair of axes, A below B."""
+    x, y = pair.a.x, pair.a.y
+    with style():
+        figure, axes = panel(3.1, width=4.72, left=0.72, right=0.14, bottom=0.62, top=0.32)
+        for one, tone, label, wide in ((pair.a, _TONES[0], "A", 2.2), (pair.b, _TONES[1], "B", 1.1)):
+            step = 1 if one.kind == "sweep" else max(1, len(one.xs) // _LOOP_POINTS)
+            xs, ys = (
+                [math.nan if n is None else n / axis.scale for n in series[::step]]
+                for series, axis in ((one.xs, x), (one.ys, y))
+            )
+            mark = "o" if one.kind == "sweep" else ""
+            axes.plot(xs, ys, color=tone, linewidth=wide, marker=mark, markersize=4, label=label)
+        axes.legend(frameon=False, loc="best")
+        heading(axes, " · ".join(filter(None, (pair.group, pair.name))), y.unit)
+        axes.set_xlabel(", ".join(filter(None, (x.label, x.unit))), loc="right")
+        return svg(figure, name)
+
+
+def write_trend(trend: Trend, specimen: str, path: Path) -> None:
+    """Write the page of one check over the life of a specimen. OSError if it cannot be written."""
+    page = template("trend.html.j2").render(
+        trend=trend,
+        specimen=specimen,
+        words=trend_words(trend),
+        drawing=_over_time(trend),
+        rows=[(one, _kept_figure(one, one.value)) for one in trend.checks],
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def trend_words(trend: Trend) -> list[str]:
+    """Return what the values say, in sentences."""
+    last = trend.checks[-1]
+    if trend.mean is None:
+        return [f"None of {len(trend.checks)} runs gave a value."]
+    words = [f"{len(trend.checks)} runs; mean {_kept_figure(last, trend.mean)}."]
+    if trend.scatter is not None:
+        words.append(f"They scatter by {_kept_figure(last, trend.scatter, 3)} (one standard deviation).")
+    if trend.drift is None:
+        words.append("Too few of them, or too close in time, to tell a drift.")
+    else:
+        per_day, half = (_kept_figure(last, n, 3) for n in (trend.drift.per_day, trend.drift.half_width))
+        seen = "It drifts" if trend.drift.is_seen else "No drift is seen"
+        words.append(f"{seen}: {per_day} a day, ± {half} (95 %).")
+    return words
+
+
+def _kept_figure(one: KeptCheck, value: float | None, digits: int = 5) -> str:
+    return "–" if value is None else f"{value / one.scale:.{digits}g}{THIN_SPACE}{one.unit}".rstrip()
+
+
+def _over_time(trend: Trend) -> str:
+    last = trend.checks[-1]
+    points = [
+        (day, one.value / one.scale, one)
+        for day, one in zip(trend.days, trend.checks, strict=True)
+        if one.value is not None
+    ]
+    unit, factor = ("days", 1.0) if max(trend.days) > _FEW_DAYS else ("hours", 24.0)
+    when = [factor * day for day in trend.days]
+    with style():
+        figure, axes = panel(3.2, width=9.2, right=0.3, bottom=0.55, top=0.32)
+        axes.plot(
+            [factor * day for day, *_ in points], [value for _, value, _ in points], color=SOFT, linewidth=0.7
+        )
+        for day, value, one in points:
+            bad = one.verdict == "fail"
+            axes.plot(
+                factor * day,
+                value,
+                marker="X" if bad else "o",
+                color=ALARM if bad else PALETTE[0],
+                markersize=6,
+            )
+        for limit in ("low", "high"):
+            places = [getattr(one, limit) for one in trend.checks]
+            levels = [math.nan if n is None else n / last.scale for n in places]
+            # A limit is drawn as it was at each time: somebody may have changed it.
+            axes.step(when, levels, where="post", color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+        if trend.drift is not None and trend.drift.is_seen and trend.mean is not None:
+            middle = sum(day for day, *_ in points) / len(points)
+            ends = (min(trend.days), max(trend.days))
+            line = [(trend.mean + trend.drift.per_day * (day - middle)) / last.scale for day in ends]
+            axes.plot([factor * end for end in ends], line, color=PALETTE[1], linewidth=1.2)
+        axes.margins(0.06)
+        heading(axes, trend.name, last.unit)
+        axes.set_xlabel(f"{unit} since the first run", loc="right")
+        return svg(figure, "trend")

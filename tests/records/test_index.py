@@ -1,0 +1,96 @@
+"""The index of kept runs follows the folders: added, changed, removed, unreadable, and the index itself destroyed."""
+
+import os
+import shutil
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench_records.index import INDEX, RunIndex
+from bench_records.layout import META, RESULT, RecordError
+from bench_records.result import Sample, check, conclude
+
+
+def keep(folder: Path, name: str, values: list[float], *, at: int = 0, **facts: str) -> Path:
+    """Write a result with a check for each of ``values`` (limits 0 to 10), as if at ``at`` s of the epoch."""
+    directory = folder / name
+    checks = [
+        check(f"check {number}", value, "mm", 1e-3, low=0.0, high=10.0) for number, value in enumerate(values)
+    ]
+    sample = Sample(type="spring", serial_number=facts.get("serial", "7"))
+    plan = facts.get("plan", "aw0")
+    path = conclude(plan, "Title", "Text", checks, rig="local", specimen=sample, seed=1).write(directory)
+    if "operator" in facts or "date" in facts:
+        told = {key: facts[key] for key in ("operator", "date") if key in facts}
+        (directory / META).write_bytes(msgspec.json.encode(told))
+    os.utime(path, (at, at))
+    return directory
+
+
+def test_a_run_is_found_with_what_it_concluded(tmp_path) -> None:
+    keep(tmp_path, "aw0", [1.0, 11.0], operator="A. Tester", date="2026-01-02T03:04:05Z", serial="42")
+    (run,) = RunIndex(tmp_path).runs()
+    assert (run.directory, run.plan, run.verdict, run.rig) == ("aw0", "aw0", "fail", "local")
+    assert (run.operator, run.began, run.serial_number) == ("A. Tester", "2026-01-02T03:04:05Z", "42")
+    (found,) = RunIndex(tmp_path).checks("check 1")
+    assert (found.value, found.low, found.high, found.unit, found.verdict) == (11.0, 0.0, 10.0, "mm", "fail")
+
+
+def test_runs_are_chosen_by_their_columns_and_stand_in_order_of_time(tmp_path) -> None:
+    keep(tmp_path, "late", [1.0], at=200, plan="aw3")
+    keep(tmp_path, "deep/early", [1.0], at=100)
+    index = RunIndex(tmp_path)
+    assert [run.directory for run in index.runs()] == ["deep/early", "late"]
+    assert [run.directory for run in index.runs(plan="aw3", verdict=None)] == ["late"]
+    assert index.runs(plan="aw3", verdict="fail") == []
+    with pytest.raises(ValueError, match="a run has no colour"):
+        index.runs(colour="red")
+
+
+STEPS = st.lists(
+    st.tuples(st.sampled_from(["add", "change", "remove", "ask"]), st.integers(0, 4), st.floats(-5, 15)),
+    max_size=12,
+)
+
+
+@given(STEPS)
+@settings(max_examples=25, deadline=None)
+def test_whatever_happens_to_the_folders_the_index_says_what_a_new_one_says(tmp_path_factory, steps) -> None:
+    folder = tmp_path_factory.mktemp("runs")
+    index = RunIndex(folder)
+    for time, (step, place, value) in enumerate(steps):
+        if step == "ask":
+            index.runs()
+        elif step == "remove":
+            shutil.rmtree(folder / str(place), ignore_errors=True)
+        else:
+            keep(folder, str(place), [value], at=1000 + time)
+    runs, checks = index.runs(), index.checks("check 0")
+    (folder / INDEX).unlink(missing_ok=True)
+    assert RunIndex(folder).runs() == runs
+    assert RunIndex(folder).checks("check 0") == checks
+    there = sorted(path.parent.name for path in folder.rglob(RESULT))
+    assert sorted(run.directory for run in runs) == there
+
+
+@pytest.mark.parametrize("rubbish", [b"", b"no database at all, but some text", b"SQLite format 3\0"])
+def test_an_index_that_is_none_is_made_anew(tmp_path, rubbish: bytes) -> None:
+    keep(tmp_path, "aw0", [1.0])
+    (tmp_path / INDEX).write_bytes(rubbish)
+    assert [run.directory for run in RunIndex(tmp_path).runs()] == ["aw0"]
+
+
+def test_what_cannot_be_read_is_told_and_hides_nothing_else(tmp_path) -> None:
+    keep(tmp_path, "good", [1.0])
+    (keep(tmp_path, "bad", [1.0]) / RESULT).write_text("{")
+    index = RunIndex(tmp_path)
+    assert [run.directory for run in index.runs()] == ["good"]
+    assert list(index.unreadable) == ["bad"]
+
+
+def test_no_folder_is_said_to_be_none(tmp_path) -> None:
+    with pytest.raises(RecordError, match="is no folder with runs"):
+        RunIndex(tmp_path / "missing")
