@@ -1,5 +1,6 @@
 """Crosswind gust: how far one gust moves and rolls the bolster on its springs, and whether it comes back."""
 
+from collections.abc import Mapping
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -89,7 +90,6 @@ def crosswind_gust(
     the pressure difference, which must not open the valve between the springs, of the moment that the air bears, of the
     time until the bolster stands still again, and of what remains after the wind.
     """
-    limits = run.specimen.load(load).limits
     times, force = blow(wind, train_speed)
     with run.phase("gust"):
         with run.bench.capture(*READ) as capture:
@@ -97,7 +97,12 @@ def crosswind_gust(
             run.bench.waveform.run(times, on_the_bolster(force))
             run.bench.wait(AFTER)
         at, values = capture.aligned(SAMPLE_RATE)
-    at = at - BEFORE
+    _judge(run, load, at - BEFORE, values)
+
+
+def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> None:
+    """Check what the springs did ``at`` times since the wind began (s), and keep it."""
+    limits = run.specimen.load(load).limits
     calm = _during(at, -SMOOTH)
     y, roll, pushed, parted = (
         _smooth(series - series[calm].mean())

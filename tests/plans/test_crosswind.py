@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from bench_protocol.units import FACTORS
+from bench_protocol.units import FACTORS, Hz, mm
 from bench_records.result import Outcome
 from bench_sim.model import wind as oracle
 from bench_sim.parameters.paper import load_paper
 from test_plans.crosswind_gust import blow
+from test_plans.spectra import SIGMAS_OF_95, spectra
+from test_plans.stochastic_crosswind import LEVEL, TRACK, excitation, irregularity
 from test_plans.wind import (
     CAR,
     GUST_FACTOR,
@@ -53,6 +55,43 @@ def test_the_moment_of_the_actuators_is_that_of_the_wind():
     assert roll == pytest.approx(1000.0 * CAR.pressure_height)
 
 
+def test_the_transfer_function_of_an_oscillator_in_noise_is_found_with_its_uncertainty():
+    """K = k + iωc is known; of many bands, 19 in 20 must lie within what is said of them."""
+    rng, rate, k, c, hits = np.random.default_rng(7), 100 * Hz, 4e5, 2e4, 0
+    for _ in range(60):
+        x = np.convolve(rng.standard_normal(6000), np.ones(8) / 8, mode="same") * 1e-3
+        force = k * x + c * np.gradient(x) * rate + rng.standard_normal(x.size) * 50.0
+        found = spectra(x, force, rate, segment=4.0).between(0.9, 1.1)
+        hits += abs(found.value.real - k) < SIGMAS_OF_95 * found.uncertainty
+        assert found.value.imag == pytest.approx(2 * np.pi * c, rel=0.2)
+    assert 52 <= hits <= 60
+
+
+def test_what_is_one_behind_the_other_by_a_lag_is_put_right():
+    """Two transducers of first order see the same sine; the spectra say what was before them."""
+    t = np.arange(0, 80, 0.005)
+    tau, omega = 20e-3, 2 * np.pi
+    lagged = np.sin(omega * t - np.arctan(omega * tau)) / np.hypot(1, omega * tau)
+    found = spectra(lagged, np.sin(omega * t), 200.0, segment=8.0, x_lag=tau).between(0.8, 1.2)
+    assert found.value == pytest.approx(1.0, abs=1e-3)
+    assert found.coherence == pytest.approx(1.0, abs=1e-4)
+
+
+def test_wind_and_track_are_those_of_their_spectra_and_of_their_seed():
+    times = np.arange(40_000) * 0.02
+    moves = excitation(times, 6.0, 1)
+    again, other = excitation(times, 6.0, 1), excitation(times, 6.0, 2)
+    for name, way in moves.items():
+        assert (way == again[name]).all()
+        assert not (way == other[name]).all()
+        assert way[0] == way[-1] == 0.0
+    f = np.linspace(0.2, 5, 2000)
+    for axis, level in zip(TRACK, LEVEL, strict=True):
+        expected = np.sqrt(np.trapezoid(irregularity(f, level, TRAIN), f))
+        assert moves[axis].std() == pytest.approx(expected, rel=0.1)
+        assert np.abs(np.diff(moves[axis])).max() / 0.02 < 0.2  # m/s, the pace of the rig
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_a_random_process_has_its_spectrum(seed):
     from scipy.signal import welch
@@ -87,6 +126,8 @@ def sound(name, load="AW0", seed=1, *, marks=()):
         sound("crosswind_gust"),
         sound("crosswind_gust", "AW3", 2, marks=slow),
         sound("crosswind_gust", "AW0", 0, marks=slow),
+        sound("stochastic_crosswind"),
+        sound("stochastic_crosswind", "AW3", 2, marks=slow),
     ],
 )
 def test_sound_springs_pass(judged, name, load, seed):
@@ -118,13 +159,23 @@ MEANT_FOR = {
         {"roll stiffness", "moment of the air over that of the wind", "displacement that remains"},
     ),
     "much friction": ("crosswind_gust", {"friction_lateral": 1400.0}, {"lateral stiffness"}),
+    "a wide orifice": (
+        "stochastic_crosswind",
+        {"orifice_diameter": 16 * mm},
+        {"vertical loss angle, 0.5 to 2 Hz"},
+    ),
+    "a shell that is soft in wind and track": (
+        "stochastic_crosswind",
+        {"shell_stiffness_lateral": 15e3},
+        {"lateral stiffness K', 0.5 to 2 Hz", "lateral displacement, exceeded in 1 % of the time"},
+    ),
     "too small an auxiliary chamber": (
         "crosswind_gust",
         {"effects": [("auxiliary_volume", "-25 %")]},
         {"roll stiffness"},
     ),
 }
-ORDINARY = {"a soft shell lets the bolster go to its stop"}
+ORDINARY = {"a soft shell lets the bolster go to its stop", "a wide orifice"}
 
 
 @pytest.mark.parametrize(

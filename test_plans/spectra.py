@@ -1,0 +1,88 @@
+"""Transfer functions of sampled random motions, with what is known of their uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from test_plans.analysis import NotMeasured, Samples
+
+#: Of a normal distribution, to either side.
+SIGMAS_OF_95: Final = 1.96
+
+
+@dataclass(frozen=True, slots=True)
+class Transfer:
+    """A transfer function y/x at one frequency, or over a band of them, with its coherence."""
+
+    frequency: float  #: Hz, the middle
+    value: complex
+    coherence: float  #: γ²
+    averages: float  #: independent spectra that went into it
+
+    @property
+    def uncertainty(self) -> float:
+        """The standard uncertainty of real and imaginary part, in units of the value.
+
+        |H| √((1 − γ²)/(2 n γ²)): what is not coherent is taken for noise (Bendat and Piersol, Random Data, 9.2).
+        """
+        return float(
+            abs(self.value) * np.sqrt((1.0 - self.coherence) / (2.0 * self.averages * self.coherence))
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Cross and power spectra of two signals, each (n,), one-sided."""
+
+    frequency: Samples  #: Hz
+    xx: Samples
+    yy: Samples
+    xy: npt.NDArray[np.complex128]
+    averages: float
+
+    def between(self, low: float, high: float) -> Transfer:
+        """Return y/x over a band (Hz): the least squares of all its lines, H = Σ S_xy / Σ S_xx."""
+        lines = (self.frequency >= low) & (self.frequency <= high)
+        xx, yy, xy = self.xx[lines].sum(), self.yy[lines].sum(), self.xy[lines].sum()
+        if not (xx > 0.0 and yy > 0.0):
+            raise NotMeasured(f"nothing moved between {low:g} and {high:g} Hz")
+        coherence = min(abs(xy) ** 2 / (xx * yy), 1.0)
+        # A Hann window spreads a line over one and a half.
+        count = self.averages * max(np.count_nonzero(lines) / 1.5, 1.0)
+        return Transfer(0.5 * (low + high), complex(xy / xx), float(coherence), float(count))
+
+
+def spectra(
+    x: Samples, y: Samples, rate: float, *, segment: float, x_lag: float = 0.0, y_lag: float = 0.0
+) -> Spectra:
+    """Return the spectra of ``x`` and ``y`` (n,), sampled with ``rate`` (Hz), by Welch's method.
+
+    ``segment`` (s) sets the resolution; segments overlap by half. The lags (s) are those of transducers of first order.
+    NotMeasured with gaps, or less than two segments.
+    """
+    from scipy.signal import csd, welch
+
+    if x.shape != y.shape or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise NotMeasured(f"{np.isfinite(x).sum()} and {np.isfinite(y).sum()} samples make no spectra")
+    length = round(segment * rate)
+    if x.size < 2 * length:
+        raise NotMeasured(f"{x.size / rate:.3g} s are less than two segments of {segment:g} s")
+    options = {"fs": rate, "nperseg": length, "detrend": "linear"}
+    f, xx = welch(x, **options)
+    _, yy = welch(y, **options)
+    _, xy = csd(x, y, **options)
+    turn = 2j * np.pi * f
+    forward, backward = 1.0 + turn * y_lag, 1.0 + turn * x_lag
+    count = (x.size - length) // (length // 2) + 1
+    # Overlap by half, with a Hann window: neighbours share a sixth of what they tell.
+    return Spectra(
+        f,
+        xx * np.abs(backward) ** 2,
+        yy * np.abs(forward) ** 2,
+        xy * forward * np.conj(backward),
+        count / (1 + 2 / 36 * (count - 1) / count),
+    )

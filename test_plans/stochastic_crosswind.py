@@ -1,0 +1,168 @@
+"""Stochastic crosswind: a wind with von Kármán's spectrum from a seed, while the platform runs a track."""
+
+from cmath import phase
+from typing import Annotated, Final, Literal
+
+import numpy as np
+
+from bench_protocol.units import FACTORS, Hz, kN, s
+from test_plans import steps
+from test_plans.analysis import Samples
+from test_plans.fittings import leave_connected
+from test_plans.geometry import POSE_SIGNALS, shear_of
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.poses import COOL, go_home
+from test_plans.readings import (
+    LASER_LAG,
+    LOAD_CELL_LAG,
+    PRESSURES,
+    SHEAR_CELLS,
+    TRANSDUCER_LAG,
+    VERTICAL_CELLS,
+)
+from test_plans.run import Run
+from test_plans.spectra import SIGMAS_OF_95, Spectra, spectra
+from test_plans.steps.carrying import FREE_SIDEWAYS
+from test_plans.steps.shaking import SAMPLE_RATE, check_band
+from test_plans.tables import FREQUENCY, MAGNITUDE, keep
+from test_plans.wind import RISE, admittance, fade, random_process, side_force, spectrum
+
+#: How much a track moves springs, and how fast, goes with the speed: the limits hold for this one.
+TRAIN_SPEED: Final = 100 * FACTORS["km/h"]
+TRACK: Final = ("platform.vertical", "platform.lateral")
+READ: Final = (*POSE_SIGNALS, *TRACK, *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
+STEP: Final = 0.02 * s
+BEFORE: Final = 2 * s
+#: What is faster the host cannot stream; what is slower is no irregularity but the line of the track.
+FASTEST: Final = 5 * Hz
+SLOWEST: Final = 0.2 * Hz
+SEGMENT: Final = 8 * s
+#: Of the springs' stiffness: where wind and track move them enough.
+BAND: Final = (0.5 * Hz, 2 * Hz)
+LINES: Final = tuple(0.25 * Hz * k for k in range(1, 13))
+#: Of the irregularity in 1/m, and its low level in rad·m, vertically and laterally (ERRI B 176).
+CORNERS: Final = (0.0206, 0.8246)
+LEVEL: Final = (4.032e-7, 2.119e-7)
+
+
+def take_up(run: Run, load: str) -> None:
+    """Let the springs carry the load, hold them at design height, shut them in, and let the bolster go sideways."""
+    steps.carry_load(run, load)
+    go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    run.bench.lateral.push(0.0)
+
+
+@plan(
+    setup=take_up,
+    needs=(*steps.CARRYING, *READ, *FREE_SIDEWAYS, *(f"{axis}_setpoint" for axis in TRACK)),
+    teardown=leave_connected,
+    lasts=121 * s,
+)
+def stochastic_crosswind(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    wind: Annotated[float, Range(3.0, 6.5, "m/s")] = 6.0,
+    duration: Annotated[float, Range(40 * s, 1000 * s, "s")] = 60 * s,
+    seed: Annotated[int, Range(0, 1_000_000)] = 1,
+) -> None:
+    """Stochastic crosswind with track: a gusty `wind`, a track of low irregularity, from a `seed`.
+
+    The springs carry the load, shut in at design height. The lateral actuator pushes with what one bogie bears of a
+    wind with von Kármán's spectrum, 15 % of the mean, as a car at 100 km/h meets it; the platform runs the
+    irregularity of the track, vertically and laterally, with the spectrum of ERRI B 176 between 0.2 and 5 Hz. The
+    vertical actuators hold the bolster where it is, as the inertia of a car does. All of it comes from the seed: the
+    same seed, the same wind and track.
+
+    Good is what the specimen's file says of the lateral displacement, its rms about its mean and what it exceeds in 1 %
+    of the time, of the pressures, of the stiffness in both directions from cross spectra between 0.5 and 2 Hz, whose
+    uncertainty from the coherence stands beside it, and of the loss angle, which is the orifice's.
+    """
+    limits = run.specimen.load(load).limits
+    steps_in_all = round((duration + 2 * RISE) / STEP)
+    times = np.linspace(0.0, steps_in_all * STEP, steps_in_all + 1)
+    moves = excitation(times, wind, seed)
+    with run.phase("wind and track"):
+        with run.bench.capture(*READ) as capture:
+            run.bench.wait(BEFORE)
+            run.bench.waveform.run(times, moves)
+        at, values = capture.aligned(SAMPLE_RATE)
+    y = shear_of(values) - values["platform.lateral"]
+    y -= y[at < BEFORE].mean()
+    steady = (at >= BEFORE + RISE) & (at < BEFORE + RISE + duration)
+    across = -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0)
+    heights = 0.5 * (values["left.height"] + values["right.height"])
+    loads = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    swing = max(float(values[name][steady].std()) for name in PRESSURES)
+    for name, limit, value, unit in (
+        ("lateral displacement, rms about its mean", "displacement_rms", float(y[steady].std()), "mm"),
+        (
+            "lateral displacement, exceeded in 1 % of the time",
+            "displacement",
+            float(np.percentile(np.abs(y[steady]), 99.0)),
+            "mm",
+        ),
+        ("pressure, largest rms of a chamber", "pressure_rms", swing, "mbar"),
+    ):
+        check_band(run, name, value, unit, limits.band(f"stochastic_crosswind.{limit}", unit))
+    sideways = spectra(
+        y[steady], across[steady], SAMPLE_RATE, segment=SEGMENT, x_lag=TRANSDUCER_LAG, y_lag=LOAD_CELL_LAG
+    )
+    upright = spectra(
+        -heights[steady], loads[steady], SAMPLE_RATE, segment=SEGMENT, x_lag=LASER_LAG, y_lag=LOAD_CELL_LAG
+    )
+    _check_stiffness(run, load, "lateral", sideways)
+    _check_stiffness(run, load, "vertical", upright)
+
+
+def excitation(times: Samples, wind: float, seed: int) -> dict[str, Samples]:
+    """Return what lateral actuator (N) and platform (m) add at ``times`` (s, even steps), by the reading's name."""
+    generator = np.random.default_rng(seed)
+    f = np.fft.rfftfreq(times.size, times[1])
+    passing = (f >= SLOWEST) & (f <= FASTEST)
+    gusts = spectrum(f, wind, TRAIN_SPEED) * admittance(f, wind, TRAIN_SPEED) * (f <= FASTEST)
+    moves = {
+        "lateral.force": side_force(wind + random_process(times, gusts, generator), TRAIN_SPEED),
+    }
+    for axis, level in zip(TRACK, LEVEL, strict=True):
+        moves[axis] = random_process(times, irregularity(f, level, TRAIN_SPEED) * passing, generator)
+    return {name: fade(times) * way for name, way in moves.items()}
+
+
+def irregularity(f: Samples, level: float, train_speed: float) -> Samples:
+    """Return the one-sided spectrum of the track (m² per Hz) under a train of ``train_speed`` (m/s).
+
+    S(Ω) = A Ω_c² / ((Ω² + Ω_r²)(Ω² + Ω_c²)) with Ω = 2πf/V, times 2π/V.
+    """
+    low, high = CORNERS
+    omega2 = np.square(2 * np.pi * f / train_speed)
+    return np.asarray(level * high**2 / ((omega2 + low**2) * (omega2 + high**2)) * 2 * np.pi / train_speed)
+
+
+def _check_stiffness(run: Run, load: str, direction: str, found: Spectra) -> None:
+    """Check K' over the band, upright the loss angle too, and keep |K| over frequency with its uncertainty."""
+    band = run.specimen.load(load).limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
+    K = found.between(*BAND)
+    run.check(
+        f"{direction} stiffness K', {BAND[0]:g} to {BAND[1]:g} Hz",
+        K.value.real,
+        "kN/m",
+        low=band.low,
+        high=band.high,
+        note=f"± {SIGMAS_OF_95 * K.uncertainty / kN:.2g} kN/m (95 %) at a coherence of {K.coherence:.4f}",
+    )
+    if direction == "vertical":
+        lost = run.specimen.load(load).limits.band("stochastic_crosswind.vertical_loss_angle", "deg")
+        check_band(run, f"vertical loss angle, {BAND[0]:g} to {BAND[1]:g} Hz", phase(K.value), "deg", lost)
+    lines = [found.between(f - 0.125 * Hz, f + 0.125 * Hz) for f in LINES]
+    sizes = [(abs(one.value), SIGMAS_OF_95 * one.uncertainty) for one in lines]
+    for name, values in (
+        (load, [size for size, _ in sizes]),
+        (f"{load}, 97.5 %", [size + more for size, more in sizes]),
+        (f"{load}, 2.5 %", [size - more for size, more in sizes]),
+    ):
+        group = f"{direction.capitalize()} {MAGNITUDE[0]} from spectra"
+        keep(run, name, group, FREQUENCY, MAGNITUDE, list(LINES), values)
