@@ -77,6 +77,7 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     can: Can = Can()
     modbus: Modbus = Modbus()
     simulation: Simulation | None = None
+    instruments: str = ""  #: path of the file of its instruments, beside this one
     wiring: str | dict[str, Any] = ""  #: of a rig that speaks otherwise: path of its file, or its keys
     limits: tuple[dict[str, Any], ...] = ()  #: of a real rig, as far as they are known: for rehearsals
 

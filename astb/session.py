@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bench_sim.rig.rig import Rig
     from drivers.bench import Bench
     from drivers.wiring.lines import Description
+    from test_plans.instruments import Instruments
 
 #: A first start compiles the model; afterwards the rig is up within two seconds.
 START_LIMIT: Final = 180 * s
@@ -122,10 +123,12 @@ def open_session(
                 f"rig file {path}: without a [simulation] table there is nothing to run in virtual time"
             )
         with virtual_session(build_rig(rig.simulation, seed), rig.simulation, seed) as session:
+            session.bench.instruments = instruments_of(rig, path)
             yield session
         return
     if rig.wiring:
         with wired_session(rig, path) as session:
+            session.bench.instruments = instruments_of(rig, path)
             yield session
         return
     with contextlib.ExitStack() as stack:
@@ -139,7 +142,9 @@ def open_session(
             )
         elif rig.simulation and seed is not None:
             say("the rig is running already: it keeps its own seed")
-        yield stack.enter_context(real_session(rig, seed))
+        session = stack.enter_context(real_session(rig, seed))
+        session.bench.instruments = instruments_of(rig, path)
+        yield session
 
 
 @contextlib.contextmanager
@@ -160,6 +165,7 @@ def virtual_session(
     from astb.operators import SimulatedHand
     from astb.rig_in_memory import RigInMemory
     from bench_sim.rig.faults.orders import obey
+    from test_plans.instruments import ordinary
 
     known = simulation.seed if seed is None else seed
     told = simulated_parameters(simulation).as_built(known)
@@ -167,6 +173,7 @@ def virtual_session(
     for stage in bus_stages(rig, simulation):
         memory.bus.add(stage)
     bench = memory.bench()
+    bench.instruments = ordinary()
     bench.hand = SimulatedHand(lambda order: json.decode(obey(rig.faults, json.encode(order), nullcontext())))
     try:
         yield Session(bench, memory.clock, True, told, known)
@@ -225,6 +232,21 @@ def wired_session(rig: RigFile, path: Path) -> Iterator[Session]:
         yield Session(bench, clock, False, None, None, description)
     finally:
         bench.close()
+
+
+def instruments_of(rig: RigFile, path: Path) -> "Instruments":
+    """Return the instruments of ``rig``, whose file is ``path``: a simulated one has those of the virtual bench.
+
+    RigFileError for a file of instruments that is none. Of a real rig that names no such file nobody knows any.
+    """
+    from test_plans.instruments import UNKNOWN, InstrumentsError, ordinary, read_instruments
+
+    if not rig.instruments:
+        return ordinary() if rig.simulation else UNKNOWN
+    try:
+        return read_instruments(path.parent / rig.instruments)
+    except InstrumentsError as error:
+        raise RigFileError(f"rig file {path}: {error}") from None
 
 
 def wiring_of(rig: RigFile, path: Path) -> "Description":

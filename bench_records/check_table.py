@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from bench_records.conformity import percent
 from bench_records.result import Check, CheckVerdict, band_width
 from bench_records.typography import aligned, fixed, is_scientific, scientific
 
@@ -31,6 +32,7 @@ class CheckRow(NamedTuple):
     check: Check
     sign: str
     value: str
+    uncertainty: str  #: expanded, "" where it is not known
     low: str
     high: str
     bar: Bar | None  #: none where there is no limit
@@ -43,6 +45,7 @@ class Bar(NamedTuple):
     right: float
     inner_left: float
     inner_right: float
+    reach: float | None  #: of the expanded uncertainty to either side
     place: float | None
     beyond: int
     open_left: bool
@@ -57,8 +60,10 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
     rows = []
     for one, texts in zip(checks, figures, strict=True):
         value, low, high = (text if is_scientific(text) else aligned(text, most) for text in texts)
+        known = one.u is not None and math.isfinite(one.number)
+        uncertainty = f"± {_grouped(one.written[1])}" if known else ""
         bar = None if one.low is None and one.high is None else range_bar(one)
-        rows.append(CheckRow(one, SIGNS[one.verdict], value, low, high, bar))
+        rows.append(CheckRow(one, SIGNS[one.verdict], value, uncertainty, low, high, bar))
     return rows
 
 
@@ -84,12 +89,28 @@ def _numbers_with_limits(one: Check) -> list[str]:
         if shown[0] not in shown[1:]:
             break
         decimals += 1
-    return [show(n, decimals) for n in numbers]
+    texts = [show(n, decimals) for n in numbers]
+    if one.u is not None and math.isfinite(one.number):
+        texts[0] = _grouped(one.written[0])
+    return texts
+
+
+def _grouped(text: str) -> str:
+    """A number that was written with its digits, as the table sets numbers."""
+    return fixed(float(text), len(text.partition(".")[2]))
+
+
+def certainty(one: Check) -> list[str]:
+    """What there is to say of a check's uncertainty: the probability of conformity, and what it is made of."""
+    if one.u is None or one.conformity is None:
+        return []
+    shares = [f"{cause} {100 * (part / one.u) ** 2:.0f} %" for cause, part in one.parts.items() if one.u]
+    return [f"conforms with {percent(one.conformity)} (k = {one.k:.3g})", "; ".join(shares[:4])]
 
 
 def range_bar(one: Check) -> Bar:
     """The band fills the middle; a side without a limit runs out of the picture."""
-    margin = one.margin * band_width(one.low, one.high)
+    margin = one.guard
     if one.low is not None and one.high is not None:
         width = one.high - one.low or abs(one.high) or 1.0
         start, end = one.low - 0.22 * width, one.high + 0.22 * width
@@ -113,8 +134,9 @@ def range_bar(one: Check) -> Bar:
     return Bar(
         left=left,
         right=right,
-        inner_left=left if one.low is None else place(one.low + margin),
-        inner_right=right if one.high is None else place(one.high - margin),
+        inner_left=left if one.low is None else min(place(one.low + margin), right),
+        inner_right=right if one.high is None else max(place(one.high - margin), left),
+        reach=None if one.expanded is None else BAR_WIDTH * one.expanded / (end - start),
         place=None if at is None else min(max(at, 5.0), BAR_WIDTH - 5),
         beyond=beyond,
         open_left=one.low is None,
@@ -150,6 +172,12 @@ def bar_drawing(row: CheckRow) -> Any:
             f'<path d="M{bar.place - tip:.1f} {middle - 5:g}l{2 * tip:.1f} 5l{-2 * tip:.1f} 5z" fill="{color}"/>'
         )
     elif bar.place is not None:
+        if bar.reach is not None:
+            ends = (max(bar.place - bar.reach, 0.0), min(bar.place + bar.reach, BAR_WIDTH))
+            parts.append(
+                f'<line x1="{ends[0]:.1f}" x2="{ends[1]:.1f}" y1="{middle:g}" y2="{middle:g}" '
+                f'stroke="{color}" stroke-width="1.6"/>'
+            )
         parts.append(
             f'<path d="M{bar.place:.1f} {middle - 6:g}l4.5 6l-4.5 6l-4.5 -6z" fill="{color}" stroke="#fff"/>'
         )

@@ -6,7 +6,7 @@ import inspect
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench_records.check_table import bar_drawing, check_rows
+from bench_records.check_table import bar_drawing, certainty, check_rows
 from bench_records.circumstances import circumstances
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
 from bench_records.incident import incident_of
@@ -42,6 +42,7 @@ def render(record: Record, result: Result) -> str:
         headline=headline(result),
         circumstances=circumstances(record.meta),
         bar=bar_drawing,
+        certainty=certainty,
         phases=[(number, phase, seconds(phase.duration)) for number, phase in numbered(phases)],
         panels=time_panels(record, phases, span),
         strips=phase_strips(record, phases, span),

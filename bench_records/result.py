@@ -1,21 +1,24 @@
 """The outcome of a test plan: what was checked against which limits, and what follows from it.
 
-A value within its limits, but nearer to one than ``margin`` times the width of the band, is *marginal*: it passes,
-and a reader should look at it.  A value that is no number is an *error* and never passes: not having measured is no
-proof.  What a rig cannot measure is *not available*, with the reason, and never passes either.  All values are in SI;
+A value with a standard uncertainty passes if it conforms with 97.5 % at least, and is *marginal* if it lies within its
+limits, but less surely.  Without one it is marginal nearer to a limit than ``margin`` times the width of the band.
+What is marginal passes, and a reader should look at it.  A value that is no number is an *error* and never passes: not
+having measured is no proof.  What a rig cannot measure is *not available*, with the reason, and never passes either.
+All values are in SI;
 ``scale`` is the SI value of one display unit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
+from bench_records.conformity import SURE, conformity, coverage_factor, decimals, guard_factor, percent
 from bench_records.layout import RESULT, Phase, RecordError
 
 MARGIN = 0.05
@@ -44,15 +47,26 @@ class Outcome(StrEnum):
     BLOCKED = "blocked"
 
 
-def judge(value: float, low: float | None, high: float | None, margin: float = MARGIN) -> CheckVerdict:
+def judge(
+    value: float,
+    low: float | None,
+    high: float | None,
+    margin: float = MARGIN,
+    u: float | None = None,
+    even: float = 0.0,
+) -> CheckVerdict:
     """The verdict on a value between limits, of which one may be absent.
 
-    The band is ``high - low`` wide; with one limit only, the limit's own size stands for the width.
+    With a standard uncertainty ``u``, of which ``even`` is evenly distributed, the probability of conformity decides.
+    Without, the margin: the band is ``high - low`` wide, and with one limit only its own size stands for the width.
     """
     if not math.isfinite(value):
         return CheckVerdict.ERROR
     if (low is not None and value < low) or (high is not None and value > high):
         return CheckVerdict.FAIL
+    if u is not None:
+        sure = conformity(value, u, low, high, even) >= SURE
+        return CheckVerdict.PASS if sure else CheckVerdict.MARGINAL
     zone = margin * band_width(low, high)
     near_low = low is not None and value - low < zone
     near_high = high is not None and high - value < zone
@@ -79,16 +93,24 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     verdict: CheckVerdict
     phase: str = ""
     note: str = ""
+    u: float | None = None  #: standard uncertainty, SI
+    even: float = 0.0  #: as much of it as is evenly distributed
+    parts: dict[str, float] = {}  #: what it is made of: standard uncertainty by cause
+    conformity: float | None = None  #: the probability of lying within the limits
 
     def __post_init__(self) -> None:
         if self.value is None:
             # JSON has no NaN: it travels as null.
             msgspec.structs.force_setattr(self, "value", math.nan)
+        if self.u is not None:
+            _refuse_a_bad_uncertainty(self)
+            found = conformity(self.number, self.u, self.low, self.high, self.even)
+            msgspec.structs.force_setattr(self, "conformity", found)
         if self.verdict is CheckVerdict.NOT_AVAILABLE:
             _refuse_a_value(self)
             return
         _refuse_bad_limits(self)
-        judged = judge(self.number, self.low, self.high, self.margin)
+        judged = judge(self.number, self.low, self.high, self.margin, self.u, self.even)
         if self.verdict is not judged:
             raise ValueError(
                 f"check {self.name!r} says {self.verdict}, but its value and limits say {judged}"
@@ -104,6 +126,23 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
         """Whether the value lies within its limits, near to one or not."""
         return self.verdict in {CheckVerdict.PASS, CheckVerdict.MARGINAL}
 
+    @property
+    def k(self) -> float:
+        """The coverage factor of the expanded uncertainty, about 95 %."""
+        return coverage_factor(self.even / self.u) if self.u else 2.0
+
+    @property
+    def expanded(self) -> float | None:
+        """The expanded uncertainty U = k u (SI)."""
+        return None if self.u is None else self.k * self.u
+
+    @property
+    def guard(self) -> float:
+        """How far inside a limit a value passes without being marginal (SI)."""
+        if self.u is None:
+            return self.margin * band_width(self.low, self.high)
+        return (guard_factor(self.even / self.u) if self.u else 0.0) * self.u
+
     def __str__(self) -> str:
         if self.verdict is CheckVerdict.NOT_AVAILABLE:
             return f"{self.name}: {self.verdict}: {self.note}"
@@ -112,7 +151,19 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
             limits = f"at least {low}" if self.high is None else f"at most {high}"
         else:
             limits = f"{_shown(self.low, self.scale)} to {high}"
-        return f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
+        if self.u is None or math.isnan(self.number):
+            return f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
+        value, expanded = self.written
+        told = f"{self.name} = {f'{value} ± {expanded} {self.unit}'.rstrip()} (k = {self.k:.3g}; {limits})"
+        return f"{told}: {self.verdict}, conforms with {percent(self.conformity or 0.0)}"
+
+    @property
+    def written(self) -> tuple[str, str]:
+        """Value and expanded uncertainty in the unit, with the digits that the uncertainty is worth."""
+        limits = [limit / self.scale for limit in (self.low, self.high) if limit is not None]
+        number, expanded = self.number / self.scale, (self.expanded or 0.0) / self.scale
+        shown = decimals(number, expanded, limits)
+        return f"{number:.{shown}f}", f"{expanded:.{shown}f}"
 
 
 def check(
@@ -126,14 +177,18 @@ def check(
     margin: float = MARGIN,
     phase: str = "",
     note: str = "",
+    u: float | None = None,
+    even: float = 0.0,
+    parts: Mapping[str, float] | None = None,
 ) -> Check:
-    """Judge a value (SI) against limits (SI).
+    """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, if that is known.
 
     Raises ``ValueError`` for a check that could not fail or could not pass: no limit at all, limits that are not
     finite or stand the wrong way round, a margin outside 0 to 0.5.
     """
     value = float(value) if math.isfinite(value) else math.nan
     low, high = (None if limit is None else float(limit) for limit in (low, high))
+    u = None if u is None or math.isnan(value) else float(u)
     return Check(
         name=name,
         value=value,
@@ -142,11 +197,14 @@ def check(
         low=low,
         high=high,
         margin=margin,
-        verdict=judge(value, low, high, margin)
+        verdict=judge(value, low, high, margin, u, even)
         if low is not None or high is not None
         else CheckVerdict.ERROR,
         phase=phase,
         note=note,
+        u=u,
+        even=float(even) if u else 0.0,
+        parts=dict(parts or {}) if u else {},
     )
 
 
@@ -171,6 +229,13 @@ def _refuse_a_value(one: Check) -> None:
         raise ValueError(f"check {one.name!r} is {one.verdict}, but has the value {one.number}")
     if not one.note:
         raise ValueError(f"check {one.name!r} is {one.verdict} without a reason; its note must say why")
+
+
+def _refuse_a_bad_uncertainty(one: Check) -> None:
+    if one.u is None or not (0.0 <= one.even <= one.u * (1 + 1e-9) < math.inf):
+        raise ValueError(
+            f"check {one.name!r}: u = {one.u}, of which {one.even} is even, is no standard uncertainty"
+        )
 
 
 def _refuse_bad_limits(one: Check) -> None:

@@ -58,6 +58,7 @@ class Bench(Link):
         "emergency": "The last CANopen emergency of the rig.",
         "generator": "The function generator.",
         "hand": "Who does by hand what a plan asks for, on a rig that can be told to.",
+        "instruments": "What the readings are measured with, where somebody has said.",
         "interlock": "The contacts, read when asked.",
         "lateral": "The lateral actuator and what stands in its direction.",
         "lease": "A request for the lease on CAN.",
@@ -95,6 +96,7 @@ class Bench(Link):
         self.waveform = Waveform(self, "waveform")
         self.about: Mapping[str, Any] = {}
         self.hand: Any = None
+        self.instruments: Any = None
         self.closing = ExitStack()
         parts = (getattr(self, name) for name in self.__slots__ if name != "devices")
         self.devices: tuple[Device, ...] = tuple(part for part in parts if isinstance(part, Device))

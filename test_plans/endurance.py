@@ -152,7 +152,7 @@ def _cycle(
 
 def _look(
     run: Run, load: Load, axis: Literal["vertical", "lateral"], home: Home, looks: Looks
-) -> dict[str, float]:
+) -> steps.Weighing:
     """Add to ``looks`` what is found now; return what tells the mass of air."""
     with run.phase(f"look after {looks.made} cycles"):
         run.bench.wait(REST)

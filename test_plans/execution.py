@@ -16,6 +16,7 @@ from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
+from test_plans.instruments import UNKNOWN
 from test_plans.loads import SpecimenError
 from test_plans.operator import NoOperator, Operator
 from test_plans.parameters import ParameterRefused
@@ -54,21 +55,19 @@ def execute(
     """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
 
     Without a ``specimen`` the bench's own is taken, and without an ``operator`` what a simulated rig can do by itself.
+    What is computed from readings has an uncertainty where the bench knows its instruments.
     The verdict is *fail* if the product broke a limit and *blocked* if rig, link, plan or operator kept it from being
     judged. Tear-down runs in every case, and its own troubles stand behind those that came first. KeyboardInterrupt
     comes out again, once everything is written, and says what the springs hold; the report is made of the directory by
     ``bench_records.report``.
     """
-    from bench_records.layout import phases_of
-    from bench_records.result import Sample, conclude
-
-    start = bench.clock.now()
-    spring = specimen or ordinary()
+    spring, instruments = specimen or ordinary(), bench.instruments or UNKNOWN
     facts = {"plan": plan.name, "set": plan.written, "specimen": spring.facts, **(meta or {})}
+    if instruments.file:
+        facts["instruments"] = instruments.facts
     recording = begin_recording(bench.table, bench.clock, directory, facts)
-    run = Run(
-        bench, recording, watcher or Nobody(), plan.lasts, spring, operator or bench.hand or NoOperator()
-    )
+    asked = operator or bench.hand or NoOperator()
+    run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring, asked, instruments)
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, last, interrupted = _perform(run, plan)
@@ -80,24 +79,31 @@ def execute(
         incident = incident_since(bench, known)
     run.progress(1.0)
 
-    result = conclude(
-        plan.name,
-        plan.title,
-        plan.instruction,
-        run.checks,
-        reason=_reason(run, first, last, left, strangers),
-        curves=run.curves,
-        phases=phases_of(run.phases, start, bench.clock.now()),
-        rig=rig,
-        parameters=plan.written,
-        specimen=Sample(**spring.facts),
-        seed=seed,
-        timing=punctuality,
-    )
+    reason = _reason(run, first, last, left, strangers)
+    result = _concluded(run, plan, reason, rig=rig, seed=seed, timing=punctuality)
     _write(result, incident, directory)
     if interrupted:
         raise KeyboardInterrupt(left)
     return result
+
+
+def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
+    """Return the result of a run that is over."""
+    from bench_records.layout import phases_of
+    from bench_records.result import Sample, conclude
+
+    return conclude(
+        plan.name,
+        plan.title,
+        plan.instruction,
+        run.checks,
+        reason=reason,
+        curves=run.curves,
+        phases=phases_of(run.phases, run.start, run.now),
+        parameters=plan.written,
+        specimen=Sample(**run.specimen.facts),
+        **rest,
+    )
 
 
 def _perform(run: Run, plan: Plan) -> tuple[str, str, bool]:

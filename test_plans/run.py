@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from bench_protocol.units import FACTORS, NS, minutes
 from test_plans.asking import answer_to
+from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.specimen import Specimen, ordinary
+from test_plans.uncertainty import Evaluation, Measured, Readings, measured
 
 if TYPE_CHECKING:
     from bench_records.layout import RecordedEvent
@@ -65,19 +67,20 @@ class Run:
     lasts: float = 0.0
     specimen: Specimen = field(default_factory=ordinary)
     operator: Operator = field(default_factory=NoOperator)
+    instruments: Instruments = UNKNOWN
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
     _open: list[str] = field(default_factory=list)
-    _start: int = field(init=False)
+    start: int = field(init=False)  #: ns of the bench's clock
 
     def __post_init__(self) -> None:
-        self._start = self.now
+        self.start = self.now
 
     def check(
         self,
         name: str,
-        value: float,
+        value: float | Measured,
         unit: str,
         *,
         low: float | None = None,
@@ -87,17 +90,19 @@ class Run:
     ) -> bool:
         """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
 
-        ``unit`` is what people read; ``margin`` the fraction of the band next to a limit in which a value passes as
-        *marginal*. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met.
+        A `measured` value has an uncertainty: it passes if it conforms surely, and is *marginal* otherwise. Another one
+        is marginal within ``margin``, a fraction of the band, of a limit. ``unit`` is what people read. PlanError for a
+        unit that nobody declared, ValueError for limits that could not be broken or met.
         """
         from bench_records.result import MARGIN
         from bench_records.result import check as judged
 
         if unit not in FACTORS:
             raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
+        found = value if isinstance(value, Measured) else Measured(value)
         one = judged(
             name,
-            value,
+            found.value,
             "" if unit == "1" else unit,
             FACTORS[unit],
             low=low,
@@ -105,11 +110,26 @@ class Run:
             margin=MARGIN if margin is None else margin,
             phase=self._open[-1] if self._open else "",
             note=note,
+            u=found.u,
+            even=found.even,
+            parts=found.parts,
         )
         self.checks.append(one)
         self.keep("check", str(one), verdict=one.verdict.value)
         self.watcher.checked(one)
         return one.passed
+
+    def measured(self, evaluate: Evaluation, *captures: Readings, **how: Any) -> Measured:
+        """Return what ``evaluate(*captures)`` computes from readings, with its uncertainty.
+
+        See `uncertainty.measured`, of which this is the one value; the instruments are those of the rig.
+        """
+        (one,) = self.measure(evaluate, *captures, **how)
+        return one
+
+    def measure(self, evaluate: Evaluation, *captures: Readings, **how: Any) -> tuple[Measured, ...]:
+        """Return the several values that ``evaluate(*captures)`` computes from readings, with their uncertainties."""
+        return measured(evaluate, *captures, instruments=self.instruments, **how)
 
     def can(self, *checks: str, needs: Iterable[str]) -> bool:
         """Return whether the rig has all signals that ``checks`` need; if not, these are *not available*, and why.
@@ -169,7 +189,7 @@ class Run:
         self._edge(name, "begin")
         self.watcher.say(name)
         if self.lasts:
-            self.progress((self.now - self._start) / NS / self.lasts)
+            self.progress((self.now - self.start) / NS / self.lasts)
         try:
             yield
         finally:

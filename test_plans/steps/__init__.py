@@ -1,6 +1,6 @@
 """The named steps of the test instructions: raise the air, level, shake, roll, let the air off."""
 
-from test_plans.steps.air import WEIGHED_BY, check_air, check_tightness, weigh_the_air
+from test_plans.steps.air import WEIGHED_BY, Weighing, check_air, check_tightness, weigh_the_air
 from test_plans.steps.carrying import (
     AVERAGE_OVER,
     CARRYING,
@@ -22,6 +22,7 @@ __all__ = [
     "AVERAGE_OVER",
     "CARRYING",
     "WEIGHED_BY",
+    "Weighing",
     "carry",
     "carry_load",
     "check_air",

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from bench_protocol.units import ATMOSPHERE, NS, minutes
 from bench_protocol.words import SIDES
-from test_plans.analysis import straight_line
+from test_plans.analysis import Samples, straight_line
 from test_plans.loads import Load
 from test_plans.readings import CELLS_UNDER, CHAMBERS, HEIGHTS, THERMOMETER_LAG, VERTICAL_CELLS
 from test_plans.steps.carrying import AVERAGE_OVER
-from test_plans.steps.shaking import check_band
+from test_plans.steps.shaking import Values, check_band
+from test_plans.uncertainty import Measured
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -22,6 +24,25 @@ _GAS: Final = tuple(
     f"{side}.{part}_{what}" for side in SIDES for part in CHAMBERS for what in ("pressure", "temperature")
 )
 WEIGHED_BY: Final = (*_GAS, *HEIGHTS, *VERTICAL_CELLS)
+#: So many samples a mean over a second has at least.
+AVERAGED: Final = 10
+
+
+class Weighing(NamedTuple):
+    """What tells the mass of air: when it was read (s), and of each reading the samples with their times."""
+
+    time: float
+    values: Values
+    times: Values
+
+    @property
+    def rates(self) -> dict[str, float]:
+        """How many samples a second each reading has."""
+        return {
+            name: (times.size - 1) / (times[-1] - times[0])
+            for name, times in self.times.items()
+            if times.size > 1
+        }
 
 
 def check_air(run: Run, load: Load) -> None:
@@ -33,35 +54,34 @@ def check_air(run: Run, load: Load) -> None:
         for side in SIDES:
             name = f"load on the {side} spring"
             if run.can(name, needs=CELLS_UNDER[side]):
-                carried = sum(mean[cell] for cell in CELLS_UNDER[side])
+                carried = _read(run, mean, *CELLS_UNDER[side])
                 check_band(run, name, carried, "kN", load.limits.band("carried"))
             rest = run.specimen.limits.band("rest_height")
-            check_band(run, f"height of the {side} spring", mean[f"{side}.height"], "mm", rest)
-            pressure = load.limits.band("pressure")
-            check_band(
-                run, f"pressure in the {side} bellows", mean[f"{side}.bellows_pressure"], "bar", pressure
-            )
+            check_band(run, f"height of the {side} spring", _read(run, mean, f"{side}.height"), "mm", rest)
+            name, reading = f"pressure in the {side} bellows", f"{side}.bellows_pressure"
+            check_band(run, name, _read(run, mean, reading), "bar", load.limits.band("pressure"))
 
 
-def weigh_the_air(run: Run) -> dict[str, float]:
+def _read(run: Run, mean: Mapping[str, float], *names: str) -> Measured:
+    """Return the sum of some means, with its uncertainty."""
+    return run.measured(lambda read: sum(read[name] for name in names), mean, averaged=AVERAGED)
+
+
+def weigh_the_air(run: Run) -> Weighing:
     """Read what tells the mass of air in each spring; give it to `check_tightness` some time later.
 
-    On a rig that cannot tell there is nothing to read. A thermometer that follows with first order reads what was:
-    T = T_read + τ dT_read/dt.
+    On a rig that cannot tell there is nothing to read.
     """
     if not run.bench.has(*WEIGHED_BY):
-        return {}
+        return Weighing(0.0, {}, {})
     with run.phase("weigh the air"):
         with run.bench.capture(*WEIGHED_BY) as capture:
             run.bench.wait(AVERAGE_OVER)
-        state = {"time": run.now / NS}
-        for name in capture.names:
-            level, slope = straight_line(capture.times(name), capture.values(name))
-            state[name] = level + THERMOMETER_LAG * slope if name.endswith("temperature") else level
-        return state
+        values, times = ({name: of(name) for name in WEIGHED_BY} for of in (capture.values, capture.times))
+        return Weighing(run.now / NS, values, times)
 
 
-def check_tightness(run: Run, load: Load, before: dict[str, float], at: str = "") -> None:
+def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> None:
     """Check that each spring kept its air since ``before``: m = Σ pV/(RT), whatever the temperature did meanwhile.
 
     ``load`` is that of the shims; ``at`` ends the names of the checks.
@@ -70,18 +90,25 @@ def check_tightness(run: Run, load: Load, before: dict[str, float], at: str = ""
     if not run.can(*names.values(), needs=WEIGHED_BY):
         return
     after = weigh_the_air(run)
-    elapsed = after["time"] - before["time"]
+    elapsed = after.time - before.time
     for side in SIDES:
-        lost = 1 - _air(run.specimen, after, load, side) / _air(run.specimen, before, load, side)
+
+        def lost(earlier: Values, later: Values, side: str = side) -> float:
+            was = _air(run.specimen, earlier, before.times, load, side)
+            return (1 - _air(run.specimen, later, after.times, load, side) / was) * minutes / elapsed
+
+        found = run.measured(lost, before.values, after.values, rate=after.rates)
         limit = run.specimen.limits.band("air_loss_per_minute")
-        check_band(run, names[side], lost * minutes / elapsed, "%", limit)
+        check_band(run, names[side], found, "%", limit)
 
 
-def _air(specimen: Specimen, state: dict[str, float], load: Load, side: str) -> float:
+def _air(specimen: Specimen, values: Values, times: Values, load: Load, side: str) -> float:
     """Mass of air in both chambers of a spring, times R.
 
     The bellows is higher than the stack of both by what the emergency spring gives way beyond the preload.
     """
+    used = [name for name in WEIGHED_BY if name.startswith(side) or name in CELLS_UNDER[side]]
+    state = {name: _settled(name, times[name], values[name]) for name in used}
     carried = sum(state[cell] for cell in CELLS_UNDER[side])
     height = state[f"{side}.height"] + (carried - load.preload) / specimen.emergency_stiffness_vertical
     area, slope = specimen.effective_area, specimen.effective_area_slope
@@ -90,3 +117,9 @@ def _air(specimen: Specimen, state: dict[str, float], load: Load, side: str) -> 
         (state[f"{side}.{part}_pressure"] + ATMOSPHERE) * volume / state[f"{side}.{part}_temperature"]
         for part, volume in zip(CHAMBERS, (bellows, specimen.auxiliary_volume), strict=True)
     )
+
+
+def _settled(name: str, times: Samples, values: Samples) -> float:
+    """What a reading was: a thermometer that follows with first order reads what was, T = T_read + τ dT_read/dt."""
+    level, slope = straight_line(times, values)
+    return level + THERMOMETER_LAG * slope if name.endswith("temperature") else level

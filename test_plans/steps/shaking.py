@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from math import ceil
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -20,10 +21,13 @@ from test_plans.analysis import (
 )
 from test_plans.loads import Band
 from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.uncertainty import Measured
 
 if TYPE_CHECKING:
     from drivers.receiver import Capture
     from test_plans.run import Run
+
+Values = dict[str, Samples]
 
 AMPLITUDE: Final = 5 * mm
 #: Slow: below it, a vertical spring loses little through its orifice; above 0.1 Hz, little through its walls.
@@ -83,16 +87,45 @@ def lateral_motion(values: dict[str, Samples]) -> tuple[Samples, Samples]:
     return values["lateral.displacement"], -(values["load_cell.5"] + values["load_cell.6"])
 
 
-def check_band(run: Run, name: str, value: float, unit: str, band: Band) -> None:
+def check_band(run: Run, name: str, value: float | Measured, unit: str, band: Band) -> None:
     """Check that ``value`` (SI) lies in ``band``."""
     run.check(name, value, unit, low=band.low, high=band.high)
 
 
-def check_secant(run: Run, name: str, motion: Samples, force: Samples, band: Band) -> None:
-    """Check the slope (N/m) of a slow loop from end to end."""
-    force = without_drift(motion, force)  # the gas cools while a slow loop lasts
-    lost = f"{loop_energy(motion, force):.2f} J lost in the loop"
-    run.check(name, secant_stiffness(motion, force), "kN/m", low=band.low, high=band.high, note=lost)
+def check_secant(
+    run: Run, name: str, values: Values, motion_of: Callable[[Values], tuple[Samples, Samples]], band: Band
+) -> None:
+    """Check the slope (N/m) of a slow loop from end to end; ``motion_of`` makes motion and force of the readings."""
+
+    def secant(values: Values) -> float:
+        motion, force = motion_of(values)
+        # The gas cools while a slow loop lasts.
+        return secant_stiffness(motion, without_drift(motion, force))
+
+    motion, force = motion_of(values)
+    lost = f"{loop_energy(motion, without_drift(motion, force)):.2f} J lost in the loop"
+    slope = run.measured(secant, values)
+    run.check(name, slope, "kN/m", low=band.low, high=band.high, note=lost)
+
+
+def check_stiffness(
+    run: Run,
+    stiffness: Callable[[Values], Stiffness],
+    values: Values,
+    storage: Mapping[str, Band] | None = None,
+    damping: Mapping[str, Band] | None = None,
+) -> None:
+    """Check K' and c of what ``stiffness`` makes of readings: the name of each check with its limits."""
+
+    def both(values: Values) -> tuple[float, float]:
+        K = stiffness(values)
+        return K.storage, K.damping
+
+    for found, unit, bands in zip(
+        run.measure(both, values), ("kN/m", "kN*s/m"), (storage, damping), strict=True
+    ):
+        for name, band in (bands or {}).items():
+            check_band(run, name, found, unit, band)
 
 
 def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from math import tau
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -19,8 +20,9 @@ from test_plans.steps.shaking import (
     LOOP_FREQUENCY,
     VERTICAL,
     VERTICAL_NEEDS,
-    check_band,
+    Values,
     check_secant,
+    check_stiffness,
     keep_loop,
     keep_sweep,
     lateral_motion,
@@ -48,8 +50,8 @@ def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] =
         secant = load.limits.band("vertical_secant_closed" if way == "closed" else "vertical_secant")
         _, values = shake(run, "vertical", LOOP_FREQUENCY, VERTICAL, "triangle")
         for side in sides:
+            check_secant(run, names[side], values, partial(spring_motion, side=side), secant)
             motion, force = spring_motion(values, side)
-            check_secant(run, names[side], motion, force, secant)
             keep_loop(run, way, f"{side} spring", motion, force)
 
 
@@ -71,12 +73,11 @@ def vertical_sweep(run: Run, load: Load) -> None:
         with run.phase(f"vertical sine {frequency:g} Hz"):
             times, values = shake(run, "vertical", frequency, VERTICAL)
             for side in sides:
-                motion, force = spring_motion(values, side)
-                K = dynamic_stiffness(times, motion, force, frequency, motion_lag=LASER_LAG - LOAD_CELL_LAG)
-                found[side].append(K)
+                stiffness = partial(_vertical, times, frequency, side)
+                found[side].append(stiffness(values))
                 stiff, damped = _names(f"{side} vertical", [frequency])
-                check_band(run, stiff, K.storage, "kN/m", storage)
-                check_band(run, damped, K.damping, "kN*s/m", damping)
+                check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
+                motion, force = spring_motion(values, side)
                 one = times < times[0] + 1 / frequency
                 keep_loop(run, f"{frequency:g} Hz", f"{side} spring", motion[one], force[one])
             if balanced and frequency == highest:
@@ -90,7 +91,22 @@ def _names(what: str, frequencies: Sequence[float]) -> list[str]:
     return [f"{what} {quantity} at {frequency:g} Hz" for frequency in frequencies for quantity in ("K'", "c")]
 
 
-def _check_balance(run: Run, name: str, times: Samples, values: dict[str, Samples], frequency: float) -> None:
+def _vertical(times: Samples, frequency: float, side: str, values: Values) -> Stiffness:
+    motion, force = spring_motion(values, side)
+    return dynamic_stiffness(times, motion, force, frequency, motion_lag=LASER_LAG - LOAD_CELL_LAG)
+
+
+def _lateral(times: Samples, frequency: float, values: Values) -> Stiffness:
+    motion, force = lateral_motion(values)
+    return dynamic_stiffness(times, motion, force, frequency, motion_lag=TRANSDUCER_LAG - LOAD_CELL_LAG)
+
+
+def _check_balance(run: Run, name: str, times: Samples, values: Values, frequency: float) -> None:
+    ratio = run.measured(partial(_balance, times, frequency), values)
+    run.check(name, ratio, "1", low=1 - BALANCE_TOLERANCE, high=1 + BALANCE_TOLERANCE)
+
+
+def _balance(times: Samples, frequency: float, values: Values) -> float:
     """Compare load cells with actuators, which also move the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
@@ -98,14 +114,7 @@ def _check_balance(run: Run, name: str, times: Samples, values: dict[str, Sample
     x = first_harmonic(times, motion, frequency) * (1 + 1j * tau * frequency * LASER_LAG)
     F = first_harmonic(times, actuators, frequency) * (1 + 1j * tau * frequency * TRANSDUCER_LAG)
     S = first_harmonic(times, cells, frequency) * (1 + 1j * tau * frequency * LOAD_CELL_LAG)
-    ratio = abs(without_inertia(F, x, BOLSTER_MASS, frequency) / S)
-    run.check(
-        name,
-        ratio,
-        "1",
-        low=1 - BALANCE_TOLERANCE,
-        high=1 + BALANCE_TOLERANCE,
-    )
+    return abs(without_inertia(F, x, BOLSTER_MASS, frequency) / S)
 
 
 def lateral_loop(run: Run, load: Load) -> None:
@@ -116,8 +125,8 @@ def lateral_loop(run: Run, load: Load) -> None:
     with run.phase("lateral triangle"):
         secant = load.limits.band("lateral_secant")
         _, values = shake(run, "lateral", LOOP_FREQUENCY, LATERAL, "triangle")
+        check_secant(run, name, values, lateral_motion, secant)
         motion, force = lateral_motion(values)
-        check_secant(run, name, motion, force, secant)
         keep_loop(run, "slow", "lateral", motion, force)
 
 
@@ -130,12 +139,11 @@ def lateral_sweep(run: Run, load: Load) -> None:
     for frequency, storage, damping in sweep:
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
-            motion, force = lateral_motion(values)
-            K = dynamic_stiffness(times, motion, force, frequency, motion_lag=TRANSDUCER_LAG - LOAD_CELL_LAG)
-            found.append(K)
+            stiffness = partial(_lateral, times, frequency)
+            found.append(stiffness(values))
             stiff, damped = _names("lateral", [frequency])
-            check_band(run, stiff, K.storage, "kN/m", storage)
-            check_band(run, damped, K.damping, "kN*s/m", damping)
+            check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
+            motion, force = lateral_motion(values)
             one = times < times[0] + 1 / frequency
             keep_loop(run, f"{frequency:g} Hz", "lateral", motion[one], force[one])
     keep_sweep(run, "pair", "lateral", found)

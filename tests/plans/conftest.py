@@ -12,12 +12,14 @@ from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.instruments import ordinary
 
 
 @contextmanager
 def composed(seed=0, faults=None, latency=0.0, **changes):
     memory = RigInMemory(Rig(load("astb").with_values(**changes), seed=seed))
     with memory.bench(faults=faults, seed=seed, latency=latency) as bench:
+        bench.instruments = ordinary()
         yield SimpleNamespace(rig=memory.rig, clock=memory.clock, cut=memory.cut, bench=bench)
 
 

@@ -34,7 +34,7 @@ class FakeBench:
         self.wiring = SimpleNamespace(read_file=self.read_file, capabilities=Capabilities())
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
-        self.hand = None
+        self.hand = self.instruments = None
         self.pressures = {}
         self.strangers = lambda: ""
         self.readings = SimpleNamespace(told=lambda name: self.pressures.get(name, np.nan))

@@ -1,5 +1,6 @@
 """A verdict follows from value and limits alone, and nothing that was not measured passes."""
 
+import json
 import math
 
 import msgspec
@@ -227,3 +228,29 @@ def test_a_histogram_has_one_count_more_than_edges() -> None:
         Timing(ticks=1, late=0, edges=[1.0, 2.0], counts=[1, 0])
     with pytest.raises(ValueError, match="must rise"):
         Timing(ticks=1, late=0, edges=[2.0, 1.0], counts=[1, 0, 0])
+
+
+def test_a_check_with_an_uncertainty_keeps_it_and_one_that_was_written_without_still_loads():
+    known = check(
+        "K'", 463e3, "kN/m", 1e3, low=427e3, high=501e3, u=2.1e3, even=0.5e3, parts={"laser gain": 0.5e3}
+    )
+    result = conclude("aw0", "", "", [known])
+    assert Result.from_json(result.to_json()) == result
+    assert known.conformity == pytest.approx(1.0)
+    content = json.loads(result.to_json())
+    for key in ("u", "even", "parts", "conformity"):
+        del content["checks"][0][key]
+    old = Result.from_json(json.dumps(content).encode()).checks[0]
+    assert (old.u, old.conformity, old.verdict) == (None, None, CheckVerdict.PASS)
+    assert str(old) == "K' = 463 kN/m (427 to 501 kN/m): pass"
+    assert str(known) == "K' = 463 ± 4 kN/m (k = 2; 427 to 501 kN/m): pass, conforms with > 99.9 %"
+
+
+def test_a_value_that_does_not_surely_conform_is_marginal_and_an_uncertainty_that_is_none_is_refused():
+    assert judge(0.9, 0.0, 1.0, u=0.1) is CheckVerdict.MARGINAL
+    assert judge(0.9, 0.0, 1.0, u=0.04) is CheckVerdict.PASS  # though within a twentieth or so of the limit
+    assert judge(1.01, 0.0, 1.0, u=0.5) is CheckVerdict.FAIL
+    assert judge(0.5, 0.0, 1.0, u=5.0) is CheckVerdict.MARGINAL  # what tells nothing is no pass
+    for u, even in ((-0.1, 0.0), (0.1, 0.2), (math.inf, 0.0)):
+        with pytest.raises(ValueError, match="is no standard uncertainty"):
+            check("x", 0.5, low=0.0, u=u, even=even)

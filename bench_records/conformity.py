@@ -1,0 +1,89 @@
+"""Conformity with limits under uncertainty: coverage factor, probability, and how a value is written beside its own.
+
+What a value may be off by is an even distribution (the largest of those that went into it, with the standard deviation
+``even``) and a normal one for all the rest, together ``u``: the model of EA-4/02, S9; normal where ``even`` is 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+#: Coverage of ± 2 u by a normal distribution, which calibration laboratories state.
+COVERAGE = math.erf(math.sqrt(2.0))
+#: A value passes if it conforms with this probability at least: the guard band of JCGM 106, 8.3.2.
+SURE = 0.975
+
+
+def cumulative(x: float, u: float, even: float = 0.0) -> float:
+    """The probability of an error below ``x``: of the sum of an even and a normal distribution, u² together.
+
+    F(x) = [(x+a) Φ((x+a)/σ) − (x−a) Φ((x−a)/σ) + σ φ((x+a)/σ) − σ φ((x−a)/σ)] / 2a with a = √3 even, σ² = u² − even².
+    """
+    half = math.sqrt(3.0) * min(even, u)
+    sigma = math.sqrt(max(u**2 - even**2, 0.0))
+    if half <= 1e-6 * u:
+        return _normal(x / u) if u > 0.0 else float(x > 0.0) + 0.5 * (x == 0.0)
+    if sigma <= 1e-6 * half:
+        return min(max(0.5 + 0.5 * x / half, 0.0), 1.0)
+
+    def inner(y: float) -> float:
+        t = y / sigma
+        return y * _normal(t) + sigma * math.exp(-0.5 * t * t) / math.sqrt(2.0 * math.pi)
+
+    return min(max((inner(x + half) - inner(x - half)) / (2.0 * half), 0.0), 1.0)
+
+
+def conformity(value: float, u: float, low: float | None, high: float | None, even: float = 0.0) -> float:
+    """The probability that what was measured as ``value`` lies within its limits (JCGM 106, 7.2)."""
+    above = 1.0 if high is None else cumulative(high - value, u, even)
+    below = 0.0 if low is None else cumulative(low - value, u, even)
+    return max(above - below, 0.0)
+
+
+@lru_cache(maxsize=4096)
+def coverage_factor(share: float) -> float:
+    """k of U = k u, if ``share`` = even / u of the uncertainty is even: 2 without, 1.65 if all of it is."""
+    return _inverse(0.5 + 0.5 * COVERAGE, min(share, 1.0))
+
+
+@lru_cache(maxsize=4096)
+def guard_factor(share: float) -> float:
+    """How many u a value must stay inside one limit to conform with `SURE`."""
+    return _inverse(SURE, min(share, 1.0))
+
+
+def _inverse(probability: float, share: float) -> float:
+    low, high = 0.0, 10.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if cumulative(middle, 1.0, share) < probability else (low, middle)
+    return 0.5 * (low + high)
+
+
+def decimals(value: float, expanded: float, limits: Sequence[float]) -> int:
+    """How many decimals a value with its expanded uncertainty is worth: one digit of that, two if they are below 35.
+
+    More where these would write the value onto a limit or to its other side.
+    """
+    shown = 0
+    if expanded > 0.0:
+        exponent = math.floor(math.log10(expanded))
+        shown = max(0, -exponent + (expanded / 10.0**exponent < 3.5))
+    while shown < 12 and any(
+        value != limit and (round(value, shown) - limit) * (value - limit) <= 0.0 for limit in limits
+    ):
+        shown += 1
+    return shown
+
+
+def percent(probability: float) -> str:
+    """A probability for people; never more certain than anybody can be of an uncertainty."""
+    if probability > 0.999:
+        return "> 99.9 %"
+    return "< 0.1 %" if probability < 0.001 else f"{100 * probability:.1f} %"
+
+
+def _normal(t: float) -> float:
+    return 0.5 * math.erfc(-t / math.sqrt(2.0))

@@ -1,0 +1,190 @@
+"""The instruments of a rig: what their data sheets and certificates say of every reading, from a TOML file.
+
+Every value has a unit, a source and a provenance (measured, data sheet or assumed). A reading without an instrument is
+one of which nobody knows how good it is: what is computed from it has no uncertainty.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from datetime import date
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+from bench_protocol.suggestion import meant
+from bench_protocol.table import TABLE
+from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.words import PROVENANCES
+
+#: The instruments of the virtual bench lie beside this package, in a checkout as well as installed.
+HOME: Final = Path(__file__).resolve().parents[1] / "instruments"
+ORDINARY: Final = HOME / "astb.toml"
+
+#: The properties of an instrument; "signal" stands for the SI unit of its readings.
+PROPERTIES: Final = {
+    "offset": "signal",
+    "gain": "1",
+    "nonlinearity": "signal",
+    "lag": "s",
+    "resolution": "signal",
+    "noise": "signal",
+}
+_ENTRY: Final = ("value", "unit", "provenance", "source")
+_PIECE: Final = ("instrument", "serial_number", "certificate", "calibrated", "due")
+
+
+class InstrumentsError(ValueError):
+    """A file of instruments does not say what is needed, or says what nobody understands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """A type of instrument (SI): half-widths of what a piece may be off by, all in between being as likely.
+
+    ``resolution`` is a step, ``noise`` the standard deviation of one sample, and ``nonlinearity`` the bow of its
+    characteristic between the ends of its range.
+    """
+
+    name: str
+    type: str
+    offset: float = 0.0
+    gain: float = 0.0  #: a fraction of the reading
+    nonlinearity: float = 0.0
+    lag: float = 0.0  #: s, beside the lag that plans take out
+    resolution: float = 0.0
+    noise: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """The piece that gives one reading, and when it was calibrated."""
+
+    signal: str
+    instrument: Instrument
+    serial_number: str
+    certificate: str = ""
+    calibrated: date | None = None
+    due: date | None = None
+
+    def trouble(self, today: date | None) -> str:
+        """Return in words why its calibration does not hold ``today``, "" if it does; without a day none is over."""
+        piece = f"{self.signal} ({self.instrument.type}, no. {self.serial_number})"
+        if not self.certificate:
+            return f"{piece} has no certificate of calibration"
+        if today and self.due and today > self.due:
+            return f"{piece}: calibration {self.certificate} was due on {self.due}"
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Instruments:
+    """The pieces of a rig by the signal that they give."""
+
+    file: str = ""
+    sha256: str = ""
+    pieces: Mapping[str, Piece] = field(default_factory=dict)
+
+    def troubles(self, today: date | None, signals: Collection[str] = ()) -> list[str]:
+        """Return whose calibration does not hold ``today``, of all pieces or of those of some ``signals``."""
+        found = []
+        for name in signals or self.pieces:
+            piece = self.pieces.get(name)
+            found.append(
+                piece.trouble(today) if piece else f"{name} has no instrument in {self.file or 'any file'}"
+            )
+        return [one for one in found if one]
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What a record says of them."""
+        return {"file": self.file, "sha256": self.sha256} if self.file else {}
+
+
+#: Those of a rig of which nobody has said any.
+UNKNOWN: Final = Instruments()
+
+
+@cache
+def ordinary() -> Instruments:
+    """Return the instruments of the virtual bench."""
+    return read_instruments(ORDINARY)
+
+
+def read_instruments(path: Path) -> Instruments:
+    """Return the instruments of a TOML file.
+
+    InstrumentsError, with file, key, value and unit, if it cannot be read or says what nobody understands.
+    """
+    try:
+        text = path.read_bytes()
+        content = tomllib.loads(text.decode("utf-8"))
+    except OSError as error:
+        raise InstrumentsError(f"instruments {path} cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InstrumentsError(f"instruments {path} is not TOML: {error}") from None
+    try:
+        return Instruments(path.name, hashlib.sha256(text).hexdigest(), _pieces(content))
+    except _Unfit as error:
+        raise InstrumentsError(f"instruments {path}: {error}") from None
+
+
+class _Unfit(ValueError):
+    """What is wrong in a file, without saying in which."""
+
+
+def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
+    _refuse_unknown("", content, ("instrument", "signal"))
+    kinds, pieces = content.get("instrument", {}), {}
+    for signal, entry in content.get("signal", {}).items():
+        key = f'signal."{signal}"'
+        if signal not in TABLE.index:
+            raise _Unfit(f"{key} is no signal; {meant(signal, TABLE.index)}")
+        _refuse_unknown(f"{key}.", entry, _PIECE)
+        name = entry.get("instrument")
+        if name not in kinds:
+            raise _Unfit(f"{key}.instrument = {name!r} is not described; {meant(str(name), kinds)}")
+        for day in ("calibrated", "due"):
+            if day in entry and not isinstance(entry[day], date):
+                raise _Unfit(f"{key}.{day} = {entry[day]!r} is no day; 2027-02-03, without quotes, would be")
+        instrument = _instrument(name, kinds[name], TABLE[signal].si)
+        rest = {one: entry[one] for one in _PIECE[2:] if one in entry}
+        pieces[signal] = Piece(signal, instrument, str(entry.get("serial_number", "")), **rest)
+    return pieces
+
+
+def _instrument(name: str, entry: Mapping[str, Any], si: str) -> Instrument:
+    key = f"instrument.{name}"
+    _refuse_unknown(f"{key}.", entry, ("type", *PROPERTIES))
+    values = {
+        one: _value(f"{key}.{one}", entry[one], si if unit == "signal" else unit)
+        for one, unit in PROPERTIES.items()
+        if one in entry
+    }
+    return Instrument(name, str(entry.get("type", name)), **values)
+
+
+def _value(key: str, entry: Any, si: str) -> float:
+    if not isinstance(entry, dict) or set(entry) != set(_ENTRY):
+        raise _Unfit(f"{key} = {entry!r}; it needs {', '.join(_ENTRY)}")
+    value, unit = entry["value"], WRITTEN_UNITS.get(entry["unit"])
+    if unit is None or unit.si != si:
+        fitting = " or ".join(name for name, known in WRITTEN_UNITS.items() if known.si == si)
+        raise _Unfit(f"{key} = {value} {entry['unit']} is not in {fitting}")
+    if entry["provenance"] not in PROVENANCES or not str(entry["source"]).strip():
+        raise _Unfit(f"{key} needs a provenance, one of {', '.join(PROVENANCES)}, and a source")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < 0:
+        raise _Unfit(f"{key} = {value!r} {entry['unit']} is no half-width; it is 0 or more")
+    return float(value) * unit.factor
+
+
+def _refuse_unknown(where: str, table: Any, known: Collection[str]) -> None:
+    if not isinstance(table, dict):
+        raise _Unfit(f"{where.rstrip('.')} = {table!r} is not a table")
+    for key in table:
+        if key not in known:
+            raise _Unfit(f"{where}{key} is no key of a file of instruments; {meant(key, known)}")

@@ -1,0 +1,193 @@
+"""What a computed value is uncertain by: the errors of the instruments, taken through the computation itself.
+
+The law of propagation of JCGM 100 (GUM), 5.1.2, with sensitivities found by moving each reading as its instrument
+may be wrong and computing again: u² = Σ (f(x + u_i) − f(x − u_i))²/4 + noise. One piece of an instrument is moved in
+all captures at once, so that what it does to numerator and denominator, before and after, or to every repeat, is
+correlated; pieces are independent of one another. Noise and resolution are drawn anew for every sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, sqrt
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.table import TABLE
+from bench_protocol.units import Hz
+from test_plans.instruments import Instruments, Piece
+
+Samples = npt.NDArray[np.float64]
+#: Readings by signal: samples at an even rate, or means.
+Readings = Mapping[str, Any]
+Evaluation = Callable[..., Any]
+
+#: An even distribution of half-width a has the standard deviation a/√3 (JCGM 100, 4.3.7), a step q has q/√12.
+EVEN: Final = 1 / sqrt(3.0)
+STEP: Final = 1 / sqrt(12.0)
+#: So many draws tell the standard deviation of what noise does to 13 %.
+NOISE_DRAWS: Final = 32
+#: Parts below this share of the variance are not told.
+LEAST_SHARE: Final = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A value (SI) with its standard uncertainty, and what that is made of: standard uncertainty by cause.
+
+    ``u`` is None where nobody knows how good the readings are.
+    """
+
+    value: float
+    u: float | None = None
+    even: float = 0.0  #: the largest of the evenly distributed parts
+    parts: Mapping[str, float] = field(default_factory=dict)
+    unknown: str = ""  #: why there is no uncertainty
+
+    def __float__(self) -> float:
+        return self.value
+
+
+class _Watched(dict[str, Any]):
+    """Readings that know which of them were used."""
+
+    def __init__(self, readings: Readings) -> None:
+        super().__init__(readings)
+        self.used: dict[str, None] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name in TABLE.index:
+            self.used[name] = None
+        return super().__getitem__(name)
+
+
+def measured(
+    evaluate: Evaluation,
+    *captures: Readings,
+    instruments: Instruments,
+    rate: float | Mapping[str, float] = 200 * Hz,
+    averaged: int = 1,
+) -> tuple[Measured, ...]:
+    """Return what ``evaluate(*captures)`` gives, a number or several, each with its uncertainty.
+
+    ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate``, one or by
+    signal, or means over ``averaged`` samples.
+    Readings without an instrument leave the value without an uncertainty, except statuses and choices, which have no
+    error. A value that is no number has no uncertainty either.
+    """
+    watched = [_Watched(one) for one in captures]
+    best = np.atleast_1d(np.asarray(evaluate(*watched), float))
+    used = list(dict.fromkeys(name for one in watched for name in one.used if _can_err(name)))
+    if lacking := [name for name in used if name not in instruments.pieces]:
+        why = f"no instrument is known for {', '.join(lacking)}"
+        return tuple(Measured(float(value), unknown=why) for value in best)
+    rates = rate if isinstance(rate, Mapping) else dict.fromkeys(used, rate)
+    parts: dict[str, Samples] = {}
+    even = np.zeros_like(best)
+    for name in used:
+        for cause, moved in _ways(instruments.pieces[name], rates.get(name, 1.0)):
+            up, down = (
+                np.atleast_1d(np.asarray(evaluate(*_changed(captures, name, moved, way)), float))
+                for way in (1.0, -1.0)
+            )
+            key = f"{instruments.pieces[name].instrument.name} {cause}"
+            parts[key] = np.hypot(parts.get(key, 0.0), 0.5 * (up - down))
+            even = np.maximum(even, 0.5 * abs(up - down))
+    parts["noise"] = _noise(evaluate, captures, [instruments.pieces[name] for name in used], best, averaged)
+    return tuple(_composed(best, parts, even, place) for place in range(best.size))
+
+
+def _composed(best: Samples, parts: Mapping[str, Samples], even: Samples, place: int) -> Measured:
+    own = {cause: float(abs(part[place])) for cause, part in parts.items()}
+    u = sqrt(sum(part**2 for part in own.values()))
+    if not isfinite(u):
+        return Measured(float(best[place]), unknown="the computation has no number beside this one")
+    told = sorted(own, key=lambda cause: own[cause], reverse=True)
+    largest = {cause: own[cause] for cause in told if own[cause] ** 2 > LEAST_SHARE * u**2}
+    return Measured(float(best[place]), u, float(even[place]), largest)
+
+
+def _can_err(name: str) -> bool:
+    return TABLE[name].group is not None
+
+
+Move = Callable[[Any], Any]
+
+
+def _ways(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
+    """Yield in which ways one piece may be wrong: by one standard deviation each."""
+    one, signal = piece.instrument, TABLE[piece.signal]
+    middle, half = 0.5 * (signal.high + signal.low), 0.5 * (signal.high - signal.low)
+    if one.offset:
+        yield "offset", lambda values: one.offset * EVEN + 0.0 * values
+    if one.gain:
+        yield "gain", lambda values: one.gain * EVEN * values
+    if one.nonlinearity:
+        yield "nonlinearity", lambda values: one.nonlinearity * EVEN * (1 - ((values - middle) / half) ** 2)
+    if one.lag:
+        yield (
+            "lag",
+            lambda values: -one.lag * EVEN * np.gradient(values) * rate if np.size(values) > 1 else 0.0,
+        )
+
+
+def _changed(captures: Sequence[Readings], name: str, moved: Move, way: float) -> list[dict[str, Any]]:
+    return [
+        {**one, name: one[name] + way * moved(np.asarray(one[name], float))} if name in one else dict(one)
+        for one in captures
+    ]
+
+
+def _noise(
+    evaluate: Evaluation, captures: Sequence[Readings], pieces: Sequence[Piece], best: Samples, averaged: int
+) -> Samples:
+    """Return what noise and resolution of single samples do, from draws that are always the same."""
+    generator = np.random.default_rng(1)
+    away = np.zeros_like(best)
+    for _ in range(NOISE_DRAWS):
+        drawn = []
+        for one in captures:
+            changed = dict(one)
+            for piece in pieces:
+                if piece.signal in one:
+                    values = np.asarray(one[piece.signal], float)
+                    changed[piece.signal] = values + _sigma(
+                        piece, values, averaged
+                    ) * generator.standard_normal(values.shape)
+            drawn.append(changed)
+        away += (np.atleast_1d(np.asarray(evaluate(*drawn), float)) - best) ** 2
+    return np.sqrt(away / NOISE_DRAWS)
+
+
+def _sigma(piece: Piece, values: Samples, averaged: int) -> float:
+    """Standard deviation of one reading; means are better, but not better than their resolution lets them be."""
+    noise, step = piece.instrument.noise, piece.instrument.resolution * STEP
+    if values.ndim:
+        return sqrt(noise**2 + step**2)
+    if 2 * noise >= piece.instrument.resolution:  # so much noise lets means resolve more than a step
+        return sqrt((noise**2 + step**2) / averaged)
+    return sqrt(noise**2 / averaged + step**2)
+
+
+def repeated(found: Sequence[Measured]) -> Measured:
+    """Return the mean of several measurements of the same thing with the same instruments.
+
+    What the instruments do is common to all and stays; what differs from one to the next is taken from their scatter:
+    s/√n, times √((n−1)/(n−3)) for what so few tell of s (JCGM 101, 6.4.9.2). ValueError for less than four.
+    """
+    n = len(found)
+    if n < 4:
+        raise ValueError(f"{n} measurements do not tell their scatter; four or more would")
+    values = np.array([one.value for one in found])
+    scatter = float(values.std(ddof=1) / sqrt(n) * sqrt((n - 1) / (n - 3)))
+    lacking = next((one for one in found if one.u is None), None)
+    if lacking:
+        return Measured(float(values.mean()), unknown=lacking.unknown)
+    causes = dict.fromkeys(cause for one in found for cause in one.parts if cause != "noise")
+    parts = {cause: float(np.mean([one.parts.get(cause, 0.0) for one in found])) for cause in causes}
+    parts["repeats"] = scatter
+    even = float(np.mean([one.even for one in found]))
+    return Measured(float(values.mean()), sqrt(sum(part**2 for part in parts.values())), even, parts)
