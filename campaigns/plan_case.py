@@ -1,5 +1,7 @@
 """One case of the bench: a plan on a virtual rig with its parameters, effects, faults and seed, and a specimen."""
 
+from collections.abc import Iterable, Mapping
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from astb.rig_file import RigFile, Simulation
+from campaigns.run import run_cases
 
 if TYPE_CHECKING:
     from bench_records.result import Result
@@ -24,6 +27,7 @@ class PlanCase(msgspec.Struct, frozen=True, kw_only=True):
     specimen: str = "astb"  #: a name that `astb specimens` lists, or the path of a TOML file
     simulation: Simulation = Simulation()  #: parameter set, change, effects, faults, seed, as in a rig file
     variant: str = ""  #: what people call the rig that differs so from the ordinary one
+    files: tuple[str, ...] = ()  #: digests of the files that are named: who changes one has another case
 
     @property
     def key(self) -> str:
@@ -32,7 +36,7 @@ class PlanCase(msgspec.Struct, frozen=True, kw_only=True):
         return "/".join(filter(None, (self.plan, self.variant, f"seed {self.simulation.seed}", digest)))
 
 
-def by_key(cases: "list[PlanCase]") -> dict[str, PlanCase]:
+def by_key(cases: Iterable[PlanCase]) -> dict[str, PlanCase]:
     """Return the cases by their keys, as `run_cases` takes them."""
     return {case.key: case for case in cases}
 
@@ -45,6 +49,7 @@ def facts(case: PlanCase) -> dict[str, Any]:
         "variant": case.variant,
         "specimen": case.specimen,
         "seed": case.simulation.seed,
+        "change": {name: str(value) for name, value in case.simulation.change.items()},
         "simulation": msgspec.json.encode(case.simulation, order="deterministic").decode(),
     }
 
@@ -67,6 +72,17 @@ def run_plan_case(case: PlanCase, records: str = "") -> dict[str, Any]:
         return _told(_run(case, Path(records) / case.key.replace("/", "-").replace(" ", "")))
     with TemporaryDirectory(prefix="astb-case-") as directory:
         return _told(_run(case, Path(directory)))
+
+
+def run_plan_cases(
+    cases: Mapping[str, PlanCase], out: Path | str, *, records: Path | str | None = None, **how: Any
+) -> list[dict[str, Any]]:
+    """Run plans on virtual rigs, and keep a row of each in ``out``; return the rows, in the order of the cases.
+
+    ``records`` is where each run's own record is left; without it none is. ``how`` is what `run_cases` takes.
+    """
+    function = partial(run_plan_case, records=str(Path(records).resolve()) if records else "")
+    return run_cases(function, cases, out, facts=facts, prepare=warm_up, **how)
 
 
 def _run(case: PlanCase, directory: Path) -> "Result":

@@ -1,0 +1,156 @@
+"""A campaign file: the TOML that says which plans run with which parameters, specimens, rigs and seeds."""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+from msgspec.structs import replace
+
+from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, read
+from campaigns.plan_case import PlanCase, by_key
+
+Seed = Annotated[int, Meta(ge=0, le=SEED_MAX)]
+
+
+class CampaignError(ValueError):
+    """A campaign file that cannot be carried out; the text says what would be right."""
+
+
+class Variant(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A rig that differs from the ordinary one; over what the rig file simulates."""
+
+    name: str
+    parameters: str = ""  #: name of a parameter set, or the path of its TOML file
+    change: dict[str, Any] = {}
+    effects: dict[str, Any] = {}
+    faults: tuple[FaultEntry, ...] = ()
+
+
+class CampaignFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What is combined: each plan with each choice of values, specimen, variant, change and seed."""
+
+    plans: Annotated[tuple[str, ...], Meta(min_length=1)]
+    seeds: Annotated[int, Meta(ge=1)] | Annotated[tuple[Seed, ...], Meta(min_length=1)] = (
+        1  #: the first so many, or which
+    )
+    specimens: Annotated[tuple[str, ...], Meta(min_length=1)] = ("astb",)
+    rig: str = ""  #: path of a rig file, whose simulation all cases start from
+    values: dict[str, Any] = {}  #: of the plans' parameters; in a table with a plan's name for that one alone
+    change: dict[str, Any] = {}  #: of the rig's parameters
+    variants: tuple[Variant, ...] = ()
+
+
+def read_campaign(path: Path) -> dict[str, PlanCase]:
+    """Return the cases of a campaign file by their keys, each checked: none of them will be refused later.
+
+    In ``values`` and ``change`` a list is as many cases as it has entries. Paths are those of the campaign file's
+    directory. CampaignError with file, key and what would be right.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        campaign = msgspec.convert(content, CampaignFile)
+    except OSError as error:
+        raise CampaignError(f"campaign file {path} cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CampaignError(f"campaign file {path} is not TOML: {error}") from None
+    except msgspec.ValidationError as error:
+        raise CampaignError(f"campaign file {path}: {error}") from None
+    try:
+        return by_key(_checked(list(_combined(campaign, path.parent))))
+    except CampaignError as error:
+        raise CampaignError(f"campaign file {path}: {error}") from None
+
+
+def _combined(campaign: CampaignFile, home: Path) -> Iterator[PlanCase]:
+    seeds = range(campaign.seeds) if isinstance(campaign.seeds, int) else campaign.seeds
+    specimens = [_path(name, home) for name in campaign.specimens]
+    base = _base(campaign.rig, home)
+    for name in campaign.values:
+        if isinstance(campaign.values[name], dict) and name not in campaign.plans:
+            raise CampaignError(f"values.{name} is meant for a plan that is not among plans")
+    for plan in campaign.plans:
+        own = _meant_for(plan, campaign.values)
+        for values, specimen, variant, change, seed in product(
+            _choices(own), specimens, campaign.variants or (Variant(""),), _choices(campaign.change), seeds
+        ):
+            yield PlanCase(
+                plan=plan,
+                values=values,
+                specimen=specimen,
+                variant=variant.name,
+                simulation=replace(
+                    base,
+                    parameters=_path(variant.parameters, home) or base.parameters,
+                    change=base.change | change | variant.change,
+                    effects=base.effects | variant.effects,
+                    faults=(*base.faults, *variant.faults),
+                    seed=seed,
+                ),
+            )
+
+
+def _base(rig: str, home: Path) -> Simulation:
+    if not rig:
+        return Simulation()
+    try:
+        simulation = read(home / rig).simulation
+    except RigFileError as error:
+        raise CampaignError(str(error)) from None
+    if simulation is None:
+        raise CampaignError(
+            f"rig = {rig!r} is a real one: a campaign needs a rig file with a [simulation] table"
+        )
+    return simulation
+
+
+def _path(name: str, home: Path) -> str:
+    """Return a path for workers, which may stand in another directory; names are left as they are."""
+    return str((home / name).resolve()) if name.endswith(".toml") else name
+
+
+def _meant_for(plan: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    for_all = {name: value for name, value in values.items() if not isinstance(value, dict)}
+    return for_all | values.get(plan, {})
+
+
+def _choices(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield every combination of what is given as lists."""
+    lists = [value if isinstance(value, list) else [value] for value in given.values()]
+    for chosen in product(*lists):
+        yield dict(zip(given, chosen, strict=True))
+
+
+def _checked(cases: list[PlanCase]) -> list[PlanCase]:
+    """Return the cases with the digests of the files that they name. CampaignError for one that could not run."""
+    from astb.api import find_plan
+    from astb.session import build_rig
+    from test_plans.run import PlanError
+    from test_plans.specimen import read_specimen
+
+    known: dict[Any, str] = {}
+
+    def once(key: Any, look: Any) -> str:
+        if key not in known:
+            try:
+                known[key] = str(look())
+            except (ValueError, PlanError) as error:
+                raise CampaignError(str(error)) from None
+        return known[key]
+
+    done = []
+    for case in cases:
+        rig = replace(case.simulation, seed=0)
+        once(
+            ("plan", case.plan, str(case.values)),
+            lambda case=case: find_plan(case.plan).given(case.values).name,
+        )
+        files = (
+            once(("specimen", case.specimen), lambda case=case: read_specimen(case.specimen).facts["sha256"]),
+            once(("rig", str(rig)), lambda rig=rig: build_rig(rig).parameters.digest()),
+        )
+        done.append(replace(case, files=files))
+    return done

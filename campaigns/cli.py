@@ -1,0 +1,91 @@
+"""The command `astb campaign`, which `astb` finds by its entry point."""
+
+from pathlib import Path
+
+import click
+
+from astb.exit_codes import blocked, misuse
+
+
+@click.command("campaign")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Where the rows are kept.  [default: runs/ and FILE's name]",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="A dask scheduler, such as tcp://host:8786, instead of this machine.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), help="Processes on this machine.  [default: one for each core]"
+)
+@click.option(
+    "--limit", default="10min", show_default=True, help="Time for one case, in which it ends or has failed."
+)
+@click.option(
+    "--records", type=click.Path(path_type=Path), help="Keep each run's record in a directory of this one."
+)
+@click.option("--again", is_flag=True, help="Try those that failed once more.")
+@click.option("--list", "only_list", is_flag=True, help="List the cases and carry out none.")
+def campaign_command(
+    file: Path,
+    out: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    limit: str,
+    records: Path | None,
+    again: bool,
+    only_list: bool,
+) -> None:
+    """Run the plans of a campaign FILE with all its parameters, specimens, rigs and seeds, in virtual time.
+
+    Each case is a row of a Parquet data set as soon as it has ended. Whatever ends the campaign, the same command goes
+    on where it stopped, and does nothing twice.
+
+    Ends with 0 if every case has a verdict, whichever it is, 2 for misuse, 3 if a case failed or the cluster is gone.
+    """
+    from rich.console import Console
+
+    from bench_protocol.written_values import NotAValue, read_written
+    from campaigns.campaign_file import CampaignError, read_campaign
+    from campaigns.display import CampaignDisplay, verdicts
+    from campaigns.kept import KeptError
+    from campaigns.plan_case import run_plan_cases
+    from campaigns.workers import ClusterError
+
+    console = Console()
+    out = out or Path("runs", file.stem)
+    try:
+        seconds = read_written("--limit", limit, "s")
+        cases = read_campaign(file)
+    except (CampaignError, NotAValue) as error:
+        misuse(error)
+    if only_list:
+        for key in cases:
+            click.echo(key)
+        return
+    try:
+        with CampaignDisplay(console) as display:
+            rows = run_plan_cases(
+                cases,
+                out,
+                records=records,
+                scheduler=scheduler,
+                workers=workers,
+                limit=seconds,
+                again=again,
+                watch=display,
+            )
+    except KeptError as error:
+        misuse(error)
+    except ClusterError as error:
+        blocked(f"{error}; what has ended is kept in {out}")
+    except KeyboardInterrupt:
+        blocked(f"stopped; what has ended is kept in {out}, and the same command goes on")
+    console.print(verdicts(rows))
+    click.echo(f"rows: {out}")
+    if failed := sum(bool(row["error"]) for row in rows):
+        blocked(f"{failed} of {len(rows)} cases failed; --again tries them once more")

@@ -1,0 +1,90 @@
+"""What somebody sees of a campaign: a bar with the time left on a terminal, a line now and then through a pipe."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
+from rich.table import Table
+
+from bench_protocol.units import hours, minutes, s
+from campaigns.run import Standing
+
+#: Through a pipe there is a line so often.
+BETWEEN: Final = 10 * s
+
+
+class CampaignDisplay:
+    """Shows how far a campaign is, and every case that failed; what `run_cases` takes as ``watch``."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._told = 0.0
+        self._bar = Progress(
+            SpinnerColumn(),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.description}"),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._bar.add_task("")
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def __call__(self, standing: Standing) -> None:
+        """Show what has become of the campaign."""
+        row = standing.row
+        if not row and standing.before:
+            self._say(f"{standing.before} of {standing.total} cases are kept already")
+        if row and row["error"]:
+            self._say(f"{row['key']}: {row['error']}")
+        self._bar.update(
+            self._task,
+            total=standing.total,
+            completed=standing.before + standing.done,
+            description=_progress(standing),
+        )
+        due = standing.elapsed - self._told >= BETWEEN or not standing.left
+        if row and due and not self._console.is_terminal:
+            self._told = standing.elapsed
+            self._say(f"{standing.before + standing.done} of {standing.total} cases{_progress(standing)}")
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _progress(standing: Standing) -> str:
+    failed = f", {standing.failed} failed" if standing.failed else ""
+    left = standing.time_left
+    return failed + (f", {duration(left)} left" if left else "")
+
+
+def duration(seconds: float) -> str:
+    """Return a time as people say it, roughly."""
+    if seconds < 1.5 * minutes:
+        return f"{seconds:.0f} s"
+    return f"{seconds / minutes:.0f} min" if seconds < 1.5 * hours else f"{seconds / hours:.1f} h"
+
+
+def verdicts(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Return a table that says, for each plan and variant, how many runs had which verdict."""
+    counted: dict[tuple[str, str], Counter[str]] = {}
+    for row in rows:
+        counted.setdefault((row["plan"], row["variant"]), Counter())[row["verdict"] or "error"] += 1
+    names = sorted({name for one in counted.values() for name in one})
+    table = Table(box=None, pad_edge=False)
+    for column in ("plan", "variant"):
+        table.add_column(column)
+    for name in names:
+        table.add_column(name, justify="right")
+    for (plan, variant), one in counted.items():
+        table.add_row(plan, variant, *(str(one[name] or "") for name in names))
+    return table
