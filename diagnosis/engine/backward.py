@@ -117,7 +117,7 @@ def _result(state: SearchState, without: Mapping[str, _Weighed]) -> SearchResult
         )
         for name in current.effects
     )
-    return SearchResult(state, accepted)
+    return SearchResult(state, accepted, {name: one.model for name, one in without.items()})
 
 
 def _lpd(prediction: Prediction | None) -> float:

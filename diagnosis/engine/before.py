@@ -13,29 +13,25 @@ gain is measured from. It may look at them, since it is to be beaten there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from diagnosis.contracts import Array, MeasuredRun
+from diagnosis.contracts import Array
 from diagnosis.engine.fitting.fit import FittedModel, fit
-from diagnosis.engine.fitting.linearise import from_quotients
 from diagnosis.engine.fitting.predict import Prediction, predict
-from diagnosis.engine.footprints import Footprints
 from diagnosis.engine.noise import Noise, estimate, quietest, white
-from diagnosis.engine.whitening import filters
 
 
-def best_before(
-    base: FittedModel, around: Footprints, runs: Sequence[MeasuredRun], floors: Array
-) -> tuple[FittedModel, Prediction]:
-    """Return the base model fitted as predicts ``runs`` best, and that prediction.
+def best_before(base: FittedModel, after: Prediction, floors: Array) -> tuple[FittedModel, Prediction]:
+    """Return the base model fitted as predicts the runs of ``after`` best, and that prediction.
 
-    ``base`` is its fit under the noise of the extended model, ``around`` holds columns of its parameters, and
+    ``base`` is its fit under the noise of the extended model, ``after`` what that predicts with its numbers fixed, and
     ``floors`` (c,) are what noise alone leaves in each channel.
     """
-    fits = [base, *(_refitted(base, around, noise) for noise in _noises(base))]
-    arms = [(model, predict(model, runs, fixed=True)) for model in fits]
+    fits = [base]
+    for noise in _noises(base):
+        fits.append(fit(base.replay, noise, fits[-1].point, fits[-1].linearisation))
+    runs, known = after.replay.runs, after.linearisation
+    arms = [(model, predict(model, runs, known, fixed=True)) for model in fits]
     return min(arms, key=lambda arm: noise_ratio(arm[1], floors))
 
 
@@ -59,13 +55,3 @@ def _noises(base: FittedModel) -> tuple[Noise, Noise]:
         for noise, channel in zip(coloured.channels, channels, strict=True)
     ]
     return coloured, white(deviations)
-
-
-def _refitted(base: FittedModel, around: Footprints, noise: Noise) -> FittedModel:
-    """Fit the base model under another noise, with columns that are there already."""
-    replay = base.replay
-    residuals = replay.residuals(around.predictions)
-    known = from_quotients(
-        replay, around.point, filters(noise, replay.runs), residuals, around.parameter_columns
-    )
-    return fit(replay, noise, base.point, known)

@@ -106,7 +106,7 @@ EIGENVALUE_FLOOR: Final = 1e-13
 #: Part of the square of a column that must be left after a projection: difference quotients, kept in single precision,
 #: are right to about four digits.
 VISIBLE_PART: Final = 1e-8
-#: Weight of what a fit knows of parameters that a prediction holds fixed.
+#: Weight of what a fit knows of effects that stay where they are while a surface is fitted beside them.
 FIXED_WEIGHT: Final = 1e4
 #: Weight of a prior that says nothing, per square of the parameter's scale: it makes the evidence finite.
 FLAT_WEIGHT: Final = 1e-6

@@ -42,7 +42,7 @@ from diagnosis.engine.remainder import Remainder, held_back, remainder
 from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
-from diagnosis.engine.search_state import Problem
+from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, rivals, scores, sentence
 from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
@@ -97,14 +97,13 @@ def _finding(
 ) -> Finding:
     """Compare both models and put everything that was concluded into the finding."""
     found, extended, named = judgement.found, judgement.model, judgement.screened.model
-    around = found.state.current.footprints
-    base = fit(extended.replay, extended.noise, without_effects(extended.point), named.linearisation)
+    base = _base_model(found, extended, named)
     tests = panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else []
     role, runs = held_back(data)
     floors = not_above(found.floors, extended)
     after = predict(extended, runs, fixed=True)
-    best, before = best_before(base, around, runs, floors) if extended.effects else (base, after)
-    left = remainder(role, before, after, extended, [one.effect for one in found.accepted], floors)
+    best, before = best_before(base, after, floors) if extended.effects else (base, after)
+    left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     verdict = final(judgement.verdict, left)
     told = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if told else Comparison()
@@ -113,12 +112,12 @@ def _finding(
     causes = [] if verdict is Verdict.UNRESOLVED else accepted
     others = rivals(found, hypotheses, config.ambiguous) if verdict is Verdict.AMBIGUOUS else []
     next_runs, next_sensors = _deciding(judgement, config, menu) if others else ([], [])
-    first = found.steps[0].screening
+    screening = found.steps[0].screening
     return Finding(
         verdict=verdict,
         sentence=sentence(verdict, accepted, others, judgement.unknowns, found, left),
         causes=causes,
-        threshold=first.threshold,
+        threshold=screening.threshold,
         alpha=config.alpha,
         provenance=_provenance(data, extended, config),
         models=models(best, extended, gain),
@@ -131,12 +130,21 @@ def _finding(
         next_sensors=next_sensors,
         shifts=shifts(best, extended, covariance if extended is named else widened(extended, ())),
         panel=tests,
-        confusability=confusability(first),
+        confusability=confusability(screening),
         unknowns=list(judgement.unknowns),
         remains=_remains(data, judgement, left),
         traces=gain.traces,
         doubts=[*data.doubts, *contradicted(extended)],
     )
+
+
+def _base_model(found: SearchResult, extended: FittedModel, named: FittedModel) -> FittedModel:
+    """Fit the base model under the noise of the extended one, from where it was last fitted."""
+    point = without_effects(extended.point)
+    near = next((one for one in found.without.values() if not one.effects), None)
+    if near is None:
+        return fit(extended.replay, extended.noise, point, named.linearisation)
+    return fit(extended.replay, extended.noise, near.point, near.linearisation)
 
 
 def _deciding(

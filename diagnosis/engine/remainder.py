@@ -66,18 +66,25 @@ def held_back(data: Dataset) -> tuple[Role, tuple[MeasuredRun, ...]]:
 
 def remainder(
     role: Role,
+    base: FittedModel,
     before: Prediction,
     after: Prediction,
     model: FittedModel,
     causes: Sequence[str],
     floors: Array,
 ) -> Remainder:
-    """Measure what is left where ``before`` and ``after`` predict the same runs; ``model`` is the extended one."""
+    """Measure what is left where ``before`` and ``after`` predict the same runs.
+
+    ``model`` is the extended one, ``base`` the one without any effect under the same noise.
+    """
     total = noise_ratio(after, floors)
     runs = after.replay.runs
     without = {}
     for name in causes:
-        fitted = fit(model.replay, model.noise, model.point.without(name), model.linearisation)
+        alone = model.effects == (name,)
+        fitted = (
+            base if alone else fit(model.replay, model.noise, model.point.without(name), model.linearisation)
+        )
         forecast = predict(fitted, runs, after.linearisation, fixed=True)
         without[name] = noise_ratio(forecast, floors)
     return Remainder(role, noise_ratio(before, floors), total, least_left(before, after, floors), without)

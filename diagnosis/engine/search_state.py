@@ -112,10 +112,14 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """All that the search found: its last state, and what each accepted effect is worth beside the others."""
+    """All that the search found: its last state, and what each accepted effect is worth beside the others.
+
+    ``without`` are the models from which one of them was left out.
+    """
 
     state: SearchState
     accepted: tuple[Accepted, ...]
+    without: Mapping[str, FittedModel]
 
     @property
     def steps(self) -> tuple[ForwardStep, ...]:

@@ -93,10 +93,10 @@ def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
 def fit_physical(
     problem: Problem, effect: str, start: Point, current: CurrentModel, target: float = math.inf
 ) -> Trial:
-    """Fit and predict a model of which nothing is asked but that it is physical."""
+    """Fit a model of which nothing is asked but that it is physical; what is, also predicts."""
     model = refit(problem, start, current, target)
-    prediction = predicted(problem, model, current.prediction)
     failed = unphysical(model, current.model)
+    prediction = None if failed else predicted(problem, model, current.prediction)
     surcharge = richer_surcharge(problem, effect, model, current)
     return trial_of(effect, model, prediction, failed, surcharge=surcharge)
 

@@ -9,7 +9,7 @@ bought only when they are needed, in the order of their price (`ColumnSource`):
 * the columns of the nuisances are borrowed from a fit under the same noise, for they hardly change from model to model;
 * those of the effects follow each step by Broyden's rule: corrected so that they explain the change just seen;
 * a step that gains clearly less than the linear model predicts has new columns of the effects computed, a step that
-  fails has all, a further one has central differences;
+  fails has all, a further one has central differences of the effects' own;
 * a fit that is to be compared with others, and even by its linear model stays above a ``ceiling``, buys no columns of
   the nuisances: they are the dearest, and nothing depends on how far above it ends;
 * only where these fail too is the step shortened, by damping. Along a narrow curved valley good steps are short: the
@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -40,7 +40,7 @@ from diagnosis.engine.config import (
     ROUGH_OPTIMUM,
     WORTH_NEW_COLUMNS,
 )
-from diagnosis.engine.fitting.linear import Block, Linearisation, Prior, prior_of
+from diagnosis.engine.fitting.linear import Linearisation, Prior, prior_of
 from diagnosis.engine.fitting.linearise import linearise
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.replay import Replay
@@ -54,7 +54,7 @@ class ColumnSource(IntEnum):
     BORROWED = 0  #: an earlier point
     OWN = 1  #: differences at this point for the effects' own numbers
     FRESH = 2  #: differences at this point for all numbers
-    CENTRAL = 3  #: central differences of the effects' own numbers or, without effects, of all
+    CENTRAL = 3  #: central differences of the effects' own numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +117,7 @@ def fit(
 ) -> FittedModel:
     """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces that of the parameters.
 
-    ``known`` may hold columns of the nuisances, whitened by the same noise; ``refresh`` computes all columns anew at
+    ``known`` may hold columns of the nuisances, under whatever noise; ``refresh`` computes all columns anew at
     the end. A fit that stays far above ``target``, the penalised χ² of another model, is not carried to the last
     digit; one that promises to stay above the ``ceiling`` ends where it would need columns of the nuisances; none
     takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
@@ -186,9 +186,9 @@ class _Descent:
             return False
         elif self.trusted:
             self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
-        elif dearest <= self.source < ColumnSource.CENTRAL:
+        elif dearest <= self.source < self._dearest:
             return False
-        elif self.source < ColumnSource.CENTRAL:
+        elif self.source < self._dearest:
             self.linearise(max(ColumnSource(self.source + 1), self._cheapest))
         else:
             self.damping = max(10.0 * self.damping, 1e-3)
@@ -197,7 +197,7 @@ class _Descent:
     def linearise(self, source: ColumnSource) -> None:
         """Compute columns anew where the fit is; those of the nuisances stay unless all are asked for."""
         point = self.at.point
-        known = self.at if point.owners and source != ColumnSource.FRESH else None
+        known = self.at if self._has_own and source != ColumnSource.FRESH else None
         central = source == ColumnSource.CENTRAL
         self.at = linearise(
             self.replay, self.whiten, point, self.predictions, self.prior, known, central=central
@@ -205,9 +205,19 @@ class _Descent:
         self.source = source
 
     @property
+    def _has_own(self) -> bool:
+        """Whether effects have columns: a model without effects has none, nor have those that are held."""
+        return any(c.owner and not c.held for c in self.at.point.coordinates)
+
+    @property
     def _cheapest(self) -> ColumnSource:
-        """The cheapest columns that are new: a model without effects has none of its own."""
-        return ColumnSource.OWN if self.at.point.owners else ColumnSource.FRESH
+        """The cheapest columns that are new."""
+        return ColumnSource.OWN if self._has_own else ColumnSource.FRESH
+
+    @property
+    def _dearest(self) -> ColumnSource:
+        """The dearest columns that are better than others."""
+        return ColumnSource.CENTRAL if self._has_own else ColumnSource.FRESH
 
 
 def _follow(
@@ -224,7 +234,7 @@ def _follow(
         if square > BROYDEN_SHARE * float(moved @ moved) and np.isfinite(white).all():
             surprise = block.residual - white - block.along(moved)
             columns = columns.plus(surprise, mine / square)
-        blocks.append(Block(block.run, block.packing, white, ((common, nuisances), (own, columns))))
+        blocks.append(replace(block, residual=white, parts=((common, nuisances), (own, columns))))
     return Linearisation(trial, old.prior, tuple(blocks))
 
 

@@ -16,22 +16,33 @@ from diagnosis.contracts import Array
 from diagnosis.engine.columns import Columns, Packing
 from diagnosis.engine.config import EIGENVALUE_FLOOR, VISIBLE_PART
 from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.whitening import Filter
 
 #: Columns with the coordinates of the point that they belong to.
 Part = tuple[tuple[int, ...], Columns]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Raw:
+    """Columns as they were before they passed a filter: another one can have them, too."""
+
+    columns: Columns
+    passed: Filter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Block:
     """One run, whitened: residual (N,) and sensitivities, of the samples that count.
 
-    ``parts`` are the columns that many models share, then those that are the model's own.
+    ``parts`` are the columns that many models share, of which ``raw`` is what was whitened if anybody may borrow them,
+    then those that are the model's own.
     """
 
     run: str
     packing: Packing
     residual: Array
     parts: tuple[Part, Part]
+    raw: Raw | None = None
 
     @property
     def places(self) -> list[int]:

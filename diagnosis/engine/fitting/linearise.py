@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from diagnosis.contracts import Array
 from diagnosis.engine.columns import Columns
-from diagnosis.engine.fitting.linear import Block, Linearisation, Prior, prior_of
+from diagnosis.engine.fitting.linear import Block, Linearisation, Prior, Raw, prior_of
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.whitening import Filter
@@ -22,25 +22,31 @@ def linearise(
     *,
     central: bool = False,
 ) -> Linearisation:
-    """Linearise a model; where ``known`` (whitened alike) has the columns of a run's nuisances, they are shared."""
+    """Linearise a model; where ``known`` has the columns of a run's nuisances, they are shared.
+
+    What the same filter has whitened is taken as it is.
+    """
     nuisances, effects = zip(*(_parted(point, record) for record in replay.records), strict=True)
     shared = [
         _shared(known, run, [point.coordinates[i] for i in places])
         for run, places in zip(replay.names, nuisances, strict=True)
     ]
     missing = [
-        [*(places if columns is None else ()), *more]
-        for places, more, columns in zip(nuisances, effects, shared, strict=True)
+        [*(() if known_here else places), *more]
+        for places, more, known_here in zip(nuisances, effects, shared, strict=True)
     ]
     quotients = replay.sensitivities(point, predictions, missing, central=central)
     residuals = replay.residuals(predictions)
     blocks = []
     for r, filter_ in enumerate(whiten):
-        white, columns = filter_.columns([quotients[r]]), shared[r]
-        count = white.size - len(effects[r])
-        of_nuisances = white.chosen(range(count)) if columns is None else columns
-        parts = (nuisances[r], of_nuisances), (effects[r], white.chosen(range(count, white.size)))
-        blocks.append(Block(replay.names[r], filter_.packing, filter_(residuals[r]), parts))
+        count = quotients[r].size - len(effects[r])
+        raw, white = shared[r] or (Raw(quotients[r].chosen(range(count)), filter_), None)
+        if white is None or raw.passed is not filter_:
+            raw = Raw(raw.columns, filter_)
+            white = filter_.columns([raw.columns])
+        own = filter_.columns([quotients[r].chosen(range(count, quotients[r].size))])
+        parts = (nuisances[r], white), (effects[r], own)
+        blocks.append(Block(replay.names[r], filter_.packing, filter_(residuals[r]), parts, raw))
     return Linearisation(point, prior, tuple(blocks))
 
 
@@ -55,13 +61,11 @@ def from_quotients(
     blocks = []
     for run, filter_, residual, columns in zip(replay.runs, whiten, residuals, quotients, strict=True):
         record = run.experiment.record
-        white, order = filter_.columns([columns]), point.places_of(record)
-        shared, own = _parted(point, record)
-        parts = (
-            (shared, white.chosen([order.index(i) for i in shared])),
-            (own, white.chosen([order.index(i) for i in own])),
-        )
-        blocks.append(Block(run.experiment.name, filter_.packing, filter_(residual), parts))
+        order, (shared, own) = point.places_of(record), _parted(point, record)
+        raw = Raw(columns.chosen([order.index(i) for i in shared]), filter_)
+        of_effects = columns.chosen([order.index(i) for i in own])
+        parts = (shared, filter_.columns([raw.columns])), (own, filter_.columns([of_effects]))
+        blocks.append(Block(run.experiment.name, filter_.packing, filter_(residual), parts, raw))
     return Linearisation(point, prior_of(point), tuple(blocks))
 
 
@@ -75,10 +79,13 @@ def _parted(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int, ...]
     )
 
 
-def _shared(known: Linearisation | None, run: str, nuisances: Sequence[Coordinate]) -> Columns | None:
-    """Return the columns of a run's nuisances if they are known."""
+def _shared(
+    known: Linearisation | None, run: str, nuisances: Sequence[Coordinate]
+) -> tuple[Raw, Columns] | None:
+    """Return the columns of a run's nuisances, raw and whitened, if they are known."""
     for block in known.blocks if known else ():
         places, columns = block.parts[0]
-        if known and block.run == run and [known.point.coordinates[i] for i in places] == nuisances:
-            return columns
+        mine = known and block.run == run and [known.point.coordinates[i] for i in places] == nuisances
+        if mine and block.raw is not None:
+            return block.raw, columns
     return None

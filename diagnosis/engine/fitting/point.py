@@ -16,13 +16,14 @@ class Coordinate:
     """One free number: a nuisance, or a parameter of an effect or a surface (``owner``); of one ``record`` if set.
 
     The engine counts it from its nominal value in units of its prior spread, so that all numbers are of one size;
-    ``penalised``: the prior counts as an observation.
+    ``penalised``: the prior counts as an observation; ``held``: it stays where it is, and has no columns.
     """
 
     parameter: Parameter
     owner: str = ""
     record: str = ""
     penalised: bool = True
+    held: bool = False
 
     @property
     def label(self) -> str:
@@ -111,8 +112,8 @@ class Point:
         return effects
 
     def places_of(self, record: str) -> list[int]:
-        """Return the places of the coordinates that the runs of one record depend on."""
-        return [i for i, c in enumerate(self.coordinates) if c.record in {"", record}]
+        """Return the places of the free coordinates that the runs of one record depend on."""
+        return [i for i, c in enumerate(self.coordinates) if c.record in {"", record} and not c.held]
 
     def place(self, coordinate: Coordinate) -> int:
         """Return where a coordinate stands."""

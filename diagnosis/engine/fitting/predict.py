@@ -8,17 +8,20 @@ shared parameters may move as far as the fit left them uncertain, and those that
 initial pressure) start from their own priors. They are fitted to the new runs and integrated out: the lpd is minus half
 the penalised χ² plus half the logarithm of det(information before) / det(information after), up to a constant of the
 noise.
+
+A prediction with the fitted numbers alone holds the shared ones where they are. Then it needs the columns of nothing
+but what the new records have of their own: a fifth of the simulations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun
-from diagnosis.engine.config import FIXED_WEIGHT, FLAT_WEIGHT
+from diagnosis.engine.config import FLAT_WEIGHT
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import Linearisation, Prior, solve
 from diagnosis.engine.fitting.point import Point
@@ -48,9 +51,9 @@ def predict(
     """Say what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``fixed``.
 
     What the fit knows of the shared numbers is their prior now; those of each new record are found and marginalised by
-    Laplace's approximation. ``known`` may hold columns of the nuisances for these runs, whitened alike.
+    Laplace's approximation. ``known`` may hold columns of the nuisances for these runs.
     """
-    point, prior = _transferred(fitted, fitted.replay.of(runs), FIXED_WEIGHT if fixed else 1.0)
+    point, prior = _transferred(fitted, fitted.replay.of(runs), fixed)
     again = fit(fitted.replay.of(runs), fitted.noise, point, known, prior=prior)
     information = again.linearisation.information / fitted.noise.dispersion
     occam = np.linalg.slogdet(prior.precision)[1] - np.linalg.slogdet(information)[1]
@@ -58,26 +61,31 @@ def predict(
     return Prediction(again.replay, lpd, again.predictions, again.linearisation)
 
 
-def _transferred(fitted: FittedModel, replay: Replay, weight: float) -> tuple[Point, Prior]:
+def _transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point, Prior]:
     """Return the fitted point with the new records' own nuisances, and what is known of all its numbers.
 
-    The precision of the shared ones counts with a ``weight``; those of a record of which parts were fitted are
-    among them.
+    The shared ones, among which are those of a record of which parts were fitted, are held if they are ``fixed``.
     """
     old = fitted.point
     there = {"", *replay.records}
     shared = [i for i, c in enumerate(old.coordinates) if c.record in there]
-    own = [i for i, c in enumerate(old.coordinates) if c.record not in there]
-    information = fitted.linearisation.information / fitted.noise.dispersion
-    known = information[np.ix_(shared, shared)] - information[np.ix_(shared, own)] @ solve(
-        information[np.ix_(own, own)], information[np.ix_(own, shared)]
-    )
     moved = old.with_records(replay.records)
     keep = [*shared, *range(len(old.coordinates), len(moved.coordinates))]
-    point = Point(tuple(moved.coordinates[i] for i in keep), moved.numbers[keep])
-    fresh = point.coordinates[len(shared) :]
-    precision = np.diag([*([0.0] * len(shared)), *(c.weight for c in fresh)]) + FLAT_WEIGHT * np.eye(
-        len(fresh) + len(shared)
-    )
-    precision[: len(shared), : len(shared)] += weight * known
+    coordinates = [moved.coordinates[i] for i in keep]
+    coordinates[: len(shared)] = [replace(c, held=fixed) for c in coordinates[: len(shared)]]
+    point = Point(tuple(coordinates), moved.numbers[keep])
+    precision = FLAT_WEIGHT * np.eye(len(keep))
+    precision += np.diag([0.0] * len(shared) + [c.weight for c in coordinates[len(shared) :]])
+    if not fixed:
+        precision[: len(shared), : len(shared)] += _known(fitted, shared)
     return point, Prior(point.numbers, precision)
+
+
+def _known(fitted: FittedModel, shared: Sequence[int]) -> Array:
+    """Return the precision (k, k) that a fit leaves of its ``shared`` numbers once the others are integrated out."""
+    others = [i for i in range(len(fitted.point.numbers)) if i not in set(shared)]
+    information = fitted.linearisation.information / fitted.noise.dispersion
+    known: Array = information[np.ix_(shared, shared)] - information[np.ix_(shared, others)] @ solve(
+        information[np.ix_(others, others)], information[np.ix_(others, shared)]
+    )
+    return known
