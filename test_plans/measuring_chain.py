@@ -42,6 +42,8 @@ READ_OVER: Final = 2 * s
 
 #: Up and down again: what friction and creep of a cell do shows as a branch beside the other.
 FORCE_STEPS: Final = tuple(F * kN for F in (5, 20, 40, 60, 40, 20, 5))
+#: Of it on the right: sides that are plugged in crosswise show.
+RIGHT_SHARE: Final = 0.8
 PUSH_STEPS: Final = tuple(F * kN for F in (0.0, 0.7, 1.4, 0.0, -0.7, -1.4, 0.0))
 PRESS_RATE: Final = 10 * kN / s
 PUSH_RATE: Final = 0.5 * kN / s
@@ -83,7 +85,8 @@ def measuring_chain(run: Run, *, dummy: Literal["stops", "blocks"] = "stops") ->
     zero, the thermometers agree, lasers and pistons are at one height, and the four load cells carry
     nothing but the bolster, whose weight is known: 1200 kg.
 
-    Then the vertical actuators press in steps up to 60 kN each and back. What they press, the cells must read; how far
+    Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: pressed
+    alike, cells or lasers that are plugged in crosswise would not show. What they press, the cells must read; how far
     the lasers move is what the dummy gives way, how much further the pistons move is the frame. At last the lateral
     actuator pushes to both sides, and the cells across must read as much.
 
@@ -161,7 +164,7 @@ def _steps(
 
 
 def _press(run: Run, force: float) -> None:
-    run.bench.vertical.preload(force, force, rate=PRESS_RATE, within=PRELOAD_WITHIN)
+    run.bench.vertical.preload(force, RIGHT_SHARE * force, rate=PRESS_RATE, within=PRELOAD_WITHIN)
 
 
 def _push(run: Run, force: float) -> None:

@@ -30,6 +30,10 @@ WRONG = {
         {"effects": [("frame_compliance", "0.01 mm/kN")]},
         {f"{side} stiffness of the frame" for side in SIDES},
     ),
+    "lasers that are plugged in crosswise": (
+        {"faults": [("swapped", {"sensor": "left.height", "other": "right.height"})]},
+        {f"{side} stiffness of the {what}" for side in SIDES for what in ("dummy", "frame")},
+    ),
     "a soft emergency spring": (
         {"emergency_stiffness_vertical": 5 * MN},
         {f"{side} stiffness of the dummy" for side in SIDES},
