@@ -10,18 +10,18 @@ import numpy as np
 from bench_protocol.units import Hz, kN, mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Stiffness, dynamic_stiffness, straight_line
+from test_plans.analysis import Stiffness, straight_line
 from test_plans.fittings import leave_connected
 from test_plans.loads import Load
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.poses import COOL, Home, go_home
-from test_plans.readings import HEIGHTS, LASER_LAG, LOAD_CELL_LAG
+from test_plans.readings import HEIGHTS
 from test_plans.run import Run
 from test_plans.steps.carrying import PRELOAD_WITHIN
-from test_plans.steps.shaking import check_band, spring_motion
+from test_plans.steps.shaking import check_band
 from test_plans.tables import DAMPING, HEIGHT, STORAGE, Quantity, keep
-from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake
+from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake, stiffness_of_each
 
 #: The generator counts no further in one program.
 PROGRAM: Final = 1000
@@ -161,11 +161,7 @@ def _look(
         if axis == "lateral":
             stiffness = {"lateral": lateral_stiffness(times, values, LOOK_FREQUENCY)}
         else:
-            lag = LASER_LAG - LOAD_CELL_LAG
-            stiffness = {
-                side: dynamic_stiffness(times, *spring_motion(values, side), LOOK_FREQUENCY, motion_lag=lag)
-                for side in SIDES
-            }
+            stiffness = stiffness_of_each(times, values, LOOK_FREQUENCY)
         force = load.actuator_force
         run.bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
         run.bench.wait(STAND)

@@ -57,7 +57,8 @@ def leveling(
     """Leveling valve: dead band, delay, filling from AW0 to AW3 and exhausting back to AW0, at held height.
 
     The actuators hold the height, the leveling valves are connected. First the bolster climbs in stairs of half a
-    millimetre, up and then down, until the pressure of each spring flows: there the valve opens. Then it goes down by
+    millimetre, up and then down, until the pressure of each spring flows: there the valve opens. What lies between is
+    its dead band, which a rod that is set wrongly moves and does not widen. Then it goes down by
     `step`, where the valve is wide open, and stays until both springs have the pressure of the full car; then up by as
     much, until they have that of the empty car again. The delay is how much later the air comes than it would through a
     valve that is open at once: the line of the wide open valve, drawn back to the pressure before.
@@ -66,6 +67,7 @@ def leveling(
     does not reach its pressure within the time, fails.
     """
     limits = run.specimen.limits
+    dead_band = limits.band("leveling.dead_band", "mm")
     opening, delay = limits.band("leveling_opening"), limits.band("leveling_delay")
     fill, exhaust = limits.band("leveling_fill_time"), limits.band("leveling_exhaust_time")
     home = go_home(run)
@@ -73,12 +75,16 @@ def leveling(
     run.bench.wait(COOL)
     run.bench.air.isolate_dpv()  # each side for itself
     run.bench.air.level()
+    width = dict.fromkeys(SIDES, 0.0)
     for way, verb in ((1.0, "exhaust"), (-1.0, "fill")):
         with run.phase(f"stairs to {verb}"):
             for side, height in _stairs(run, home, way).items():
                 check_band(run, f"{side} valve opens to {verb}", height, "mm", opening)
+                width[side] += height
             _go(run, home, 0.0)
             run.bench.wait(STAIR_WAIT)
+    for side in SIDES:
+        check_band(run, f"{side} valve, dead band", width[side], "mm", dead_band)
     empty = run.specimen.load(AW0).fill_pressure
     restore_the_air(run, {f"{side}.auxiliary_pressure": empty for side in SIDES})
     for way, verb, name, band in ((-1.0, "fill", AW3, fill), (1.0, "exhaust", AW0, exhaust)):

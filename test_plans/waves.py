@@ -10,7 +10,14 @@ import numpy as np
 
 from bench_protocol.units import Hz, s
 from bench_protocol.words import PROGRAM_STATES, SIDES
-from test_plans.analysis import Samples, Stiffness, first_harmonic, whole_cycles, without_lag
+from test_plans.analysis import (
+    Samples,
+    Stiffness,
+    dynamic_stiffness,
+    first_harmonic,
+    whole_cycles,
+    without_lag,
+)
 from test_plans.geometry import CENTRE_HEIGHT, LATERAL_ACTUATOR_HEIGHT, LATERAL_FRAME, POSE_SIGNALS, roll_of
 from test_plans.readings import (
     ACCELEROMETER_LAG,
@@ -24,6 +31,7 @@ from test_plans.readings import (
     TRANSDUCER_LAG,
     VERTICAL_CELLS,
 )
+from test_plans.steps.shaking import spring_motion
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -78,6 +86,15 @@ def vertical_stiffness(times: Samples, values: Values, frequency: float) -> Stif
     X = -without_lag(first_harmonic(times, heights, frequency), LASER_LAG, frequency)
     F = without_lag(first_harmonic(times, loads, frequency), LOAD_CELL_LAG, frequency)
     return Stiffness(F / X, frequency, abs(X))
+
+
+def stiffness_of_each(times: Samples, values: Values, frequency: float) -> dict[str, Stiffness]:
+    """Complex vertical stiffness of each spring, by side."""
+    lag = LASER_LAG - LOAD_CELL_LAG
+    return {
+        side: dynamic_stiffness(times, *spring_motion(values, side), frequency, motion_lag=lag)
+        for side in SIDES
+    }
 
 
 def lateral_stiffness(times: Samples, values: Values, frequency: float) -> Stiffness:

@@ -1,0 +1,81 @@
+"""Orifice plates: stiffness and damping of the springs with each plate of the set."""
+
+from contextlib import ExitStack
+from typing import Final, Literal
+
+from bench_protocol.units import Hz, mm, s
+from bench_protocol.words import SIDES
+from test_plans import steps
+from test_plans.analysis import Stiffness
+from test_plans.fittings import PLATE, fit_plate, put_down
+from test_plans.plan import plan
+from test_plans.poses import COOL, go_home
+from test_plans.run import Run
+from test_plans.steps.shaking import check_band
+from test_plans.tables import DAMPING, STORAGE, keep
+from test_plans.waves import VERTICAL_WAVES, shake, stiffness_of_each
+
+FREQUENCY: Final = 1.2 * Hz
+AMPLITUDE: Final = 5 * mm
+LEAD: Final = 2 * s
+OF_PLATES: Final = ("bore of the plates", "mm")
+
+
+def leave_as_found(run: Run) -> None:
+    """Make the bench safe, and let the plates be fitted that it was built with."""
+    with ExitStack() as last_first:
+        last_first.callback(_fit, run, PLATE)
+        last_first.callback(steps.make_safe, run)
+
+
+@plan(setup=put_down, needs=(*steps.CARRYING, *VERTICAL_WAVES), teardown=leave_as_found, lasts=204 * s)
+def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
+    """Orifice plates under one `load`: vertical stiffness and damping of each spring with each pair of plates.
+
+    For each pair of plates that the specimen's file names the air is let off and the plates are fitted: by the bench
+    itself where it can be told to, else by the operator, who is asked. Then the springs carry the load on their
+    leveling valves and stand at design height, all valves are shut, and the bolster is moved by 5 mm at 1.2 Hz, near
+    the peak of damping of the ordinary plate.
+
+    Good is what the specimen's file says of each plate. A plate that nobody fits is not judged. The ordinary plates of
+    13 mm are fitted at the end.
+    """
+    limits = run.specimen.load(load).limits
+    stiffness, damping = (
+        limits.curve(f"orifice_plates.{what}", unit)
+        for what, unit in (("stiffness", "kN/m"), ("damping", "kN*s/m"))
+    )
+    found: dict[float, dict[str, Stiffness]] = {}
+    for plate in stiffness:
+        names = {side: [f"{side} {what} with {plate / mm:g} mm" for what in ("K'", "c")] for side in SIDES}
+        if found:
+            put_down(run)
+        if not _fit(run, plate, *names["left"], *names["right"]):
+            continue
+        steps.carry(load)(run)
+        go_home(run)
+        run.bench.wait(COOL)
+        steps.lock_the_air(run)
+        with run.phase(f"vertical sine, {plate / mm:g} mm"):
+            times, values = shake(run, "vertical", FREQUENCY, AMPLITUDE, lead=LEAD)
+        found[plate] = stiffness_of_each(times, values, FREQUENCY)
+        for side, (stiff, damped) in names.items():
+            check_band(run, stiff, found[plate][side].storage, "kN/m", stiffness[plate])
+            check_band(run, damped, found[plate][side].damping, "kN*s/m", damping[plate])
+    for side in SIDES:
+        of_side = [one[side] for one in found.values()]
+        for quantity, ys in (
+            (STORAGE, [K.storage for K in of_side]),
+            (DAMPING, [K.damping for K in of_side]),
+        ):
+            keep(run, side, f"Vertical {quantity[0]} over plates", OF_PLATES, quantity, list(found), ys)
+
+
+def _fit(run: Run, plate: float, *checks: str) -> bool:
+    """Fit plates, or let the operator fit them; return whether they are in. The springs are without air."""
+    if run.bench.has("rig.orifice_diameter"):
+        fit_plate(run, plate)
+        return True
+    return run.confirm(
+        f"Fit the orifice plates of {plate / mm:g} mm on both sides; the springs are without air.", *checks
+    )

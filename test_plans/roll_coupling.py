@@ -1,0 +1,99 @@
+"""Roll and coupling: roll stiffness, what force a roll makes sideways, and lateral stiffness of rolled springs."""
+
+from typing import Annotated, Final, Literal
+
+import numpy as np
+
+from bench_protocol.units import Hz, mrad, rad, s
+from test_plans import steps
+from test_plans.analysis import Stiffness, dynamic_stiffness
+from test_plans.by_roll import ROLL_SHEAR, RollAngle
+from test_plans.fittings import leave_connected
+from test_plans.geometry import SPRING_HALF_SPACING, roll_of
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.poses import COOL, POSING, go_home, take_pose
+from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, LASER_LAG, LOAD_CELL_LAG, VERTICAL_CELLS
+from test_plans.run import Run
+from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
+from test_plans.steps.shaking import SAMPLE_RATE, check_band, generator_cycles
+from test_plans.waves import LATERAL_WAVES
+
+#: Slow, and as far as the load of `aw0` and `aw3` rolls the bolster; friction forgets where it came from in the lead.
+SWING: Final = 10 * mrad
+SWING_FREQUENCY: Final = 0.3 * Hz
+LEAD: Final = 2
+MEASURED: Final = 3
+#: What the roll stiffness needs beside the lateral ones.
+ROLLING: Final = (*HEIGHTS, *VERTICAL_CELLS, *GENERATOR, "generator.axis", "generator.roll_amplitude")
+
+
+@plan(
+    setup=steps.carry_load,
+    needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, "air.dpv"),
+    teardown=leave_connected,
+    lasts=130 * s,
+)
+def roll_coupling(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    roll: Annotated[float, Range(20 * mrad, 50 * mrad, "mrad")] = 40 * mrad,
+) -> None:
+    """Roll and coupling under one `load`: roll stiffness and damping, and what a `roll` does sideways.
+
+    The springs carry the load on their leveling valves and stand at design height; all valves are shut, the
+    differential pressure valve is isolated. First the vertical actuators roll the bolster by 10 mrad to either side, a
+    sine of 0.3 Hz, while it is free sideways: the moment in the load cells over the angle between the lasers. Then the
+    springs stand 20 mm to the left, level, rolled half way and rolled, to either side, and the lateral actuator moves
+    them by 5 mm at 1 Hz. What the mean force differs between the rolls is the coupling: it turns its sign with the
+    roll, which friction and offsets do not. The first harmonic tells the lateral stiffness, rolled over level.
+
+    Good is what the specimen's file says of each; the force of the coupling stands there over the roll.
+    """
+    limits = run.specimen.load(load).limits
+    stiffness = limits.band("roll_stiffness")
+    coupling = limits.curve_at("roll_coupling.force", roll, "kN")
+    rolled = limits.band("roll_coupling.lateral_over_level", "1")
+    home = go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    run.bench.air.isolate_dpv()
+    if run.can("roll stiffness", needs=(*ROLLING, *FREE_SIDEWAYS)):
+        with run.phase("roll"):
+            found = _swing(run)
+        lost = f"{found.loss / found.storage:.3f} of it lost, at {found.amplitude / mrad:.2f} mrad"
+        run.check(
+            "roll stiffness", found.storage, "kN*m/rad", low=stiffness.low, high=stiffness.high, note=lost
+        )
+        take_pose(run, home)
+    with run.phase("coupling"):
+        seen = RollAngle()
+        seen.measure(run, home, (0.5 * roll, roll))  # half way the gas gives its heat off
+        seen.keep(run, run.specimen.load(load), "isolated")
+    odd = 0.5 * ROLL_SHEAR * (seen.secant(roll) - seen.secant(-roll))
+    run.check("lateral force by roll", odd, "kN", low=coupling[0], high=coupling[1])
+    even = 0.5 * (seen.storage(roll) + seen.storage(-roll)) / seen.storage(0.0)
+    check_band(run, "lateral stiffness K', rolled over level", even, "1", rolled)
+
+
+def _swing(run: Run) -> Stiffness:
+    """Roll the bolster, free sideways; return moment over angle (N·m/rad)."""
+    bench = run.bench
+    bench.lateral.push(0.0, rate=LATERAL_RATE)
+    with bench.capture(*HEIGHTS, *VERTICAL_CELLS, *GENERATOR) as capture:
+        bench.generator.run(
+            "roll", roll_amplitude=SWING, frequency=SWING_FREQUENCY, cycles=LEAD + MEASURED + 1
+        )
+    bench.lateral.hold_position()
+    times, values = capture.aligned(SAMPLE_RATE)
+    steady = generator_cycles(times, values, LEAD, MEASURED, SWING_FREQUENCY)
+    left, right = (np.sum([values[cell] for cell in CELLS_UNDER[side]], axis=0) for side in CELLS_UNDER)
+    moment = SPRING_HALF_SPACING * (right - left)  # the cells stand as far from the middle as the springs
+    return dynamic_stiffness(
+        times[steady],
+        roll_of(values)[steady] * rad,
+        moment[steady],
+        SWING_FREQUENCY,
+        motion_lag=LASER_LAG - LOAD_CELL_LAG,
+    )
