@@ -1,11 +1,14 @@
-"""What the operator sees of a run: a bar with the present phase, a line for every check, the verdict."""
+"""What the operator sees of a run: how it goes, a line for every check, the verdict."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, Self
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from astb.live.drawing import drawn
+from astb.live.model import Live
 from bench_records.layout import REPORT
 from bench_records.result import Check, CheckVerdict, Outcome, Result
 
@@ -23,13 +26,27 @@ _OUTCOMES: Final = {
     Outcome.BLOCKED: "magenta",
 }
 
+#: How often a terminal is drawn anew.
+_PER_SECOND: Final = 4
+
+
+class _Screen(Progress):
+    """A bar, and below it the latest snapshot of a run: it draws by time, whatever happens meanwhile."""
+
+    run: Live | None = None
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield from super().get_renderables()
+        if self.run is not None:
+            yield drawn(self.run.snapshot())
+
 
 class ProgressDisplay:
-    """What the operator sees: a bar with the present phase, and a line for every check; a plan's watcher."""
+    """What the operator sees: on a terminal a bar and the run as it is, through a pipe lines; a plan's watcher."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._progress = Progress(
+        self._screen = _Screen(
             SpinnerColumn(),
             TextColumn("[bold]{task.fields[plan]}"),
             BarColumn(),
@@ -38,16 +55,20 @@ class ProgressDisplay:
             TextColumn("{task.description}"),
             console=console,
             transient=True,
+            refresh_per_second=_PER_SECOND,
+            disable=not console.is_terminal,
         )
         self._task: TaskID | None = None
+        self._live: Live | None = None
         self._introduced = ""
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._screen.run = None
         if self._task is not None:
-            self._progress.stop()
+            self._screen.stop()
 
     def introduce(self, text: str) -> None:
         """Show, once, under which circumstances is measured."""
@@ -59,24 +80,44 @@ class ProgressDisplay:
         """Show what somebody has to know before they touch the bench."""
         self._console.print(f"  {text}", style="bold", highlight=False, markup=False, soft_wrap=True)
 
-    def begin(self, plan: str) -> None:
-        """Show that ``plan`` begins."""
+    def begin(self, plan: str, live: Live | None = None) -> None:
+        """Show that ``plan`` begins, and if it is a run from now on how it goes."""
         if self._task is not None:
-            self._progress.remove_task(self._task)
-        self._progress.start()
-        self._task = self._progress.add_task("", total=1.0, plan=plan)
+            self._screen.remove_task(self._task)
+        self._live = self._screen.run = live
+        self._screen.start()
+        self._task = self._screen.add_task("", total=1.0, plan=plan)
 
     def say(self, text: str) -> None:
         """Show what the plan is doing now."""
-        if self._task is not None:
-            self._progress.update(self._task, description=text)
+        if self._live is not None:
+            self._live.say(text)
+        if self._task is None or not self._console.is_terminal:
+            self._console.print(text, style="dim", highlight=False, markup=False, soft_wrap=True)
         else:
-            self._console.print(text, style="dim", highlight=False)
+            self._screen.update(self._task, description=text)
+
+    def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
+        """Show which step begins."""
+        if self._live is not None:
+            self._live.phase(path, begins=begins)
+        if not begins:
+            return
+        if self._console.is_terminal:
+            if self._task is not None:
+                self._screen.update(self._task, description="" if self._live else path[-1])
+        else:
+            time = "" if self._live is None else f"{self._live.time:8.1f} s"
+            self._console.print(
+                f"{time}  {'  ' * (len(path) - 1)}{path[-1]}", highlight=False, markup=False, soft_wrap=True
+            )
 
     def progress(self, fraction: float) -> None:
         """Show how much of the plan is done."""
+        if self._live is not None:
+            self._live.progress(fraction)
         if self._task is not None:
-            self._progress.update(self._task, completed=fraction)
+            self._screen.update(self._task, completed=fraction)
 
     def follow(self, text: str, fraction: float) -> None:
         """Show what is done now and how much of all is."""
@@ -85,6 +126,8 @@ class ProgressDisplay:
 
     def checked(self, check: Check) -> None:
         """Show a check and its verdict."""
+        if self._live is not None:
+            self._live.checked(check)
         self._console.print(
             f"  {check}", style=_COLOURS[check.verdict], highlight=False, markup=False, soft_wrap=True
         )
@@ -93,6 +136,9 @@ class ProgressDisplay:
         """Show the verdict on a plan and where its report lies."""
         from bench_records.report import headline
 
+        if self._live is not None:
+            self._live.conclude(result)
+            self._screen.run = None
         colour = _OUTCOMES[result.verdict]
         said = headline(result) if result.verdict is Outcome.INCOMPLETE else result.reason
         reason = f": {said}" if said else ""

@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Any, Final
 from rich.console import Console
 
 from astb.display import ProgressDisplay
+from astb.live.model import Live
+from astb.live.outline import kept_outline
 from astb.rig_file import RigFile
+from astb.rig_limits import known_limits
 from astb.session import MAP_HASH, Session, open_session
 from bench_protocol.clock import utc_date
 from bench_records.circumstances import circumstances
@@ -83,7 +86,14 @@ def run_plan(
     if run_by:
         meta["operator"] = run_by
     display.introduce(" · ".join(circumstances(meta)))
-    display.begin(plan.name)
+    live = Live(
+        plan.name,
+        session.bench,
+        rig=rig.name,
+        limits=known_limits(rig),
+        outline=kept_outline(out, plan.name, plan.written),
+    )
+    display.begin(plan.name, live)
     stopped: KeyboardInterrupt | None = None
     try:
         with undisturbed():

@@ -69,12 +69,13 @@ class Readings:
         """Return the value of ``name`` (SI), NaN unless it is good."""
         if self._seen is not None:
             self._seen[name] = None
+        return self.glimpse(name) if self._limits[self._table.index[name]] else self._asked(name)
+
+    def glimpse(self, name: str) -> float:
+        """Return what `known` does, for whoever looks on from another thread: a wait that fails does not tell it."""
         row = self._table.index[name]
-        limit = self._limits[row]
-        if limit == 0:
-            return self._asked(name)
         value, time = self._receiver.latest(row)
-        return value if time >= 0 and self._clock.now() - time <= limit else math.nan
+        return value if time >= 0 and self._clock.now() - time <= self._limits[row] else math.nan
 
     def told(self, name: str) -> float:
         """Return the value of ``name`` (SI) as :meth:`value` does, but NaN if the rig does not have it."""

@@ -30,6 +30,9 @@ class Watcher(Protocol):
     def say(self, text: str) -> None:
         """Hear what the plan is doing now."""
 
+    def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
+        """Hear that a phase begins or has ended; ``path`` are those that are open now, outermost first."""
+
     def progress(self, fraction: float) -> None:
         """Hear how much of the plan is done (0 to 1)."""
 
@@ -48,6 +51,9 @@ class Nobody:
     """A watcher that is not there."""
 
     def say(self, text: str) -> None:
+        pass
+
+    def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
         pass
 
     def progress(self, fraction: float) -> None:
@@ -187,7 +193,7 @@ class Run:
         """Name a stretch of the run; phases may lie inside one another."""
         self._open.append(name)
         self._edge(name, "begin")
-        self.watcher.say(name)
+        self.watcher.phase(tuple(self._open), begins=True)
         if self.lasts:
             self.progress((self.now - self.start) / NS / self.lasts)
         try:
@@ -195,6 +201,7 @@ class Run:
         finally:
             self._edge(name, "end")
             self._open.pop()
+            self.watcher.phase(tuple(self._open), begins=False)
 
     def _edge(self, name: str, edge: str) -> None:
         from bench_records.layout import RecordedEvent

@@ -56,7 +56,7 @@ def rehearse_command(
     """
     from rich.console import Console
 
-    from astb.operators import AnswersFileError, operator_for
+    from astb.operators import operator_for
     from astb.rehearsal.page import word, write_page
     from astb.rig_file import RigFileError
     from bench_records.layout import RecordError
@@ -75,7 +75,7 @@ def rehearse_command(
             found, directory = _rehearsed(console, plan, rig, path, out, others)
             _show(console, found, write_page(found, directory))
             ends.append(word(found))
-    except (RigFileError, ValueError, AnswersFileError, RecordError) as error:
+    except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
     except BenchError as error:
         blocked(error)
@@ -116,7 +116,7 @@ class _Phases:
     """Follows a rehearsal: the checks are for the run."""
 
     def __init__(self, display: "ProgressDisplay") -> None:
-        self.say, self.progress = display.say, display.progress
+        self.say, self.phase, self.progress = display.say, display.phase, display.progress
 
     def checked(self, check: "Check") -> None:
         """Leave the check to the run."""

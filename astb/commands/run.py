@@ -57,7 +57,7 @@ def run_command(
 
     from rich.console import Console
 
-    from astb.operators import AnswersFileError, operator_for
+    from astb.operators import operator_for
     from astb.rig_file import RigFileError
     from astb.run import run_plans
     from bench_records.layout import RecordError
@@ -67,10 +67,6 @@ def run_command(
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_path)
     rig = simulated(rig, path, model, effects, sealed)
-    try:
-        operator = operator_for(answers, Console())
-    except AnswersFileError as error:
-        misuse(error)
     # Whoever ends the run, tear-down runs.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -82,7 +78,7 @@ def run_command(
             seed=seed,
             out=out,
             specimen=specimen,
-            operator=operator,
+            operator=operator_for(answers, Console()),
             run_by=run_by,
         )
     except (RigFileError, ValueError, RecordError) as error:

@@ -9,9 +9,9 @@ import msgspec
 from msgspec.structs import replace
 
 from astb.rehearsal.envelope import Extreme, envelope, step_at
-from astb.rehearsal.rig_limits import KnownLimit, known_limits
 from astb.rehearsal.watch import Closest, LimitWatch, Trip
 from astb.rig_file import RigFile, Simulation
+from astb.rig_limits import KnownLimit, known_limits
 from astb.run import describe, new_directory, undisturbed
 from astb.session import Session, build_rig, virtual_session, wiring_of
 from bench_protocol.signals import Kind

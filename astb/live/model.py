@@ -1,0 +1,142 @@
+"""The model of a run while it lasts: hears of it in the run's thread, and gives snapshots to any other."""
+
+from collections import Counter
+from math import isnan, nan
+from typing import TYPE_CHECKING, Final
+
+from astb.live.outline import NONE, Follower, Outline
+from astb.live.snapshot import LiveReading, Snapshot
+from astb.rig_limits import ASSUMED, KnownLimit
+from bench_protocol.units import NS
+from bench_protocol.words import FAULT_STATES, LimitKind
+from drivers.settings import UNKNOWN
+
+if TYPE_CHECKING:
+    from bench_records.result import Check, Result
+    from drivers.bench import Bench
+
+_ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
+#: Told beside the readings that have limits.
+_ALSO: Final = ("supply.pressure",)
+
+
+class Live:
+    """A run of ``plan`` on ``bench``: a plan's watcher, and the source of its snapshots.
+
+    ``limits`` are those that are known of the rig, ``outline`` what an earlier run tells of the steps. A snapshot asks
+    nothing of the rig: it has what came by itself. The run's thread assigns whole values, and any other thread reads
+    them.
+    """
+
+    def __init__(
+        self,
+        plan: str,
+        bench: "Bench",
+        *,
+        rig: str = "",
+        limits: list[KnownLimit] | None = None,
+        outline: Outline = NONE,
+    ) -> None:
+        self._plan, self._rig, self._bench = plan, rig, bench
+        self._limits: dict[str, list[KnownLimit]] = {}
+        for one in limits or ():
+            if one.limit.kind in _ENDS and bench.has(one.limit.signal):
+                self._limits.setdefault(one.limit.signal, []).append(one)
+        self._names = (*self._limits, *(name for name in _ALSO if bench.has(name)))
+        self._follower, self._source = Follower(outline), outline.source
+        self._start = self._step_start = bench.clock.now()
+        self._first: dict[str, float] = {}
+        self._late_before = bench.readings.glimpse("rig.late_ticks")
+        self._step: tuple[str, ...] = ()
+        self._said = self._last_check = self._ended = ""
+        self._fraction = 0.0
+        self._next, self._counts = "", dict[str, int]()
+
+    # -- what the run tells, in its thread -------------------------------------------------------------------------
+
+    def say(self, text: str) -> None:
+        """Hear what the plan is doing now."""
+        self._said = text
+
+    def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
+        """Hear that the last of the open phases begins or has ended; ``path`` has those that are open now."""
+        if begins:
+            self._follower.begin(path[-1], len(path) - 1)
+            self._step_start = self._bench.clock.now()
+            self._next = self._follower.next
+        self._step = path
+
+    def progress(self, fraction: float) -> None:
+        """Hear how much of the plan is done (0 to 1)."""
+        self._fraction = fraction
+
+    def checked(self, check: "Check") -> None:
+        """Hear of a check and its verdict."""
+        self._counts = dict(Counter(self._counts) + Counter([check.verdict.value]))
+        self._last_check = str(check)
+
+    def conclude(self, result: "Result") -> None:
+        """Hear of the end."""
+        self._ended = result.verdict.value
+
+    @property
+    def time(self) -> float:
+        """How long the run lasts already (s)."""
+        return (self._bench.clock.now() - self._start) / NS
+
+    # -- what others see -------------------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """Return what can be seen now; for any thread."""
+        now = self._bench.clock.now()
+        in_step = (now - self._step_start) / NS
+        left = self._follower.left(in_step)
+        time = self.time
+        state = self._choice("rig.state")
+        late, latest = (
+            self._bench.readings.glimpse(f"rig.{name}") for name in ("late_ticks", "lateness_max")
+        )
+        late -= self._late_before if not isnan(self._late_before) else 0.0
+        return Snapshot(
+            plan=self._plan,
+            rig=self._rig,
+            time=time,
+            state=state,
+            reason=self._choice("rig.reason") if state in FAULT_STATES else "",
+            step=self._step,
+            in_step=in_step,
+            next=self._next,
+            left=left,
+            fraction=self._fraction if left is None else time / max(time + left, 1e-9),
+            outline=self._source,
+            said=self._said,
+            checks=self._counts,
+            last_check=self._last_check,
+            readings=tuple(self._reading(name) for name in self._names),
+            assumed=sum(one.source == ASSUMED for some in self._limits.values() for one in some),
+            late=None if isnan(late) else round(late),
+            latest=None if isnan(latest) else latest,
+            ended=self._ended,
+        )
+
+    def _choice(self, name: str) -> str:
+        value, choices = self._bench.readings.glimpse(name), self._bench.table[name].choices
+        return choices[round(value)] if 0 <= value < len(choices) else UNKNOWN
+
+    def _reading(self, name: str) -> LiveReading:
+        value = self._bench.readings.glimpse(name)
+        signal = self._bench.table[name]
+        if isnan(value):
+            return LiveReading(name, None, "no reading")
+        first = self._first.setdefault(name, value)
+        used, nearest = nan, None
+        for limit, _ in self._limits.get(name, ()):
+            sense = -1.0 if limit.kind is LimitKind.LOWER else 1.0
+            way = sense * (limit.at - first)
+            part = sense * (value - first) / way if way > 0.0 else 1.0
+            if nearest is None or part > used:
+                used, nearest = part, limit
+        if nearest is None:
+            return LiveReading(name, value, signal.show(value))
+        words = f"{nearest.kind.name.lower()} {signal.show(nearest.at)}"
+        return LiveReading(name, value, signal.show(value), max(used, 0.0), words)

@@ -1,0 +1,74 @@
+"""What comes in a plan: the steps of its last run or rehearsal, since a plan is a program and tells none."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from bench_records.layout import RESULT, Phase, RecordError
+from bench_records.result import Outcome, read_result
+
+#: So many earlier runs are looked at for one with the same parameters.
+_LOOKED_AT: Final = 5
+
+
+class Outline(NamedTuple):
+    """The steps of an earlier run of the same plan, and which run that was."""
+
+    phases: tuple[Phase, ...]
+    source: str
+
+
+NONE: Final = Outline((), "")
+
+
+def kept_outline(out: Path, plan: str, parameters: dict[str, str]) -> Outline:
+    """Return the steps of the newest run or rehearsal of ``plan`` in ``out`` with these parameters, or `NONE`.
+
+    A run that was blocked knows the beginning only, and counts for nothing.
+    """
+    name = re.compile(rf"{re.escape(plan)}(-rehearsal)?(-\d+)?")
+    if not out.is_dir():
+        return NONE
+    kept = [one / RESULT for one in out.iterdir() if name.fullmatch(one.name) and (one / RESULT).is_file()]
+    for path in sorted(kept, key=lambda one: -one.stat().st_mtime_ns)[:_LOOKED_AT]:
+        try:
+            result = read_result(path.parent)
+        except RecordError:
+            continue
+        same = result.plan == plan and result.parameters == parameters
+        if same and result.verdict is not Outcome.BLOCKED:
+            return Outline(tuple(result.phases), path.parent.name)
+    return NONE
+
+
+class Follower:
+    """Finds the present step of a run in the outline of another one."""
+
+    def __init__(self, outline: Outline) -> None:
+        self._phases: Sequence[Phase] = outline.phases
+        self._end = max((phase.end for phase in outline.phases), default=0.0)
+        self._at = -1
+        self._known = False
+
+    def begin(self, name: str, level: int) -> None:
+        """Note that a step begins. One that the outline does not have, from here on, makes what comes unknown."""
+        for place in range(self._at + 1, len(self._phases)):
+            if (self._phases[place].name, self._phases[place].level) == (name, level):
+                self._at, self._known = place, True
+                return
+        self._known = False
+
+    @property
+    def next(self) -> str:
+        """The step that comes; "" if that is unknown, or none does."""
+        if not self._known or self._at + 1 >= len(self._phases):
+            return ""
+        return self._phases[self._at + 1].name
+
+    def left(self, in_step: float) -> float | None:
+        """Return how long the run takes from here (s), ``in_step`` s after the present step began; None if unknown."""
+        if not self._known:
+            return None
+        present = self._phases[self._at]
+        return max(0.0, self._end - min(present.start + in_step, present.end))

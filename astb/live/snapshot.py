@@ -1,0 +1,37 @@
+"""What can be seen of a run at one moment: plain data, in SI, that any panel can draw and JSON can carry."""
+
+import msgspec
+
+
+class LiveReading(msgspec.Struct, frozen=True):
+    """A key reading, and how much of its way to the nearest of its limits it has gone."""
+
+    name: str
+    value: float | None  #: SI; None unless it is good
+    shown: str  #: as people read it, or why there is nothing to read
+    used: float | None = None  #: of the way from the first reading of the run to the limit: 1 is there
+    limit: str = ""  #: the one that is nearest, in words
+
+
+class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
+    """A run at one moment; times in s of the bench's clock."""
+
+    plan: str
+    rig: str
+    time: float  #: since the run began
+    state: str  #: of the rig; "unknown" unless it was told lately
+    reason: str = ""  #: why it left the states in which plans run
+    step: tuple[str, ...] = ()  #: the phases that are open, outermost first
+    in_step: float = 0.0
+    next: str = ""  #: the step that comes; "" if nobody knows
+    left: float | None = None  #: until the end
+    fraction: float = 0.0  #: of the run that is done
+    outline: str = ""  #: which earlier run knows what comes
+    said: str = ""  #: what the plan said last
+    checks: dict[str, int] = {}  #: how many so far, by verdict
+    last_check: str = ""
+    readings: tuple[LiveReading, ...] = ()
+    assumed: int = 0  #: how many of the limits are ours, and not the rig's own
+    late: int | None = None  #: ticks of the rig that were late since the run began; None if it does not tell
+    latest: float | None = None  #: s that the latest tick since the rig started was late
+    ended: str = ""  #: the verdict, once there is one
