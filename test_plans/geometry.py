@@ -18,7 +18,8 @@ from test_plans.analysis import Samples
 
 #: The bolster hangs on the actuators or rests on both springs: its weight is part of the preload.
 BOLSTER_MASS: Final = 1200.0
-BOLSTER_WEIGHT: Final = BOLSTER_MASS * 9.80665
+GRAVITY: Final = 9.80665
+BOLSTER_WEIGHT: Final = BOLSTER_MASS * GRAVITY
 #: b: from the middle of the bench to each spring.
 SPRING_HALF_SPACING: Final = 1.0 * m
 #: e: the bolster's centre of gravity above the top plates; h_a: the lateral actuator above that; h: height of a spring.

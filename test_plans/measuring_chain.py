@@ -2,19 +2,20 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import inf
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 
 from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
-from bench_protocol.units import MN, K, N, kN, m, mbar, minutes, mm, s
+from bench_protocol.units import MN, K, N, kg, kN, m, mbar, minutes, mm, s
 from bench_protocol.words import SIDES
 from drivers.errors import RigFault
 from test_plans import steps
 from test_plans.analysis import Samples, straight_line
-from test_plans.geometry import BOLSTER_WEIGHT, VERTICAL_FRAME
+from test_plans.geometry import BOLSTER_WEIGHT, GRAVITY, VERTICAL_FRAME
 from test_plans.loads import Band, within
+from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.readings import CELLS_UNDER, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.run import Run
@@ -78,25 +79,31 @@ def without_air(run: Run) -> None:
 
 
 @plan(setup=without_air, needs=(*steps.CARRYING, *VERTICAL_CELLS), lasts=87 * s)
-def measuring_chain(run: Run, *, dummy: Literal["stops", "blocks"] = "stops") -> None:
-    """Measuring chain: zeros, the bolster's weight, known forces, and the stiffness of a `dummy`.
+def measuring_chain(
+    run: Run,
+    *,
+    dummy: Literal["stops", "blocks"] = "stops",
+    mass: Annotated[float, Range(0 * kg, 3000 * kg, "kg")] = 0 * kg,
+) -> None:
+    """Measuring chain: zeros, the bolster's weight, a known `mass`, known forces, and the stiffness of a `dummy`.
 
-    The springs are without air and the actuators without force. Then every pressure, force and acceleration is
-    zero, the thermometers agree, lasers and pistons are at one height, and the four load cells carry
-    nothing but the bolster, whose weight is known: 1200 kg.
+    The springs are without air and the actuators without force. Then every pressure, force and acceleration is zero,
+    the thermometers agree, lasers and pistons are at one height, and the four load cells carry nothing but the bolster,
+    whose weight is known: 1200 kg. If there is a mass, the operator puts it on the bolster and takes it off again: it
+    alone tells a scale that cells and actuators have wrong together.
 
     Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: pressed
-    alike, cells or lasers that are plugged in crosswise would not show. What they press, the cells must read; how far
-    the lasers move is what the dummy gives way, how much further the pistons move is the frame. At last the lateral
-    actuator pushes to both sides, and the cells across must read as much.
+    alike, cells or lasers that are plugged in crosswise would not show. What they press, the cells must read, and those
+    across must feel nothing of it; how far the lasers move is what the dummy gives way, how much further the pistons
+    move is the frame. At last the lateral actuator pushes to both sides, and the cells across must read as much.
 
     The dummy is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
     steel blocks that somebody has put in the springs' place. These give way by nothing that could be seen: what they
     read as stiffness is the chain's own.
 
-    Good are zeros within the data sheets of the transducers, forces that agree within 1 % (2 % sideways) on a line that
-    is straight within 0.5 %, cells across that feel less than 0.2 % of a vertical force, a frame of 100 MN/m within
-    10 %, and blocks that are stiffer than 200 MN/m.
+    Good are zeros within the data sheets of the transducers, a mass that the cells weigh within 1 %, forces that agree
+    within 1 % (2 % sideways) on a line that is straight within 0.5 %, cells across that feel less than 0.2 % of a
+    vertical force, a frame of 100 MN/m within 10 %, and blocks that are stiffer than 200 MN/m.
     """
     stop = run.specimen.limits.band("measuring_chain.stop_stiffness", "MN/m")
     with run.phase("zero"):
@@ -107,6 +114,8 @@ def measuring_chain(run: Run, *, dummy: Literal["stops", "blocks"] = "stops") ->
         raise RigFault(
             f"there are no blocks in the springs' place: the bolster rests at {places}, blocks reach 0 mm"
         )
+    if mass > 0.0:
+        _weigh(run, mass)
     steps.power_up(run)
     with run.phase("press"):
         across = [cell for cell in SHEAR_CELLS if run.bench.has(cell)]
@@ -149,6 +158,19 @@ def _check_zeros(run: Run) -> None:
     for title, sum_of, expected, tolerance, unit in asked:
         value = sum(share * mean[name] for name, share in sum_of.items())
         check_band(run, title, value, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))
+
+
+def _weigh(run: Run, mass: float) -> None:
+    """Check what the cells read more with a known ``mass`` (kg) on the bolster, which the operator puts there."""
+    name = "cells over the known mass"
+    with run.phase("known mass"):
+        before = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
+        if run.confirm(f"Put {mass:g} kg on the bolster, over its middle.", name):
+            run.bench.wait(STEP_WAIT)
+            after = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
+            more = sum(after[cell] - before[cell] for cell in VERTICAL_CELLS)
+            check_band(run, name, more / (mass * GRAVITY), "1", GAIN)
+            run.confirm(f"Take the {mass:g} kg off the bolster again.")
 
 
 def _steps(

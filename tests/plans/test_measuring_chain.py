@@ -1,9 +1,15 @@
 """The measuring chain: a sound one passes on stops and on blocks, and each fault fails its own check."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from bench_protocol.units import MN, mm
-from bench_records.result import Outcome
+from bench_records.result import CheckVerdict, Outcome
+from bench_sim.model.layout import Sensor
+from test_plans.discovery import plans
+from test_plans.execution import execute
+from test_plans.operator import NoOperator, Script
 
 slow = pytest.mark.slow
 SIDES = ("left", "right")
@@ -66,3 +72,61 @@ def test_blocks_on_something_soft_fail(judged):
     result, failed = judged("measuring_chain", given={"dummy": "blocks"}, **soft)
     assert result.verdict is Outcome.FAIL
     assert failed == {f"{side} stiffness of the dummy" for side in SIDES}
+
+
+@pytest.fixture
+def weighed(bench_composed, tmp_path):
+    """Run the plan with a mass of 500 kg, which a ``hand`` handles; return result, verdicts and the bolster's mass."""
+
+    def run(hand=None, **changes):
+        with bench_composed(1, **changes) as made:
+            operator = (
+                NoOperator() if hand is None else Script({"*kg*": lambda question: hand(made, question.text)})
+            )
+            one = plans()["measuring_chain"].given({"mass": "500 kg"})
+            result = execute(one, made.bench, tmp_path / "out", rig="virtual", operator=operator)
+            return SimpleNamespace(
+                result=result,
+                mass=made.rig.plant.parameters.bolster_mass,
+                verdicts={check.name: check.verdict for check in result.checks},
+            )
+
+    return run
+
+
+def puts_it_on(made, question):
+    made.rig.plant.parameters.bolster_mass += 500.0 if question.startswith("Put") else -500.0
+    return "done"
+
+
+FORCES = (
+    Sensor.VERTICAL_LEFT_FORCE,
+    Sensor.VERTICAL_LEFT_FORCE + 1,
+    *range(Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_5),
+)
+MASS = "cells over the known mass"
+
+
+def test_a_known_mass_is_weighed_and_taken_off_again(weighed):
+    run = weighed(puts_it_on)
+    assert run.result.verdict is Outcome.PASS, run.result.reason
+    assert run.mass == 1200.0
+    assert {one.name: one.number for one in run.result.checks}[MASS] == pytest.approx(1.0, abs=0.002)
+
+
+def test_a_scale_that_cells_and_actuators_have_wrong_together_shows_by_the_mass_alone(weighed):
+    """Load cells and transducers read 2 % too much; beside each other and on the bolster's weight nothing is seen."""
+    run = weighed(puts_it_on, sensor_gain=dict.fromkeys(FORCES, 0.02))
+    assert {name for name, verdict in run.verdicts.items() if verdict is CheckVerdict.FAIL} == {MASS}
+
+
+@pytest.mark.parametrize("hand", [None, lambda *_: "not possible"])
+def test_without_a_hand_or_a_mass_the_rest_is_judged(weighed, hand):
+    run = weighed(hand)
+    assert run.result.verdict is Outcome.INCOMPLETE
+    assert run.verdicts.pop(MASS) is CheckVerdict.NOT_AVAILABLE
+    assert set(run.verdicts.values()) <= {CheckVerdict.PASS, CheckVerdict.MARGINAL}
+
+
+def test_an_operator_who_says_done_and_does_nothing_is_found_out(weighed):
+    assert weighed(lambda *_: "done").verdicts[MASS] is CheckVerdict.FAIL
