@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
 from diagnosis.engine.config import FORETOLD, REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
-from diagnosis.engine.constancy import inconstancy, owed_to_form
+from diagnosis.engine.constancy import owed_to_form
 from diagnosis.engine.doubt import doubtful
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
@@ -102,10 +102,10 @@ def _leaving(
         return {least.effect: next(iter(impossible.values()))}
     if clear and (likenesses := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
         return dict.fromkeys(likenesses, f"is not needed beside {clear[0].surface.title}")
-    owed = owed_to_form(found.accepted, inconstancy(model))
+    owed = owed_to_form(model, found.accepted)
     if owed and clear:  # what has no name may be all that is wrong with the form
         beside, _ = explain(model, clear[0], screened.screening, problem.select)
-        owed = owed_to_form(found.accepted, inconstancy(beside))
+        owed = owed_to_form(beside, found.accepted)
     owed = tuple(name for name in owed if not _foretold(problem, found, model, name))
     return dict.fromkeys(owed, "is no clearer than what the form of the model owes")
 

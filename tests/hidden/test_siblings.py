@@ -30,7 +30,7 @@ def test_what_the_form_owes_is_seen_and_not_named(judged, seed):
 
 @pytest.mark.slow
 def test_without_constancy_the_form_is_called_a_cause(judged, monkeypatch):
-    monkeypatch.setattr(verdict, "inconstancy", lambda _: 0.0)
+    monkeypatch.setattr(verdict, "owed_to_form", lambda *_: ())
     found = [judged("oscillator", "null", "sibling", seed) for seed in ACCUSED_WITHOUT_GUARD]
     assert [bool(one.amiss) for one in found] == [True, True]
 
