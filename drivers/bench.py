@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn, Self
 
 from bench_protocol.clock import Clock
 from bench_protocol.signals import Kind
@@ -26,12 +26,12 @@ from drivers.devices import (
     Spring,
     Supply,
 )
-from drivers.errors import BenchError, LinkLost, Misuse, Refused, RigFault
+from drivers.errors import BenchError, LinkLost, Misuse, NotAvailable, Refused, RigFault
 from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
 from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
-from drivers.wiring.contract import Order, Step, Wiring
+from drivers.wiring.contract import Order, Step, Supervised, Wiring
 
 #: What has a set-point of its own beside the mode of its control: the names of the readings.
 _COMMANDED: Final = (
@@ -217,6 +217,27 @@ class Bench(Link):
             for step in steps:
                 if self.state in step.start:
                     self._take(step, lambda: within)
+
+    @contextmanager
+    def silent(self, about: Literal["set-points", "settings"]) -> Iterator[None]:
+        """Fall silent, as a commander who died or a cable that broke, while the block lasts; the bench is disarmed.
+
+        Nothing that the rig then does is an error inside the block. NotAvailable, and nothing happens, if nobody says
+        that the rig notices silence.
+        """
+        if not isinstance(self.wiring, Supervised):
+            raise NotAvailable(f"{self.wiring.rig} is not known to notice that its commander is silent")
+        self._armed = False
+        with self.despite_faults():
+            if about == "settings":
+                with self.wiring.silent():
+                    yield
+                return
+            self.commander.stop()
+            try:
+                yield
+            finally:
+                self.commander.start()
 
     # -- inside --------------------------------------------------------------------------------------------------
 

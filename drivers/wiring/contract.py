@@ -13,6 +13,7 @@ that virtual time drives a wiring as real time does.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -121,6 +122,14 @@ class FileStore(Protocol):
 
     def read_file(self, file: int, record: int, count: int) -> list[int]:
         """Return ``count`` 16-bit words of a file from ``record`` on. Refused if there is no such file."""
+
+
+@runtime_checkable
+class Supervised(Protocol):
+    """A wiring whose rig notices that the settings' connection is silent."""
+
+    def silent(self) -> AbstractContextManager[None]:
+        """Say nothing on that connection while the block lasts, and be heard again after it."""
 
 
 class Wiring(Protocol):

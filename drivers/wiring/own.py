@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -87,6 +87,7 @@ class OwnWiring:
         self.registers = OwnRegisters(table, modbus_port)
         self.watchdog = WatchdogFeeder(self.registers)
         self._ear: OwnEar | None = None
+        self._clock: Clock
         self._open = self._commands = False
         self._map_hash = table.map_hash
 
@@ -114,6 +115,7 @@ class OwnWiring:
             self._commands = True
             self.given = {TOKEN: float(token)}
             self.outlet.bear(token)
+            self._clock = clock
             self.watchdog.start(clock)
             self._hear(clock, hear, lost)
         except BaseException:
@@ -160,6 +162,16 @@ class OwnWiring:
             self._commands = False
             self.can.close()
             self.modbus.close()
+
+    @contextmanager
+    def silent(self) -> Iterator[None]:
+        """Let the watchdog of the PLC starve while the block lasts; then join the same lease again."""
+        self.watchdog.stop()
+        try:
+            yield
+        finally:
+            self.registers.join_lease(int(self.given[TOKEN]))
+            self.watchdog.start(self._clock)
 
     def write(self, values: Mapping[str, float]) -> None:
         """Stage and apply settings, all or none."""

@@ -225,6 +225,10 @@ class OwnRegisters:
         self._lease([_ASK])
         return self.holder()
 
+    def join_lease(self, token: int) -> None:
+        """Be known again as the commander who has ``token``. ``NotCommander`` if that is somebody else's."""
+        self._lease([token])
+
     def return_lease(self) -> None:
         """Let somebody else become the commander."""
         self._lease([0])

@@ -138,13 +138,23 @@ def test_a_simulated_rig_does_by_itself_what_its_faults_can_and_says_what_it_can
 
     def order(told):
         orders.append(told)
+        if told["do"] == "list":
+            return {"faults": [{"name": "estop"}]}
+        if told["do"] == "off":
+            return {"error": f"{told['name']} is not on"}
         return {} if told["name"] == "estop" else {"error": f"there is no fault {told['name']!r}"}
 
     hand = SimulatedHand(order)
     hand.ask(Question("press the emergency stop", deed="estop on"))
     assert hand.answer().text == "done"
     assert orders == [{"do": "on", "name": "estop", "values": {}}]
-    for question in (Question("look", deed=""), Question("turn it", deed="crank on")):
+    hand.ask(Question("see to it that the emergency stop is released", deed="estop off"))
+    assert hand.answer().text == "done", "it was not pressed"
+    for question in (
+        Question("look", deed=""),
+        Question("turn it", deed="crank on"),
+        Question("turn it", deed="crank off"),
+    ):
         with pytest.raises(Unanswered, match="cannot do it by itself"):
             hand.ask(question)
 

@@ -1,0 +1,236 @@
+"""Safety: whether the bench holds and becomes safe in time when its commander, its operator or its air fails it."""
+
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, HOLD_AFTER
+from bench_protocol.units import bar, kN, minutes, mm, ms, s
+from bench_protocol.words import FAULT_STATES, SIDES, STATES
+from drivers.errors import BenchTimeout
+from drivers.receiver import Capture
+from drivers.wiring.contract import Supervised
+from test_plans import steps
+from test_plans.analysis import Samples
+from test_plans.loads import AW0
+from test_plans.operator import DONE
+from test_plans.plan import plan
+from test_plans.readings import HEIGHTS
+from test_plans.run import Run
+from test_plans.steps.carrying import RESIDUAL_PRESSURE
+
+BELLOWS: Final = tuple(f"{side}.bellows_pressure" for side in SIDES)
+FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)
+READ: Final = ("rig.state", *BELLOWS, *FORCES, *HEIGHTS)
+#: A beat may have just gone, and the rig tells its state as often; what carries both takes its time.
+TELLING: Final = 2 / COMMAND_RATE + 10 * ms
+#: The rig's own watchdog for its settings, and its word for how long the safe position takes.
+SETTINGS_AFTER: Final = 1 * s
+SAFE_AFTER: Final = 15 * s
+#: An operator presses first and answers then.
+ESTOP_AFTER: Final = 0.1 * s
+#: Beyond the time that is allowed, to see by how much it is missed.
+LONGER: Final = 3 * s
+LET_GO: Final = 2 * kN
+THROWN: Final = 8 * mm
+#: The gas of a filling cools before it is weighed.
+COOL: Final = 20 * s
+HOLD: Final = 15 * s
+NO_SUPPLY: Final = 1 * bar
+SUPPLY_WITHIN: Final = 1 * minutes
+OFF_WITHIN: Final = 5 * s
+#: What is 1 where it is so, and 0 where it is not.
+YES: Final = 0.5
+HOLDING: Final = ("FAULT_REACTION", "FAULT_HOLD", "FAULT_DISABLED")
+#: What is checked of every way into the safe position.
+SAFE: Final = ("springs without air after", "actuators let go after", "the bolster rises by")
+
+
+def switch_off(run: Run) -> None:
+    """Make the bench safe, and leave it without power and air; both are checked."""
+    with ExitStack() as last_first:
+        last_first.callback(_check_off, run)
+        last_first.callback(steps.make_safe, run)
+
+
+@plan(teardown=switch_off, needs=(*steps.CARRYING, *READ), lasts=90 * s)
+def safety(run: Run) -> None:
+    """Safety: loss of command, of the settings' wire, of the supply, and the emergency stop; then power off.
+
+    Before each the springs are filled to the pressure of the empty car, under a bolster that the actuators hold at
+    design height: what must not happen is that it is thrown up. Then, one after the other: the set-points stop, as if
+    their wire broke or the commander died; nothing is written to the PLC any more; the supply of air is shut; the
+    emergency stop is pressed. The last two are the operator's, who is asked; a simulated rig does them by itself.
+    At last the bench is switched off.
+
+    Good is what the bench promises, whatever specimen stands on it: it holds 100 ms after the last set-point and
+    disables itself after 500 ms; it holds a second after the last word to the PLC; springs keep their air without a
+    supply; the emergency stop acts at once. Wherever the bench goes to its safe position the springs are without
+    pressure and the actuators let go within 15 s, and nothing rises by more than 8 mm. At the end it is off and without
+    pressure. What nobody can provoke is *not available*.
+    """
+    _lose_the_setpoints(run)
+    _lose_the_settings(run)
+    _lose_the_supply(run)
+    _press_the_stop(run)
+
+
+class Course:
+    """What the bench did since something was taken from it, ``since`` s after a capture began."""
+
+    def __init__(self, capture: Capture, since: float, watched: float) -> None:
+        self._capture, self._since, self._watched = capture, since, watched
+
+    def until_state(self, *states: str) -> float:
+        """Return how long it took to one of ``states`` (s); as long as it was watched if it never came."""
+        times, values = self._series("rig.state")
+        wanted = [STATES.index(state) for state in states]
+        return self._first(times, np.isin(values, wanted))
+
+    def until_small(self, names: Iterable[str], limit: float) -> float:
+        """Return from when on (s) the sizes of all ``names`` stayed within ``limit`` (SI)."""
+        latest = 0.0
+        for name in names:
+            times, values = self._series(name)
+            large = np.flatnonzero(~(np.abs(values) <= limit))
+            if large.size:
+                after = large[-1] + 1
+                latest = max(latest, float(times[after]) if after < times.size else self._watched)
+        return latest
+
+    def rise(self) -> float:
+        """Return by how much the higher side rose (m)."""
+        return max(float(np.nanmax(values) - values[0]) for _, values in map(self._series, HEIGHTS))
+
+    def _series(self, name: str) -> tuple[Samples, Samples]:
+        times, values = self._capture.times(name) - self._since, self._capture.values(name)
+        return times[times >= 0.0], values[times >= 0.0]
+
+    def _first(self, times: Samples, there: npt.NDArray[np.bool_]) -> float:
+        return float(times[np.argmax(there)]) if there.any() else self._watched
+
+
+def _charge(run: Run) -> None:
+    """Fill the springs under a bolster that is held at design height, and shut them."""
+    steps.power_up(run)
+    steps.raise_the_air(run, run.specimen.load(AW0))
+    steps.lock_the_air(run)
+
+
+def _course(run: Run, provocation: AbstractContextManager[None], watched: float) -> Course:
+    """Return what the bench does in ``watched`` s from the beginning of a ``provocation`` on."""
+    bench = run.bench
+    with bench.despite_faults(), bench.capture(*READ) as capture:
+        begun = bench.now
+        with provocation:
+            since = bench.now - begun
+            bench.wait(watched)
+    return Course(capture, since, watched)
+
+
+def _supervised(run: Run, names: Iterable[str]) -> bool:
+    """Return whether the rig is known to notice silence; if not, the checks ``names`` are not available."""
+    known = isinstance(run.bench.wiring, Supervised)
+    if not known:
+        run.lack(names, f"{run.bench.wiring.rig} is not known to notice that its commander is silent")
+    return known
+
+
+def _check_safe(run: Run, name: str, course: Course) -> None:
+    """Check the way into the safe position."""
+    values = (
+        (course.until_small(BELLOWS, RESIDUAL_PRESSURE), "s", SAFE_AFTER),
+        (course.until_small(FORCES, LET_GO), "s", SAFE_AFTER),
+        (course.rise(), "mm", THROWN),
+    )
+    for what, (value, unit, high) in zip(SAFE, values, strict=True):
+        run.check(f"{name}: {what}", value, unit, high=high)
+
+
+def _lose_the_setpoints(run: Run) -> None:
+    name = "set-points lost"
+    holds, disabled = f"{name}: holds", f"{name}: is disabled"
+    if not _supervised(run, [holds, disabled, *(f"{name}: {what}" for what in SAFE)]):
+        return
+    _charge(run)
+    with run.phase(name):
+        course = _course(run, run.bench.silent("set-points"), SAFE_AFTER + LONGER)
+        run.check(holds, course.until_state(*HOLDING), "ms", high=HOLD_AFTER + TELLING, margin=0.0)
+        run.check(
+            disabled, course.until_state("FAULT_DISABLED"), "ms", high=DISABLE_AFTER + TELLING, margin=0.0
+        )
+        _check_safe(run, name, course)
+
+
+def _lose_the_settings(run: Run) -> None:
+    name = "settings lost"
+    holds, rises = f"{name}: holds", f"{name}: {SAFE[-1]}"
+    if not _supervised(run, [holds, rises]):
+        return
+    _charge(run)
+    with run.phase(name):
+        course = _course(run, run.bench.silent("settings"), SETTINGS_AFTER + LONGER)
+        run.check(holds, course.until_state(*HOLDING), "s", high=SETTINGS_AFTER + TELLING, margin=0.0)
+        run.check(rises, course.rise(), "mm", high=THROWN)
+        run.bench.reset()
+
+
+def _lose_the_supply(run: Run) -> None:
+    name, load = "supply lost", run.specimen.load(AW0)
+    stays = f"{name}: stays ACTIVE"
+    lost = [f"air lost per minute, {side} spring, {name}" for side in SIDES]
+    if not run.can(stays, *lost, needs=("supply.pressure",)):
+        return
+    if not run.confirm("See to it that the supply of air is open", stays, *lost, deed="supply_loss off"):
+        return
+    _charge(run)
+    with run.phase(name):
+        bench = run.bench
+        bench.wait(COOL)
+        if not run.confirm(
+            "Shut the supply of air and let the line off", stays, *lost, deed="supply_loss on"
+        ):
+            return
+        bench.wait_for(
+            lambda: bench.supply.pressure < NO_SUPPLY, within=SUPPLY_WITHIN, what="supply without pressure"
+        )
+        before = steps.weigh_the_air(run)
+        bench.wait(HOLD)
+        steps.check_tightness(run, load, before, at=f", {name}")
+        run.check(stays, float(bench.state == "ACTIVE"), "1", low=YES)
+        run.ask("Open the supply of air again", (DONE,), deed="supply_loss off")
+
+
+def _press_the_stop(run: Run) -> None:
+    name = "emergency stop"
+    acts = f"{name}: acts"
+    names = [acts, *(f"{name}: {what}" for what in SAFE)]
+    if not run.confirm("See to it that the emergency stop is released", *names, deed="estop off"):
+        return
+    _charge(run)
+    with run.phase(name), run.bench.despite_faults():
+        if not run.confirm("Press the emergency stop", *names, deed="estop on"):
+            return
+        course = _course(run, nullcontext(), SAFE_AFTER + LONGER)
+        run.check(acts, course.until_state("ESTOP"), "ms", high=ESTOP_AFTER)
+        _check_safe(run, name, course)
+        run.ask("Release the emergency stop", (DONE,), deed="estop off")
+
+
+def _check_off(run: Run) -> None:
+    """Check that the bench is off and its springs are without pressure."""
+    bench = run.bench
+    with run.phase("power off"), bench.despite_faults():
+        if bench.state in FAULT_STATES:
+            bench.reset()
+        highest = max(bench.averages(*BELLOWS, over=steps.AVERAGE_OVER).values())
+        run.check("pressure at the end", highest, "bar", high=RESIDUAL_PRESSURE)
+        if not run.can("is off at the end", needs=("action.power_off",)):
+            return
+        bench.action.power_off()
+        with suppress(BenchTimeout):
+            bench.wait_for(lambda: bench.state == "OFF", within=OFF_WITHIN, what="the bench off")
+        run.check("is off at the end", float(bench.state == "OFF"), "1", low=YES)

@@ -1,0 +1,88 @@
+"""Safety: a sound bench holds and becomes safe in time, and one that does not is told by the right check."""
+
+import pytest
+
+import astb
+from bench_protocol.units import bar
+from bench_records.result import CheckVerdict, Outcome
+from drivers.commander import Commander
+from drivers.wiring.own_modbus import OwnRegisters
+from test_plans.discovery import plans
+from test_plans.execution import execute
+from test_plans.operator import NoOperator, Script
+from tests.foreign.virtual import VirtualPlc
+
+slow = pytest.mark.slow
+WAYS = ("springs without air after", "actuators let go after", "the bolster rises by")
+
+
+@pytest.fixture
+def safety(tmp_path):
+    """Run the plan on a simulated rig; return its result, what failed, and the rig's state at the end."""
+
+    def run(operator=None):
+        bench = astb.open_bench("virtual")
+        try:
+            result = execute(plans()["safety"], bench, tmp_path / "out", rig="virtual", operator=operator)
+            with bench.despite_faults():
+                return result, {one.name for one in result.checks if not one.passed}, bench.state
+        finally:
+            bench.close()
+
+    return run
+
+
+def test_a_sound_bench_passes_and_is_left_off_and_vented(safety):
+    result, failed, state = safety()
+    assert result.verdict is Outcome.PASS, result.reason or failed
+    assert state == "OFF"
+    found = {one.name: one.value for one in result.checks}
+    assert 0.1 < found["set-points lost: holds"] < 0.15
+    assert 0.5 < found["set-points lost: is disabled"] < 0.55
+    assert found["pressure at the end"] < 0.2 * bar
+
+
+def test_where_nobody_can_be_asked_nothing_moves_for_it(safety):
+    result, failed, state = safety(NoOperator())
+    assert result.verdict is Outcome.INCOMPLETE
+    assert state == "OFF"
+    missing = {one.name for one in result.checks if one.verdict is CheckVerdict.NOT_AVAILABLE}
+    assert {"supply lost: stays ACTIVE", "emergency stop: acts"} <= missing == failed
+    assert not {"supply lost", "emergency stop"} & {phase.name for phase in result.phases}
+
+
+def test_a_stop_that_does_nothing_when_it_is_pressed_fails(safety):
+    result, _, _ = safety(Script({"*stop*": "done", "*supply*": "not possible"}))
+    assert result.verdict is Outcome.FAIL
+    assert {one.name for one in result.checks if one.verdict is CheckVerdict.FAIL} == {
+        "emergency stop: acts",
+        *(f"emergency stop: {what}" for what in WAYS[:2]),
+    }
+
+
+@slow
+def test_a_bench_that_does_not_miss_the_set_points_fails(safety, monkeypatch):
+    """The stream goes on behind the plan's back, as from a repeater that nobody knows of."""
+    monkeypatch.setattr(Commander, "stop", lambda self: None)
+    result, failed, _ = safety()
+    assert result.verdict is Outcome.FAIL
+    assert failed == {f"set-points lost: {what}" for what in ("holds", "is disabled", *WAYS[:2])}
+
+
+@slow
+def test_a_bench_without_a_watchdog_for_its_settings_fails(safety, monkeypatch):
+    monkeypatch.setattr(OwnRegisters, "watch", lambda self, within: None)
+    result, failed, _ = safety()
+    assert result.verdict is Outcome.FAIL
+    assert failed == {"settings lost: holds"}
+
+
+@slow
+def test_on_a_rig_that_nobody_says_supervises_its_commander_nothing_is_provoked(tmp_path):
+    with VirtualPlc(seed=1).bench() as bench:
+        result = execute(plans()["safety"], bench, tmp_path / "out", rig="plant_a")
+    assert result.verdict is Outcome.INCOMPLETE
+    words = {one.name: one.note for one in result.checks}
+    assert "is not known to notice that its commander is silent" in words["set-points lost: holds"]
+    assert "no action.power_off" in words["is off at the end"]
+    assert result.duration < 10
