@@ -18,6 +18,7 @@ from astb.commands.completion import completion_command
 from astb.commands.conform import conform_command
 from astb.commands.diagnosis import diagnose_command, investigate_command
 from astb.commands.doctor import doctor_command
+from astb.commands.exchange import export_command, import_command
 from astb.commands.fault import fault_command
 from astb.commands.lists import (
     effects_command,
@@ -79,6 +80,8 @@ for _command in (
     runs_command,
     compare_command,
     trend_command,
+    export_command,
+    import_command,
     wiring_command,
     check_rig_command,
     conform_command,

@@ -4,6 +4,7 @@ import gc
 import platform
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -14,10 +15,11 @@ from rich.console import Console
 from astb.display import ProgressDisplay
 from astb.live.model import Live
 from astb.live.outline import kept_outline
-from astb.rig_file import RigFile
+from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import MAP_HASH, Session, open_session
 from bench_protocol.clock import utc_date
+from bench_records.checksums import FRAMES, write_sums
 from bench_records.circumstances import circumstances
 from bench_records.layout import RESULT, RecordError
 from bench_records.result import Outcome, Result, read_result
@@ -30,6 +32,14 @@ if TYPE_CHECKING:
 _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 
+@dataclass(frozen=True, slots=True)
+class Keeping:
+    """What a run keeps beside its samples: the name of who runs it, and every CAN frame."""
+
+    operator: str = ""
+    frames: bool = False
+
+
 def run_plans(
     plans: Sequence["Plan"],
     rig: RigFile,
@@ -40,20 +50,20 @@ def run_plans(
     out: Path,
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
-    run_by: str = "",
+    keeping: Keeping = Keeping(),
 ) -> list[Result]:
     """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
 
-    Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked, ``run_by`` the name in the
-    record. In real time the plans share one session with the rig, and a blocked plan is the last; in virtual time each
-    starts with a new one, so that what a plan measures does not depend on what ran before.
+    Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked. In real time the plans share
+    one session with the rig, and a blocked plan is the last; in virtual time each starts with a new one, so that what
+    a plan measures does not depend on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
     with ProgressDisplay(Console()) as display:
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
-                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen, operator, run_by)
+                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen, operator, keeping)
                 results.append(result)
                 if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
@@ -71,7 +81,7 @@ def run_plan(
     display: ProgressDisplay,
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
-    run_by: str = "",
+    keeping: Keeping = Keeping(),
 ) -> tuple[Result, Path]:
     """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
 
@@ -83,8 +93,8 @@ def run_plan(
 
     directory = new_directory(out, name)
     meta = describe(session, rig)
-    if run_by:
-        meta["operator"] = run_by
+    if keeping.operator:
+        meta["operator"] = keeping.operator
     display.introduce(" · ".join(circumstances(meta)))
     live = Live(
         plan.name,
@@ -96,7 +106,7 @@ def run_plan(
     display.begin(plan.name, live)
     stopped: KeyboardInterrupt | None = None
     try:
-        with undisturbed():
+        with undisturbed(), kept_frames(session, directory if keeping.frames else None):
             result = execute(
                 plan,
                 session.bench,
@@ -113,6 +123,7 @@ def run_plan(
             raise
         result, stopped = read_result(directory), stop
     display.say("report")
+    write_sums(directory)
     write_report(directory)
     display.conclude(result, directory)
     if stopped:
@@ -120,6 +131,26 @@ def run_plan(
             display.warn(str(stopped))
         raise stopped
     return result, directory
+
+
+@contextmanager
+def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
+    """Keep every frame on the rig's CAN bus, the commander's own too, in ``directory`` while the block lasts."""
+    if directory is None:
+        yield
+        return
+    from drivers.can_log import CanLog, CanLogError
+
+    if session.listen is None:
+        raise RigFileError("--keep-frames is for rigs that speak as ours; this one has a wiring of its own")
+    log = CanLog(session.listen(), directory / FRAMES)
+    try:
+        yield
+    finally:
+        try:
+            log.close()
+        except CanLogError as error:
+            raise RecordError(str(error)) from None
 
 
 def _sessions(

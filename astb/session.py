@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from bench_sim.rig.faults.panel import PlannedFault
     from bench_sim.rig.rig import Rig
     from drivers.bench import Bench
+    from drivers.can_port import CanPort
     from drivers.wiring.lines import Description
     from test_plans.instruments import Instruments
 
@@ -39,6 +41,9 @@ class Session:
     parameters: "Parameters | None"  #: of the simulation, None for a real rig
     seed: int | None
     wiring: "Description | None" = None  #: of a rig that does not speak as ours do
+    listen: "Callable[[], CanPort] | None" = (
+        None  #: opens another port of the CAN bus, which hears all the others
+    )
 
 
 def simulated_parameters(simulation: Simulation) -> "Parameters":
@@ -176,7 +181,7 @@ def virtual_session(
     bench.instruments = ordinary()
     bench.hand = SimulatedHand(lambda order: json.decode(obey(rig.faults, json.encode(order), nullcontext())))
     try:
-        yield Session(bench, memory.clock, True, told, known)
+        yield Session(bench, memory.clock, True, told, known, listen=memory.can)
     finally:
         bench.close()
 
@@ -201,6 +206,7 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
         stack.callback(modbus.close)
         can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
         stack.callback(can.close)
+        listen = partial(open_can, rig.can.bus, host=rig.can.host, port=rig.can.port)
         bench = Bench(OwnWiring(can, modbus, epoch), clock)
         stack.callback(bench.close)
         simulation = rig.simulation
@@ -212,7 +218,7 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
             )
         parameters = simulated_parameters(simulation) if simulation else None
         known = simulation.seed if simulation and seed is None else seed
-        yield Session(bench, clock, False, parameters, known)
+        yield Session(bench, clock, False, parameters, known, listen=listen)
 
 
 @contextlib.contextmanager

@@ -24,6 +24,11 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
 @simulation_options
 @plan_value_options
 @click.option(
+    "--keep-frames",
+    is_flag=True,
+    help="Also keep every CAN frame, in can.blf; `astb export` makes other formats of it.",
+)
+@click.option(
     "--operator",
     "run_by",
     envvar="ASTB_OPERATOR",
@@ -42,6 +47,7 @@ def run_command(
     answers: str | None,
     settings: tuple[str, ...],
     values_path: Path | None,
+    keep_frames: bool,
     run_by: str,
     out: Path,
 ) -> None:
@@ -59,7 +65,7 @@ def run_command(
 
     from astb.operators import operator_for
     from astb.rig_file import RigFileError
-    from astb.run import run_plans
+    from astb.run import Keeping, run_plans
     from bench_records.layout import RecordError
     from drivers.errors import BenchError
 
@@ -79,7 +85,7 @@ def run_command(
             out=out,
             specimen=specimen,
             operator=operator_for(answers, Console()),
-            run_by=run_by,
+            keeping=Keeping(run_by, keep_frames),
         )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)

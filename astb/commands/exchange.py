@@ -1,0 +1,58 @@
+"""`astb export` and `astb import`: records to and from the files of other programs."""
+
+from pathlib import Path
+
+import click
+
+from astb.exit_codes import misuse
+
+_FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+@click.command("export")
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("target", type=_FILE)
+@click.option(
+    "--rate", type=float, default=100.0, show_default=True, help="Rows a second of a CSV file, in Hz."
+)
+@click.option("--signal", "names", multiple=True, metavar="NAME", help="Only this signal; repeatable.")
+def export_command(directory: Path, target: Path, rate: float, names: tuple[str, ...]) -> None:
+    """Write the run in DIRECTORY as TARGET, whose ending says what it becomes.
+
+    .csv is a table at one rate, .mf4 is MDF 4 with every sample; .blf, .asc, .log (candump) and .trc hold the CAN
+    frames of a run that kept them.
+    """
+    from astb.exchange import export_run
+    from bench_records.layout import RecordError
+    from drivers.can_log import CanLogError
+
+    try:
+        click.echo(f"{target}: {export_run(directory, target, rate, names)}")
+    except (RecordError, CanLogError) as error:
+        misuse(error)
+    except OSError as error:
+        misuse(f"{target} cannot be written: {error.strerror or error}")
+
+
+@click.command("import")
+@click.argument("source", type=_FILE)
+@click.argument("directory", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--dbc",
+    type=_FILE,
+    help="The messages of another rig, for a file of CAN frames; without it they are ours.",
+)
+def import_command(source: Path, directory: Path, dbc: Path | None) -> None:
+    """Make a run in the new DIRECTORY of SOURCE (.csv, .mf4, .blf, .asc, .log or .trc), for reports and diagnosis.
+
+    Columns and channels are called as `astb export` calls them. Nothing is judged.
+    """
+    from astb.exchange import import_file
+    from bench_records.layout import RecordError
+
+    try:
+        click.echo(f"{directory}: {import_file(source, directory, dbc)}")
+    except RecordError as error:
+        misuse(error)
+    except OSError as error:
+        misuse(f"{directory} cannot be written: {error.strerror or error}")

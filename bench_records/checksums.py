@@ -1,0 +1,43 @@
+"""Checksums of what a run leaves, in the format of sha256sum: `sha256sum -c SHA256SUMS` checks them without us."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Final
+
+from bench_records.layout import JUNIT, META, PARQUET, RESULT
+
+SUMS: Final = "SHA256SUMS"
+#: What a run concluded and what it rests on. The report can be made anew from these.
+KEPT: Final = (PARQUET, META, RESULT, JUNIT)
+FRAMES: Final = "can.blf"
+
+
+def write_sums(directory: Path) -> Path:
+    """Write the checksums of the files of a run beside them; return the path."""
+    lines = [f"{_sum(directory / name)}  {name}\n" for name in (*KEPT, FRAMES) if (directory / name).exists()]
+    path = directory / SUMS
+    path.write_text("".join(lines), encoding="utf-8")
+    return path
+
+
+def broken_files(directory: Path) -> list[str]:
+    """Return which files of a run are not as they were written, or gone; an old run without checksums tells that."""
+    try:
+        lines = (directory / SUMS).read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return [f"{SUMS} is missing"]
+    broken = []
+    for line in lines:
+        wanted, _, name = line.partition("  ")
+        if not (directory / name).is_file():
+            broken.append(f"{name} is gone")
+        elif _sum(directory / name) != wanted:
+            broken.append(f"{name} was changed")
+    return broken
+
+
+def _sum(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

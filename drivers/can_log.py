@@ -1,0 +1,139 @@
+"""Raw CAN frames in files, by python-can's own readers and writers: the ending of the name chooses the format."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+import can
+import numpy as np
+
+from bench_protocol.frames import FRAME, Block
+from bench_protocol.socketcand import iterate
+from bench_protocol.units import NS
+from drivers.can_port import CanPort
+
+#: What both reads and writes.
+ENDINGS: Final = (".blf", ".asc", ".log", ".trc")
+_BLF: Final = b"LOGG"
+_BATCH: Final = 4096
+_PATIENCE: Final = 60.0  # s, for a slow disk at the end
+
+
+class CanLogError(Exception):
+    """A file of CAN frames that cannot be read or written; the text names it and says why."""
+
+
+class CanLog:
+    """Writes every frame that ``port`` hears into ``path`` until it is closed, in a thread of its own.
+
+    The port should do nothing else: a port does not hear what it sends itself. CanLogError
+    for a name with an ending that nobody writes, or a file that cannot be made.
+    """
+
+    def __init__(self, port: CanPort, path: Path) -> None:
+        self._writer = _open_writer(path)
+        self._path = path
+        self._waiting: queue.SimpleQueue[Block | None] = queue.SimpleQueue()
+        self._failure = ""
+        self._port = port
+        self._thread = threading.Thread(target=self._write, name="CAN log", daemon=True)
+        self._thread.start()
+        port.subscribe(self._waiting.put)
+
+    def close(self) -> None:
+        """Leave the bus and finish the file. CanLogError if the disk failed meanwhile."""
+        self._port.close()
+        self._waiting.put(None)
+        self._thread.join(_PATIENCE)
+        if self._thread.is_alive():
+            self._failure = f"the disk did not take the last frames within {_PATIENCE:g} s"
+        if self._failure:
+            raise CanLogError(f"{self._path} lacks frames: {self._failure}")
+
+    def _write(self) -> None:
+        try:
+            while (block := self._waiting.get()) is not None:
+                for message in _messages(block):
+                    self._writer.on_message_received(message)
+            self._writer.stop()
+        except OSError as error:
+            self._failure = str(error.strerror or error)
+
+
+def write_frames(blocks: Iterable[Block], path: Path) -> int:
+    """Write frames into a file; return how many. CanLogError as `CanLog` raises it."""
+    count = 0
+    writer = _open_writer(path)
+    try:
+        for block in blocks:
+            for message in _messages(block):
+                writer.on_message_received(message)
+                count += 1
+    finally:
+        writer.stop()
+    return count
+
+
+def read_frames(path: Path) -> Iterator[Block]:
+    """Yield the classic data frames of a file in their order; times (ns) are as the file has them.
+
+    Remote, error and FD frames are left out. CanLogError if it is no file that python-can reads.
+    """
+    _check_ending(path)
+    try:
+        if path.suffix.lower() == ".blf":
+            _check_signature(path)  # python-can would refuse it too, but leave it open
+        with can.LogReader(path) as reader:
+            rows = []
+            for message in reader:
+                if message.is_remote_frame or message.is_error_frame or message.is_fd:
+                    continue
+                data = bytes(message.data)
+                rows.append(
+                    (
+                        round(message.timestamp * NS),
+                        message.arbitration_id,
+                        message.is_extended_id,
+                        len(data),
+                        np.frombuffer(data.ljust(8, b"\0"), np.uint8),
+                    )
+                )
+                if len(rows) == _BATCH:
+                    yield np.array(rows, FRAME)
+                    rows = []
+            if rows:
+                yield np.array(rows, FRAME)
+    except OSError as error:
+        raise CanLogError(f"{path} cannot be read: {error.strerror or error}") from None
+    except Exception as error:  # every reader of python-can has exceptions of its own
+        raise CanLogError(f"{path} is not a file of CAN frames as its ending says: {error}") from None
+
+
+def _check_signature(path: Path) -> None:
+    with path.open("rb") as file:
+        if file.read(len(_BLF)) != _BLF:
+            raise ValueError(f"it does not begin with {_BLF.decode()}")
+
+
+def _messages(block: Block) -> Iterator[can.Message]:
+    for time, identifier, extended, data in iterate(block):
+        yield can.Message(timestamp=time / NS, arbitration_id=identifier, is_extended_id=extended, data=data)
+
+
+def _open_writer(path: Path) -> can.Listener:
+    _check_ending(path)
+    try:
+        return can.Logger(path)
+    except (OSError, ValueError, ImportError, NotImplementedError) as error:
+        raise CanLogError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _check_ending(path: Path) -> None:
+    if path.suffix.lower() not in ENDINGS:
+        raise CanLogError(
+            f"{path} ends in {path.suffix or 'nothing'}; files of CAN frames end in {', '.join(ENDINGS)}"
+        )
