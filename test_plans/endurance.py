@@ -21,7 +21,7 @@ from test_plans.run import Run
 from test_plans.steps.carrying import PRELOAD_WITHIN
 from test_plans.steps.shaking import check_band
 from test_plans.tables import DAMPING, HEIGHT, STORAGE, Quantity, keep
-from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake, stiffness_of_each
+from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake, stiffness_of_side
 
 #: The generator counts no further in one program.
 PROGRAM: Final = 1000
@@ -161,7 +161,7 @@ def _look(
         if axis == "lateral":
             stiffness = {"lateral": lateral_stiffness(times, values, LOOK_FREQUENCY)}
         else:
-            stiffness = stiffness_of_each(times, values, LOOK_FREQUENCY)
+            stiffness = {side: stiffness_of_side(times, values, LOOK_FREQUENCY, side) for side in SIDES}
         force = load.actuator_force
         run.bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
         run.bench.wait(STAND)

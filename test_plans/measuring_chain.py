@@ -65,6 +65,8 @@ STIFFEST: Final = 10_000 * MN / m
 AT_BLOCKS: Final = 10 * mm
 #: Air that is let off cools: so warm again.
 WARM: Final = 0.1 * K
+#: A bolster that is let go sways for some seconds.
+STILL: Final = 8 * s
 
 
 def without_air(run: Run) -> None:
@@ -76,9 +78,11 @@ def without_air(run: Run) -> None:
         if gas:
             run.bench.settle(*gas, band=WARM, over=READ_OVER, within=1 * minutes)
     run.bench.disarm()
+    with run.phase("still"):
+        run.bench.wait(STILL)
 
 
-@plan(setup=without_air, needs=(*steps.CARRYING, *VERTICAL_CELLS), lasts=87 * s)
+@plan(setup=without_air, needs=(*steps.CARRYING, *VERTICAL_CELLS), lasts=95 * s)
 def measuring_chain(
     run: Run,
     *,

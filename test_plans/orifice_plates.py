@@ -1,6 +1,7 @@
 """Orifice plates: stiffness and damping of the springs with each plate of the set."""
 
 from contextlib import ExitStack
+from functools import partial
 from typing import Final, Literal
 
 from bench_protocol.units import Hz, mm, s
@@ -11,9 +12,9 @@ from test_plans.fittings import PLATE, fit_plate, put_down
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
 from test_plans.run import Run
-from test_plans.steps.shaking import check_band
+from test_plans.steps.shaking import check_stiffness
 from test_plans.tables import DAMPING, STORAGE, keep
-from test_plans.waves import VERTICAL_WAVES, shake, stiffness_of_each
+from test_plans.waves import VERTICAL_WAVES, shake, stiffness_of_side
 
 FREQUENCY: Final = 1.2 * Hz
 AMPLITUDE: Final = 5 * mm
@@ -58,10 +59,10 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         steps.lock_the_air(run)
         with run.phase(f"vertical sine, {plate / mm:g} mm"):
             times, values = shake(run, "vertical", FREQUENCY, AMPLITUDE, lead=LEAD)
-        found[plate] = stiffness_of_each(times, values, FREQUENCY)
+        found[plate] = {side: stiffness_of_side(times, values, FREQUENCY, side) for side in SIDES}
         for side, (stiff, damped) in names.items():
-            check_band(run, stiff, found[plate][side].storage, "kN/m", stiffness[plate])
-            check_band(run, damped, found[plate][side].damping, "kN*s/m", damping[plate])
+            evaluate = partial(stiffness_of_side, times, frequency=FREQUENCY, side=side)
+            check_stiffness(run, evaluate, values, {stiff: stiffness[plate]}, {damped: damping[plate]})
     for side in SIDES:
         of_side = [one[side] for one in found.values()]
         for quantity, ys in (

@@ -4,9 +4,10 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 
-from bench_protocol.units import Hz, mrad, rad, s
+from bench_protocol.units import Hz, mrad, s
+from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Stiffness, dynamic_stiffness
+from test_plans.analysis import Samples, Stiffness, dynamic_stiffness
 from test_plans.by_roll import ROLL_SHEAR, RollAngle
 from test_plans.fittings import leave_connected
 from test_plans.geometry import SPRING_HALF_SPACING, roll_of
@@ -16,7 +17,7 @@ from test_plans.poses import COOL, POSING, go_home, take_pose
 from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, LASER_LAG, LOAD_CELL_LAG, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
-from test_plans.steps.shaking import SAMPLE_RATE, check_band, generator_cycles
+from test_plans.steps.shaking import SAMPLE_RATE, Values, check_band, generator_cycles
 from test_plans.waves import LATERAL_WAVES
 
 #: Slow, and as far as the load of `aw0` and `aw3` rolls the bolster; friction forgets where it came from in the lead.
@@ -61,11 +62,11 @@ def roll_coupling(
     run.bench.air.isolate_dpv()
     if run.can("roll stiffness", needs=(*ROLLING, *FREE_SIDEWAYS)):
         with run.phase("roll"):
-            found = _swing(run)
+            times, values = _swing(run)
+        found = _roll_stiffness(times, values)
         lost = f"{found.loss / found.storage:.3f} of it lost, at {found.amplitude / mrad:.2f} mrad"
-        run.check(
-            "roll stiffness", found.storage, "kN*m/rad", low=stiffness.low, high=stiffness.high, note=lost
-        )
+        storage = run.measured(lambda read: _roll_stiffness(times, read).storage, values)
+        run.check("roll stiffness", storage, "kN*m/rad", low=stiffness.low, high=stiffness.high, note=lost)
         take_pose(run, home)
     with run.phase("coupling"):
         seen = RollAngle()
@@ -77,8 +78,8 @@ def roll_coupling(
     check_band(run, "lateral stiffness K', rolled over level", even, "1", rolled)
 
 
-def _swing(run: Run) -> Stiffness:
-    """Roll the bolster, free sideways; return moment over angle (N·m/rad)."""
+def _swing(run: Run) -> tuple[Samples, Values]:
+    """Roll the bolster, free sideways; return times and samples of whole cycles at full amplitude."""
     bench = run.bench
     bench.lateral.push(0.0, rate=LATERAL_RATE)
     with bench.capture(*HEIGHTS, *VERTICAL_CELLS, *GENERATOR) as capture:
@@ -88,12 +89,12 @@ def _swing(run: Run) -> Stiffness:
     bench.lateral.hold_position()
     times, values = capture.aligned(SAMPLE_RATE)
     steady = generator_cycles(times, values, LEAD, MEASURED, SWING_FREQUENCY)
-    left, right = (np.sum([values[cell] for cell in CELLS_UNDER[side]], axis=0) for side in CELLS_UNDER)
-    moment = SPRING_HALF_SPACING * (right - left)  # the cells stand as far from the middle as the springs
-    return dynamic_stiffness(
-        times[steady],
-        roll_of(values)[steady] * rad,
-        moment[steady],
-        SWING_FREQUENCY,
-        motion_lag=LASER_LAG - LOAD_CELL_LAG,
-    )
+    return times[steady], {name: series[steady] for name, series in values.items()}
+
+
+def _roll_stiffness(times: Samples, values: Values) -> Stiffness:
+    """Moment over angle (N·m/rad), first harmonic; the cells stand as far from the middle as the springs."""
+    left, right = (np.sum([values[cell] for cell in CELLS_UNDER[side]], axis=0) for side in SIDES)
+    moment = SPRING_HALF_SPACING * (right - left)
+    lag = LASER_LAG - LOAD_CELL_LAG
+    return dynamic_stiffness(times, roll_of(values), moment, SWING_FREQUENCY, motion_lag=lag)

@@ -88,13 +88,10 @@ def vertical_stiffness(times: Samples, values: Values, frequency: float) -> Stif
     return Stiffness(F / X, frequency, abs(X))
 
 
-def stiffness_of_each(times: Samples, values: Values, frequency: float) -> dict[str, Stiffness]:
-    """Complex vertical stiffness of each spring, by side."""
+def stiffness_of_side(times: Samples, values: Values, frequency: float, side: str) -> Stiffness:
+    """Complex vertical stiffness of one spring."""
     lag = LASER_LAG - LOAD_CELL_LAG
-    return {
-        side: dynamic_stiffness(times, *spring_motion(values, side), frequency, motion_lag=lag)
-        for side in SIDES
-    }
+    return dynamic_stiffness(times, *spring_motion(values, side), frequency, motion_lag=lag)
 
 
 def lateral_stiffness(times: Samples, values: Values, frequency: float) -> Stiffness:
