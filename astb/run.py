@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from test_plans.operator import Operator
     from test_plans.plan import Plan
     from test_plans.specimen import Specimen
+    from test_plans.suspension import Suspension
 
 _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
@@ -60,10 +61,12 @@ def run_plans(
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
-    with ProgressDisplay(Console()) as display:
+    with ProgressDisplay(Console()) as display, held_by_keyboard() as suspension:
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
-                result, _ = run_plan(plan, session, rig, out, plan.name, display, specimen, operator, keeping)
+                result, _ = run_plan(
+                    plan, session, rig, out, plan.name, display, specimen, operator, keeping, suspension
+                )
                 results.append(result)
                 if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
@@ -82,6 +85,7 @@ def run_plan(
     specimen: "Specimen | None" = None,
     operator: "Operator | None" = None,
     keeping: Keeping = Keeping(),
+    suspension: "Suspension | None" = None,
 ) -> tuple[Result, Path]:
     """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one beside it.
 
@@ -117,6 +121,7 @@ def run_plan(
                 watcher=display,
                 specimen=specimen,
                 operator=with_hand(operator, session.bench.hand),
+                suspension=suspension,
             )
     except KeyboardInterrupt as stop:
         if not (directory / RESULT).exists():  # stopped once more, while the files were written
@@ -168,6 +173,28 @@ def _sessions(
             connected(session),
         ):
             yield session, group
+
+
+@contextmanager
+def held_by_keyboard() -> "Iterator[Suspension]":
+    """Let Ctrl-Z hold the run at the next place where its plan allows it, and once more let it go on.
+
+    Only the main thread can hear it, and a program that asks for none is stopped by it as ever.
+    """
+    import signal
+    import threading
+
+    from test_plans.suspension import Suspension
+
+    suspension = Suspension()
+    if threading.current_thread() is not threading.main_thread():
+        yield suspension
+        return
+    before = signal.signal(signal.SIGTSTP, lambda *_: suspension.toggle("Ctrl-Z"))
+    try:
+        yield suspension
+    finally:
+        signal.signal(signal.SIGTSTP, before)
 
 
 @contextmanager

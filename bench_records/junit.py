@@ -12,6 +12,8 @@ from bench_records.result import CheckVerdict, Outcome, Result
 # What XML 1.0 cannot hold, even escaped.
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
+_MET = {True: "met", False: "not met", None: "not told"}
+
 
 def junit(result: Result) -> bytes:
     """The document; failures are out of their limits, errors have no value, skipped is what the rig cannot measure."""
@@ -35,6 +37,8 @@ def junit(result: Result) -> bytes:
         ("specimen drawing", result.specimen and result.specimen.drawing),
         ("seed", result.seed),
         *((f"parameter {name}", text) for name, text in result.parameters.items()),
+        *(("warning", text) for text in result.warnings),
+        *((f"precondition {one.text}", f"{_MET[one.met]}: {one.found}") for one in result.preconditions),
         ("verdict", result.verdict),
     ):
         if value not in (None, ""):

@@ -89,6 +89,14 @@ class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
         return self.end - self.start
 
 
+class Condition(msgspec.Struct, frozen=True):
+    """What had to be so before a plan began, and what was found; ``met`` is None where nothing told it."""
+
+    text: str
+    met: bool | None
+    found: str
+
+
 def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[Phase]:
     """The phases told by begin and end events, in the order in which they began.
 

@@ -19,7 +19,7 @@ from typing import Any, Literal
 import msgspec
 
 from bench_records.conformity import SURE, conformity, coverage_factor, decimals, guard_factor, percent
-from bench_records.layout import RESULT, Phase, RecordError
+from bench_records.layout import RESULT, Condition, Phase, RecordError
 
 MARGIN = 0.05
 
@@ -359,6 +359,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     specimen: Sample | None = None
     seed: int | None = None
     timing: Timing | None = None
+    preconditions: list[Condition] = []
+    warnings: list[str] = []  #: what a reader has to know of how it was measured
 
     def __post_init__(self) -> None:
         judged, _ = _outcome(self.checks, self.reason)

@@ -60,6 +60,7 @@ class Bench(Link):
         "hand": "Who does by hand what a plan asks for, on a rig that can be told to.",
         "instruments": "What the readings are measured with, where somebody has said.",
         "interlock": "The contacts, read when asked.",
+        "last_run": "When the last plan on this bench ended (ns of its clock).",
         "lateral": "The lateral actuator and what stands in its direction.",
         "lease": "A request for the lease on CAN.",
         "left": "The left air spring with its auxiliary chamber.",
@@ -97,6 +98,7 @@ class Bench(Link):
         self.about: Mapping[str, Any] = {}
         self.hand: Any = None
         self.instruments: Any = None
+        self.last_run: int | None = None
         self.closing = ExitStack()
         parts = (getattr(self, name) for name in self.__slots__ if name != "devices")
         self.devices: tuple[Device, ...] = tuple(part for part in parts if isinstance(part, Device))

@@ -1,5 +1,7 @@
 """Axial stiffness: isobaric, with the auxiliary volume shut off, and with it open (the tests of EN 13597)."""
 
+from collections.abc import Mapping
+from functools import partial
 from typing import Final, Literal
 
 import numpy as np
@@ -13,7 +15,9 @@ from test_plans.plan import plan
 from test_plans.poses import COOL, Home, go_home, restore_the_air
 from test_plans.readings import CELLS_UNDER, PRESSURES, VERTICAL_CELLS
 from test_plans.run import Run
+from test_plans.steps.air import AVERAGED
 from test_plans.steps.shaking import check_band
+from test_plans.uncertainty import Measured
 
 #: Up, down and up again, each place from both directions: what friction does falls out of the mean.
 STAIRS: Final = tuple(z * mm for z in (10, 20, 10, 0, -10, -20, -10, 0))
@@ -48,6 +52,7 @@ def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     with run.phase("isobaric"):
         for side, stiffness in _isobaric(run, home).items():
             check_band(run, f"{side} vertical stiffness, isobaric", stiffness, "kN/m", isobaric)
+    run.hold_point("before the volumes are shut off")
     steps.lock_the_air(run)
     run.bench.air.isolate_reservoirs()
     steps.vertical_loop(run, case, "closed")
@@ -55,25 +60,27 @@ def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     steps.vertical_loop(run, case, "open")
 
 
-def _isobaric(run: Run, home: Home) -> dict[str, float]:
+def _isobaric(run: Run, home: Home) -> dict[str, Measured]:
     """Return the slope of force over compression (N/m) at constant pressure, both directions together."""
     names = [
         f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure", "auxiliary_pressure")
     ]
     rest = run.bench.averages(*names, over=steps.AVERAGE_OVER)
-    seen: dict[str, list[tuple[float, float]]] = {side: [] for side in SIDES}
+    means = [rest]
     for stair in STAIRS:
         run.bench.vertical.move_to(home.left + stair, home.right + stair, rate=STAIR_RATE)
         run.bench.wait(STAIR_WAIT)
         restore_the_air(run, rest)
-        mean = run.bench.averages(*names, *VERTICAL_CELLS, over=steps.AVERAGE_OVER)
-        for side in SIDES:
-            # The valves bring the pressure back within some mbar: what is missing weighs as much as its area.
-            away = mean[f"{side}.bellows_pressure"] - rest[f"{side}.bellows_pressure"]
-            force = sum(mean[cell] for cell in CELLS_UNDER[side]) - run.specimen.effective_area * away
-            seen[side].append((-mean[f"{side}.height"], force))
-    slopes = {}
-    for side, points in seen.items():
-        compression, force = np.array(points).T
-        slopes[side] = straight_line(compression, force)[1]
-    return slopes
+        means.append(run.bench.averages(*names, *VERTICAL_CELLS, over=steps.AVERAGE_OVER))
+    area = run.specimen.effective_area
+    return {side: run.measured(partial(_slope, side, area), *means, averaged=AVERAGED) for side in SIDES}
+
+
+def _slope(side: str, area: float, rest: Mapping[str, float], *stairs: Mapping[str, float]) -> float:
+    """Return the slope of force over compression (N/m), each from the means on one stair."""
+    # The valves bring the pressure back within some mbar: what is missing weighs as much as its area.
+    away = [mean[f"{side}.bellows_pressure"] - rest[f"{side}.bellows_pressure"] for mean in stairs]
+    force = np.array([sum(mean[cell] for cell in CELLS_UNDER[side]) for mean in stairs]) - area * np.array(
+        away
+    )
+    return straight_line(np.array([-mean[f"{side}.height"] for mean in stairs]), force)[1]

@@ -1,5 +1,7 @@
 """Differential pressure valve: where it opens, where it closes again, and whether it is tight in between."""
 
+from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Final
 
 import numpy as np
@@ -55,7 +57,6 @@ def differential_pressure_valve(
     steps.lock_the_air(run)
     run.bench.air.connect_dpv()
     rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
-    zero = rest[PRESSURES[0]] - rest[PRESSURES[1]]  # level: what the transducers differ by
     for way, higher in ((-1.0, "left"), (1.0, "right")):
         with run.phase(f"{higher} higher"):
             _roll(run, home, way * HALF, ROLL_RATE)
@@ -66,11 +67,18 @@ def differential_pressure_valve(
             with run.bench.capture(*PRESSURES) as capture:
                 _roll(run, home, way * 2.2 * HALF, ROLL_RATE)
             _, values = capture.aligned(SAMPLE_RATE)
-            parted = _smooth(-way * (values[PRESSURES[0]] - values[PRESSURES[1]] - zero))
-            opened = int(np.argmax(parted))
-            check_band(run, f"opens, {higher} higher", float(parted[opened]), "bar", opening)
-            check_band(run, f"closes again, {higher} higher", float(parted[opened:].min()), "bar", reclosing)
+            opens, closes = run.measure(partial(_extremes, way), rest, values)
+            check_band(run, f"opens, {higher} higher", opens, "bar", opening)
+            check_band(run, f"closes again, {higher} higher", closes, "bar", reclosing)
             _roll(run, home, 0.0, BACK_RATE)
+
+
+def _extremes(way: float, rest: Mapping[str, float], values: Mapping[str, Samples]) -> tuple[float, float]:
+    """Return the largest difference of the pressures (Pa) and the smallest after that, transducers zeroed at rest."""
+    zero = rest[PRESSURES[0]] - rest[PRESSURES[1]]
+    parted = _smooth(-way * (values[PRESSURES[0]] - values[PRESSURES[1]] - zero))
+    opened = int(np.argmax(parted))
+    return float(parted[opened]), float(parted[opened:].min())
 
 
 def _roll(run: Run, home: Home, z: float, rate: float) -> None:

@@ -13,7 +13,8 @@ from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.shaking import check_band
 from test_plans.tables import AMPLITUDE, FREQUENCY, STORAGE, keep
-from test_plans.waves import shake, vertical_stiffness
+from test_plans.uncertainty import Measured
+from test_plans.waves import Values, shake, vertical_stiffness
 
 #: Limits over frequency are those of one amplitude, limits over amplitude those of one frequency.
 OF_FREQUENCIES: Final = 5 * mm
@@ -49,24 +50,32 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
 
     over_frequency = []
     for frequency, storage, loss in run.specimen.load(load).sweep("vertical"):
-        K = _sine(run, frequency, OF_FREQUENCIES)
-        check_band(run, f"K' at {frequency:g} Hz", K.storage, "kN/m", storage)
-        check_band(run, f"c at {frequency:g} Hz", K.damping, "kN*s/m", loss)
-        check_band(run, f"loss angle at {frequency:g} Hz", phase(K.value), "deg", angles[frequency])
+        K, found = _sine(run, frequency, OF_FREQUENCIES)
+        check_band(run, f"K' at {frequency:g} Hz", found[0], "kN/m", storage)
+        check_band(run, f"c at {frequency:g} Hz", found[1], "kN*s/m", loss)
+        check_band(run, f"loss angle at {frequency:g} Hz", found[2], "deg", angles[frequency])
         over_frequency.append(K)
     over_amplitude = []
     for amplitude in stiffness:
-        K = _sine(run, OF_AMPLITUDES, amplitude)
-        check_band(run, f"K' at {amplitude / mm:g} mm", K.storage, "kN/m", stiffness[amplitude])
-        check_band(run, f"c at {amplitude / mm:g} mm", K.damping, "kN*s/m", damping[amplitude])
+        K, found = _sine(run, OF_AMPLITUDES, amplitude)
+        check_band(run, f"K' at {amplitude / mm:g} mm", found[0], "kN/m", stiffness[amplitude])
+        check_band(run, f"c at {amplitude / mm:g} mm", found[1], "kN*s/m", damping[amplitude])
         over_amplitude.append(K)
     _keep(run, load, over_frequency, over_amplitude)
 
 
-def _sine(run: Run, frequency: float, amplitude: float) -> Stiffness:
-    with run.phase(f"vertical sine {frequency:g} Hz, {amplitude / mm:g} mm"):
+def _sine(run: Run, frequency: float, amplitude: float) -> tuple[Stiffness, tuple[Measured, ...]]:
+    """Return the stiffness, and with their uncertainties K', c and loss angle."""
+    what = f"vertical sine {frequency:g} Hz, {amplitude / mm:g} mm"
+    run.hold_point(f"before the {what}")
+    with run.phase(what):
         times, values = shake(run, "vertical", frequency, amplitude, lead=LEAD)
-    return vertical_stiffness(times, values, frequency)
+
+    def found(values: Values) -> tuple[float, float, float]:
+        K = vertical_stiffness(times, values, frequency)
+        return K.storage, K.damping, phase(K.value)
+
+    return vertical_stiffness(times, values, frequency), run.measure(found, values)
 
 
 def _keep(run: Run, load: str, over_frequency: list[Stiffness], over_amplitude: list[Stiffness]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -21,12 +22,14 @@ from test_plans.loads import SpecimenError
 from test_plans.operator import NoOperator, Operator
 from test_plans.parameters import ParameterRefused
 from test_plans.plan import Plan
+from test_plans.preconditions import Precondition, today
 from test_plans.punctuality import lateness, timing
 from test_plans.readings import CHAMBERS
 from test_plans.recording import Recording, begin_recording, keep_settings
 from test_plans.run import Nobody, Run, Watcher
 from test_plans.specimen import Specimen, ordinary
-from test_plans.steps.carrying import RESIDUAL_PRESSURE
+from test_plans.steps.carrying import ARM_WITHIN, RESIDUAL_PRESSURE
+from test_plans.suspension import HeldTooLong, Suspension
 
 if TYPE_CHECKING:
     from bench_protocol.black_box import Incident
@@ -40,6 +43,10 @@ BY_THE_LINK: Final = f"{WHOSE['link']}: "
 _STOPPED: Final = "stopped by the operator"
 
 
+class NotReady(Exception):
+    """What must be so before a plan begins is not."""
+
+
 def execute(
     plan: Plan,
     bench: Bench,
@@ -51,6 +58,7 @@ def execute(
     watcher: Watcher | None = None,
     specimen: Specimen | None = None,
     operator: Operator | None = None,
+    suspension: Suspension | None = None,
 ) -> Result:
     """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
 
@@ -67,7 +75,8 @@ def execute(
         facts["instruments"] = instruments.facts
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()
-    run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring, asked, instruments)
+    wanted = suspension or Suspension()
+    run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring, asked, instruments, wanted)
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, last, interrupted = _perform(run, plan)
@@ -78,6 +87,7 @@ def execute(
         punctuality = timing(before, lateness(bench))
         incident = incident_since(bench, known)
     run.progress(1.0)
+    bench.last_run = run.now
 
     reason = _reason(run, first, last, left, strangers)
     result = _concluded(run, plan, reason, rig=rig, seed=seed, timing=punctuality)
@@ -102,6 +112,8 @@ def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
         phases=phases_of(run.phases, run.start, run.now),
         parameters=plan.written,
         specimen=Sample(**run.specimen.facts),
+        preconditions=run.preconditions,
+        warnings=run.warnings,
         **rest,
     )
 
@@ -115,11 +127,43 @@ def _perform(run: Run, plan: Plan) -> tuple[str, str, bool]:
         trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot do without"
         run.keep("error", trouble)
         return trouble, "", False
+    run.warnings += run.instruments.troubles(today(run))
+    for told in run.warnings:
+        run.say(told)
+    unmet, interrupted = (
+        _attempt(run, "preconditions", partial(_look_at, plan)) if plan.requires else ("", False)
+    )
+    if unmet:
+        return unmet, "", interrupted
     first, interrupted = _attempt(run, "set-up", plan.bound(plan.setup))
     if not first:
         first, interrupted = _attempt(run, "main", plan.bound(plan.main))
     last, again = _attempt(run, "tear-down", plan.bound(plan.teardown))
     return first, last, interrupted or again
+
+
+def _look_at(plan: Plan, run: Run) -> None:
+    """Find out whether the preconditions of ``plan`` are met. NotReady if one is not, and says what would be right."""
+    unmet = [told for one in plan.requires if not one.armed for told in _unmet(run, one)]
+    if not unmet and (armed := [one for one in plan.requires if one.armed]):
+        run.bench.arm(within=ARM_WITHIN)
+        try:
+            unmet = [told for one in armed for told in _unmet(run, one)]
+        finally:
+            run.bench.disarm()
+    if unmet:
+        raise NotReady("; ".join(unmet))
+
+
+def _unmet(run: Run, one: Precondition) -> list[str]:
+    """Look at a precondition and keep what was found; return it if the plan must not begin."""
+    from bench_records.layout import Condition
+
+    found = one.look(run)
+    run.preconditions.append(Condition(one.text, found.met, found.found))
+    run.keep("precondition", f"{one.text}: {found.found}", met=found.met)
+    blocks = found.met is False or (found.met is None and one.strict)
+    return [f"{one.text} ({found.found})"] if blocks else []
 
 
 def _write(result: Result, incident: Incident | None, directory: Path | str) -> None:
@@ -195,6 +239,10 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
         trouble = f"the parameters: {error}"
     except SpecimenError as error:
         trouble = f"the specimen's file: {error}"
+    except NotReady as error:
+        trouble = f"not ready: {error}"
+    except HeldTooLong as error:
+        trouble = f"{_STOPPED}: {error}"
     except Aborted as stop:
         trouble = f"{_STOPPED}: {stop}"
     except KeyboardInterrupt:

@@ -6,11 +6,13 @@ from bench_protocol.units import Hz, mm, s
 from test_plans import steps
 from test_plans.fittings import leave_connected
 from test_plans.geometry import BUMP_STOP_GAP, POSE_SIGNALS, STOP_TRAVEL_MAX
+from test_plans.loads import Band
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.poses import go_home, take_pose
 from test_plans.readings import SHEAR_CELLS
 from test_plans.run import Run
+from test_plans.steps.shaking import check_stiffness
 from test_plans.waves import lateral_stiffness as stiffness_of
 from test_plans.waves import shake
 
@@ -61,8 +63,12 @@ def lateral_stiffness(
     with run.phase("sine"):
         take_pose(run, home, shear=offset)
         times, values = shake(run, "lateral", FREQUENCY, amplitude, lead=LEAD)
-        K = stiffness_of(times, values, FREQUENCY)
     take_pose(run, home)
     low, high = (end * share for end, share in zip(stiffness, left, strict=True))
-    run.check("lateral stiffness K'", K.storage, "kN/m", low=low, high=high)
-    run.check("lateral damping c", K.damping, "kN*s/m", low=damping[0], high=damping[1])
+    check_stiffness(
+        run,
+        lambda values: stiffness_of(times, values, FREQUENCY),
+        values,
+        {"lateral stiffness K'": Band(low, high)},
+        {"lateral damping c": Band(*damping)},
+    )

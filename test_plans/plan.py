@@ -11,6 +11,7 @@ from typing import Any, overload
 
 from bench_protocol.table import TABLE
 from test_plans.parameters import Parameter, Value, declared_parameters, read_all
+from test_plans.preconditions import Precondition
 from test_plans.run import PlanError, Run
 from test_plans.steps import make_safe, power_up
 
@@ -25,7 +26,7 @@ class Plan:
     The instruction is the docstring of the main part, the title its first line. ``lasts`` is how long it takes (s of
     the bench's time, 0 if nobody knows): it moves the progress bar and limits nothing. ``parameters`` are what the main
     part may be given by name, ``values`` (SI) what it will be given. On a rig that lacks one of the signals ``needs``
-    the plan is blocked before anything moves.
+    the plan is blocked before anything moves, and so it is if one of the preconditions ``requires`` is not met.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Plan:
     parameters: tuple[Parameter, ...] = ()
     values: Mapping[str, Value] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
+    requires: tuple[Precondition, ...] = ()
 
     def given(self, texts: Mapping[str, Any]) -> Plan:
         """Return the plan with some parameters as written in ``texts``, such as ``20 mm``, the others by default.
@@ -61,7 +63,12 @@ class Plan:
 def plan(main: Part, /) -> Plan: ...
 @overload
 def plan(
-    *, setup: Part = power_up, teardown: Part = make_safe, lasts: float = 0.0, needs: Iterable[str] = ()
+    *,
+    setup: Part = power_up,
+    teardown: Part = make_safe,
+    lasts: float = 0.0,
+    needs: Iterable[str] = (),
+    requires: Iterable[Precondition] = (),
 ) -> Callable[[Part], Plan]: ...
 def plan(
     main: Part | None = None,
@@ -71,20 +78,24 @@ def plan(
     teardown: Part = make_safe,
     lasts: float = 0.0,
     needs: Iterable[str] = (),
+    requires: Iterable[Precondition] = (),
 ) -> Plan | Callable[[Part], Plan]:
-    """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., lasts=..., needs=...)``.
+    """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., needs=..., requires=...)``.
 
     The name is the function's, the instruction its docstring (or that of its module). Without parts of its own a plan
     begins by arming the bench and ends by letting the air off and disarming. What the function takes beside the run are
     the plan's parameters, which the other parts may name too. PlanError without a docstring, or for a parameter that
     has no default, no unit or no range, or for a need that is no signal.
     """
-    if main is not None:
-        return _plan(main, setup, teardown, lasts, tuple(needs))
-    return lambda function: _plan(function, setup, teardown, lasts, tuple(needs))
+
+    def made(function: Part) -> Plan:
+        one = _plan(function, setup, teardown, tuple(needs))
+        return replace(one, lasts=lasts, requires=tuple(requires))
+
+    return made if main is None else made(main)
 
 
-def _plan(main: Part, setup: Part, teardown: Part, lasts: float, needs: tuple[str, ...]) -> Plan:
+def _plan(main: Part, setup: Part, teardown: Part, needs: tuple[str, ...]) -> Plan:
     instruction = inspect.cleandoc(main.__doc__ or sys.modules[main.__module__].__doc__ or "")
     if not instruction:
         raise PlanError(f"plan {main.__name__} has no docstring; it must say what is tested and what is good")
@@ -104,4 +115,4 @@ def _plan(main: Part, setup: Part, teardown: Part, lasts: float, needs: tuple[st
                 )
     title = instruction.splitlines()[0]
     values = {one.name: one.default for one in parameters}
-    return Plan(main.__name__, title, instruction, main, setup, teardown, lasts, parameters, values, needs)
+    return Plan(main.__name__, title, instruction, main, setup, teardown, 0.0, parameters, values, needs)

@@ -12,10 +12,11 @@ from test_plans.asking import answer_to
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.specimen import Specimen, ordinary
+from test_plans.suspension import HOLD_WITHIN, Suspension
 from test_plans.uncertainty import Evaluation, Measured, Readings, measured
 
 if TYPE_CHECKING:
-    from bench_records.layout import RecordedEvent
+    from bench_records.layout import Condition, RecordedEvent
     from bench_records.result import Axis, Check, Curve
     from drivers.bench import Bench
 
@@ -74,9 +75,14 @@ class Run:
     specimen: Specimen = field(default_factory=ordinary)
     operator: Operator = field(default_factory=NoOperator)
     instruments: Instruments = UNKNOWN
+    suspension: Suspension = field(default_factory=Suspension)
+    held: list[tuple[int, int]] = field(default_factory=list)  #: from when to when it was held (ns)
+    preconditions: list[Condition] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)  #: what whoever reads the result has to know
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
+    _told: str = ""
     _open: list[str] = field(default_factory=list)
     start: int = field(init=False)  #: ns of the bench's clock
 
@@ -93,18 +99,23 @@ class Run:
         high: float | None = None,
         margin: float | None = None,
         note: str = "",
+        since: int | None = None,
     ) -> bool:
         """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
 
         A `measured` value has an uncertainty: it passes if it conforms surely, and is *marginal* otherwise. Another one
         is marginal within ``margin``, a fraction of the band, of a limit. ``unit`` is what people read. PlanError for a
-        unit that nobody declared, ValueError for limits that could not be broken or met.
+        unit that nobody declared, ValueError for limits that could not be broken or met. What was measured ``since`` a
+        time (ns), while the run was held, is *not available*.
         """
         from bench_records.result import MARGIN
         from bench_records.result import check as judged
 
         if unit not in FACTORS:
             raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
+        if since is not None and any(begun >= since for begun, _ in self.held):
+            self.lack([name], "the run was held while it was measured")
+            return False
         found = value if isinstance(value, Measured) else Measured(value)
         one = judged(
             name,
@@ -146,6 +157,21 @@ class Run:
         if lacking:
             self.lack(checks, lacking)
         return not lacking
+
+    def hold_point(self, where: str) -> None:
+        """Say that the run can be held here, between two measurements; it is, if somebody has asked for it.
+
+        All valves are shut meanwhile and set-points go on being sent. HeldTooLong if nobody lets it go on.
+        """
+        if not (by := self.suspension.wanted_by):
+            return
+        start = self.now
+        with self.phase(f"held {where}"):
+            self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
+            self.suspension.hold(self, where, HOLD_WITHIN)
+            self.say(f"goes on after {(self.now - start) / NS:.0f} s")
+        self.held.append((start, self.now))
+        self._told = ""
 
     def lack(self, checks: Iterable[str], reason: str) -> None:
         """Record ``checks`` as *not available*, with the ``reason``."""
@@ -194,6 +220,9 @@ class Run:
         self._open.append(name)
         self._edge(name, "begin")
         self.watcher.phase(tuple(self._open), begins=True)
+        if (by := self.suspension.wanted_by) and not self.suspension.held_at and by != self._told:
+            self._told = by
+            self.say(f"{by} asks to hold: the plan goes on to the next place where it can be held")
         if self.lasts:
             self.progress((self.now - self.start) / NS / self.lasts)
         try:

@@ -31,6 +31,8 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
             click.echo(f"    --set {one.name + '=' + one.show(one.default):<32} {one.allowed}")
         if not plan.parameters:
             click.echo("    no parameters")
+        for condition in plan.requires:
+            click.echo(f"    before it begins: {condition.text}")
     if not names:
         known = known_plans()
         width = max(map(len, known))
@@ -46,6 +48,7 @@ def _facts(plan: "Plan") -> dict[str, Any]:
         "instruction": plan.instruction,
         "lasts_s": plan.lasts or None,
         "needs": plan.needs,
+        "requires": [condition.text for condition in plan.requires],
         "parameters": [
             {"name": one.name, "default": one.show(one.default), "allowed": one.allowed}
             for one in plan.parameters

@@ -99,7 +99,7 @@ def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> Non
 
         found = run.measured(lost, before.values, after.values, rate=after.rates)
         limit = run.specimen.limits.band("air_loss_per_minute")
-        check_band(run, names[side], found, "%", limit)
+        run.check(names[side], found, "%", low=limit.low, high=limit.high, since=round(before.time * NS))
 
 
 def _air(specimen: Specimen, values: Values, times: Values, load: Load, side: str) -> float:

@@ -70,6 +70,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
         return
     found: dict[str, list[Stiffness]] = {side: [] for side in sides}
     for frequency, storage, damping in sweep:
+        run.hold_point(f"before the vertical sine of {frequency:g} Hz")
         with run.phase(f"vertical sine {frequency:g} Hz"):
             times, values = shake(run, "vertical", frequency, VERTICAL)
             for side in sides:
@@ -137,6 +138,7 @@ def lateral_sweep(run: Run, load: Load) -> None:
         return
     found: list[Stiffness] = []
     for frequency, storage, damping in sweep:
+        run.hold_point(f"before the lateral sine of {frequency:g} Hz")
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
             stiffness = partial(_lateral, times, frequency)

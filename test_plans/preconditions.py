@@ -1,0 +1,141 @@
+"""What must be so before a plan begins: each is looked at on the connected bench, before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import date
+from math import inf
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.clock import VirtualClock, utc_date
+from bench_protocol.units import NS, K, bar, minutes, s
+from drivers.errors import BenchTimeout
+
+if TYPE_CHECKING:
+    from test_plans.run import Run
+
+#: 0 °C.
+ICE: Final = 273.15 * K
+YES: Final = "yes"
+NO: Final = "no"
+SUPPLY_WITHIN: Final = 5 * s
+_LOOK_WITHIN: Final = 10 * minutes
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What was found: met, not met, or not to be told here (None); in words, with what would be right."""
+
+    met: bool | None
+    found: str
+
+
+@dataclass(frozen=True, slots=True)
+class Precondition:
+    """What must be so, in words, and how a run finds out.
+
+    One that cannot be told blocks if it is ``strict``. One that shows only when the bench is ``armed`` is looked at
+    then, with set-points at what is measured: nothing moves, and the bench is disarmed again.
+    """
+
+    text: str
+    look: Callable[[Run], Finding]
+    strict: bool = True
+    armed: bool = False
+
+
+def supply(at_least: float) -> Precondition:
+    """The air supply has a pressure (Pa gauge), behind the main valve."""
+
+    def look(run: Run) -> Finding:
+        if lacking := run.bench.lacks("supply.pressure"):
+            return Finding(None, lacking)
+        with suppress(BenchTimeout):  # the line fills when the main valve opens
+            run.bench.wait_for(
+                lambda: run.bench.supply.pressure >= at_least, within=SUPPLY_WITHIN, what="supply pressure"
+            )
+        pressure = run.bench.average("supply.pressure", over=0.5)
+        told = f"{pressure / bar:.2f} bar"
+        good = pressure >= at_least
+        return Finding(good, told if good else f"{told}; open the supply until it has {at_least / bar:g} bar")
+
+    return Precondition(f"supply pressure of at least {at_least / bar:g} bar", look, strict=False, armed=True)
+
+
+def gas(low: float, high: float) -> Precondition:
+    """The gas in the springs, which at rest has the temperature of the hall, lies within two temperatures (K)."""
+    span = f"{low - ICE:.3g} to {high - ICE:.3g} °C"
+
+    def look(run: Run) -> Finding:
+        names = [f"{side}.bellows_temperature" for side in ("left", "right")]
+        if lacking := run.bench.lacks(*names):
+            return Finding(None, lacking)
+        found = run.bench.averages(*names, over=0.5).values()
+        told = " and ".join(f"{one - ICE:.1f} °C" for one in found)
+        good = all(low <= one <= high for one in found)
+        return Finding(good, told if good else f"{told}; wait until the hall has {span}")
+
+    return Precondition(f"gas in the springs at {span}", look, strict=False)
+
+
+def calibrated(*signals: str) -> Precondition:
+    """The instruments of some signals, or all, have certificates that hold today; in virtual time none runs out."""
+
+    def look(run: Run) -> Finding:
+        if not run.instruments.pieces:
+            return Finding(False, "nobody has said which instruments this rig has; its file can name theirs")
+        troubles = run.instruments.troubles(today(run), signals)
+        return Finding(not troubles, "; ".join(troubles) or "all calibrations hold")
+
+    return Precondition("calibrated instruments", look)
+
+
+def load_cases(*names: str) -> Precondition:
+    """The specimen's file has these load cases."""
+
+    def look(run: Run) -> Finding:
+        lacking = [name for name in names if name not in run.specimen.loads]
+        found = f"{run.specimen.file} has {', '.join(run.specimen.loads)}"
+        return Finding(not lacking, f"{found}; {', '.join(lacking)} would be needed" if lacking else found)
+
+    return Precondition(f"load case {' and '.join(names)} of the specimen", look)
+
+
+def rested(at_least: float) -> Precondition:
+    """The specimen has not been moved on this bench for a time (s): since the last run, or since it was connected.
+
+    A rig in virtual time has rested for ever when it is made.
+    """
+
+    def look(run: Run) -> Finding:
+        rest = _rest(run)
+        told = "since it was made" if rest == inf else f"{rest:.0f} s"
+        good = rest >= at_least
+        return Finding(good, told if good else f"{told}; {at_least - rest:.0f} s more would be right")
+
+    return Precondition(f"specimen at rest for {at_least:g} s", look)
+
+
+def confirmed(text: str) -> Precondition:
+    """Somebody says that it is so: what no signal tells."""
+
+    def look(run: Run) -> Finding:
+        answer = run.ask(f"is this so: {text}?", (YES, NO), within=_LOOK_WITHIN)
+        return Finding(answer == YES, f"the operator says {answer}" if answer else "nobody says so")
+
+    return Precondition(text, look)
+
+
+def _rest(run: Run) -> float:
+    """How long (s) the last run on this bench is over, or since when it is connected."""
+    bench = run.bench
+    if bench.last_run is None:
+        return inf if isinstance(bench.clock, VirtualClock) else (run.now - bench.commander.origin) / NS
+    return (run.now - bench.last_run) / NS
+
+
+def today(run: Run) -> date | None:
+    """Return the day of a run in real time; virtual time has none."""
+    return None if isinstance(run.bench.clock, VirtualClock) else date.fromisoformat(utc_date()[:10])

@@ -1,0 +1,207 @@
+"""What must be so before a plan begins, and a run that is held and goes on."""
+
+import threading
+from datetime import date
+from types import SimpleNamespace
+
+import pytest
+
+from bench_protocol.clock import RealClock
+from bench_protocol.units import bar, minutes
+from bench_records.record import read
+from bench_records.report import write_report
+from bench_records.result import CheckVerdict, Outcome, read_result
+from test_plans import preconditions as pre
+from test_plans.execution import execute
+from test_plans.instruments import UNKNOWN, Instrument, Instruments, Piece
+from test_plans.operator import Script
+from test_plans.plan import plan
+from test_plans.suspension import Suspension
+
+
+def nothing(run):
+    pass
+
+
+@pytest.fixture
+def ran(bench_composed, tmp_path):
+    """Run a main part on a virtual rig, which nobody arms; return the result and which parts ran."""
+
+    def run(main=None, requires=(), *, instruments=None, prepare=nothing, **rest):
+        moved = []
+
+        def setup(run):
+            moved.append("set-up")
+
+        def checked(run):
+            """Check something."""
+            (main or nothing)(run)
+            run.check("something", 1.0, "1", low=0.0)
+
+        one = plan(setup=setup, teardown=nothing, requires=requires)(checked)
+        with bench_composed() as made:
+            if instruments is not None:
+                made.bench.instruments = instruments
+            prepare(made.bench)
+            result = execute(one, made.bench, tmp_path / "out", **rest)
+        return SimpleNamespace(result=result, moved=moved, directory=tmp_path / "out")
+
+    return run
+
+
+PIECE = Piece("left.height", Instrument("laser", "triangulation laser"), "L-7", "C1", due=date(2026, 3, 1))
+
+
+@pytest.mark.parametrize(
+    ("condition", "found"),
+    [
+        (pre.gas(283.15, 308.15), "20.0 °C"),
+        (pre.load_cases("AW0", "AW3"), "astb.toml has AW0, AW3"),
+        (pre.rested(10 * minutes), "since it was made"),
+        (pre.calibrated(), "all calibrations hold"),
+        (pre.calibrated("left.height"), "all calibrations hold"),
+    ],
+)
+def test_a_plan_whose_preconditions_are_met_runs_and_the_report_says_what_was_found(ran, condition, found):
+    run = ran(requires=[condition])
+    assert run.result.verdict is Outcome.PASS
+    assert run.moved == ["set-up"]
+    (told,) = read_result(run.directory).preconditions
+    assert told.met is True
+    assert found in told.found
+    page = write_report(run.directory).read_text(encoding="utf-8")
+    assert f"<td>{condition.text}</td><td>met: " in page
+
+
+@pytest.mark.parametrize(
+    ("condition", "why"),
+    [
+        (pre.supply(9 * bar), "open the supply until it has 9 bar"),
+        (pre.gas(303.15, 308.15), "wait until the hall has 30 to 35 °C"),
+        (pre.load_cases("AW0", "AW2"), "AW2 would be needed"),
+        (pre.confirmed("the specimen has no cracks"), "the specimen has no cracks (nobody says so)"),
+        (pre.calibrated("supply.pressure"), "supply.pressure has no instrument in ours.toml"),
+    ],
+)
+def test_a_plan_whose_precondition_is_not_met_is_blocked_before_anything_moves(ran, condition, why):
+    run = ran(requires=[condition], instruments=Instruments("ours.toml", "", {"left.height": PIECE}))
+    assert run.result.verdict is Outcome.BLOCKED
+    assert run.moved == []
+    assert run.result.reason.startswith("not ready: ")
+    assert why in run.result.reason
+    assert [one.met for one in run.result.preconditions] == [False]
+
+
+def test_what_is_confirmed_by_the_operator_is_met(ran):
+    condition = pre.confirmed("the specimen has no cracks")
+    assert ran(requires=[condition], operator=Script({"is this so: *": "yes"})).result.verdict is Outcome.PASS
+    said_no = ran(requires=[condition], operator=Script({"is this so: *": "no"}), instruments=UNKNOWN)
+    assert "the operator says no" in said_no.result.reason
+
+
+def test_what_the_rig_cannot_tell_is_said_and_blocks_only_where_it_is_strict(ran):
+    def blind(bench):
+        bench.wiring.absent = {"supply.pressure": "no transducer in the supply"}
+
+    run = ran(requires=[pre.supply(6 * bar)], prepare=blind)
+    assert run.result.verdict is Outcome.PASS
+    assert run.result.preconditions[0].met is None
+
+
+def test_a_specimen_that_has_just_been_moved_has_not_rested(ran):
+    def moved_lately(bench):
+        bench.last_run = bench.clock.now()
+
+    run = ran(requires=[pre.rested(10 * minutes)], prepare=moved_lately)
+    assert "specimen at rest for 600 s (0 s; 600 s more would be right)" in run.result.reason
+
+
+def test_a_calibration_runs_out_on_its_day_and_is_told_wherever_the_piece_is_used():
+    ours = Instruments("ours.toml", "", {"left.height": PIECE})
+    assert ours.troubles(date(2026, 3, 1)) == []
+    assert ours.troubles(None) == []  # virtual time has no day
+    (told,) = ours.troubles(date(2026, 3, 2))
+    assert told == "left.height (triangulation laser, no. L-7): calibration C1 was due on 2026-03-01"
+
+
+def test_a_piece_without_a_certificate_is_a_warning_in_result_and_report(ran):
+    bare = Piece("left.height", Instrument("laser", "laser"), "L-8")
+    run = ran(instruments=Instruments("ours.toml", "", {"left.height": bare}))
+    assert run.result.verdict is Outcome.PASS
+    assert run.result.warnings == ["left.height (laser, no. L-8) has no certificate of calibration"]
+    assert run.result.warnings[0] in write_report(run.directory).read_text(encoding="utf-8")
+
+
+# -- holding ----------------------------------------------------------------------------------------------------------
+
+
+def resume_when_held(suspension):
+    """Let a run go on from another thread as soon as it is held; return the thread and where that was."""
+    places, clock = [], RealClock()
+
+    def watch():
+        while not suspension.held_at:
+            clock.sleep_until(clock.now() + 1_000_000)
+        places.append(suspension.held_at)
+        suspension.resume()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    return thread, places
+
+
+def test_a_run_is_held_at_the_next_place_with_shut_valves_and_goes_on_with_what_they_were(ran):
+    suspension, modes = Suspension(), []
+
+    def main(run):
+        bench = run.bench
+        bench.air.level()
+        suspension.request("the panel")
+        with run.phase("a measurement"):
+            pass
+        run.hold_point("between two loads")
+        modes.append((bench.air.left_mode, bench.air.right_mode))
+        run.hold_point("where nobody asks any more")
+
+    thread, places = resume_when_held(suspension)
+    run = ran(main, suspension=suspension)
+    thread.join(10)
+    assert places == ["between two loads"]
+    assert modes == [("level", "level")]
+    assert run.result.verdict is Outcome.PASS
+    assert "held between two loads" in [phase.name for phase in run.result.phases]
+    events = read(run.directory).events
+    said = [event.text for event in events if event.kind == "note"]
+    assert said[0] == "the panel asks to hold: the plan goes on to the next place where it can be held"
+    assert said[1].startswith("held between two loads, as the panel asked")
+    settings = [event.data for event in events if event.kind == "setting" and "air.left_mode" in event.data]
+    assert [one["air.left_mode"] for one in settings][-3:] == ["level", "hold", "level"]
+
+
+def test_what_was_measured_across_a_suspension_is_not_available(ran):
+    suspension = Suspension()
+
+    def main(run):
+        since = run.now
+        run.check("before", 1.0, "1", low=0.0, since=since)
+        suspension.request("the panel")
+        run.hold_point("in between")
+        run.check("across", 1.0, "1", low=0.0, since=since)
+        run.check("afterwards", 1.0, "1", low=0.0, since=run.now + 1)
+
+    thread, _ = resume_when_held(suspension)
+    result = ran(main, suspension=suspension).result
+    thread.join(10)
+    assert [one.verdict.value for one in result.checks] == ["pass", "not available", "pass", "pass"]
+    assert result.checks[1].note == "the run was held while it was measured"
+    assert result.checks[1].verdict is CheckVerdict.NOT_AVAILABLE
+
+
+def test_a_run_that_nobody_lets_go_on_is_given_up(ran, monkeypatch):
+    monkeypatch.setattr("test_plans.run.HOLD_WITHIN", 0.05)
+    suspension = Suspension()
+    suspension.toggle("Ctrl-Z")
+    result = ran(lambda run: run.hold_point("here"), suspension=suspension).result
+    assert result.verdict is Outcome.BLOCKED
+    assert "stopped by the operator: held here for 0.05 s, and nobody let it go on" in result.reason
+    assert suspension.wanted_by == ""
