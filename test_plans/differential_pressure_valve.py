@@ -26,6 +26,8 @@ BACK_RATE: Final = 10 * mm / s
 HALF: Final = 17 * mm
 #: The gas that was squeezed gives off its heat before it is weighed.
 SETTLE: Final = 8 * s
+#: What counts as an opening, of the highest one.
+OPENED: Final = 0.97
 #: What a transducer's noise is averaged over: 0.05 s, in which an open valve changes the difference by 20 mbar.
 SMOOTH: Final = 10
 
@@ -74,11 +76,13 @@ def differential_pressure_valve(
 
 
 def _extremes(way: float, rest: Mapping[str, float], values: Mapping[str, Samples]) -> tuple[float, float]:
-    """Return the largest difference of the pressures (Pa) and the smallest after that, transducers zeroed at rest."""
+    """Return the largest difference of the pressures (Pa) and the smallest after an opening, zeroed at rest."""
     zero = rest[PRESSURES[0]] - rest[PRESSURES[1]]
     parted = _smooth(-way * (values[PRESSURES[0]] - values[PRESSURES[1]] - zero))
-    opened = int(np.argmax(parted))
-    return float(parted[opened]), float(parted[opened:].min())
+    highest = float(parted.max())
+    # The valve opens several times, and noise chooses the highest: the last one may have no time to close.
+    opened = int(np.argmax(parted > OPENED * highest))
+    return highest, float(parted[opened:].min())
 
 
 def _roll(run: Run, home: Home, z: float, rate: float) -> None:

@@ -74,9 +74,7 @@ MEANT_FOR = {
     "differential pressure valve: stuck open": (
         "differential_pressure_valve",
         {"faults": [("stuck_dpv", {"at": "open"})]},
-        # What is left of the difference goes through the open valve while the air is weighed.
-        {f"{what}, {side} higher" for what in ("opens", "closes again") for side in SIDES}
-        | {"air lost per minute, right spring, right higher"},
+        {f"{what}, {side} higher" for what in ("opens", "closes again") for side in SIDES},
     ),
     "differential pressure valve: stuck shut": (
         "differential_pressure_valve",
