@@ -12,7 +12,7 @@ from scipy.stats import kstest
 from diagnosis.contracts import Channel, Experiment
 from diagnosis.engine.noise import ChannelNoise, Noise, white
 from diagnosis.engine.residual.panel import TESTS, benjamini_hochberg, judged
-from diagnosis.engine.residual.parity import draw, parity
+from diagnosis.engine.residual.parity import draw, parities
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, residuals_of
 from diagnosis.engine.residual.stretches import holds, swings
 from diagnosis.finding import PanelRow
@@ -191,12 +191,12 @@ def test_parity_is_silent_on_noise_and_sees_a_drift(noise):
     for seed in range(40):
         drawn = draw(noise, n, np.random.default_rng(seed))
         case = residuals_of(EXPERIMENT, CHANNELS, predicted + drawn, predicted, drawn)
-        p.append(parity(case, noise, Combination(), "rubber", seed=0).p)
+        p.append(parities(case, noise, Combination(), seed=0)["rubber"].p)
     # Its own floor is drawn, so that p is not exactly uniform; it must not be small by chance.
     assert np.mean(np.array(p) < 0.02) < 0.12
     drawn[:, 0] += 30 * np.arange(n) / n
     case = residuals_of(EXPERIMENT, CHANNELS, predicted + drawn, predicted, drawn)
-    assert parity(case, noise, Combination(), "rubber", seed=0).p < 1e-3
+    assert parities(case, noise, Combination(), seed=0)["rubber"].p < 1e-3
 
 
 def test_noise_is_drawn_as_it_was_described():

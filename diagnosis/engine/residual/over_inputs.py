@@ -20,7 +20,7 @@ POINTS_TO = {
     "even": "area curve, asymmetric orifice, one-sided stop",
     "odd": "friction, bump stop, orifice",
 }
-#: Columns of ``regressors`` that each kind tests beyond all others.
+#: Columns of `Residuals.regressors` that each kind tests beyond all others.
 TESTED = {"linear": slice(2, 4), "even": slice(4, 6), "odd": slice(6, 8)}
 ALL_HARMONICS = (1, 2, 3, 4, 5, 6, 7)
 FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
@@ -40,8 +40,8 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
             return NotApplicable("no input moves" if not residuals.inputs else "too few samples")
         y = white[known]
         best: tuple[float, float, str] | None = None
-        for name, u in residuals.inputs.items():
-            columns = regressors(u, residuals.step)[:, : 4 if parity == "linear" else 8]
+        for name, regressors in residuals.regressors.items():
+            columns = regressors[:, : 4 if parity == "linear" else 8]
             value, freedom = wald(columns[known], y, TESTED[parity])
             p = p_of_chi2(value, freedom)
             if best is None or (p, -value) < (best[0], -best[1]):
@@ -59,15 +59,6 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         )
 
     return test
-
-
-def regressors(u: Array, step: float) -> Array:
-    """Columns (n, 8) of an input and of time: 1, t, u, u̇, u², u u̇, sgn u̇ (smooth), u³."""
-    x = (u - np.median(u)) / u.std()
-    v = np.gradient(x, step)
-    v = v / (v.std() or 1.0)
-    time = np.linspace(-1.0, 1.0, x.size)
-    return np.column_stack((np.ones_like(x), time, x, v, x * x, x * v, np.tanh(2.0 * v), x**3))
 
 
 def _over_input(residuals: Residuals, c: int, name: str) -> Figure:

@@ -9,7 +9,6 @@ import numpy as np
 from diagnosis.contracts import Array
 from diagnosis.engine.config import DRIFT_BLOCKS, LEAST_SAMPLES, LJUNG_BOX_LAGS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
-from diagnosis.engine.residual.over_inputs import regressors
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals
 from diagnosis.finding import Figure, Series, numbers
 
@@ -132,7 +131,7 @@ def _unmoved(residuals: Residuals, c: int, values: Array) -> Array:
     name = residuals.partner(c)
     if not name:
         return values
-    columns, known = regressors(residuals.inputs[name], residuals.step), np.isfinite(values)
+    columns, known = residuals.regressors[name], np.isfinite(values)
     found = np.linalg.lstsq(columns[known], values[known], rcond=1e-9)[0]
     found[1] = 0.0  # the line in time is what is looked for
     return values - columns @ found

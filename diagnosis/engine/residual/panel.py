@@ -26,7 +26,7 @@ from diagnosis.contracts import Array
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.residual import over_cycles, over_inputs, over_time
-from diagnosis.engine.residual.parity import HasParity, parity
+from diagnosis.engine.residual.parity import HasParity, parities
 from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, residuals_of
 from diagnosis.finding import PanelRow, number
 
@@ -78,15 +78,10 @@ def _parities(model: FittedModel, runs: Sequence[Residuals], seed: int) -> list[
     source = model.replay.simulator
     if not isinstance(source, HasParity):
         return []
-    names = list(source.parity(runs[0].experiment, runs[0].predicted))
+    found = [(run.run, parities(run, model.noise, source, seed)) for run in runs]
     return [
-        _row(
-            "parity",
-            "parity",
-            name,
-            [(run.run, parity(run, model.noise, source, name, seed)) for run in runs],
-        )
-        for name in names
+        _row("parity", "parity", name, [(run, signals[name]) for run, signals in found])
+        for name in found[0][1]
     ]
 
 

@@ -24,28 +24,37 @@ class HasParity(Protocol):
         ...
 
 
-def parity(
-    residuals: Residuals, noise: Noise, source: HasParity, name: str, seed: int
-) -> Evidence | NotApplicable:
-    """A parity signal of the measured outputs less that of the predicted ones, as means of blocks.
+def parities(
+    residuals: Residuals, noise: Noise, source: HasParity, seed: int
+) -> dict[str, Evidence | NotApplicable]:
+    """Each parity signal of the measured outputs less that of the predicted ones, as means of blocks.
 
     Its noise is that of the channels, drawn and sent through the same combination; F compares the two.
     """
-    from scipy.special import fdtrc
-
     known = np.isfinite(residuals.residual)
     predicted = np.where(known, residuals.predicted, np.nan)
-    expected = source.parity(residuals.experiment, predicted)[name]
-    difference = (
-        source.parity(residuals.experiment, np.where(known, residuals.measured, np.nan))[name] - expected
-    )
+    expected = source.parity(residuals.experiment, predicted)
+    seen = source.parity(residuals.experiment, np.where(known, residuals.measured, np.nan))
     rng = np.random.default_rng(seed)
-    chance = [
-        source.parity(residuals.experiment, predicted + draw(noise, predicted.shape[0], rng))[name] - expected
-        for _ in range(PARITY_DRAWS)
-    ]
-    seen, time = _means(difference)
-    floor = np.concatenate([_means(values)[0] for values in chance])
+    chance: dict[str, list[Array]] = {name: [] for name in expected}
+    for _ in range(PARITY_DRAWS):
+        drawn = source.parity(residuals.experiment, predicted + draw(noise, predicted.shape[0], rng))
+        for name, signal in drawn.items():
+            chance[name].append(_means(signal - expected[name])[0])
+    return {
+        name: _against_chance(
+            residuals, name, _means(seen[name] - expected[name]), np.concatenate(chance[name])
+        )
+        for name in expected
+    }
+
+
+def _against_chance(
+    residuals: Residuals, name: str, means: tuple[Array, Array], floor: Array
+) -> Evidence | NotApplicable:
+    from scipy.special import fdtrc
+
+    seen, time = means
     if seen.size < 4 or not np.any(floor):
         return NotApplicable("too few samples in which every channel of the combination was measured")
     ratio = float(np.mean(seen**2) / np.mean(floor**2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,11 +13,11 @@ from diagnosis.engine.residual.stretches import Hold, Swing, holds, moving, swin
 from diagnosis.finding import Figure
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Residuals:
     """What one run leaves: ``residual`` (n, c) in SI, ``whitened`` (n, c) with unit variance, NaN where nothing counts.
 
-    ``inputs`` are those that move; ``swings`` and ``holds`` what they do.
+    ``inputs`` are those that move; ``swings`` and ``holds`` what they do. What several tests need is made once.
     """
 
     experiment: Experiment
@@ -39,20 +40,40 @@ class Residuals:
         """Sampling interval in s."""
         return self.experiment.step
 
+    @cached_property
+    def regressors(self) -> Mapping[str, Array]:
+        """Columns (n, 8) of each input and of time: 1, t, u, u̇, u², u u̇, sgn u̇ (smooth), u³."""
+        return {name: _regressors(u, self.step) for name, u in self.inputs.items()}
+
     def partner(self, c: int, start: int = 0, stop: int | None = None) -> str:
         """The input that a channel follows best, by its correlation with value and slope; "" where none moves."""
-        inside = slice(start, stop)
-        known = self.measured[inside, c]
-        if not np.isfinite(known).any():
-            return ""
-        y = np.nan_to_num(known - np.nanmean(known))
-        best, found = 0.0, ""
+        if (start, stop) not in self._partners:
+            self._partners[start, stop] = self._follow(slice(start, stop))
+        return self._partners[start, stop][c]
+
+    @cached_property
+    def _partners(self) -> dict[tuple[int, int | None], tuple[str, ...]]:
+        return {}
+
+    def _follow(self, inside: slice) -> tuple[str, ...]:
+        known = self.measured[inside]
+        count = np.maximum(np.isfinite(known).sum(axis=0), 1)
+        y = np.nan_to_num(known - np.nansum(known, axis=0) / count)
+        best, found = np.zeros(y.shape[1]), [""] * y.shape[1]
         for name, u in self.inputs.items():
-            columns = np.column_stack((np.ones(y.size), u[inside], np.gradient(u[inside])))
-            explained, _ = wald(columns, y, slice(1, 3))
-            if explained > best:
-                best, found = explained, name
-        return found
+            columns = np.column_stack((np.ones(len(y)), u[inside], np.gradient(u[inside])))
+            explained, _ = _explained(columns, y, slice(1, 3))
+            found = [name if more else old for more, old in zip(explained > best, found, strict=True)]
+            best = np.maximum(best, explained)
+        return tuple(found)
+
+
+def _regressors(u: Array, step: float) -> Array:
+    x = (u - np.median(u)) / u.std()
+    v = np.gradient(x, step)
+    v = v / (v.std() or 1.0)
+    time = np.linspace(-1.0, 1.0, x.size)
+    return np.column_stack((np.ones_like(x), time, x, v, x * x, x * v, np.tanh(2.0 * v), x**3))
 
 
 def residuals_of(
@@ -97,12 +118,18 @@ def wald(columns: Array, y: Array, tested: slice) -> tuple[float, int]:
 
     Columns that the others contain lose their degree of freedom.
     """
+    explained, freedom = _explained(columns, y[:, np.newaxis], tested)
+    return float(explained[0]), freedom
+
+
+def _explained(columns: Array, y: Array, tested: slice) -> tuple[Array, int]:
+    """As `wald`, for several y (n, c) at once."""
     norm = np.sqrt(np.einsum("nk,nk->k", columns, columns))
     scaled = columns / np.where(norm > 0.0, norm, 1.0)
     base = _basis(np.delete(scaled, np.arange(columns.shape[1])[tested], axis=1))
     own = _basis(scaled[:, tested] - base @ (base.T @ scaled[:, tested]))
-    projection = own.T @ (y - base @ (base.T @ y))
-    return float(projection @ projection), own.shape[1]
+    projection = own.T @ y - (own.T @ base) @ (base.T @ y)
+    return np.sum(projection**2, axis=0), own.shape[1]
 
 
 def _basis(columns: Array) -> Array:
