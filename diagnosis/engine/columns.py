@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, MeasuredRun
-from diagnosis.engine.kernels import block_products, weighted_sum
+from diagnosis.engine.kernels import block_products, quotients, weighted_sum
 
 Floats = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -180,13 +180,14 @@ class ColumnsInWork:
         self._packing, self._size = packing, size
         self._rows: list[dict[int, Floats]] = [{} for _ in range(packing.counted.shape[1])]
 
-    def put(self, place: int, values: Array) -> None:
-        """Keep the column at a place, of which ``values`` (n, c) are all samples, in single precision."""
-        packed = self._packing.pack(values).astype(np.float32)
-        for c, rows in enumerate(self._rows):
-            samples = packed[self._packing.channel(c)]
-            if samples.any():
-                rows[place] = samples.copy()
+    def put(self, place: int, outputs: Array, predictions: Array, distance: float = 1.0) -> None:
+        """Keep the column at a place: how far outputs (n, c) are from predictions per distance, in single precision."""
+        packed, moved = np.empty(self._packing.size, np.float32), np.empty(len(self._rows), bool)
+        bounds = np.array(self._packing.bounds)
+        places = self._packing.places
+        quotients(outputs.ravel(), predictions.ravel(), distance, places, bounds, packed, moved)
+        for c in np.flatnonzero(moved).tolist():
+            self._rows[c][place] = packed[self._packing.channel(c)].copy()
 
     def done(self) -> Columns:
         """Return the columns, all of which have been put."""
@@ -204,7 +205,7 @@ def columns_of(packing: Packing, values: Floats) -> Columns:
     """Return columns (k, n, c) packed."""
     work = ColumnsInWork(packing, len(values))
     for k, row in enumerate(values):
-        work.put(k, row)
+        work.put(k, row, np.zeros_like(row))
     return work.done()
 
 

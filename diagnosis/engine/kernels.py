@@ -29,6 +29,23 @@ def filter_rows(values: Any, starts: Any, which: Any, weights: Any, reach: Any, 
 
 
 @numba.njit(cache=True, nogil=True)
+def quotients(
+    outputs: Any, predictions: Any, distance: float, places: Any, bounds: Any, out: Any, moved: Any
+) -> None:
+    """Write (outputs − predictions)/distance of the samples (N,) that count, and which channels (c,) have ``moved``.
+
+    ``outputs`` and ``predictions`` are flattened; ``places`` (N,) and ``bounds`` (c + 1,) are those of a packing.
+    """
+    for c in range(len(moved)):
+        any_here = False
+        for i in range(bounds[c], bounds[c + 1]):
+            k = places[i]
+            out[i] = (outputs[k] - predictions[k]) / distance
+            any_here |= out[i] != 0.0
+        moved[c] = any_here
+
+
+@numba.njit(cache=True, nogil=True)
 def block_products(values: Any, samples: Any, edges: Any, out: Any) -> None:
     """Write the inner products (m, b) of each row (n,) of ``values`` with ``samples`` (n,), between ``edges`` (b + 1,).
 

@@ -180,7 +180,8 @@ class AirSpring:
         known = [self._replayed(job, replayed) for job in jobs]
         effort = Counter(jobs=len(jobs))
         for job, readings in zip(jobs, read_all(known, effort), strict=True):
-            yield self._shifted(self._prepare(job.experiment), readings[:, self._sensors], job.parameters)
+            chosen = np.take(readings, self._sensors, axis=1)
+            yield self._shifted(self._prepare(job.experiment), chosen, job.parameters)
         with self._lock:
             self.effort.update(effort)
 

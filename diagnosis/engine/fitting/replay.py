@@ -95,7 +95,7 @@ class Replay:
 
         def divide(i: int, outputs: Array) -> None:
             r, k = jobs[i]
-            columns[r].put(k, (outputs - predictions[r]) / steps[r][k][1])
+            columns[r].put(k, outputs, predictions[r], steps[r][k][1])
 
         self._simulate([(r, steps[r][k][0]) for r, k in jobs], divide)
         return [of_run.done() for of_run in columns]
