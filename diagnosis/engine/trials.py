@@ -17,6 +17,7 @@ passed all other gates, and that no better one has already passed before, is ask
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from diagnosis.engine.config import SUBSTITUTE, WITH_RELATIVES
 from diagnosis.engine.family import richer_surcharge
@@ -59,21 +60,25 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     """Fit what stands out against the current model, with its relatives, and judge it; best BIC first."""
-    current = state.current
-    fits: dict[str, FittedModel] = {}
+    current, best = state.current, math.inf
+    fitted: list[tuple[Trial, FittedModel | None]] = []
     for name, place in _wanted(problem, current).items():
-        best = min((model.penalised_chi2 for model in fits.values()), default=math.inf)
-        fits[name] = refit(problem, current.screening.start(current.model.point, place), current, best)
-    surcharge = {name: richer_surcharge(problem, name, model, current) for name, model in fits.items()}
-    trials: list[Trial] = []
-    for name in sorted(fits, key=lambda name: fits[name].bic + surcharge[name]):
-        model, prediction = fits[name], None
+        model = refit(problem, current.screening.start(current.model.point, place), current, best)
+        best = min(best, model.penalised_chi2)
         failed = unfit(model, current.model) or too_rough(problem, current, model)
-        if not failed and all(trial.failed for trial in trials):
-            prediction = predicted(problem, model, current.prediction)
-            failed = too_useless(problem, state, model, prediction)
         physical = not unphysical(model, current.model)
-        trials.append(trial_of(name, model, prediction, failed, physical, surcharge[name]))
+        surcharge = richer_surcharge(problem, name, model, current)
+        # A model is large, and nothing is asked of one that has failed.
+        fitted.append((trial_of(name, model, None, failed, physical, surcharge), None if failed else model))
+    fitted.sort(key=lambda one: one[0].bic)
+    trials = [trial for trial, _ in fitted]
+    for i, (trial, passed) in enumerate(fitted):
+        if passed is not None:
+            prediction = predicted(problem, passed, current.prediction)
+            failed = too_useless(problem, state, passed, prediction)
+            trials[i] = replace(trial, failed=failed, lpd=prediction.lpd if prediction else math.nan)
+            if not failed:
+                break
     return tuple(trials)
 
 
