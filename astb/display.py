@@ -6,6 +6,7 @@ from typing import Final, Self
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from astb.live.drawing import drawn
 from astb.live.model import Live
@@ -31,11 +32,27 @@ _PER_SECOND: Final = 4
 
 
 class _Screen(Progress):
-    """A bar, and below it the latest snapshot of a run: it draws by time, whatever happens meanwhile."""
+    """A bar, and below it the latest snapshot of a run: it draws by time, whatever happens meanwhile.
+
+    While somebody is asked nothing is drawn, for the answer is typed there.
+    """
 
     run: Live | None = None
+    _empty = False
+
+    @property
+    def _asked(self) -> bool:
+        return self.run is not None and self.run.question is not None
+
+    def refresh(self) -> None:
+        """Draw; once, and then no more, that there is nothing to see."""
+        if not (self._empty and self._asked):
+            super().refresh()
 
     def get_renderables(self) -> Iterable[RenderableType]:
+        self._empty = self._asked
+        if self._empty:
+            return
         yield from super().get_renderables()
         if self.run is not None:
             yield drawn(self.run.snapshot())
@@ -74,11 +91,11 @@ class ProgressDisplay:
         """Show, once, under which circumstances is measured."""
         if text and text != self._introduced:
             self._introduced = text
-            self._console.print(text, style="bold", highlight=False, markup=False, soft_wrap=True)
+            self._print(text, "bold")
 
     def warn(self, text: str) -> None:
         """Show what somebody has to know before they touch the bench."""
-        self._console.print(f"  {text}", style="bold", highlight=False, markup=False, soft_wrap=True)
+        self._print(f"  {text}", "bold")
 
     def begin(self, plan: str, live: Live | None = None) -> None:
         """Show that ``plan`` begins, and if it is a run from now on how it goes."""
@@ -93,7 +110,7 @@ class ProgressDisplay:
         if self._live is not None:
             self._live.say(text)
         if self._task is None or not self._console.is_terminal:
-            self._console.print(text, style="dim", highlight=False, markup=False, soft_wrap=True)
+            self._print(text, "dim")
         else:
             self._screen.update(self._task, description=text)
 
@@ -108,9 +125,7 @@ class ProgressDisplay:
                 self._screen.update(self._task, description="" if self._live else path[-1])
         else:
             time = "" if self._live is None else f"{self._live.time:8.1f} s"
-            self._console.print(
-                f"{time}  {'  ' * (len(path) - 1)}{path[-1]}", highlight=False, markup=False, soft_wrap=True
-            )
+            self._print(f"{time}  {'  ' * (len(path) - 1)}{path[-1]}")
 
     def progress(self, fraction: float) -> None:
         """Show how much of the plan is done."""
@@ -128,9 +143,7 @@ class ProgressDisplay:
         """Show a check and its verdict."""
         if self._live is not None:
             self._live.checked(check)
-        self._console.print(
-            f"  {check}", style=_COLOURS[check.verdict], highlight=False, markup=False, soft_wrap=True
-        )
+        self._print(f"  {check}", _COLOURS[check.verdict])
 
     def conclude(self, result: Result, directory: Path) -> None:
         """Show the verdict on a plan and where its report lies."""
@@ -142,7 +155,9 @@ class ProgressDisplay:
         colour = _OUTCOMES[result.verdict]
         said = headline(result) if result.verdict is Outcome.INCOMPLETE else result.reason
         reason = f": {said}" if said else ""
-        self._console.print(
-            f"{result.plan}: {result.verdict.upper()}{reason}", style=f"bold {colour}", markup=False
-        )
-        self._console.print(f"  report: {directory / REPORT}", highlight=False, markup=False, soft_wrap=True)
+        self._print(f"{result.plan}: {result.verdict.upper()}{reason}", f"bold {colour}")
+        self._print(f"  report: {directory / REPORT}")
+
+    def _print(self, text: str, style: str = "") -> None:
+        # As text with a style of its own: a style of the whole print would colour what is drawn below, too.
+        self._console.print(Text(text, style), soft_wrap=True)

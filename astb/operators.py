@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final, TextIO
 
 from rich.console import Console
+from rich.text import Text
 
 from test_plans.operator import (
     DONE,
@@ -100,7 +101,7 @@ class Terminal(QuestionBox):
         self._ended = True
 
     def _print(self, text: str, style: str) -> None:
-        self._console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+        self._console.print(Text(text, style), soft_wrap=True)
 
 
 def read_answers(path: Path) -> Script:

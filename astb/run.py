@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from rich.console import Console
+from rich import get_console
 
 from astb.display import ProgressDisplay
 from astb.live.model import Live
@@ -61,7 +61,7 @@ def run_plans(
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
-    with ProgressDisplay(Console()) as display, held_by_keyboard() as suspension:
+    with ProgressDisplay(get_console()) as display, held_by_keyboard() as suspension:
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
                 result, _ = run_plan(
@@ -100,14 +100,7 @@ def run_plan(
     if keeping.operator:
         meta["operator"] = keeping.operator
     display.introduce(" · ".join(circumstances(meta)))
-    live = Live(
-        plan.name,
-        session.bench,
-        rig=rig.name,
-        limits=known_limits(rig),
-        outline=kept_outline(out, plan.name, plan.written),
-    )
-    display.begin(plan.name, live)
+    display.begin(plan.name, _live(plan, session, rig, out, operator, suspension))
     stopped: KeyboardInterrupt | None = None
     try:
         with undisturbed(), kept_frames(session, directory if keeping.frames else None):
@@ -136,6 +129,28 @@ def run_plan(
             display.warn(str(stopped))
         raise stopped
     return result, directory
+
+
+def _live(
+    plan: "Plan",
+    session: Session,
+    rig: RigFile,
+    out: Path,
+    operator: "Operator | None",
+    suspension: "Suspension | None",
+) -> Live:
+    """Return the model of a run that begins now, for whoever watches it."""
+    from test_plans.operator import QuestionBox
+
+    return Live(
+        plan.name,
+        session.bench,
+        rig=rig.name,
+        limits=known_limits(rig),
+        outline=kept_outline(out, plan.name, plan.written),
+        box=operator if isinstance(operator, QuestionBox) else None,
+        suspension=suspension,
+    )
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def run_command(
     """
     import signal
 
-    from rich.console import Console
+    from rich import get_console
 
     from astb.operators import operator_for
     from astb.rig_file import RigFileError
@@ -84,7 +84,7 @@ def run_command(
             seed=seed,
             out=out,
             specimen=specimen,
-            operator=operator_for(answers, Console()),
+            operator=operator_for(answers, get_console()),
             keeping=Keeping(run_by, keep_frames),
         )
     except (RigFileError, ValueError, RecordError) as error:

@@ -19,7 +19,10 @@ def drawn(seen: Snapshot) -> Text:
     text.append(f"{seen.state:<14}", "bold" if not seen.reason else "bold red")
     text.append(seen.reason and f"{seen.reason}  ", "red")
     text.append(" › ".join(seen.step) or "–", "bold")
-    text.append(f"  {seen.in_step:.0f} s\n")
+    text.append(f"  {seen.in_step:.0f} s")
+    if seen.held or seen.hold_wanted_by:
+        text.append(f"  held {seen.held}" if seen.held else "  to be held at the next place", "bold yellow")
+    text.append("\n")
     text.append(f"{'next':<14}", "dim")
     text.append((seen.next or ("not known" if seen.left is None else "the end")) + "  ")
     text.append(_time_left(seen), "dim")

@@ -14,6 +14,8 @@ from drivers.settings import UNKNOWN
 if TYPE_CHECKING:
     from bench_records.result import Check, Result
     from drivers.bench import Bench
+    from test_plans.operator import Question, QuestionBox
+    from test_plans.suspension import Suspension
 
 _ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 #: Told beside the readings that have limits.
@@ -23,9 +25,9 @@ _ALSO: Final = ("supply.pressure",)
 class Live:
     """A run of ``plan`` on ``bench``: a plan's watcher, and the source of its snapshots.
 
-    ``limits`` are those that are known of the rig, ``outline`` what an earlier run tells of the steps. A snapshot asks
-    nothing of the rig: it has what came by itself. The run's thread assigns whole values, and any other thread reads
-    them.
+    ``limits`` are those that are known of the rig, ``outline`` what an earlier run tells of the steps, ``box`` is where
+    a question waits for its answer, ``suspension`` whether the run is held. A snapshot asks nothing of the rig: it has what came by itself. The run's thread
+    assigns whole values, and any other thread reads them.
     """
 
     def __init__(
@@ -36,6 +38,8 @@ class Live:
         rig: str = "",
         limits: list[KnownLimit] | None = None,
         outline: Outline = NONE,
+        box: "QuestionBox | None" = None,
+        suspension: "Suspension | None" = None,
     ) -> None:
         self._plan, self._rig, self._bench = plan, rig, bench
         self._limits: dict[str, list[KnownLimit]] = {}
@@ -44,6 +48,7 @@ class Live:
                 self._limits.setdefault(one.limit.signal, []).append(one)
         self._names = (*self._limits, *(name for name in _ALSO if bench.has(name)))
         self._follower, self._source = Follower(outline), outline.source
+        self._box, self._suspension = box, suspension
         self._start = self._step_start = bench.clock.now()
         self._first: dict[str, float] = {}
         self._late_before = bench.readings.glimpse("rig.late_ticks")
@@ -84,6 +89,11 @@ class Live:
         """How long the run lasts already (s)."""
         return (self._bench.clock.now() - self._start) / NS
 
+    @property
+    def question(self) -> "Question | None":
+        """The question that waits for an answer, if there is one."""
+        return None if self._box is None else self._box.question
+
     # -- what others see -------------------------------------------------------------------------------------------
 
     def snapshot(self) -> Snapshot:
@@ -97,6 +107,7 @@ class Live:
             self._bench.readings.glimpse(f"rig.{name}") for name in ("late_ticks", "lateness_max")
         )
         late -= self._late_before if not isnan(self._late_before) else 0.0
+        question, held = self.question, self._suspension
         return Snapshot(
             plan=self._plan,
             rig=self._rig,
@@ -110,6 +121,10 @@ class Live:
             fraction=self._fraction if left is None else time / max(time + left, 1e-9),
             outline=self._source,
             said=self._said,
+            question="" if question is None else question.text,
+            answers=() if question is None else question.allowed,
+            held="" if held is None else held.held_at,
+            hold_wanted_by="" if held is None else held.wanted_by,
             checks=self._counts,
             last_check=self._last_check,
             readings=tuple(self._reading(name) for name in self._names),

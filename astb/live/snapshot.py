@@ -28,6 +28,10 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     fraction: float = 0.0  #: of the run that is done
     outline: str = ""  #: which earlier run knows what comes
     said: str = ""  #: what the plan said last
+    question: str = ""  #: that waits for its answer
+    answers: tuple[str, ...] = ()  #: that it allows
+    held: str = ""  #: where the run is held, "" if it goes on
+    hold_wanted_by: str = ""  #: who wants it to be held, there or at the next place where that can be
     checks: dict[str, int] = {}  #: how many so far, by verdict
     last_check: str = ""
     readings: tuple[LiveReading, ...] = ()

@@ -6,12 +6,15 @@ import pty
 import re
 import subprocess
 import sys
+from io import StringIO
 
 import msgspec
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from astb.cli import commands
+from astb.display import ProgressDisplay
 from astb.live.drawing import drawn
 from astb.live.model import Live
 from astb.live.outline import NONE, Follower, Outline, kept_outline
@@ -20,8 +23,11 @@ from astb.rig_file import RigFile
 from astb.rig_limits import known_limits
 from bench_protocol.units import mm, s
 from bench_records.layout import Phase
+from bench_records.result import check
 from test_plans.execution import execute
+from test_plans.operator import Question, QuestionBox
 from test_plans.plan import plan
+from test_plans.suspension import Suspension
 
 HALL = RigFile("hall", limits=({"signal": "lateral.displacement", "kind": "upper", "at": "40 mm"},))
 
@@ -120,12 +126,34 @@ def test_a_snapshot_travels_as_json(watch):
     assert json.loads(msgspec.json.encode(seen))["readings"][0]["name"] == "left.height"
 
 
+def test_a_question_is_told_and_the_screen_left_to_whoever_answers(bench_composed):
+    box, paper = QuestionBox(), StringIO()
+    with bench_composed() as made:
+        held = Suspension()
+        live = Live("walk", made.bench, box=box, suspension=held)
+        held.request("me")
+        assert (live.snapshot().hold_wanted_by, live.snapshot().held) == ("me", "")
+        asked = Question("Put 200 kg on the bolster.")
+        box.ask(asked)
+        assert (live.snapshot().question, live.snapshot().answers) == (asked.text, asked.allowed)
+        with ProgressDisplay(Console(file=paper, force_terminal=True, width=100)) as display:
+            display.begin("walk", live)
+            assert "late ticks" not in paper.getvalue()
+            box.reply("done", "me")
+            assert live.snapshot().question == ""
+            display.begin("walk", live)
+            display.checked(check("place", 1.0, "mm", 1e-3, low=0.0, high=2.0))
+        assert "late ticks" in paper.getvalue()
+        assert "place = 1000 mm" in paper.getvalue()
+
+
 def test_a_drawing_tells_trouble():
     seen = Snapshot(
         plan="walk",
         rig="hall",
         time=3.0,
         state="FAULT_HOLD",
+        hold_wanted_by="me",
         reason="limit tripped",
         step=("main", "there"),
         readings=(
@@ -140,6 +168,7 @@ def test_a_drawing_tells_trouble():
         "main › there",
         "not known",
         "does not tell",
+        "to be held",
         "no reading",
         " 95 %",
     ):
