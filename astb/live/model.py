@@ -25,9 +25,9 @@ _ALSO: Final = ("supply.pressure",)
 class Live:
     """A run of ``plan`` on ``bench``: a plan's watcher, and the source of its snapshots.
 
-    ``limits`` are those that are known of the rig, ``outline`` what an earlier run tells of the steps, ``box`` is where
-    a question waits for its answer, ``suspension`` whether the run is held. A snapshot asks nothing of the rig: it has what came by itself. The run's thread
-    assigns whole values, and any other thread reads them.
+    ``limits`` are those that are known of the rig, ``outline`` what an earlier run tells of the steps; ``box`` is where
+    a question waits for its answer, ``suspension`` knows whether the run is held. A snapshot asks nothing of the rig:
+    it has what came by itself. The run's thread assigns whole values, and any other thread reads them.
     """
 
     def __init__(
