@@ -22,6 +22,7 @@ NAMES: Final = (
     "commander_beats",
     "codec",
     "time_to_safe",
+    "campaigns",
     "diagnosis_duration",
 )
 

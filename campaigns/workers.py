@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from os import sched_getaffinity
 from typing import TYPE_CHECKING, Any, Final
@@ -61,3 +62,13 @@ def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iter
         Client(local, set_as_default=False) as client,
     ):
         yield client
+
+
+@contextmanager
+def executor(scheduler: str | None = None, *, workers: int | None = None) -> Iterator[Executor]:
+    """Yield an executor of `concurrent.futures` on the workers of a `cluster`, for work of several kinds or stages.
+
+    At the end of the block nothing is waited for: what has not ended is dropped.
+    """
+    with cluster(scheduler, workers=workers) as client:
+        yield client.get_executor(pure=False)

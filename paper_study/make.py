@@ -6,8 +6,9 @@ from typing import Final
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from campaigns.workers import executor
 from paper_study import page
-from paper_study.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, pool, study
+from paper_study.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, study
 
 _KINDS: Final = (BENCH, MODEL, CHECKED, SENSITIVITY, FIGURES)
 
@@ -24,6 +25,6 @@ def make(out: Path, *, quick: bool, seed: int, workers: int | None = None) -> Pa
                 bars.start_task(tasks[kind])
             bars.update(tasks[kind], completed=ready, total=total)
 
-        with pool(workers) as executor:
-            found = study(executor, out, quick=quick, seed=seed, progress=progress)
-            return page.write(executor, found, out, progress)
+        with executor(workers=workers) as cores:
+            found = study(cores, out, quick=quick, seed=seed, progress=progress)
+            return page.write(cores, found, out, progress)

@@ -1,13 +1,10 @@
 """Computes what figures, table and claims need, on all cores, and holds the results."""
 
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import count
-from os import cpu_count
 from pathlib import Path
 from typing import Any, Final
 
@@ -79,23 +76,6 @@ class Study:
         return {name: one.value for name, one in self.identified.parameters.items()}
 
 
-def pool(workers: int | None = None) -> Executor:
-    """Return spawned processes, one for each core unless told otherwise: numba and a fork do not go together."""
-    return ProcessPoolExecutor(
-        workers or min(cpu_count() or 1, 16), mp_context=multiprocessing.get_context("spawn")
-    )
-
-
-@contextmanager
-def _cancelled_on_error(executor: Executor) -> Iterator[None]:
-    """Cancel what has not begun if the block fails."""
-    try:
-        yield
-    except BaseException:
-        executor.shutdown(wait=False, cancel_futures=True)
-        raise
-
-
 def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Progress) -> Study:
     """Run everything and return it; the bench's records lie below ``out``.
 
@@ -103,35 +83,32 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
     of the sensitivity. NoBenchResult if a plan was blocked.
     """
     seeds = (seed,) if quick else (seed, seed + 1, seed + 2)
-    with _cancelled_on_error(executor):
-        groups = claim_groups()
-        tables = _sensitivity_tables(quick)
-        # The rides are one long piece: they come first. Then the bench, for which the next stage waits.
-        checked: list[Future[Any]] = [executor.submit(check_group, groups[0], quick)]
-        measured = [executor.submit(measure, plan, one, out) for plan in PLANS for one in seeds]
-        checked += [executor.submit(check_group, ids, quick) for ids in groups[1:]]
-        spread = {
-            layer: [executor.submit(sensitivity.evaluate, layer, part) for part in parts]
-            for layer, (parts, _) in tables.items()
-        }
-        confused = executor.submit(confusable, quick)
-        _watch(BENCH, measured, progress)
-        _watch(CHECKED, checked, progress)
-        _watch(SENSITIVITY, [future for futures in spread.values() for future in futures], progress)
-        for future in measured:
-            future.result()
-        bench = gather(out, seeds)
-        identified = _identify(bench, seeds, out)
-        fitted = {name: one.value for name, one in identified.parameters.items()}
-        modelled = {
-            name: executor.submit(job, fitted, *args) for name, job, args in model_jobs(bench, identified)
-        }
-        modelled["confusable"] = confused
-        _watch(MODEL, [*modelled.values()], progress)
-        for future in as_completed(
-            [*checked, *modelled.values(), *(f for fs in spread.values() for f in fs)]
-        ):
-            future.result()
+    groups = claim_groups()
+    tables = _sensitivity_tables(quick)
+    # The rides are one long piece: they come first. Then the bench, for which the next stage waits.
+    checked: list[Future[Any]] = [executor.submit(check_group, groups[0], quick)]
+    measured = [executor.submit(measure, plan, one, out) for plan in PLANS for one in seeds]
+    checked += [executor.submit(check_group, ids, quick) for ids in groups[1:]]
+    spread = {
+        layer: [executor.submit(sensitivity.evaluate, layer, part) for part in parts]
+        for layer, (parts, _) in tables.items()
+    }
+    confused = executor.submit(confusable, quick)
+    _watch(BENCH, measured, progress)
+    _watch(CHECKED, checked, progress)
+    _watch(SENSITIVITY, [future for futures in spread.values() for future in futures], progress)
+    for future in measured:
+        future.result()
+    bench = gather(out, seeds)
+    identified = _identify(bench, seeds, out)
+    fitted = {name: one.value for name, one in identified.parameters.items()}
+    modelled = {
+        name: executor.submit(job, fitted, *args) for name, job, args in model_jobs(bench, identified)
+    }
+    modelled["confusable"] = confused
+    _watch(MODEL, [*modelled.values()], progress)
+    for future in as_completed([*checked, *modelled.values(), *(f for fs in spread.values() for f in fs)]):
+        future.result()
 
     entries: dict[int, dict[str, Any]] = {}
     rides: list[ComfortRow] = []

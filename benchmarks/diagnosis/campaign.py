@@ -1,12 +1,9 @@
 """Many sealed cases in several processes; the judgement of each is kept at once, as a line of JSON."""
 
-import multiprocessing
-import os
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +11,8 @@ import msgspec
 
 from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind
 from benchmarks.diagnosis.judge import Judged, failed, judge
+from campaigns.core import carried_out
+from campaigns.workers import cluster
 
 KEPT: Final = Path(__file__).parents[2] / "runs" / "diagnosis"
 #: The kinds of cases, drawn in this order again and again: half of them ordinary, the others difficult.
@@ -133,19 +132,9 @@ def _carried_out(left: Sequence[Case], processes: int) -> Iterator[Judged]:
     if processes == 1:
         yield from map(carry_out, left)
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent) as pool:
-        for future in as_completed([pool.submit(carry_out, case) for case in left]):
-            yield future.result()
-
-
-def _end_with_parent() -> None:
-    """End this worker when the campaign that started it is killed, not hours of diagnoses later."""
-
-    def watch() -> None:
-        campaign = multiprocessing.parent_process()
-        assert campaign is not None
-        campaign.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    by_key = {f"{case.system} {case.kind} {case.condition} {case.seed}": case for case in left}
+    with cluster(workers=processes) as client, closing(carried_out(client, carry_out, by_key)) as ended:
+        for one in ended:
+            case = by_key[one.key]
+            truth = GroundTruth(seed=case.seed, kind=case.kind, condition=case.condition)
+            yield one.value or failed(truth, one.error, system=case.system, elapsed=one.seconds)

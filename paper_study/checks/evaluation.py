@@ -1,13 +1,14 @@
 """Evaluates checks over several processes, and writes what they found as ``claims.json``."""
 
 import json
-import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from campaigns.core import carried_out
+from campaigns.workers import cluster
 from paper_study.checks.catalogue import CHECKS, select
 from paper_study.checks.check import ClaimCheck
 from paper_study.subject import Subject
@@ -44,12 +45,15 @@ def evaluate_all(
         for part in parts:
             ready(_evaluate(part, *arguments))
     else:
-        # Spawned processes: numba's threads and a fork do not go together.
-        with ProcessPoolExecutor(
-            min(workers, len(parts)), mp_context=multiprocessing.get_context("spawn")
-        ) as pool:
-            for future in as_completed([pool.submit(_evaluate, part, *arguments) for part in parts]):
-                ready(future.result())
+        jobs = {str(part): part for part in parts}
+        with (
+            cluster(workers=min(workers, len(parts))) as client,
+            closing(carried_out(client, lambda part: _evaluate(part, *arguments), jobs)) as ended,
+        ):
+            for one in ended:
+                if one.error:
+                    raise RuntimeError(f"the checks {one.key} were not evaluated: {one.error}")
+                ready(one.value)
     return [entries[place] for place in places]
 
 
