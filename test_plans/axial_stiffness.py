@@ -33,9 +33,9 @@ STAIR_WAIT: Final = 3 * s
     lasts=140 * s,
 )
 def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
-    """Axial stiffness of each spring under one `load`, in the three ways of EN 13597.
+    """Axial stiffness of each spring, in the three ways of EN 13597.
 
-    The springs carry the load on their leveling valves and stand at design height.
+    The springs carry the `load` on their leveling valves and stand at design height.
 
     * Isobaric: the bolster goes up and down in stairs of 10 mm to 20 mm, on each of which the pressure is brought back
       to what it was. What is left is the area's change with height and the rubber.

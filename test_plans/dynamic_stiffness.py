@@ -31,9 +31,9 @@ ANGLE: Final = ("loss angle", "deg")
     lasts=86 * s,
 )
 def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
-    """Dynamic stiffness under one `load`: storage K', loss K'' and loss angle, per spring, first harmonic.
+    """Dynamic stiffness: storage K', loss K'' and loss angle, per spring, first harmonic.
 
-    The springs carry the load on their leveling valves and stand at design height; all valves are shut. The vertical
+    The springs carry the `load` on their leveling valves and stand at design height; all valves are shut. The vertical
     actuators move the bolster in sines of 5 mm at each frequency of the specimen's file, then of 1 Hz with each
     amplitude that it states. What the orifice does depends on both: its damping has a peak over frequency and over
     amplitude.

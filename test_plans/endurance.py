@@ -79,7 +79,15 @@ class Looks:
                         check_band(run, title, self.change(values, unit), unit, band)
 
     def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[float]) -> None:
-        keep(run, where, f"{quantity[0].capitalize()} over cycles", CYCLES, quantity, self.cycles, values)
+        keep(
+            run,
+            where,
+            f"{quantity[0][0].upper()}{quantity[0][1:]} over cycles",
+            CYCLES,
+            quantity,
+            self.cycles,
+            values,
+        )
 
 
 @plan(
@@ -95,15 +103,15 @@ def endurance(
     axis: Literal["vertical", "lateral"] = "vertical",
     amplitude: Annotated[float, Range(2 * mm, 20 * mm, "mm")] = 10 * mm,
     frequency: Annotated[float, Range(0.2 * Hz, 3 * Hz, "Hz")] = 1 * Hz,
-    cycles: Annotated[int, Range(100, 1_000_000)] = 300,
+    cycles: Annotated[int, Range(200, 1_000_000)] = 300,
     intervals: Annotated[int, Range(1, 100)] = 3,
 ) -> None:
-    """Endurance: `cycles` of one `amplitude` and `frequency` along one `axis`, under one `load`, in some `intervals`.
+    """Endurance: what many cycles change of stiffness, damping, height and tightness.
 
-    The springs carry the load on their leveling valves and stand at design height; all valves are shut. They are run in
-    for a minute, until the gas is as warm as it will be. Before the cycles and after each interval the bench rests for
-    half a minute and looks: stiffness and damping (5 mm, 1 Hz), the height at which each spring carries its load, and
-    the mass of its air.
+    The springs carry the `load` on their leveling valves and stand at design height; all valves are shut. They are run
+    in for a minute, until the gas is as warm as it will be. Then come the `cycles` along one `axis`, in some
+    `intervals`. Before them and after each interval the bench rests for half a minute and looks: stiffness and damping
+    (5 mm, 1 Hz), the height at which each spring carries its load, and the mass of its air.
 
     Good is what the specimen's file allows to change in 1000 cycles, along the straight line through all looks, and of
     air to be lost in a minute. The more cycles, the less a look's own scatter matters: 0.1 % over 300 cycles is a third

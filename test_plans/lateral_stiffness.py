@@ -46,11 +46,11 @@ def lateral_stiffness(
     amplitude: Annotated[float, Range(2 * mm, 20 * mm, "mm")] = 10 * mm,
     offset: Annotated[float, Range(-40 * mm, 40 * mm, "mm")] = 0 * mm,
 ) -> None:
-    """Lateral stiffness and damping for one `load`, `amplitude` and `offset`.
+    """Lateral stiffness and damping of the springs, of any amplitude about any offset.
 
-    The springs carry the load on their leveling valves; then height and pressure are held. Bolster and platform shear
-    the springs to the offset, tilted together where the bump stop would be in the way, and the lateral actuator moves
-    them about it: a sine of 0.5 Hz, first harmonic, half of the pair's.
+    The springs carry the `load` on their leveling valves; then height and pressure are held. Bolster and platform shear
+    the springs to the `offset`, tilted together where the bump stop would be in the way, and the lateral actuator moves
+    them about it by the `amplitude`: a sine of 0.5 Hz, first harmonic, half of the pair's.
 
     Good is what the specimen's file says of stiffness and damping at this amplitude, times what it says is left of them
     at this offset. It interpolates between the values of the file; beyond them it does not know what is good.

@@ -89,19 +89,19 @@ def measuring_chain(
     dummy: Literal["stops", "blocks"] = "stops",
     mass: Annotated[float, Range(0 * kg, 3000 * kg, "kg")] = 0 * kg,
 ) -> None:
-    """Measuring chain: zeros, the bolster's weight, a known `mass`, known forces, and the stiffness of a `dummy`.
+    """Measuring chain: zeros, known weights and forces, and the stiffness of a dummy.
 
     The springs are without air and the actuators without force. Then every pressure, force and acceleration is zero,
     the thermometers agree, lasers and pistons are at one height, and the four load cells carry nothing but the bolster,
-    whose weight is known: 1200 kg. If there is a mass, the operator puts it on the bolster and takes it off again: it
-    alone tells a scale that cells and actuators have wrong together.
+    whose weight is known: 1200 kg. If there is a known `mass`, the operator puts it on the bolster and takes it off
+    again: it alone tells a scale that cells and actuators have wrong together.
 
     Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: pressed
     alike, cells or lasers that are plugged in crosswise would not show. What they press, the cells must read, and those
     across must feel nothing of it; how far the lasers move is what the dummy gives way, how much further the pistons
     move is the frame. At last the lateral actuator pushes to both sides, and the cells across must read as much.
 
-    The dummy is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
+    The `dummy` is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
     steel blocks that somebody has put in the springs' place. These give way by nothing that could be seen: what they
     read as stiffness is the chain's own.
 

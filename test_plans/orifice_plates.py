@@ -31,10 +31,10 @@ def leave_as_found(run: Run) -> None:
 
 @plan(setup=put_down, needs=(*steps.CARRYING, *VERTICAL_WAVES), teardown=leave_as_found, lasts=204 * s)
 def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
-    """Orifice plates under one `load`: vertical stiffness and damping of each spring with each pair of plates.
+    """Orifice plates: vertical stiffness and damping of each spring with each pair of plates.
 
     For each pair of plates that the specimen's file names the air is let off and the plates are fitted: by the bench
-    itself where it can be told to, else by the operator, who is asked. Then the springs carry the load on their
+    itself where it can be told to, else by the operator, who is asked. Then the springs carry the `load` on their
     leveling valves and stand at design height, all valves are shut, and the bolster is moved by 5 mm at 1.2 Hz, near
     the peak of damping of the ordinary plate.
 

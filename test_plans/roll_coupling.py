@@ -41,14 +41,15 @@ def roll_coupling(
     load: Literal["AW0", "AW3"] = "AW0",
     roll: Annotated[float, Range(20 * mrad, 50 * mrad, "mrad")] = 40 * mrad,
 ) -> None:
-    """Roll and coupling under one `load`: roll stiffness and damping, and what a `roll` does sideways.
+    """Roll and coupling: roll stiffness, and what a roll does sideways.
 
-    The springs carry the load on their leveling valves and stand at design height; all valves are shut, the
+    The springs carry the `load` on their leveling valves and stand at design height; all valves are shut, the
     differential pressure valve is isolated. First the vertical actuators roll the bolster by 10 mrad to either side, a
     sine of 0.3 Hz, while it is free sideways: the moment in the load cells over the angle between the lasers. Then the
-    springs stand 20 mm to the left, level, rolled half way and rolled, to either side, and the lateral actuator moves
-    them by 5 mm at 1 Hz. What the mean force differs between the rolls is the coupling: it turns its sign with the
-    roll, which friction and offsets do not. The first harmonic tells the lateral stiffness, rolled over level.
+    springs stand 20 mm to the left, level, rolled half way and by the whole `roll`, to either side, and the lateral
+    actuator moves them by 5 mm at 1 Hz. What the mean force differs between the rolls is the coupling: it turns its
+    sign with the roll, which friction and offsets do not. The first harmonic tells the lateral stiffness, rolled over
+    level.
 
     Good is what the specimen's file says of each; the force of the coupling stands there over the roll.
     """

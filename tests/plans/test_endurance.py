@@ -8,7 +8,7 @@ from test_plans.execution import execute
 
 slow = pytest.mark.slow
 SIDES = ("left", "right")
-SHORT = {"cycles": "100", "intervals": "1"}
+SHORT = {"cycles": "200", "intervals": "1"}
 #: Amid the second of four intervals of a hundred fast cycles (s).
 STOPPED = 325.0
 
