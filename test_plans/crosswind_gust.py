@@ -18,6 +18,7 @@ from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
 from test_plans.tables import PRESSURE, ROLL, SHEAR, keep
+from test_plans.uncertainty import measured
 from test_plans.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
 
 PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in ("left", "right"))
@@ -103,42 +104,28 @@ def crosswind_gust(
 def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> None:
     """Check what the springs did ``at`` times since the wind began (s), and keep it."""
     limits = run.specimen.load(load).limits
-    calm = _during(at, -SMOOTH)
-    y, roll, pushed, parted = (
-        _smooth(series - series[calm].mean())
-        for series in (
-            shear_of(values),
-            roll_of(values),
-            -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0),
-            values[PRESSURES[0]] - values[PRESSURES[1]],
-        )
+    names = {
+        "displacement": ("largest displacement", "mm"),
+        "roll": ("largest roll", "mrad"),
+        "roll_stiffness": ("roll stiffness", "kN*m/rad"),
+        "pressure_difference": ("largest pressure difference", "bar"),
+        "air_moment": ("moment of the air over that of the wind", "1"),
+        "remains": ("displacement that remains", "mm"),
+        "pressure_remains": ("pressure difference that remains", "bar"),
+    }
+    area = run.specimen.effective_area
+    stiffness, *found = measured(
+        lambda read: _numbers(at, _answer(at, read), area), values, instruments=run.instruments
     )
-    peak = int(np.argmax(y))
-    moment = pushed[peak] * CAR.pressure_height
-    blown, calmed = y[_during(at, MIDDLE + MEAN - SMOOTH)].mean(), _during(at, LASTS + AFTER - SMOOTH)
-    unsettled = np.abs(y - blown) > SETTLED * (y[peak] - blown)
-    still = at[np.flatnonzero(unsettled & (at < MIDDLE + MEAN))[-1]] - MIDDLE
+    y, roll, pushed, parted = _answer(at, values)
+    # Beyond the places of the file the displacement fails anyway.
     places = limits.curve("crosswind_gust.stiffness", "kN/m")
-    low, high = limits.curve_at(
-        "crosswind_gust.stiffness", float(np.clip(y[peak], min(places), max(places))), "kN/m"
-    )
-    run.check("lateral stiffness", float(pushed[peak] / y[peak]), "kN/m", low=low, high=high)
-    for name, limit, value, unit in (
-        ("largest displacement", "displacement", y[peak], "mm"),
-        ("largest roll", "roll", np.abs(roll).max(), "mrad"),
-        ("roll stiffness", "roll_stiffness", moment / abs(roll[peak]), "kN*m/rad"),
-        ("largest pressure difference", "pressure_difference", parted.max(), "bar"),
-        (
-            "moment of the air over that of the wind",
-            "air_moment",
-            parted[peak] * run.specimen.effective_area * SPRING_HALF_SPACING / moment,
-            "1",
-        ),
-        ("time to settle", "settling", still, "s"),
-        ("displacement that remains", "remains", abs(y[calmed].mean()), "mm"),
-        ("pressure difference that remains", "pressure_remains", abs(parted[calmed].mean()), "bar"),
-    ):
-        check_band(run, name, float(value), unit, limits.band(f"crosswind_gust.{limit}", unit))
+    place = float(np.clip(y.max(), min(places), max(places)))
+    low, high = limits.curve_at("crosswind_gust.stiffness", place, "kN/m")
+    run.check("lateral stiffness", stiffness, "kN/m", low=low, high=high)
+    for (limit, (name, unit)), value in zip(names.items(), found, strict=True):
+        check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))
+    check_band(run, "time to settle", _settling(at, y), "s", limits.band("crosswind_gust.settling", "s"))
     for group, quantity, series in (
         ("Displacement in the gust", SHEAR, y),
         ("Roll in the gust", ROLL, np.abs(roll)),
@@ -146,6 +133,42 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
         ("Pressure difference in the gust", PRESSURE, parted),
     ):
         keep(run, load, group, ("time", "s"), quantity, at[::KEPT].tolist(), series[::KEPT].tolist())
+
+
+def _answer(at: Samples, values: Mapping[str, Samples]) -> tuple[Samples, ...]:
+    """Return shear (m), roll (rad), lateral force (N) and pressure difference (Pa) of the springs, 0 at rest."""
+    calm = _during(at, -SMOOTH)
+    series = (
+        shear_of(values),
+        roll_of(values),
+        -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0),
+        values[PRESSURES[0]] - values[PRESSURES[1]],
+    )
+    return tuple(_smooth(one - one[calm].mean()) for one in series)
+
+
+def _numbers(at: Samples, answer: tuple[Samples, ...], area: float) -> tuple[float, ...]:
+    """Return what is judged: the lateral stiffness, then the others in the order of their names."""
+    y, roll, pushed, parted = answer
+    peak, calmed = int(np.argmax(y)), _during(at, LASTS + AFTER - SMOOTH)
+    moment = pushed[peak] * CAR.pressure_height
+    return (
+        pushed[peak] / y[peak],
+        y[peak],
+        np.abs(roll).max(),
+        moment / abs(roll[peak]),
+        parted.max(),
+        parted[peak] * area * SPRING_HALF_SPACING / moment,
+        abs(y[calmed].mean()),
+        abs(parted[calmed].mean()),
+    )
+
+
+def _settling(at: Samples, y: Samples) -> float:
+    """Return how long after the middle of the gust (s) the shear stays where the mean wind holds it."""
+    blown = y[_during(at, MIDDLE + MEAN - SMOOTH)].mean()
+    unsettled = np.abs(y - blown) > SETTLED * (y.max() - blown)
+    return float(at[np.flatnonzero(unsettled & (at < MIDDLE + MEAN))[-1]] - MIDDLE)
 
 
 def _during(at: Samples, start: float) -> npt.NDArray[np.bool_]:

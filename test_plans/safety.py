@@ -79,10 +79,10 @@ def safety(run: Run) -> None:
 
 
 class Course:
-    """What the bench did since something was taken from it, ``since`` s after a capture began."""
+    """What the bench did since something was taken from it, which was when the capture began."""
 
-    def __init__(self, capture: Capture, since: float, watched: float) -> None:
-        self._capture, self._since, self._watched = capture, since, watched
+    def __init__(self, capture: Capture, watched: float) -> None:
+        self._capture, self._watched = capture, watched
 
     def until_state(self, *states: str) -> float:
         """Return how long it took to one of ``states`` (s); as long as it was watched if it never came."""
@@ -106,8 +106,7 @@ class Course:
         return max(float(np.nanmax(values) - values[0]) for _, values in map(self._series, HEIGHTS))
 
     def _series(self, name: str) -> tuple[Samples, Samples]:
-        times, values = self._capture.times(name) - self._since, self._capture.values(name)
-        return times[times >= 0.0], values[times >= 0.0]
+        return self._capture.times(name), self._capture.values(name)
 
     def _first(self, times: Samples, there: npt.NDArray[np.bool_]) -> float:
         return float(times[np.argmax(there)]) if there.any() else self._watched
@@ -123,12 +122,9 @@ def _charge(run: Run) -> None:
 def _course(run: Run, provocation: AbstractContextManager[None], watched: float) -> Course:
     """Return what the bench does in ``watched`` s from the beginning of a ``provocation`` on."""
     bench = run.bench
-    with bench.despite_faults(), bench.capture(*READ) as capture:
-        begun = bench.now
-        with provocation:
-            since = bench.now - begun
-            bench.wait(watched)
-    return Course(capture, since, watched)
+    with bench.despite_faults(), bench.capture(*READ) as capture, provocation:
+        bench.wait(watched)
+    return Course(capture, watched)
 
 
 def _supervised(run: Run, names: Iterable[str]) -> bool:

@@ -1,11 +1,15 @@
 """Stochastic crosswind: a wind with von Kármán's spectrum from a seed, while the platform runs a track."""
 
 from cmath import phase
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import hypot
 from typing import Annotated, Final, Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from bench_protocol.units import FACTORS, Hz, kN, s
+from bench_protocol.units import FACTORS, Hz, s
 from test_plans import steps
 from test_plans.analysis import Samples
 from test_plans.fittings import leave_connected
@@ -24,15 +28,19 @@ from test_plans.readings import (
 from test_plans.run import Run
 from test_plans.spectra import SIGMAS_OF_95, Spectra, spectra
 from test_plans.steps.carrying import FREE_SIDEWAYS
-from test_plans.steps.shaking import SAMPLE_RATE, check_band
+from test_plans.steps.shaking import check_band
 from test_plans.tables import FREQUENCY, MAGNITUDE, keep
+from test_plans.uncertainty import Measured, measured
 from test_plans.wind import RISE, admittance, fade, random_process, side_force, spectrum
 
 #: How much a track moves springs, and how fast, goes with the speed: the limits hold for this one.
 TRAIN_SPEED: Final = 100 * FACTORS["km/h"]
 TRACK: Final = ("platform.vertical", "platform.lateral")
 READ: Final = (*POSE_SIGNALS, *TRACK, *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
+Values = Mapping[str, Samples]
 STEP: Final = 0.02 * s
+#: Ten times the fastest that wind and track have.
+RATE: Final = 50 * Hz
 BEFORE: Final = 2 * s
 #: What is faster the host cannot stream; what is slower is no irregularity but the line of the track.
 FASTEST: Final = 5 * Hz
@@ -89,13 +97,10 @@ def stochastic_crosswind(
         with run.bench.capture(*READ) as capture:
             run.bench.wait(BEFORE)
             run.bench.waveform.run(times, moves)
-        at, values = capture.aligned(SAMPLE_RATE)
+        at, values = capture.aligned(RATE)
     y = shear_of(values) - values["platform.lateral"]
     y -= y[at < BEFORE].mean()
     steady = (at >= BEFORE + RISE) & (at < BEFORE + RISE + duration)
-    across = -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0)
-    heights = 0.5 * (values["left.height"] + values["right.height"])
-    loads = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
     swing = max(float(values[name][steady].std()) for name in PRESSURES)
     for name, limit, value, unit in (
         ("lateral displacement, rms about its mean", "displacement_rms", float(y[steady].std()), "mm"),
@@ -108,14 +113,22 @@ def stochastic_crosswind(
         ("pressure, largest rms of a chamber", "pressure_rms", swing, "mbar"),
     ):
         check_band(run, name, value, unit, limits.band(f"stochastic_crosswind.{limit}", unit))
-    sideways = spectra(
-        y[steady], across[steady], SAMPLE_RATE, segment=SEGMENT, x_lag=TRANSDUCER_LAG, y_lag=LOAD_CELL_LAG
-    )
-    upright = spectra(
-        -heights[steady], loads[steady], SAMPLE_RATE, segment=SEGMENT, x_lag=LASER_LAG, y_lag=LOAD_CELL_LAG
-    )
-    _check_stiffness(run, load, "lateral", sideways)
-    _check_stiffness(run, load, "vertical", upright)
+    _check_stiffness(run, load, "lateral", values, lambda read: _sideways(read, steady))
+    _check_stiffness(run, load, "vertical", values, lambda read: _upright(read, steady))
+
+
+def _sideways(values: Values, steady: npt.NDArray[np.bool_]) -> Spectra:
+    """Return the spectra of the springs' shear and of the force that they oppose to it."""
+    y = shear_of(values) - values["platform.lateral"]
+    force = -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0)
+    return spectra(y[steady], force[steady], RATE, segment=SEGMENT, x_lag=TRANSDUCER_LAG, y_lag=LOAD_CELL_LAG)
+
+
+def _upright(values: Values, steady: npt.NDArray[np.bool_]) -> Spectra:
+    """Return the spectra of the springs' compression, the mean of both, and of the load on one."""
+    down = -0.5 * (values["left.height"] + values["right.height"])
+    force = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    return spectra(down[steady], force[steady], RATE, segment=SEGMENT, x_lag=LASER_LAG, y_lag=LOAD_CELL_LAG)
 
 
 def excitation(times: Samples, wind: float, seed: int) -> dict[str, Samples]:
@@ -142,27 +155,49 @@ def irregularity(f: Samples, level: float, train_speed: float) -> Samples:
     return np.asarray(level * high**2 / ((omega2 + low**2) * (omega2 + high**2)) * 2 * np.pi / train_speed)
 
 
-def _check_stiffness(run: Run, load: str, direction: str, found: Spectra) -> None:
+def _check_stiffness(
+    run: Run, load: str, direction: str, values: Values, of: Callable[[Values], Spectra]
+) -> None:
     """Check K' over the band, upright the loss angle too, and keep |K| over frequency with its uncertainty."""
-    band = run.specimen.load(load).limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
+    limits = run.specimen.load(load).limits
+    found = of(values)
     K = found.between(*BAND)
-    run.check(
-        f"{direction} stiffness K', {BAND[0]:g} to {BAND[1]:g} Hz",
-        K.value.real,
-        "kN/m",
-        low=band.low,
-        high=band.high,
-        note=f"± {SIGMAS_OF_95 * K.uncertainty / kN:.2g} kN/m (95 %) at a coherence of {K.coherence:.4f}",
-    )
+
+    def numbers(read: Values) -> tuple[float, float]:
+        moved = of(read).between(*BAND).value
+        return moved.real, phase(moved)
+
+    # What the instruments make uncertain, and what is not coherent.
+    stiffness, angle = measured(numbers, values, instruments=run.instruments, rate=RATE)
+    over = f"{BAND[0]:g} to {BAND[1]:g} Hz"
+    band = limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
+    note = f"coherence {K.coherence:.4f}, {K.averages:.0f} averages"
+    one = _with(stiffness, K.uncertainty)
+    run.check(f"{direction} stiffness K', {over}", one, "kN/m", low=band.low, high=band.high, note=note)
     if direction == "vertical":
-        lost = run.specimen.load(load).limits.band("stochastic_crosswind.vertical_loss_angle", "deg")
-        check_band(run, f"vertical loss angle, {BAND[0]:g} to {BAND[1]:g} Hz", phase(K.value), "deg", lost)
+        lost = limits.band("stochastic_crosswind.vertical_loss_angle", "deg")
+        check_band(
+            run,
+            f"vertical loss angle, {over}",
+            _with(angle, K.uncertainty / abs(K.value)),
+            "deg",
+            lost,
+        )
     lines = [found.between(f - 0.125 * Hz, f + 0.125 * Hz) for f in LINES]
     sizes = [(abs(one.value), SIGMAS_OF_95 * one.uncertainty) for one in lines]
-    for name, values in (
+    for name, ys in (
         (load, [size for size, _ in sizes]),
         (f"{load}, 97.5 %", [size + more for size, more in sizes]),
         (f"{load}, 2.5 %", [size - more for size, more in sizes]),
     ):
         group = f"{direction.capitalize()} {MAGNITUDE[0]} from spectra"
-        keep(run, name, group, FREQUENCY, MAGNITUDE, list(LINES), values)
+        keep(run, name, group, FREQUENCY, MAGNITUDE, list(LINES), ys)
+
+
+def _with(value: Measured, incoherent: float) -> Measured:
+    """Return ``value`` with another independent part of its uncertainty; unknown stays unknown."""
+    if value.u is None:
+        return value
+    return replace(
+        value, u=hypot(value.u, incoherent), parts={**value.parts, "what is not coherent": incoherent}
+    )
