@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.units import FACTORS, kN, s
+from bench_protocol.units import FACTORS, bar, kN, mm, mrad, s
 from test_plans import steps
 from test_plans.analysis import Samples
 from test_plans.fittings import leave_connected
@@ -17,7 +17,6 @@ from test_plans.readings import SHEAR_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
-from test_plans.tables import PRESSURE, ROLL, SHEAR, keep
 from test_plans.uncertainty import measured
 from test_plans.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
 
@@ -79,13 +78,13 @@ def crosswind_gust(
     wind: Annotated[float, Range(6.0, 20.0, "m/s")] = 10.0,
     train_speed: Annotated[float, Range(10 * kmh, 300 * kmh, "km/h")] = 100 * kmh,
 ) -> None:
-    """Crosswind gust: the answer of the springs to a gust of so much `wind` at so much `train_speed`.
+    """Crosswind gust: displacement, roll and stiffness of the springs in a gust of `wind`.
 
     The springs carry the load, their valves are shut, and the differential pressure valve connects them. The bolster is
-    free in all directions under the preload. The wind rises to its mean within 4 s; after 4 s a gust of 1.7 times as
-    much passes over the car, in the shape of EN 14067-6; then the mean wind blows on for 4 s and fades. What one bogie
-    bears of it pushes the bolster sideways, and its moment rolls it: the lateral actuator and the difference of the
-    vertical ones follow a waveform that the host streams.
+    free in all directions under the preload. The wind rises to its mean within 4 s. After 4 s a gust passes over the
+    car, in the shape of EN 14067-6: 1.7 times the mean wind, which is `wind`. Then the mean wind blows on for 4 s and
+    fades. What one bogie bears of it pushes the bolster sideways, and its moment rolls it: the lateral actuator and the
+    difference of the vertical ones follow a waveform that the host streams.
 
     Good is what the specimen's file says of the largest displacement and roll, of the stiffness against the gust, of
     the pressure difference, which must not open the valve between the springs, of the moment that the air bears, of the
@@ -103,6 +102,8 @@ def crosswind_gust(
 
 def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> None:
     """Check what the springs did ``at`` times since the wind began (s), and keep it."""
+    from bench_records.result import Axis
+
     limits = run.specimen.load(load).limits
     names = {
         "displacement": ("largest displacement", "mm"),
@@ -126,13 +127,17 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
     for (limit, (name, unit)), value in zip(names.items(), found, strict=True):
         check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))
     check_band(run, "time to settle", _settling(at, y), "s", limits.band("crosswind_gust.settling", "s"))
-    for group, quantity, series in (
-        ("Displacement in the gust", SHEAR, y),
-        ("Roll in the gust", ROLL, np.abs(roll)),
-        ("Force on the springs in the gust", ("force", "kN"), pushed),
-        ("Pressure difference in the gust", PRESSURE, parted),
+    for what, x, y_axis, xs, ys in (
+        ("force over displacement", Axis("displacement", "mm", mm), Axis("force", "kN", kN), y, pushed),
+        (
+            "pressure difference over roll",
+            Axis("roll", "mrad", mrad),
+            Axis("pressure", "bar", bar),
+            -roll,
+            parted,
+        ),
     ):
-        keep(run, load, group, ("time", "s"), quantity, at[::KEPT].tolist(), series[::KEPT].tolist())
+        run.loop(load, x, y_axis, xs[::KEPT], ys[::KEPT], group=f"Gust: {what}")
 
 
 def _answer(at: Samples, values: Mapping[str, Samples]) -> tuple[Samples, ...]:

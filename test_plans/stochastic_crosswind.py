@@ -1,4 +1,4 @@
-"""Stochastic crosswind: a wind with von Kármán's spectrum from a seed, while the platform runs a track."""
+"""Stochastic crosswind: a wind with von Kármán's spectrum, drawn by number, while the platform runs a track."""
 
 from cmath import phase
 from collections.abc import Callable, Mapping
@@ -30,7 +30,7 @@ from test_plans.spectra import SIGMAS_OF_95, Spectra, spectra
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.shaking import check_band
 from test_plans.tables import FREQUENCY, MAGNITUDE, keep
-from test_plans.uncertainty import Measured, measured
+from test_plans.uncertainty import LEAST_SHARE, Measured, measured
 from test_plans.wind import RISE, admittance, fade, random_process, side_force, spectrum
 
 #: How much a track moves springs, and how fast, goes with the speed: the limits hold for this one.
@@ -75,15 +75,15 @@ def stochastic_crosswind(
     load: Literal["AW0", "AW3"] = "AW0",
     wind: Annotated[float, Range(3.0, 6.5, "m/s")] = 6.0,
     duration: Annotated[float, Range(40 * s, 1000 * s, "s")] = 60 * s,
-    seed: Annotated[int, Range(0, 1_000_000)] = 1,
+    draw: Annotated[int, Range(0, 1_000_000)] = 1,
 ) -> None:
-    """Stochastic crosswind with track: a gusty `wind`, a track of low irregularity, from a `seed`.
+    """Stochastic crosswind: the springs in a gusty `wind` while the platform runs a track.
 
     The springs carry the load, shut in at design height. The lateral actuator pushes with what one bogie bears of a
     wind with von Kármán's spectrum, 15 % of the mean, as a car at 100 km/h meets it; the platform runs the
     irregularity of the track, vertically and laterally, with the spectrum of ERRI B 176 between 0.2 and 5 Hz. The
-    vertical actuators hold the bolster where it is, as the inertia of a car does. All of it comes from the seed: the
-    same seed, the same wind and track.
+    vertical actuators hold the bolster where it is, as the inertia of a car does. The same number `draw` makes the same
+    wind and track.
 
     Good is what the specimen's file says of the lateral displacement, its rms about its mean and what it exceeds in 1 %
     of the time, of the pressures, of the stiffness in both directions from cross spectra between 0.5 and 2 Hz, whose
@@ -92,7 +92,7 @@ def stochastic_crosswind(
     limits = run.specimen.load(load).limits
     steps_in_all = round((duration + 2 * RISE) / STEP)
     times = np.linspace(0.0, steps_in_all * STEP, steps_in_all + 1)
-    moves = excitation(times, wind, seed)
+    moves = excitation(times, wind, draw)
     with run.phase("wind and track"):
         with run.bench.capture(*READ) as capture:
             run.bench.wait(BEFORE)
@@ -131,9 +131,9 @@ def _upright(values: Values, steady: npt.NDArray[np.bool_]) -> Spectra:
     return spectra(down[steady], force[steady], RATE, segment=SEGMENT, x_lag=LASER_LAG, y_lag=LOAD_CELL_LAG)
 
 
-def excitation(times: Samples, wind: float, seed: int) -> dict[str, Samples]:
+def excitation(times: Samples, wind: float, draw: int) -> dict[str, Samples]:
     """Return what lateral actuator (N) and platform (m) add at ``times`` (s, even steps), by the reading's name."""
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(draw)
     f = np.fft.rfftfreq(times.size, times[1])
     passing = (f >= SLOWEST) & (f <= FASTEST)
     gusts = spectrum(f, wind, TRAIN_SPEED) * admittance(f, wind, TRAIN_SPEED) * (f <= FASTEST)
@@ -198,6 +198,7 @@ def _with(value: Measured, incoherent: float) -> Measured:
     """Return ``value`` with another independent part of its uncertainty; unknown stays unknown."""
     if value.u is None:
         return value
+    u, parts = hypot(value.u, incoherent), {"what is not coherent": incoherent, **value.parts}
     return replace(
-        value, u=hypot(value.u, incoherent), parts={**value.parts, "what is not coherent": incoherent}
+        value, u=u, parts={cause: one for cause, one in parts.items() if one**2 > LEAST_SHARE * u**2}
     )
