@@ -190,8 +190,8 @@ LEAST_EIGENVALUE: Final = 1e-6
 #: oscillators of another form, clear false causes reached 2.4 times at most; of true causes under a roughness of a
 #: fiftieth, on oscillators and benches, none stayed below eight times.
 CLEAR_OF_FORM: Final = 3.0
-#: What is left of the error on the select runs, as a root, by a cause that owes nothing to the form. Friction of seals
-#: leaves 0.18 there, however rough its own law; false causes of oscillators of another form left 0.3 to 1.
+#: What is left of the error on the select runs, as a root over all channels, by a cause that owes nothing to the form.
+#: Friction of seals leaves 0.18 there, however rough its own law; false causes of oscillators of another form 0.3 to 1.
 FORETOLD: Final = 0.25
 #: So many times the noise on the report runs are worth a sentence.
 NOISE_RATIO_TOLD: Final = 1.2

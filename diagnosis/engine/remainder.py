@@ -100,6 +100,17 @@ def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
     return float(np.sqrt(left.min()))
 
 
+def part_left(before: Prediction, after: Prediction, floors: Array) -> float:
+    """Return the part of the explainable error of all channels together that remains, as a root; NaN if there is none.
+
+    A channel that hardly has any, and reaches its noise by chance, does not speak for the others.
+    """
+    explainable, left = np.maximum(np.array([_squares(before), _squares(after)]) / floors**2 - 1.0, 0.0).sum(
+        axis=1
+    )
+    return float(np.sqrt(left / explainable)) if explainable > EXPLAINABLE**2 - 1.0 else float("nan")
+
+
 def _squares(prediction: Prediction) -> Array:
     """Return the mean squared error of each channel (c,), 0 where nothing counts."""
     errors = [

@@ -39,7 +39,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
 from diagnosis.engine.gates import out_of_range
 from diagnosis.engine.omnibus import Omnibus
-from diagnosis.engine.remainder import Remainder, least_left
+from diagnosis.engine.remainder import Remainder, part_left
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.unknown import clear_surfaces, explain
@@ -111,12 +111,12 @@ def _leaving(
 
 
 def _foretold(problem: Problem, found: SearchResult, model: FittedModel, effect: str) -> bool:
-    """Return whether an effect, as fitted, takes most of the error in some channel from the select runs."""
+    """Return whether an effect, as fitted, takes most of the error of all channels from the select runs."""
     if not problem.select:
         return False
     alone = fit(model.replay, model.noise, model.point.without(effect), model.linearisation)
     without, beside = (predict(one, problem.select, fixed=True) for one in (alone, model))
-    return least_left(without, beside, found.floors) < FORETOLD
+    return part_left(without, beside, found.floors) < FORETOLD
 
 
 def _with_select(

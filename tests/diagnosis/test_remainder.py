@@ -1,6 +1,7 @@
 """What is left on unseen runs lowers the verdict, and is told in words."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from diagnosis.contracts import Channel, Experiment, MeasuredRun
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.engine.remainder import Remainder, held_back
+from diagnosis.engine.remainder import Remainder, held_back, part_left
 from diagnosis.engine.verdict import final
 from diagnosis.finding import Verdict
 
@@ -49,6 +50,24 @@ def test_the_remainder_is_measured_where_the_fit_has_seen_least():
     data = Dataset((Channel("F", "N"),), (run, replace(run, role="select")))
     assert held_back(data)[0] == "select"
     assert held_back(replace(data, runs=(run,)))[0] == "fit"
+
+
+def predicted(*roots):
+    """A prediction of zeros that misses each channel by so much, as a root mean square."""
+    time = np.arange(4.0)
+    run = MeasuredRun(
+        Experiment("a", time, {}), np.outer([1.0, -1.0, 1.0, -1.0], roots), time < 9.0, time > 9.0
+    )
+    return SimpleNamespace(replay=SimpleNamespace(runs=[run]), outputs=[np.zeros((4, len(roots)))])
+
+
+def test_a_channel_that_reaches_its_noise_by_chance_does_not_speak_for_the_others():
+    floors = np.ones(2)
+    assert part_left(predicted(5.0, 1.1), predicted(3.0, 0.9), floors) == pytest.approx(
+        math.sqrt(8.0 / (24.0 + 0.21))
+    )
+    assert part_left(predicted(5.0, 5.0), predicted(1.0, 0.9), floors) == 0.0
+    assert math.isnan(part_left(predicted(1.01, 0.9), predicted(0.9, 0.9), floors))
 
 
 def test_hysteresis_that_nobody_looks_for_becomes_no_maxwell_branch(laboratory):
