@@ -13,10 +13,8 @@ from astb.exit_codes import BLOCKED, PASS, REFUSED, blocked, misuse
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from astb.display import ProgressDisplay
     from astb.rehearsal.rehearsing import Rehearsal
     from astb.rig_file import RigFile, Simulation
-    from bench_records.result import Check
     from test_plans.plan import Plan
 
 #: Limits that the terminal shows; the page has them all.
@@ -89,14 +87,21 @@ def _rehearsed(
     from astb.display import ProgressDisplay
     from astb.rehearsal.rehearsing import rehearse
     from bench_records.circumstances import circumstances
+    from test_plans.run import Nobody
 
     with ProgressDisplay(console) as display:
+
+        class Progress(Nobody):
+            """Follows how much is done; steps and checks are for the run."""
+
+            def progress(self, fraction: float) -> None:
+                display.progress(fraction)
 
         def begin(meta: dict[str, Any]) -> None:
             display.introduce(" · ".join(["REHEARSAL", *circumstances(meta)]))
             display.begin(plan.name)
 
-        return rehearse(plan, rig, path, out, watcher=_Phases(display), begin=begin, **others)
+        return rehearse(plan, rig, path, out, watcher=Progress(), begin=begin, **others)
 
 
 def _simulation(
@@ -110,16 +115,6 @@ def _simulation(
     acting = simulated(replace(rig, simulation=simulation_of(rig)), path, model, effects, sealed)
     assert acting.simulation is not None
     return acting.simulation
-
-
-class _Phases:
-    """Follows a rehearsal: the checks are for the run."""
-
-    def __init__(self, display: "ProgressDisplay") -> None:
-        self.say, self.phase, self.progress = display.say, display.phase, display.progress
-
-    def checked(self, check: "Check") -> None:
-        """Leave the check to the run."""
 
 
 def _show(console: "Console", found: "Rehearsal", page: Path) -> None:
