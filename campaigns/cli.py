@@ -60,6 +60,8 @@ def campaign_command(
     out = out or Path("runs", file.stem)
     try:
         seconds = read_written("--limit", limit, "s")
+        if seconds <= 0.0:
+            misuse(f"--limit {limit} leaves no time for a case; 10min would be right")
         cases = read_campaign(file)
     except (CampaignError, NotAValue) as error:
         misuse(error)

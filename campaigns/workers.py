@@ -30,6 +30,8 @@ _SETTINGS: Final[dict[str, Any]] = {
     "distributed.admin.tick.limit": "1h",
     "distributed.admin.system-monitor.interval": "10s",
 }
+#: Ctrl-C on a terminal is for the campaign alone, which ends its workers.
+_DEAF: Final = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 class ClusterError(RuntimeError):
@@ -63,6 +65,7 @@ def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iter
             host=LOOPBACK,
             dashboard_address=f"{LOOPBACK}:0",
             silence_logs=logging.CRITICAL,
+            preload=[_DEAF],
         ) as local,
         Client(local, set_as_default=False) as client,
     ):

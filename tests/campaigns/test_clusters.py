@@ -34,17 +34,21 @@ if __name__ == "__main__":
 
 
 @contextmanager
-def process(*command: str, wanted: str = "") -> Iterator[tuple[subprocess.Popen, str]]:
-    """Run a command until the block ends; yield it, and the first line that has ``wanted`` in it."""
+def process(*command: str, wanted: str) -> Iterator[tuple[subprocess.Popen, str]]:
+    """Run a command, in a process group of its own, while the block lasts; yield it, and its line with ``wanted``."""
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT, env=ENVIRONMENT
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=ROOT,
+        env=ENVIRONMENT,
+        process_group=0,
     ) as child:
         watchdog = threading.Timer(100, child.kill)
         watchdog.start()
         try:
-            line = next((line for line in child.stdout if wanted in line), "") if wanted else ""
-            threading.Thread(target=child.stdout.read, daemon=True).start()
-            yield child, line
+            yield child, next(line for line in child.stdout if wanted in line)
         finally:
             watchdog.cancel()
             child.kill()
@@ -128,8 +132,10 @@ def test_a_campaign_that_is_interrupted_ends_soon_and_keeps_what_is_done(tmp_pat
     script.write_text(CAMPAIGN)
     command = [sys.executable, str(script), str(tmp_path), str(tmp_path / "rows"), "1000", "0.1"]
     with process(*command, wanted="5") as (child, _):
-        child.send_signal(signal.SIGINT)
+        os.killpg(child.pid, signal.SIGINT)  # as a terminal does
+        said = child.stdout.read()
         assert child.wait(15) != 0
+    assert said.count("Traceback") == 1, "the campaign's own; its workers are deaf to it"
     kept = read_rows(tmp_path / "rows")
     assert 5 <= len(kept) < 1000
     assert len(list((tmp_path / "rows").glob("part-*"))) == 1, "the parts are joined on the way out"
