@@ -28,8 +28,8 @@ Evaluation = Callable[..., Any]
 #: An even distribution of half-width a has the standard deviation a/√3 (JCGM 100, 4.3.7), a step q has q/√12.
 EVEN: Final = 1 / sqrt(3.0)
 STEP: Final = 1 / sqrt(12.0)
-#: So many draws tell the standard deviation of what noise does to 13 %.
-NOISE_DRAWS: Final = 32
+#: So many draws tell the standard deviation of what noise does to 9 %.
+NOISE_DRAWS: Final = 64
 #: Parts below this share of the variance are not told.
 LEAST_SHARE: Final = 0.01
 
