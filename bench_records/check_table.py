@@ -100,12 +100,14 @@ def _grouped(text: str) -> str:
     return fixed(float(text), len(text.partition(".")[2]))
 
 
-def certainty(one: Check) -> list[str]:
-    """What there is to say of a check's uncertainty: the probability of conformity, and what it is made of."""
-    if one.u is None or one.conformity is None:
-        return []
-    shares = [f"{cause} {100 * (part / one.u) ** 2:.0f} %" for cause, part in one.parts.items() if one.u]
-    return [f"conforms with {percent(one.conformity)} (k = {one.k:.3g})", "; ".join(shares[:4])]
+def certainty(one: Check) -> str:
+    """What there is to say of a check's uncertainty: the probability of conformity, and its two largest causes."""
+    if not one.u or one.conformity is None:
+        return ""
+    shares = [
+        f"{cause.replace('_', ' ')} {100 * (part / one.u) ** 2:.0f} %" for cause, part in one.parts.items()
+    ]
+    return f"conforms with {percent(one.conformity)} (k = {one.k:.3g}); u² by {', '.join(shares[:2])}"
 
 
 def range_bar(one: Check) -> Bar:
