@@ -78,11 +78,11 @@ def crosswind_gust(
     wind: Annotated[float, Range(6.0, 20.0, "m/s")] = 10.0,
     train_speed: Annotated[float, Range(10 * kmh, 300 * kmh, "km/h")] = 100 * kmh,
 ) -> None:
-    """Crosswind gust: displacement, roll and stiffness of the springs in a gust of `wind`.
+    """Crosswind gust: displacement, roll and stiffness of the springs in one gust.
 
     The springs carry the load, their valves are shut, and the differential pressure valve connects them. The bolster is
     free in all directions under the preload. The wind rises to its mean within 4 s. After 4 s a gust passes over the
-    car, in the shape of EN 14067-6: 1.7 times the mean wind, which is `wind`. Then the mean wind blows on for 4 s and
+    car, in the shape of EN 14067-6, up to `wind`, which is 1.7 times the mean. Then the mean wind blows on for 4 s and
     fades. What one bogie bears of it pushes the bolster sideways, and its moment rolls it: the lateral actuator and the
     difference of the vertical ones follow a waveform that the host streams.
 

@@ -77,10 +77,10 @@ def stochastic_crosswind(
     duration: Annotated[float, Range(40 * s, 1000 * s, "s")] = 60 * s,
     draw: Annotated[int, Range(0, 1_000_000)] = 1,
 ) -> None:
-    """Stochastic crosswind: the springs in a gusty `wind` while the platform runs a track.
+    """Stochastic crosswind: the springs in a gusty wind while the platform runs a track.
 
     The springs carry the load, shut in at design height. The lateral actuator pushes with what one bogie bears of a
-    wind with von Kármán's spectrum, 15 % of the mean, as a car at 100 km/h meets it; the platform runs the
+    `wind` with von Kármán's spectrum, 15 % of the mean, as a car at 100 km/h meets it; the platform runs the
     irregularity of the track, vertically and laterally, with the spectrum of ERRI B 176 between 0.2 and 5 Hz. The
     vertical actuators hold the bolster where it is, as the inertia of a car does. The same number `draw` makes the same
     wind and track.

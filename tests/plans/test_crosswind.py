@@ -8,6 +8,8 @@ from bench_records.result import Outcome
 from bench_sim.model import wind as oracle
 from bench_sim.parameters.paper import load_paper
 from test_plans.crosswind_gust import blow
+from test_plans.discovery import plans
+from test_plans.execution import execute
 from test_plans.spectra import SIGMAS_OF_95, spectra
 from test_plans.stochastic_crosswind import LEVEL, TRACK, excitation, irregularity
 from test_plans.wind import (
@@ -21,6 +23,7 @@ from test_plans.wind import (
     side_force,
     spectrum,
 )
+from tests.foreign.virtual import VirtualPlc
 
 slow = pytest.mark.slow
 KMH = FACTORS["km/h"]
@@ -133,6 +136,15 @@ def sound(name, load="AW0", seed=1, *, marks=()):
 def test_sound_springs_pass(judged, name, load, seed):
     result, failed = judged(name, seed, given={"load": load})
     assert result.verdict is Outcome.PASS, result.reason or failed
+
+
+@slow
+@pytest.mark.parametrize("name", ["crosswind_gust", "stochastic_crosswind"])
+def test_sound_springs_pass_on_a_rig_that_speaks_otherwise(tmp_path, name):
+    """The waveform goes by way of Python and registers there."""
+    with VirtualPlc(seed=1).bench() as bench:
+        result = execute(plans()[name], bench, tmp_path / "out", rig="plant_a")
+    assert result.verdict is Outcome.PASS, result.reason
 
 
 #: A fault, and all that must fail of it.
