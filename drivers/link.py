@@ -142,19 +142,19 @@ class Link:
     def settle(
         self, *names: str, band: float, over: float = 1 * s, within: float = 2 * minutes
     ) -> dict[str, float]:
-        """Wait until the means over ``over`` s change by no more than ``band`` (SI), twice in a row; return the last.
+        """Wait until the means over ``over`` s change by no more than ``band`` (SI) three times in a row; return them.
 
         Once is not enough: what turns stands still for a moment, as gas does that was hot from filling and now cools.
         BenchTimeout after ``within`` s, with what still moved.
         """
         deadline = self.clock.now() + _nanoseconds("within", within)
-        means, stood = self.averages(*names, over=over), False
+        means, stood = self.averages(*names, over=over), 0
         while True:
             before, means = means, self.averages(*names, over=over)
             stands = all(abs(means[name] - before[name]) <= band for name in names)
-            if stands and stood:
+            stood = stood + 1 if stands else 0
+            if stood == 3:
                 return means
-            stood = stands
             if self.clock.now() >= deadline:
                 moved = ", ".join(
                     f"{name} moved from {self.table[name].show(before[name])} to {self.table[name].show(means[name])}"

@@ -1,0 +1,138 @@
+"""Measures what the plans catch and whether sound rigs pass: ``python -m campaigns.measure``."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from astb.rig_file import Simulation
+from campaigns.healthy import SoundRun, sound_rig, write_sound_runs
+from campaigns.mutation_page import PAGE, page
+from campaigns.mutations import (
+    FOUND,
+    SEED,
+    SOUND,
+    Cell,
+    Mutation,
+    judge,
+    mutations,
+    read_cells,
+    write_cells,
+)
+from campaigns.plan_case import PlanCase, by_key, facts, run_plan_case, warm_up
+from campaigns.run import Standing, run_cases
+
+#: No plan takes that long (s), even on a busy machine.
+LIMIT = 600.0
+
+
+def sound_case(plan: str) -> PlanCase:
+    """Return the plan on a rig as drawn, with which all others are compared."""
+    return PlanCase(plan=plan, simulation=Simulation(seed=SEED), variant=SOUND)
+
+
+def fault_cases(plan: str, faults: Iterable[Mutation]) -> list[PlanCase]:
+    """Return the plan on a rig with each of the faults."""
+    return [PlanCase(plan=plan, simulation=one.simulation, variant=one.name) for one in faults]
+
+
+def meant_for(sound: Mapping[str, Any]) -> list[Mutation]:
+    """Return the faults that some check of the plan in the row ``sound`` is meant for."""
+    table, names = mutations(), [check["name"] for check in sound["checks"]]
+    return [one for one in table.mutation if any(table.is_right(one, name) for name in names)]
+
+
+def cells_of(rows: Iterable[Mapping[str, Any]]) -> list[Cell]:
+    """Return the cells of the matrix that follow from rows of `fault_cases` and of the `sound_case` of each plan.
+
+    ValueError for a case that came to no verdict, or a sound rig that was rejected.
+    """
+    table = mutations()
+    found = {(row["plan"], row["variant"]): row for row in rows}
+    for (plan, variant), row in found.items():
+        if row["error"] or (variant == SOUND and row["verdict"] != "pass"):
+            raise ValueError(
+                f"{plan} on a rig with {variant}: {row['error'] or row['reason'] or row['verdict']}"
+            )
+    return [
+        judge(table, one, found[plan, one.name], found[plan, SOUND])
+        for plan in sorted({plan for plan, _ in found})
+        for one in table.mutation
+        if (plan, one.name) in found
+    ]
+
+
+def sound_cases(plans: list[str], count: int) -> list[PlanCase]:
+    """Return ``count`` sound rigs, no two alike, under each of the plans in turn."""
+    return [
+        PlanCase(plan=plans[seed % len(plans)], simulation=sound_rig(seed), variant="sound rig")
+        for seed in range(count)
+    ]
+
+
+def sound_run(row: Mapping[str, Any]) -> SoundRun:
+    """Return what the row of a sound rig says."""
+    failed = [check["name"] for check in row["checks"] or () if check["verdict"] in ("fail", "error")]
+    told = "; ".join(failed) or row["reason"] or row["error"]
+    return SoundRun(plan=row["plan"], seed=row["seed"], verdict=row["verdict"] or "error", told=told)
+
+
+def _carried_out(cases: list[PlanCase], out: Path, workers: int | None) -> list[dict[str, Any]]:
+    def watch(standing: Standing) -> None:
+        left = "" if standing.time_left is None else f", {standing.time_left:.0f} s left"
+        click.echo(
+            f"{standing.before + standing.done} of {standing.total}{left}  {standing.row.get('key', '')}"
+        )
+
+    return run_cases(
+        run_plan_case,
+        by_key(cases),
+        out,
+        facts=facts,
+        workers=workers,
+        limit=LIMIT,
+        prepare=warm_up,
+        watch=watch,
+    )
+
+
+@click.group()
+def main() -> None:
+    """What the plans catch: faults, sound rigs, and the page about both. Interrupted, the same call goes on."""
+
+
+@main.command("faults")
+@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("plans", nargs=-1, required=True)
+@click.option(
+    "--meant", is_flag=True, help="Only the faults that a check of the plan is meant for: for long plans."
+)
+@click.option("--workers", type=int, help="Processes; as many as there are cores otherwise.")
+def faults_command(out: Path, plans: tuple[str, ...], meant: bool, workers: int | None) -> None:
+    """Run PLANS on a rig with each fault, and put what comes out in the place of what is known of these plans."""
+    rows = _carried_out([sound_case(plan) for plan in plans], out, workers)
+    faults = {row["plan"]: meant_for(row) if meant else mutations().mutation for row in rows}
+    rows += _carried_out([case for plan in plans for case in fault_cases(plan, faults[plan])], out, workers)
+    kept = [cell for cell in read_cells() if cell.plan not in plans]
+    write_cells(FOUND, sorted(kept + cells_of(rows), key=lambda cell: cell.plan))
+
+
+@main.command("sound")
+@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("plans", nargs=-1, required=True)
+@click.option("--rigs", type=int, default=340, help="How many sound rigs.")
+@click.option("--workers", type=int, help="Processes; as many as there are cores otherwise.")
+def sound_command(out: Path, plans: tuple[str, ...], rigs: int, workers: int | None) -> None:
+    """Run PLANS in turn on sound rigs that are drawn from their tolerances."""
+    write_sound_runs(map(sound_run, _carried_out(sound_cases(list(plans), rigs), out, workers)))
+
+
+@main.command("page")
+def page_command() -> None:
+    """Write the page from what was measured last."""
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""The mutation matrix: faults of ordinary size on every plan that judges, and whether the right check told of them."""
+
+import csv
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+
+from astb.rig_file import FaultEntry, Simulation
+
+HERE: Final = Path(__file__).parent
+TABLE: Final = HERE / "mutations.toml"
+FOUND: Final = HERE / "mutations.csv"
+#: What the rig without any fault is called.
+SOUND: Final = "sound"
+#: The same sensors and the same noise in every case: what differs from the sound rig is the fault's doing.
+SEED: Final = 0
+
+Kind = Literal["plant", "sensor", "wire"]
+#: By a check that is meant for it; by another one; not at all.
+Found = Literal["caught", "wrong reason", "missed"]
+
+_ABOUT_A_SIDE: Final = re.compile(r"\b(left|right) (?:spring|bellows|valve|vertical|cells|stiffness)\b")
+
+
+class Mutation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A fault of ordinary size, and what ought to tell of it; declared before any plan was tried."""
+
+    name: str
+    what: str  #: in words
+    kind: Kind
+    change: dict[str, Any] = {}  #: of parameters, as in a rig file
+    effects: dict[str, str] = {}
+    faults: tuple[FaultEntry, ...] = ()
+    right: tuple[str, ...]  #: names of reasons
+    side: str = ""  #: left or right, where checks of the other spring are no right reason
+    missed: str = ""  #: where no plan sees it: why, and what would
+
+    @property
+    def simulation(self) -> Simulation:
+        """What has to be simulated."""
+        return Simulation(seed=SEED, change=self.change, effects=self.effects, faults=self.faults)
+
+
+class Mutations(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All of them, and the reasons that they name: patterns for names of checks, with * for anything."""
+
+    reasons: dict[str, tuple[str, ...]]
+    mutation: tuple[Mutation, ...]
+
+    def is_right(self, one: Mutation, told: str) -> bool:
+        """Whether what a plan told, the name of a check or why it was blocked, is meant for this fault."""
+        about = _ABOUT_A_SIDE.search(told)
+        if one.side and about and about[1] != one.side:
+            return False
+        return any(fnmatchcase(told, pattern) for name in one.right for pattern in self.reasons[name])
+
+
+class Cell(msgspec.Struct, frozen=True, kw_only=True):
+    """What one plan made of one fault."""
+
+    mutation: str
+    plan: str
+    found: Found
+    verdict: str
+    told: str  #: what failed, or why it was blocked; what is right first
+    nearest: str  #: the check that came nearest to a limit of its own, seen from the sound rig
+    used: float  #: which part of its way there (1: it is at the limit)
+
+
+@cache
+def mutations() -> Mutations:
+    """Return the table of faults. msgspec.ValidationError, with its place, for one that nobody understands."""
+    return msgspec.convert(tomllib.loads(TABLE.read_text(encoding="utf-8")), Mutations)
+
+
+def judge(table: Mutations, one: Mutation, row: Mapping[str, Any], sound: Mapping[str, Any]) -> Cell:
+    """Return what the row of a plan on a rig with this fault says, beside that of the sound rig."""
+    told = [check["name"] for check in row["checks"] or () if check["verdict"] in ("fail", "error")]
+    if row["verdict"] == "blocked":
+        told.append(f"blocked: {row['reason']}")
+    right = [name for name in told if table.is_right(one, name)]
+    found: Found = "missed"
+    if row["verdict"] in ("fail", "blocked"):
+        found = "caught" if right else "wrong reason"
+    nearest, used = _nearest(row["checks"] or (), sound["checks"] or ())
+    told = right + [name for name in told if name not in right]
+    return Cell(
+        mutation=one.name,
+        plan=row["plan"],
+        found=found,
+        verdict=row["verdict"],
+        told="; ".join(told),
+        nearest=nearest,
+        used=round(used, 2),
+    )
+
+
+def _nearest(checks: Sequence[Mapping[str, Any]], sound: Sequence[Mapping[str, Any]]) -> tuple[str, float]:
+    """Return which check has used most of its way from the sound value to a limit, and how much of it."""
+    before = {check["name"]: check["value"] for check in sound}
+    ways = [("", 0.0)]
+    for check in checks:
+        was, now = before.get(check["name"]), check["value"]
+        if was is None or now is None or not (isfinite(was) and isfinite(now)):
+            continue
+        limit = check["high"] if now > was else check["low"]
+        if limit is not None and limit != was:
+            ways.append((check["name"], (now - was) / (limit - was)))
+    return max(ways, key=lambda way: way[1])
+
+
+def write_cells(path: Path, cells: Iterable[Cell]) -> None:
+    """Write the matrix, in the order of ``cells``."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(Cell.__struct_fields__)
+        writer.writerows(msgspec.structs.astuple(cell) for cell in cells)
+
+
+def read_cells(path: Path = FOUND) -> list[Cell]:
+    """Return the matrix as it was found last."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [msgspec.convert(row, Cell, strict=False) for row in csv.DictReader(file)]

@@ -1,0 +1,136 @@
+"""The mutation matrix: the table of faults, who is meant for what, and the page; faults that were caught still are."""
+
+import numpy as np
+import pytest
+
+from astb.session import planned_faults, simulated_parameters
+from bench_protocol.units import mm
+from bench_sim.parameters import load
+from bench_sim.rig.faults.catalogue import find_fault
+from campaigns.healthy import sound_rig, tolerances
+from campaigns.measure import cells_of, fault_cases, sound_case, sound_run
+from campaigns.mutation_page import PAGE, page
+from campaigns.mutations import judge, mutations, read_cells
+from campaigns.plan_case import run_plan_case
+from test_plans.discovery import plans
+
+FAULTS = {one.name: one for one in mutations().mutation}
+#: Some that each of these plans is there for.
+STILL_CAUGHT = {
+    "tightness": ("leak 5e-11", "thermometer stuck"),
+    "lateral_stiffness": ("lateral friction doubled", "shell soft, lateral", "shear cell stuck"),
+    "dynamic_stiffness": ("orifice 14 mm", "area -5 %", "load cells 10 ms late"),
+    "differential_pressure_valve": ("dpv set high", "dpv leaks"),
+    "measuring_chain": ("lasers swapped", "load cells swapped"),
+}
+
+
+def check(name, value, verdict="pass", low=0.0, high=10.0):
+    return {"name": name, "value": value, "low": low, "high": high, "verdict": verdict}
+
+
+def row(verdict, *checks, reason=""):
+    return {"plan": "a_plan", "verdict": verdict, "reason": reason, "checks": list(checks)}
+
+
+AIR = "air lost per minute, {} spring"
+SOUND = row("pass", check(AIR.format("left"), 5.0), check(AIR.format("right"), 5.0), check("c at 1 Hz", 5.0))
+
+
+def judged(*args, **kwargs):
+    return judge(mutations(), FAULTS["leak 5e-11"], row(*args, **kwargs), SOUND)
+
+
+def test_there_are_faults_of_every_kind_and_each_names_what_is_meant_for_it():
+    assert len(FAULTS) == len(mutations().mutation) >= 25
+    assert {one.kind for one in FAULTS.values()} == {"plant", "sensor", "wire"}
+    known = set(mutations().reasons)
+    for one in FAULTS.values():
+        assert set(one.right) <= known, one.name
+        assert one.side in ("", "left", "right"), one.name
+    assert known == {name for one in FAULTS.values() for name in one.right}, "a reason that nobody names"
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_each_fault_can_be_had_and_changes_something(name):
+    simulation = FAULTS[name].simulation
+    parameters = simulated_parameters(simulation)
+    for planned in planned_faults(simulation):
+        find_fault(planned.name).read(planned.values)
+    assert simulation.faults or parameters.digest() != load().digest()
+
+
+def test_what_is_meant_for_a_fault_catches_it():
+    cell = judged("fail", check("c at 1 Hz", 11.0, "fail"), check(AIR.format("left"), 11.0, "fail"))
+    assert (cell.found, cell.told) == ("caught", "air lost per minute, left spring; c at 1 Hz")
+
+
+@pytest.mark.parametrize(
+    "failed", ["c at 1 Hz", AIR.format("right"), "air lost per minute"], ids=["check", "side", "nothing"]
+)
+def test_another_check_or_the_other_spring_is_the_wrong_reason(failed):
+    cell = judged("fail", check(failed, 11.0, "fail"))
+    assert cell.found == ("caught" if failed == "air lost per minute" else "wrong reason")
+
+
+def test_a_blocked_plan_caught_it_only_if_it_says_what_it_should():
+    assert judged("blocked", reason="the link to the rig: gone").found == "wrong reason"
+    lost = FAULTS["PLC restarts"]
+    assert (
+        judge(mutations(), lost, row("blocked", reason="the link to the rig: gone"), SOUND).found == "caught"
+    )
+
+
+def test_a_miss_tells_how_near_it_was():
+    cell = judged("pass", check(AIR.format("left"), 8.0), check("c at 1 Hz", 4.0), check("new", 9.9))
+    assert (cell.found, cell.nearest, cell.used) == ("missed", AIR.format("left"), 0.6)
+    assert judged("pass", check("c at 1 Hz", 8.0, high=None)).nearest == "", "there is no limit that way"
+
+
+def test_the_page_says_what_was_measured():
+    assert PAGE.read_text(encoding="utf-8") == page(), "python -m campaigns.measure page"
+
+
+def test_every_fault_that_no_plan_catches_is_explained_and_no_other():
+    caught = {cell.mutation for cell in read_cells() if cell.found == "caught"}
+    assert {name for name, one in FAULTS.items() if one.missed} == FAULTS.keys() - caught
+
+
+def test_no_plan_of_the_matrix_catches_nothing():
+    cells = read_cells()
+    tried = {cell.plan for cell in cells}
+    assert tried == {cell.plan for cell in cells if cell.found == "caught"}
+    assert tried <= plans().keys(), "a plan that there is no more"
+
+
+def test_sound_rigs_differ_within_their_tolerances():
+    drawing, table = load(), tolerances()
+    drawn = [simulated_parameters(sound_rig(seed)) for seed in range(20)]
+    for name, one in (table.part | table.day).items():
+        values = np.array([rig.entries[name].value for rig in drawn])
+        assert len(np.unique(values)) == values.size, f"{name}: each rig and each spring has its own"
+        if one.spread:
+            assert np.abs(values / drawing.entries[name].value - 1).max() <= one.spread
+    offsets = np.array([rig.entries["lever_offset"].value for rig in drawn])
+    assert 0.1 * mm < offsets.std() < 0.35 * mm
+    assert sound_rig(3) == sound_rig(3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plan", STILL_CAUGHT)
+def test_what_was_caught_still_is(plan):
+    """A part of the matrix, measured again: limits that were opened, or checks that went, turn up here."""
+    cases = [sound_case(plan), *fault_cases(plan, [FAULTS[name] for name in STILL_CAUGHT[plan]])]
+    rows = [{"plan": plan, "variant": case.variant, "error": ""} | run_plan_case(case) for case in cases]
+    found = {cell.mutation: cell.found for cell in cells_of(rows)}
+    assert found == dict.fromkeys(STILL_CAUGHT[plan], "caught")
+
+
+def test_a_case_without_a_verdict_is_no_cell_and_a_rejected_rig_says_why():
+    sound = {"plan": "tightness", "variant": "sound", "error": "", **row("pass")} | {"plan": "tightness"}
+    broken = {"plan": "tightness", "variant": "leak 5e-11", "error": "KilledWorker", **row(None)}
+    with pytest.raises(ValueError, match="KilledWorker"):
+        cells_of([sound, broken | {"plan": "tightness"}])
+    run = sound_run({"seed": 4, "error": "", **row("fail", check("c at 1 Hz", 11.0, "fail"))})
+    assert run.rejected
+    assert run.told == "c at 1 Hz"
