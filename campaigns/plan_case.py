@@ -109,10 +109,14 @@ def _run(case: PlanCase, directory: Path) -> "Result":
 
 
 def _told(result: "Result") -> dict[str, Any]:
-    """Return the columns of a row: verdict, its reason, and each check with value, limits, unit and verdict (SI)."""
+    """Return the columns of a row: verdict, its reason, and each check with all but the parts of its uncertainty (SI).
+
+    The parts have names of their own in each plan: they would be a column for each.
+    """
+    checks = [msgspec.to_builtins(one) for one in result.checks]
     return {
         "verdict": str(result.verdict),
         "reason": result.reason,
-        "checks": [msgspec.to_builtins(one) for one in result.checks],
+        "checks": [{name: value for name, value in one.items() if name != "parts"} for one in checks],
         "lasted": result.duration,  # s of the bench's own time
     }
