@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -122,6 +122,8 @@ class Columns:
 
     def against(self, other: Columns) -> Array:
         """Return the inner products (k, m) with m further columns."""
+        if isinstance(other, JoinedColumns):
+            return np.hstack([self.against(part) for part in other.parts])
         known = self._products.get(other)
         if known is None:
             known = np.zeros((self.size, other.size))
@@ -171,6 +173,56 @@ class Columns:
             inside = order[trace.rows] >= 0
             traces.append(Trace(order[trace.rows[inside]], trace.values[inside], trace.scale))
         return Columns(len(places), traces)
+
+
+class JoinedColumns(Columns):
+    """Columns of several ``parts``, one after the other; what belongs to a part is not copied."""
+
+    def __init__(self, parts: Sequence[Columns]) -> None:
+        super().__init__(sum(part.size for part in parts), ())
+        self.parts = tuple(parts)
+
+    @cached_property
+    def gram(self) -> Array:
+        """Inner products (k, k)."""
+        return np.block(
+            [[one.gram if one is other else one.against(other) for other in self.parts] for one in self.parts]
+        )
+
+    def against(self, other: Columns) -> Array:
+        """Return the inner products (k, m) with m further columns."""
+        return np.vstack([part.against(other) for part in self.parts])
+
+    def by_block(self, packed: Array, blocks: Places) -> Array:
+        """Return the inner products (k, b) with the samples of each block, told by channel (`Packing.blocks`)."""
+        return np.vstack([part.by_block(packed, blocks) for part in self.parts])
+
+    def times(self, packed: Array) -> Array:
+        """Return the inner products (k,) with packed samples (N,)."""
+        return np.concatenate([part.times(packed) for part in self.parts])
+
+    def along(self, numbers: Array) -> Array:
+        """Return the sum (N,) of all columns, each times its number."""
+        split = np.split(numbers, self._ends[:-1])
+        return np.asarray(sum(part.along(own) for part, own in zip(self.parts, split, strict=True)))
+
+    def plus(self, packed: Array, numbers: Array) -> Columns:
+        """Return the columns with packed samples (N,) added to each, times its number."""
+        split = np.split(numbers, self._ends[:-1])
+        return JoinedColumns([part.plus(packed, own) for part, own in zip(self.parts, split, strict=True)])
+
+    def chosen(self, places: Sequence[int]) -> Columns:
+        """Return some of the columns, in the order of their ``places``."""
+        found = []
+        for k, inside in groupby(places, key=lambda place: int(np.searchsorted(self._ends, place, "right"))):
+            start = int(self._ends[k]) - self.parts[k].size
+            found.append(self.parts[k].chosen([place - start for place in inside]))
+        return found[0] if len(found) == 1 else JoinedColumns(found)
+
+    @property
+    def _ends(self) -> Places:
+        """Where each part ends among all columns."""
+        return np.cumsum([part.size for part in self.parts])
 
 
 class ColumnsInWork:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.contracts import Array, MeasuredRun
-from diagnosis.engine.columns import Columns, Floats, Mask, Packing, Places, Trace, packing_of
+from diagnosis.engine.columns import Columns, Floats, JoinedColumns, Mask, Packing, Places, Trace, packing_of
 from diagnosis.engine.config import BRIDGED_GAP
 from diagnosis.engine.kernels import filter_rows
 from diagnosis.engine.noise import ChannelNoise, Noise
@@ -69,24 +69,20 @@ class Filter:
 
     def columns(self, parts: Sequence[Columns]) -> Columns:
         """Whiten columns in single precision, those of all ``parts`` one after the other."""
-        offsets = np.cumsum([0, *(part.size for part in parts)])
-        traces = []
-        for c, channel in enumerate(self.channels):
-            raw = [part.traces[c] for part in parts]
-            rows = np.concatenate([offset + trace.rows for offset, trace in zip(offsets, raw, strict=False)])
-            traces.append(_whitened(channel, rows, raw))
-        return Columns(int(offsets[-1]), traces)
+        white = [
+            Columns(part.size, [_whitened(*one) for one in zip(self.channels, part.traces, strict=True)])
+            for part in parts
+        ]
+        return white[0] if len(white) == 1 else JoinedColumns(white)
 
 
-def _whitened(channel: ChannelFilter, rows: Places, raw: Sequence[Trace]) -> Trace:
-    """Whiten one channel of several columns; under white noise nothing is copied that need not be."""
-    if len(raw) == 1 and channel.deviation:
-        return Trace(rows, raw[0].values, 1.0 / channel.deviation)
-    white = np.empty((len(rows), raw[0].values.shape[1]), np.float32)
-    ends = np.cumsum([0, *(len(trace.rows) for trace in raw)])
-    for trace, start, stop in zip(raw, ends, ends[1:], strict=False):
-        channel(trace.values, white[start:stop])
-    return Trace(rows, white)
+def _whitened(channel: ChannelFilter, raw: Trace) -> Trace:
+    """Whiten one channel of columns; under white noise nothing is copied."""
+    if channel.deviation:
+        return Trace(raw.rows, raw.values, 1.0 / channel.deviation)
+    white = np.empty(raw.values.shape, np.float32)
+    channel(raw.values, white)
+    return Trace(raw.rows, white)
 
 
 def filters(noise: Noise, runs: Iterable[MeasuredRun]) -> tuple[Filter, ...]:
