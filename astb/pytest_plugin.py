@@ -41,6 +41,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="DIR",
         help="Where `run` leaves records and reports. Default: records alone, in pytest's temporary directory.",
     )
+    group.addoption(
+        "--plan-set",
+        dest="astb_settings",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="Set a parameter of the plans of `pytest --pyargs astb.catalogue`, such as amplitude=20mm; repeatable.",
+    )
 
 
 @pytest.fixture(scope="session")

@@ -73,6 +73,7 @@ def programme_plan(programme: Programme) -> Plan:
         setup=steps.carry(programme.parts[0].load),
         teardown=leave_connected,
         lasts=lasts(programme),
+        judges=False,
         needs=(
             *steps.CARRYING,
             *POSE_SIGNALS,

@@ -40,6 +40,9 @@ class Plan:
     values: Mapping[str, Value] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
     requires: tuple[Precondition, ...] = ()
+    judges: bool = (
+        True  #: whether its checks say something of the product, or it only moves the springs for a diagnosis
+    )
 
     def given(self, texts: Mapping[str, Any]) -> Plan:
         """Return the plan with some parameters as written in ``texts``, such as ``20 mm``, the others by default.

@@ -36,8 +36,14 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
     if not names:
         known = known_plans()
         width = max(map(len, known))
-        for name, plan in known.items():
-            click.echo(f"{name:<{width}}  {plan.title}")
+        for heading, judges in (
+            ("plans that judge", True),
+            ("programmes for a diagnosis, which judge nothing", False),
+        ):
+            click.echo(f"{heading}:")
+            for name, plan in known.items():
+                if plan.judges is judges:
+                    click.echo(f"  {name:<{width}}  {plan.title}")
 
 
 def _facts(plan: "Plan") -> dict[str, Any]:
@@ -46,6 +52,7 @@ def _facts(plan: "Plan") -> dict[str, Any]:
         "name": plan.name,
         "title": plan.title,
         "instruction": plan.instruction,
+        "judges": plan.judges,
         "lasts_s": plan.lasts or None,
         "needs": plan.needs,
         "requires": [condition.text for condition in plan.requires],

@@ -126,6 +126,37 @@ def test_a_test_ends_as_it_should(ended, test, ending):
     assert re.search(rf"::test_{test} {ending}", ended)
 
 
+def test_the_catalogue_is_a_test_for_each_plan_that_judges_and_each_of_its_choices(tmp_path):
+    from test_plans.discovery import plans
+
+    options = ("--pyargs", "astb.catalogue", "--collect-only", "-q", "--plan-set", "amplitude=5mm")
+    code, said = pytest_run(tmp_path, *options)
+    assert code == 0, said
+    named = {name.partition(" ")[0] for name in re.findall(r"test_plan\[(.*?)\]", said)}
+    assert named == {one.name for one in plans().values() if one.judges}
+    assert not {one.name for one in plans().values() if not one.judges} & named
+    assert said.count("test_plan[lateral_stiffness load=") == 2
+    assert said.count("test_plan[lateral_stiffness load=AW3,amplitude=5 mm,offset=0 mm]") == 1
+
+
+def test_a_plan_of_the_catalogue_passes_on_a_sound_rig_and_leaves_its_record(tmp_path):
+    options = ("--pyargs", "astb.catalogue", "-k", "tightness", "--plan-set", "hold=20s")
+    code, said = pytest_run(tmp_path, *options, "--rig-records", "runs")
+    assert code == 0, said
+    assert "1 passed" in said
+    assert read_result(tmp_path / "runs" / "tightness").parameters == {"hold": "20 s"}
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"), [("hald=20s", "no plan has a parameter hald"), ("hold=1s", "hold = 1 s")]
+)
+def test_a_wrong_parameter_of_the_catalogue_is_refused_before_any_plan(tmp_path, setting, told):
+    command = [sys.executable, "-m", "pytest", "--pyargs", "astb.catalogue", "--plan-set", setting]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == pytest.ExitCode.INTERRUPTED
+    assert told in done.stdout + done.stderr
+
+
 def test_what_is_said_of_the_blocked(ended):
     assert "test_is_blocked_by_its_plan (call): broken: the link to the rig: the plug is out" in ended
     assert "test_is_blocked_by_the_rig (call): the rig: it does not want to" in ended
