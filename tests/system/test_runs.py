@@ -22,7 +22,7 @@ from drivers.errors import LinkLost
 from drivers.modbus_port import open_modbus
 from test_plans.specimen import HOME
 
-FILES = ("junit.xml", "meta.json", "record.parquet", "report.html", "result.json")
+FILES = ("SHA256SUMS", "junit.xml", "meta.json", "record.parquet", "report.html", "result.json")
 VIRTUAL = 'name = "virtual"\ntime = "virtual"\n[simulation]\n'
 LIVE = """name = "live"
 [can]
