@@ -66,8 +66,7 @@ def campaign_command(
     except (CampaignError, NotAValue) as error:
         misuse(error)
     if only_list:
-        for key in cases:
-            click.echo(key)
+        click.echo("\n".join(cases))
         return
     try:
         with CampaignDisplay(console) as display:
