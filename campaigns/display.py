@@ -50,7 +50,7 @@ class CampaignDisplay:
             self._task,
             total=standing.total,
             completed=standing.before + standing.done,
-            description=_progress(standing),
+            description=_progress(standing).removeprefix(", "),
         )
         due = standing.elapsed - self._told >= BETWEEN or not standing.left
         if row and due and not self._console.is_terminal:
