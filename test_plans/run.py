@@ -165,7 +165,7 @@ class Run:
         """
         if not (by := self.suspension.wanted_by):
             return
-        start = self.now
+        start, self._told = self.now, by
         with self.phase(f"held {where}"):
             self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
             self.suspension.hold(self, where, HOLD_WITHIN)

@@ -2,6 +2,7 @@
 
 import io
 import threading
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -10,6 +11,8 @@ from astb.operators import AnswersFileError, SimulatedHand, Terminal, operator_f
 from bench_protocol.clock import RealClock
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome
+from drivers.errors import BenchTimeout, RigFault
+from test_plans.asking import wait_for_somebody
 from test_plans.execution import execute
 from test_plans.operator import FirstOf, NoOperator, Question, QuestionBox, Script, Unanswered
 from test_plans.plan import plan
@@ -185,3 +188,21 @@ def test_answers_come_from_a_toml_file(tmp_path):
             read_answers(path)
     with pytest.raises(AnswersFileError, match="cannot be read"):
         read_answers(tmp_path / "none.toml")
+
+
+def test_in_real_time_the_bench_is_commanded_and_watched_while_somebody_thinks():
+    waited = []
+
+    def wait_for(condition, within, what):
+        waited.append((within, what))
+        if len(waited) == 2:
+            raise BenchTimeout("nobody answered")
+        if len(waited) == 3:
+            raise RigFault("the emergency stop was pressed")
+
+    run = SimpleNamespace(bench=SimpleNamespace(clock=RealClock(), wait_for=wait_for))
+    assert wait_for_somebody(run, lambda: False, 60.0, "an answer") is True
+    assert wait_for_somebody(run, lambda: False, 60.0, "an answer") is False
+    with pytest.raises(RigFault):  # what happens to the rig is not the operator's to answer
+        wait_for_somebody(run, lambda: False, 60.0, "an answer")
+    assert waited == [(60.0, "an answer")] * 3
