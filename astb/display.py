@@ -42,7 +42,8 @@ class _Screen(Progress):
 
     @property
     def _asked(self) -> bool:
-        return self.run is not None and self.run.question is not None
+        run = self.run  # once: it may be over by the next look
+        return run is not None and run.question is not None
 
     def refresh(self) -> None:
         """Draw; once, and then no more, that there is nothing to see."""
@@ -54,8 +55,8 @@ class _Screen(Progress):
         if self._empty:
             return
         yield from super().get_renderables()
-        if self.run is not None:
-            yield drawn(self.run.snapshot())
+        if (run := self.run) is not None:
+            yield drawn(run.snapshot())
 
 
 class ProgressDisplay:
@@ -69,7 +70,7 @@ class ProgressDisplay:
             BarColumn(),
             TextColumn("{task.percentage:>3.0f} %"),
             TimeElapsedColumn(),
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             console=console,
             transient=True,
             refresh_per_second=_PER_SECOND,

@@ -4,6 +4,7 @@ import sys
 import threading
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -44,8 +45,12 @@ class SimulatedHand:
         name, _, way = question.deed.rpartition(" ")
         if way not in {"on", "off"} or DONE not in question.answers:
             raise Unanswered("the simulated rig cannot do it by itself")
-        told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
-        if "error" in told and not (way == "off" and self._has(name)):  # what was not on is off
+        try:
+            told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
+            done = "error" not in told or (way == "off" and self._has(name))  # what was not on is off
+        except OSError as error:  # it runs elsewhere, or has gone
+            raise Unanswered(f"the simulated rig cannot be told to: {error.strerror or error}") from None
+        if not done:
             raise Unanswered(f"the simulated rig cannot do it by itself: {told['error']}")
         self._answer = Answer(DONE, "the simulated rig")
 
@@ -66,12 +71,15 @@ class Terminal(QuestionBox):
         super().__init__()
         self._console, self._lines = console, lines
         self._reader: threading.Thread | None = None
+        self._wanted = threading.Event()  # a line, by the question that waits
         self._ended = False
 
     def ask(self, question: Question) -> None:
         if self._ended:
             raise Unanswered("the terminal is closed")
+        self._forget_what_was_typed()
         super().ask(question)
+        self._wanted.set()
         answers = " / ".join(question.allowed)
         self._print(f"? {question.text}  [{answers}], within {question.within:g} s", "bold")
         if self._reader is None:
@@ -85,20 +93,40 @@ class Terminal(QuestionBox):
             raise Unanswered("the terminal is closed")
         return found
 
+    def withdraw(self) -> None:
+        self._wanted.clear()
+        super().withdraw()
+
+    def _forget_what_was_typed(self) -> None:
+        """Let nothing that was typed before a question answer it; lines of a pipe are meant in their order."""
+        if self._lines.isatty():
+            import termios
+
+            with suppress(OSError, termios.error):
+                termios.tcflush(self._lines.fileno(), termios.TCIFLUSH)
+
     def _read(self) -> None:
-        for line in self._lines:
-            question = self.question
-            if question is None or not line.strip():
-                continue
-            said = line.strip().lower()
-            fitting = [one for one in question.allowed if one.lower().startswith(said)]
-            if len(fitting) == 1 or said in fitting:
+        try:
+            with suppress(OSError, ValueError):  # a terminal that is gone, or what is no text
+                while self._wanted.wait() and (line := self._lines.readline()):
+                    self._take(line)
+        finally:  # whatever came, nobody answers here any more
+            self._ended = True
+
+    def _take(self, line: str) -> None:
+        question = self.question
+        if question is None or not line.strip():
+            return
+        said = line.strip().lower()
+        fitting = [one for one in question.allowed if one.lower().startswith(said)]
+        if len(fitting) == 1 or said in fitting:
+            self._wanted.clear()  # the next line is for the next question
+            try:
                 self.reply(said if said in fitting else fitting[0], "the operator at the terminal")
-            else:
-                self._print(
-                    f"  {line.strip()!r} is no answer; {' / '.join(question.allowed)} would be", "bold"
-                )
-        self._ended = True
+            except ValueError:  # the question's time has just passed
+                self._wanted.set()
+        else:
+            self._print(f"  {line.strip()!r} is no answer; {' / '.join(question.allowed)} would be", "bold")
 
     def _print(self, text: str, style: str) -> None:
         self._console.print(Text(text, style), soft_wrap=True)
@@ -130,7 +158,7 @@ def operator_for(answers: str | None, console: Console) -> Operator:
     """
     if answers not in {None, STDIN}:
         return read_answers(Path(answers))
-    if answers == STDIN or (sys.stdin is not None and sys.stdin.isatty()):
+    if sys.stdin is not None and (answers == STDIN or sys.stdin.isatty()):
         return Terminal(console, sys.stdin)
     return NoOperator()
 

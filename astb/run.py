@@ -56,8 +56,8 @@ def run_plans(
     """Run ``plans`` one after the other, each into a new directory in ``out``; return their results.
 
     Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked. In real time the plans share
-    one session with the rig, and a blocked plan is the last; in virtual time each starts with a new one, so that what
-    a plan measures does not depend on what ran before.
+    one session with the rig, and a plan that is blocked, or whose tear-down is, is the last; in virtual time each
+    starts with a new one, so that what a plan measures does not depend on what ran before.
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
@@ -68,11 +68,18 @@ def run_plans(
                     plan, session, rig, out, plan.name, display, specimen, operator, keeping, suspension
                 )
                 results.append(result)
-                if result.verdict is Outcome.BLOCKED and plan is not part[-1]:
+                if left_in_trouble(result) and plan is not part[-1]:
                     # Whatever broke may have left air in the springs: somebody has to look before the next plan.
                     display.say(f"the bench is as {plan.name} left it; what should follow was not run")
                     break
     return results
+
+
+def left_in_trouble(result: Result) -> bool:
+    """Return whether a run may have left the bench otherwise than at rest: it was blocked, or its tear-down was."""
+    from test_plans.execution import IN_TEAR_DOWN
+
+    return result.verdict is Outcome.BLOCKED or any(text.startswith(IN_TEAR_DOWN) for text in result.warnings)
 
 
 def run_plan(

@@ -42,6 +42,7 @@ class Link:
         "_lost",
         "_silent",
         "_strangers",
+        "_told",
         "_tolerant",
         "clock",
         "commander",
@@ -56,6 +57,7 @@ class Link:
         self.wiring, self.table, self.clock = wiring, wiring.table, clock
         self._lost = ""
         self._silent = 0
+        self._told: Exception | None = None  # what the receiver's sink raised, once a plan has heard of it
         self._strangers = 0.0  # that were counted before this commander came
         self._armed = self._tolerant = self._connected = False
         self.receiver = Receiver(wiring, clock)
@@ -168,8 +170,10 @@ class Link:
             raise LinkLost(self._lost)
         if self.commander.failure is not None:
             raise LinkLost(f"commands cannot be sent: {self.commander.failure}")
-        if self.receiver.failure is not None:
-            raise Misuse(f"what takes the samples failed: {self.receiver.failure}") from self.receiver.failure
+        failed = self.receiver.failure
+        if failed is not None and failed is not self._told:
+            self._told = failed  # said once: the bench can be brought to rest without a record
+            raise Misuse(f"what takes the samples failed: {failed}") from failed
         # In tear-down, the set-points alone can still bring the bench to rest.
         if failure := self.wiring.failure:
             if isinstance(failure, NotCommander):

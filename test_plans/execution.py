@@ -26,7 +26,7 @@ from test_plans.preconditions import Precondition, today
 from test_plans.punctuality import lateness, timing
 from test_plans.readings import CHAMBERS
 from test_plans.recording import Recording, begin_recording, keep_settings
-from test_plans.run import Nobody, Run, Watcher
+from test_plans.run import Heard, Nobody, Run, Watcher
 from test_plans.specimen import Specimen, ordinary
 from test_plans.steps.carrying import ARM_WITHIN, RESIDUAL_PRESSURE
 from test_plans.suspension import HeldTooLong, Suspension
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan"}
 #: How the reason of a run begins that was blocked by the wires or by whoever commands, not by the bench.
 BY_THE_LINK: Final = f"{WHOSE['link']}: "
+#: How a warning begins that a run did not leave the bench as it should have.
+IN_TEAR_DOWN: Final = "in tear-down: "
 _STOPPED: Final = "stopped by the operator"
 
 
@@ -76,7 +78,7 @@ def execute(
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()
     wanted = suspension or Suspension()
-    run = Run(bench, recording, watcher or Nobody(), plan.lasts, spring, asked, instruments, wanted)
+    run = Run(bench, recording, Heard(watcher or Nobody()), plan.lasts, spring, asked, instruments, wanted)
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, last, interrupted = _perform(run, plan)
@@ -89,7 +91,11 @@ def execute(
     run.progress(1.0)
     bench.last_run = run.now
 
+    if not first and (failed := bench.receiver.failure):
+        first = f"the record: {failed}"
     reason = _reason(run, first, last, left, strangers)
+    if last and not reason:  # the product failed all the same, but whoever goes on has to know
+        run.warnings.append("; ".join(filter(None, (f"{IN_TEAR_DOWN}{last}", left))))
     result = _concluded(run, plan, reason, rig=rig, seed=seed, timing=punctuality)
     _write(result, incident, directory)
     if interrupted:
@@ -135,9 +141,12 @@ def _perform(run: Run, plan: Plan) -> tuple[str, str, bool]:
     )
     if unmet:
         return unmet, "", interrupted
-    first, interrupted = _attempt(run, "set-up", plan.bound(plan.setup))
-    if not first:
-        first, interrupted = _attempt(run, "main", plan.bound(plan.main))
+    try:
+        first, interrupted = _attempt(run, "set-up", plan.bound(plan.setup))
+        if not first:
+            first, interrupted = _attempt(run, "main", plan.bound(plan.main))
+    except KeyboardInterrupt:  # once more, while the first was told
+        first, interrupted = _STOPPED, True
     last, again = _attempt(run, "tear-down", plan.bound(plan.teardown))
     return first, last, interrupted or again
 
@@ -146,11 +155,14 @@ def _look_at(plan: Plan, run: Run) -> None:
     """Find out whether the preconditions of ``plan`` are met. NotReady if one is not, and says what would be right."""
     unmet = [told for one in plan.requires if not one.armed for told in _unmet(run, one)]
     if not unmet and (armed := [one for one in plan.requires if one.armed]):
-        run.bench.arm(within=ARM_WITHIN)
         try:
+            run.bench.arm(within=ARM_WITHIN)
             unmet = [told for one in armed for told in _unmet(run, one)]
-        finally:
-            run.bench.disarm()
+        except BaseException:
+            with suppress(BenchError):  # what came first is told
+                run.bench.disarm()
+            raise
+        run.bench.disarm()
     if unmet:
         raise NotReady("; ".join(unmet))
 
@@ -182,7 +194,7 @@ def _write(result: Result, incident: Incident | None, directory: Path | str) -> 
 def _recorded(run: Run, recording: Recording) -> Iterator[None]:
     """Let the record take all that is received and set while the block lasts, the settings in force first."""
     bench = run.bench
-    bench.receiver.sink = recording.take
+    bench.receiver.sink, bench.receiver.failure = recording.take, None
     bench.settings.applied = lambda values: keep_settings(run, values)
     try:
         if other := bench.wiring.capabilities.notes.get("identity"):
@@ -206,7 +218,7 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
 
     if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
         return ""  # it was judged and failed; that the bench then misbehaved stands among the events
-    reason = "; then ".join(trouble for trouble in (first, last and f"in tear-down: {last}") if trouble)
+    reason = "; then ".join(trouble for trouble in (first, last and f"{IN_TEAR_DOWN}{last}") if trouble)
     return "; ".join(filter(None, (reason, *(one for one in more if one not in reason)))) if reason else ""
 
 
@@ -247,7 +259,7 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
         trouble = f"{_STOPPED}: {stop}"
     except KeyboardInterrupt:
         trouble, interrupted = _STOPPED, True
-    except Exception as error:
+    except BaseException as error:  # what would end the program must not take the tear-down with it
         trouble = f"the plan: {type(error).__name__} at {_place(error)}: {error}"
     run.keep("error", f"{name}: {trouble}")
     run.watcher.say(f"{name}: {trouble}")
@@ -264,7 +276,7 @@ def _silent(bench: Bench) -> str:
     return f"; nothing comes of {', '.join(silent)}" if silent else ""
 
 
-def _place(error: Exception) -> str:
+def _place(error: BaseException) -> str:
     """The innermost line of a plan from which ``error`` came; with plans outside this package, the outermost one."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = Path(__file__)

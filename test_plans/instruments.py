@@ -139,6 +139,8 @@ class _Unfit(ValueError):
 
 def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
     _refuse_unknown("", content, ("instrument", "signal"))
+    for table in ("instrument", "signal"):
+        _refuse_no_table(table, content.get(table, {}))
     kinds, pieces = content.get("instrument", {}), {}
     for signal, entry in content.get("signal", {}).items():
         key = f'signal."{signal}"'
@@ -149,7 +151,7 @@ def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
         if name not in kinds:
             raise _Unfit(f"{key}.instrument = {name!r} is not described; {meant(str(name), kinds)}")
         for day in ("calibrated", "due"):
-            if day in entry and not isinstance(entry[day], date):
+            if day in entry and type(entry[day]) is not date:  # a time of day is a date to Python, too
                 raise _Unfit(f"{key}.{day} = {entry[day]!r} is no day; 2027-02-03, without quotes, would be")
         instrument = _instrument(name, kinds[name], TABLE[signal].si)
         rest = {one: entry[one] for one in _PIECE[2:] if one in entry}
@@ -171,7 +173,7 @@ def _instrument(name: str, entry: Mapping[str, Any], si: str) -> Instrument:
 def _value(key: str, entry: Any, si: str) -> float:
     if not isinstance(entry, dict) or set(entry) != set(_ENTRY):
         raise _Unfit(f"{key} = {entry!r}; it needs {', '.join(_ENTRY)}")
-    value, unit = entry["value"], WRITTEN_UNITS.get(entry["unit"])
+    value, unit = entry["value"], WRITTEN_UNITS.get(str(entry["unit"]))
     if unit is None or unit.si != si:
         fitting = " or ".join(name for name, known in WRITTEN_UNITS.items() if known.si == si)
         raise _Unfit(f"{key} = {value} {entry['unit']} is not in {fitting}")
@@ -182,9 +184,13 @@ def _value(key: str, entry: Any, si: str) -> float:
     return float(value) * unit.factor
 
 
-def _refuse_unknown(where: str, table: Any, known: Collection[str]) -> None:
+def _refuse_no_table(where: str, table: Any) -> None:
     if not isinstance(table, dict):
         raise _Unfit(f"{where.rstrip('.')} = {table!r} is not a table")
+
+
+def _refuse_unknown(where: str, table: Any, known: Collection[str]) -> None:
+    _refuse_no_table(where, table)
     for key in table:
         if key not in known:
             raise _Unfit(f"{where}{key} is no key of a file of instruments; {meant(key, known)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
@@ -62,6 +62,31 @@ class Nobody:
 
     def checked(self, check: Check) -> None:
         pass
+
+
+class Heard:
+    """Tells a watcher as long as it hears: a display that breaks must not keep a run from its tear-down."""
+
+    def __init__(self, watcher: Watcher) -> None:
+        self._watcher = watcher
+
+    def say(self, text: str) -> None:
+        self._tell(lambda watcher: watcher.say(text))
+
+    def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
+        self._tell(lambda watcher: watcher.phase(path, begins=begins))
+
+    def progress(self, fraction: float) -> None:
+        self._tell(lambda watcher: watcher.progress(fraction))
+
+    def checked(self, check: Check) -> None:
+        self._tell(lambda watcher: watcher.checked(check))
+
+    def _tell(self, tell: Callable[[Watcher], None]) -> None:
+        try:
+            tell(self._watcher)
+        except (Exception, SystemExit):  # rich ends the program when nobody reads its pipe any more
+            self._watcher = Nobody()
 
 
 @dataclass(slots=True)

@@ -51,17 +51,23 @@ class Measured:
         return self.value
 
 
-class _Watched(dict[str, Any]):
-    """Readings that know which of them were used."""
+class _Watched(Mapping[str, Any]):
+    """Readings that know which of them were used, whichever way they were read."""
 
     def __init__(self, readings: Readings) -> None:
-        super().__init__(readings)
+        self._readings = readings
         self.used: dict[str, None] = {}
 
     def __getitem__(self, name: str) -> Any:
         if name in TABLE.index:
             self.used[name] = None
-        return super().__getitem__(name)
+        return self._readings[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._readings)
+
+    def __len__(self) -> int:
+        return len(self._readings)
 
 
 def measured(
@@ -76,13 +82,16 @@ def measured(
     ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate``, one or by
     signal, or means over ``averaged`` samples.
     Readings without an instrument leave the value without an uncertainty, except statuses and choices, which have no
-    error. A value that is no number has no uncertainty either.
+    error. A value that is no number has none either, nor one that was computed of none of the readings.
     """
     watched = [_Watched(one) for one in captures]
     best = np.atleast_1d(np.asarray(evaluate(*watched), float))
     used = list(dict.fromkeys(name for one in watched for name in one.used if _can_err(name)))
-    if lacking := [name for name in used if name not in instruments.pieces]:
-        why = f"no instrument is known for {', '.join(lacking)}"
+    lacking = [name for name in used if name not in instruments.pieces]
+    if lacking or not any(one.used for one in watched):
+        why = (
+            f"no instrument is known for {', '.join(lacking)}" if lacking else "it was computed of no reading"
+        )
         return tuple(Measured(float(value), unknown=why) for value in best)
     rates = rate if isinstance(rate, Mapping) else dict.fromkeys(used, rate)
     parts: dict[str, Samples] = {}
@@ -94,8 +103,10 @@ def measured(
                 for way in (1.0, -1.0)
             )
             key = f"{instruments.pieces[name].instrument.name} {cause}"
-            parts[key] = np.hypot(parts.get(key, 0.0), 0.5 * (up - down))
-            even = np.maximum(even, 0.5 * abs(up - down))
+            # Half the difference, unless the value turns between both, as a size does near 0.
+            part = 0.5 * (abs(up - best) + abs(best - down))
+            parts[key] = np.hypot(parts.get(key, 0.0), part)
+            even = np.maximum(even, part)
     parts["noise"] = _noise(evaluate, captures, [instruments.pieces[name] for name in used], best, averaged)
     return tuple(_composed(best, parts, even, place) for place in range(best.size))
 

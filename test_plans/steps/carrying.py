@@ -75,7 +75,9 @@ def depressurise(run: Run) -> None:
     bench = run.bench
 
     def empty() -> bool:
-        return max(bench.left.bellows_pressure, bench.right.bellows_pressure) <= RESIDUAL_PRESSURE
+        # Each by itself: of a silent transducer and a good one, max() may return the good one.
+        pressures = (bench.left.bellows_pressure, bench.right.bellows_pressure)
+        return all(pressure <= RESIDUAL_PRESSURE for pressure in pressures)
 
     with run.phase("depressurise"):
         if bench.rig.state in LIVE_STATES:

@@ -1,6 +1,8 @@
 """Questions to the operator: who answers, what is recorded, and what becomes of checks that nobody answers for."""
 
 import io
+import os
+import pty
 import threading
 from types import SimpleNamespace
 
@@ -128,6 +130,58 @@ def test_at_a_terminal_the_beginning_of_an_answer_is_enough(asked, typed, answer
     assert events[1][1] == answer
     assert "? fit the plate of 16 mm  [done / not possible / abort], within 10 s" in shown.getvalue()
     assert ("'what' is no answer" in shown.getvalue()) == typed.startswith("what")
+
+
+def answered(terminal, text):
+    """Ask, and return the answer, or why there is none."""
+    clock = RealClock()
+    terminal.ask(Question(text))
+    for _ in range(2000):
+        try:
+            if found := terminal.answer():
+                terminal.withdraw()
+                return found.text
+        except Unanswered as reason:
+            return str(reason)
+        clock.sleep_until(clock.now() + 1_000_000)
+    return "nothing came"
+
+
+def test_lines_of_a_pipe_answer_one_question_each():
+    terminal = Terminal(Console(file=io.StringIO()), io.StringIO("done\nnot\nwhat\ndone\n"))
+    assert [answered(terminal, f"{n}") for n in range(4)] == [
+        "done",
+        "not possible",
+        "done",
+        "the terminal is closed",
+    ]
+
+
+def test_what_is_no_text_closes_a_terminal_and_leaves_no_question_waiting():
+    lines = io.TextIOWrapper(io.BytesIO(b"\xff\n"), encoding="utf-8")
+    assert answered(Terminal(Console(file=io.StringIO()), lines), "ready?") == "the terminal is closed"
+
+
+def test_what_was_typed_before_a_question_does_not_answer_it():
+    here, there = pty.openpty()
+    with os.fdopen(there, encoding="utf-8") as lines:
+        os.write(here, b"done\n")
+        terminal, clock = Terminal(Console(file=io.StringIO()), lines), RealClock()
+        clock.sleep_until(clock.now() + 20_000_000)
+        threading.Timer(0.2, os.write, (here, b"not\n")).start()
+        assert answered(terminal, "press the emergency stop") == "not possible"
+    os.close(here)
+
+
+def test_a_simulated_rig_that_is_elsewhere_leaves_the_question_to_others():
+    def order(told):
+        raise ConnectionRefusedError(111, "Connection refused")
+
+    operator = with_hand(QuestionBox(), SimulatedHand(order))
+    operator.ask(Question("press the emergency stop", deed="estop on"))
+    assert operator.answer() is None, "it is asked, and somebody may answer"
+    with pytest.raises(Unanswered, match="cannot be told to: Connection refused"):
+        SimulatedHand(order).ask(Question("press the emergency stop", deed="estop on"))
 
 
 def test_a_terminal_that_is_closed_answers_nothing(asked):

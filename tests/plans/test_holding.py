@@ -11,6 +11,8 @@ from bench_protocol.units import bar, minutes
 from bench_records.record import read
 from bench_records.report import write_report
 from bench_records.result import CheckVerdict, Outcome, read_result
+from drivers.bench import Bench
+from drivers.errors import RigFault
 from test_plans import preconditions as pre
 from test_plans.execution import execute
 from test_plans.instruments import UNKNOWN, Instrument, Instruments, Piece
@@ -90,6 +92,20 @@ def test_a_plan_whose_precondition_is_not_met_is_blocked_before_anything_moves(r
     assert run.result.reason.startswith("not ready: ")
     assert why in run.result.reason
     assert [one.met for one in run.result.preconditions] == [False]
+
+
+def test_a_bench_that_could_not_be_armed_to_look_is_brought_to_rest(ran, monkeypatch):
+    arm, states = Bench.arm, []
+
+    def half(bench, within):
+        arm(bench, within)
+        raise RigFault("the second pump does not start")
+
+    monkeypatch.setattr(Bench, "arm", half)
+    monkeypatch.setattr("test_plans.execution.incident_since", lambda bench, _: states.append(bench.state))
+    run = ran(requires=[pre.supply(6 * bar)])
+    assert run.result.reason == "the rig: the second pump does not start"
+    assert (states, run.moved) == (["DISABLED"], [])
 
 
 def test_what_is_confirmed_by_the_operator_is_met(ran):

@@ -21,7 +21,7 @@ from test_plans.analysis import NotMeasured
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.plan import Plan, plan
-from test_plans.run import PlanError, Run
+from test_plans.run import Nobody, PlanError, Run
 
 
 class FakeBench:
@@ -191,6 +191,7 @@ def test_trouble_in_tear_down_alone_blocks(made):
 def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
     result, _ = made(bad, teardown=raising(RigFault("vent stuck")))
     assert result.verdict is Outcome.FAIL
+    assert result.warnings == ["in tear-down: the rig: vent stuck"], "whoever goes on has to know"
     assert "tear-down: the rig: vent stuck" in [
         e.text for e in read(tmp_path / "out").events if e.kind == "error"
     ]
@@ -237,6 +238,39 @@ def test_a_disk_that_fails_does_not_keep_the_tear_down_from_its_work(made, monke
     result, _ = made(main, teardown=lambda run: ran.append("safe"))
     assert ran == ["safe"]
     assert result.reason == "the rig: gone"
+
+
+class Deaf(Nobody):
+    """A watcher that raises once it is told of something."""
+
+    def __init__(self, error, at):
+        self.error, self.at = error, at
+
+    def say(self, text):
+        if self.at in text:
+            raise self.error
+
+    def phase(self, path, *, begins):
+        self.say(path[-1] if path else "")
+
+
+@pytest.mark.parametrize("error", [SystemExit(1), OSError(5, "Input/output error")])
+def test_a_display_that_breaks_keeps_no_run_from_its_end(made, error):
+    """What rich does to a program whose pipe nobody reads any more, and a terminal that is gone."""
+    result, ran = made(good, watcher=Deaf(error, "main"))
+    assert (result.verdict, ran) == (Outcome.PASS, ALL)
+
+
+def test_a_plan_that_ends_the_program_is_torn_down(made):
+    result, ran = made(raising(SystemExit(0)))
+    assert (result.verdict, ran) == (Outcome.BLOCKED, ALL)
+    assert result.reason.startswith("the plan: SystemExit at test_life_cycle.py:")
+
+
+def test_ctrl_c_once_more_while_the_first_is_told_does_not_skip_the_tear_down(made, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        made(raising(KeyboardInterrupt()), watcher=Deaf(KeyboardInterrupt(), "main: stopped"))
+    assert "tear-down" in [phase.name for phase in read_result(tmp_path / "out").phases]
 
 
 def test_a_plan_without_a_check_proves_nothing(made):

@@ -146,6 +146,32 @@ def test_without_an_instrument_there_is_no_uncertainty_and_the_reason_is_told():
     assert found.unknown == "no instrument is known for supply.pressure"
 
 
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda m: m["left.height"],
+        lambda m: m.get("left.height"),
+        lambda m: sum(m.values()),
+        lambda m: dict(m)["left.height"],
+        lambda m: next(value for _, value in m.items()),
+    ],
+)
+def test_a_reading_counts_whichever_way_it_is_read(read):
+    (found,) = measured(read, {"left.height": 1.0}, instruments=instruments(gain=0.0))
+    assert found.u == pytest.approx(0.05 * mm * EVEN)
+
+
+def test_what_is_computed_of_no_reading_is_not_certain():
+    readings = {"left.height": 1.0}
+    (found,) = measured(lambda m: readings["left.height"], readings, instruments=instruments())
+    assert (found.u, found.unknown) == (None, "it was computed of no reading")
+
+
+def test_a_size_near_zero_is_as_uncertain_as_what_it_is_the_size_of():
+    (found,) = measured(lambda m: abs(m["left.height"]), {"left.height": 0.0}, instruments=instruments())
+    assert found.u == pytest.approx(0.05 * mm * EVEN)
+
+
 def test_repeats_keep_what_the_instruments_do_and_add_their_scatter():
     values = [1.00, 1.02, 0.99, 1.01, 0.98]
     found = repeated([Measured(v, 0.05, 0.04, {"laser gain": 0.04, "noise": 0.03}) for v in values])
@@ -218,6 +244,8 @@ def test_the_simulated_sensors_are_what_the_data_sheets_of_the_virtual_bench_say
         (("value = 0.05", "value = -0.05"), "is no half-width"),
         (('source = "x"', 'source = " "'), "needs a provenance"),
         (("due = 2027-02-03", 'due = "2027-02-03"'), "is no day"),
+        (("due = 2027-02-03", "due = 2027-02-03T12:00:00"), "is no day"),
+        (("[signal]", "[[signal]]"), "signal = [{'left.height': "),
     ],
 )
 def test_a_file_that_nobody_understands_is_refused_with_key_and_value(tmp_path, change, why):
