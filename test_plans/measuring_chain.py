@@ -174,7 +174,10 @@ def _weigh(run: Run, mass: float) -> None:
             after = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
             more = sum(after[cell] - before[cell] for cell in VERTICAL_CELLS)
             check_band(run, name, more / (mass * GRAVITY), "1", GAIN)
-            run.confirm(f"Take the {mass:g} kg off the bolster again.")
+            if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
+                raise RigFault(
+                    f"nobody says that the {mass:g} kg are off the bolster, and the hands too: nothing is pressed"
+                )
 
 
 def _steps(

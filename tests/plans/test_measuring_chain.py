@@ -120,6 +120,13 @@ def test_a_scale_that_cells_and_actuators_have_wrong_together_shows_by_the_mass_
     assert {name for name, verdict in run.verdicts.items() if verdict is CheckVerdict.FAIL} == {MASS}
 
 
+def test_nothing_is_pressed_until_somebody_says_that_the_mass_is_off_again(weighed):
+    run = weighed(lambda made, question: "done" if question.startswith("Put") else "not possible")
+    assert run.result.verdict is Outcome.BLOCKED
+    assert "nobody says that the 500 kg are off the bolster" in run.result.reason
+    assert "press" not in {phase.name for phase in run.result.phases}
+
+
 @pytest.mark.parametrize("hand", [None, lambda *_: "not possible"])
 def test_without_a_hand_or_a_mass_the_rest_is_judged(weighed, hand):
     run = weighed(hand)

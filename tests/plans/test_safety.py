@@ -9,7 +9,7 @@ from drivers.commander import Commander
 from drivers.wiring.own_modbus import OwnRegisters
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.operator import NoOperator, Script
+from test_plans.operator import FirstOf, NoOperator, Script
 from tests.foreign.virtual import VirtualPlc
 
 slow = pytest.mark.slow
@@ -49,6 +49,26 @@ def test_where_nobody_can_be_asked_nothing_moves_for_it(safety):
     missing = {one.name for one in result.checks if one.verdict is CheckVerdict.NOT_AVAILABLE}
     assert {"supply lost: stays ACTIVE", "emergency stop: acts"} <= missing == failed
     assert not {"supply lost", "emergency stop"} & {phase.name for phase in result.phases}
+
+
+def test_who_presses_the_stop_may_think_before_they_say_so(tmp_path):
+    """Times and ways count from the stop, not from the answer: by then the springs are empty."""
+    found = []
+    for thought in (0.0, 12.0):
+        with astb.open_bench("virtual") as bench:
+
+            def press(question, bench=bench, thought=thought):
+                bench.hand.ask(question)
+                bench.clock.sleep_until(bench.clock.now() + round(thought * 1e9))
+                return "done"
+
+            operator = FirstOf(Script({"estop on": press}), bench.hand)
+            result = execute(plans()["safety"], bench, tmp_path / f"{thought}", operator=operator)
+            assert result.verdict is Outcome.PASS, result.reason
+            found.append({one.name: one.value for one in result.checks if one.name.startswith("emergency")})
+    assert found[0]["emergency stop: springs without air after"] > 2.0
+    for name in (f"emergency stop: {way}" for way in WAYS):
+        assert found[1][name] == pytest.approx(found[0][name], abs=0.1 if "after" in name else 2e-4)
 
 
 def test_a_stop_that_does_nothing_when_it_is_pressed_fails(safety):
