@@ -2,7 +2,7 @@
 
 Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke, not the product),
 4 incomplete (what the rig can measure passes, and something is not available on it),
-5 refused (rehearsed, a plan trips a limit).
+5 refused (rehearsed in virtual time, a plan trips a limit).
 Everything heavy is imported inside the commands: `astb --help` answers at once.
 """
 

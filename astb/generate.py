@@ -298,7 +298,8 @@ def commands_page() -> str:
     print(_NOTE.replace("table of signals", "command line"), file=out)
     print("# The command line\n", file=out)
     print("Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke),", file=out)
-    print("4 incomplete (what the rig can measure passes, and something is not available on it).\n", file=out)
+    print("4 incomplete (what the rig can measure passes, and something is not available on it),", file=out)
+    print("5 refused (rehearsed in virtual time, a plan trips a limit).\n", file=out)
     of_all = click.Context(commands)
     for name in ("", *commands.list_commands(of_all)):
         command = commands.get_command(of_all, name) if name else commands

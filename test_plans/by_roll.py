@@ -28,6 +28,8 @@ ROLL_AMPLITUDE: Final = 5 * mm
 SAME_ROLL: Final = 0.001 * rad
 #: Friction remembers how the springs came to y = +20 mm, for some cycles.
 ROLL_CENTRING: Final = 10 * s
+#: What the gas was squeezed by warms it; without its heat the lower spring under AW3 stays below what its actuator can.
+COOL_BEFORE_LAST: Final = 20 * s
 
 
 @dataclass(slots=True)
@@ -45,6 +47,9 @@ class RollAngle:
         for side in (1.0, -1.0):
             self._measure(run, home, 0.0, lead=ROLL_CENTRING)
             for roll in angles:
+                if roll == max(angles):
+                    with run.phase("cool"):
+                        run.bench.wait(COOL_BEFORE_LAST)
                 self._measure(run, home, side * roll)
             with run.phase("back"):
                 take_pose(run, home, shear=ROLL_SHEAR)

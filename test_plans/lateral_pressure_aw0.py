@@ -15,7 +15,7 @@ PRELOADS: Final = tuple(P * kN for P in (43.0, 48.0, 53.5, 59.0, 64.0))
 
 @plan(
     setup=carry_first(AW0, PRELOADS),
-    lasts=280 * s,
+    lasts=320 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
 )
 def lateral_pressure_aw0(run: Run) -> None:

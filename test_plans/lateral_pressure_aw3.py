@@ -16,7 +16,7 @@ PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))
 
 @plan(
     setup=carry_first(AW3, PRELOADS),
-    lasts=360 * s,
+    lasts=370 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
 )
 def lateral_pressure_aw3(run: Run) -> None:

@@ -18,7 +18,7 @@ ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 9))
 @plan(
     setup=steps.carry(AW0),
     teardown=leave_connected,
-    lasts=280 * s,
+    lasts=360 * s,
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
 )
 def roll_angle_aw0(run: Run) -> None:

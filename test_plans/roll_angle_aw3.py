@@ -18,7 +18,7 @@ ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 7))
 @plan(
     setup=steps.carry(AW3),
     teardown=leave_connected,
-    lasts=250 * s,
+    lasts=330 * s,
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
 )
 def roll_angle_aw3(run: Run) -> None:

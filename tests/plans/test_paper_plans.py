@@ -109,9 +109,11 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
         take_pose(run, home)
         for frequency in (2.9, 3.1):
             command = LATERAL_DRIVE.command(5 * mm, frequency, 25e3)
-            seen[frequency] = lateral_stiffness(
-                *shake(run, "lateral", frequency, command, lead=1.0), frequency
-            )
+            # One second tells the loss by 2 %; four of them tell whether the two ways agree.
+            seen[frequency] = [
+                lateral_stiffness(*shake(run, "lateral", frequency, command, lead=1.0), frequency)
+                for _ in range(4)
+            ]
         run.check("done", 1.0, "1", low=0.0)
 
     with bench_composed() as made:
@@ -122,10 +124,10 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
     assert abs(seen["far"].stop_travel) < BUMP_STOP_GAP
     assert abs(seen["far"].height) < 0.2 * mm
     assert seen["roll"] == pytest.approx(0.04, abs=5e-4)
-    below, above = seen[2.9], seen[3.1]  # by the piston's transducer, by the accelerometer
-    assert above.amplitude == pytest.approx(below.amplitude, rel=0.01)
-    assert above.storage == pytest.approx(below.storage, rel=0.01)
-    assert above.loss == pytest.approx(below.loss, rel=0.05)
+    for what, rel in (("amplitude", 0.01), ("storage", 0.01), ("loss", 0.05)):
+        below, above = ([getattr(one, what) for one in seen[frequency]] for frequency in (2.9, 3.1))
+        # By the piston's transducer, by the accelerometer.
+        assert np.mean(above) == pytest.approx(np.mean(below), rel=rel), what
 
 
 # -- all of them ---------------------------------------------------------------------------------------------------
