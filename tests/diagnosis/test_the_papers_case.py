@@ -78,12 +78,7 @@ def test_each_of_three_causes_is_named_by_force_alone(case):
     """Rubber and orifice deviate by the same amount, the lag by as much the other way: nothing but shape tells them."""
     name, simulator, data = case
     finding = diagnose(data, simulator, Config(effects=tuple(CASES)))
-    if name != "discharge":
-        assert_named(finding, name, simulator)
-        return
-    # Its λ is 4.8, as faint as what the replay of a measured motion owes to the form of the model.
-    assert finding.verdict is Verdict.UNRESOLVED
-    assert max(finding.scores, key=lambda score: score.strength).effect == name
+    assert_named(finding, name, simulator)
 
 
 def test_three_times_the_discharge_is_named_by_force_alone(bench_record):
