@@ -127,8 +127,12 @@ class VirtualClock:
             due, order, task = heapq.heappop(self._due)
             if task.cancelled:
                 continue
-            self._pass_to(due)
-            task.callback()
+            try:
+                self._pass_to(due)
+                task.callback()
+            except KeyboardInterrupt:  # what comes after it needs the task
+                heapq.heappush(self._due, (due + task.period, order, task))
+                raise
             if not task.cancelled:
                 heapq.heappush(self._due, (due + task.period, order, task))
         self._pass_to(deadline)

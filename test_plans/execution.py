@@ -182,12 +182,16 @@ def _write(result: Result, incident: Incident | None, directory: Path | str) -> 
     """Leave the result, and what the black box kept if something happened, in ``directory``."""
     from bench_records.incident import write_incident
     from bench_records.junit import write_junit
+    from bench_records.layout import RecordError
 
+    try:
+        result.write(directory)
+        write_junit(result, directory)
+    except OSError as error:
+        raise RecordError(f"{directory} cannot take the result: {error.strerror}") from None
     if incident is not None:
         channels = {name: incident.values(name) for name in incident.channels}
         write_incident(directory, incident.story, incident.times, channels)
-    result.write(directory)
-    write_junit(result, directory)
 
 
 @contextmanager
@@ -244,7 +248,8 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
             part(run)
         return "", False
     except BenchError as error:
-        trouble = f"{WHOSE[error.fault]}: {error}"
+        hidden = _hidden(error) if name == "tear-down" else ""
+        trouble = f"{hidden}{WHOSE[error.fault]}: {error}"
     except NotMeasured as error:
         trouble = f"the measurement: {error}{_silent(run.bench)}"
     except ParameterRefused as error:
@@ -264,6 +269,17 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
     run.keep("error", f"{name}: {trouble}")
     run.watcher.say(f"{name}: {trouble}")
     return trouble, interrupted
+
+
+def _hidden(error: BaseException) -> str:
+    """Return what the steps of a tear-down complained of before the last one, each of which is tried in any case."""
+    told: list[str] = []
+    before = error.__context__
+    while before is not None:
+        if isinstance(before, BenchError) and str(before) not in "; ".join([str(error), *told]):
+            told.insert(0, f"{WHOSE[before.fault]}: {before}; ")
+        before = before.__context__
+    return "".join(told)
 
 
 def _silent(bench: Bench) -> str:

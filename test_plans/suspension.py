@@ -64,5 +64,8 @@ class Suspension:
                 raise HeldTooLong(f"held {where} for {within:g} s, and nobody let it go on")
             if modes:
                 bench.settings.write(modes)
+        except BaseException:
+            self._wanted_by = ""  # what is given up is not held at the next place
+            raise
         finally:
-            self._held_at = self._wanted_by = ""
+            self._held_at = ""  # somebody who asks again meanwhile is heard at the next place

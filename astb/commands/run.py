@@ -53,14 +53,13 @@ def run_command(
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
 
-    An earlier run is never overwritten: the next one of the same plan goes to DIR/PLAN-2/, and so on. Ctrl-C and
-    SIGTERM end the plan: the air is let off, and the report is written and says what the springs still hold.
+    An earlier run is never overwritten: the next one of the same plan goes to DIR/PLAN-2/, and so on. Ctrl-C,
+    SIGTERM and a terminal that is closed end the plan: the air is let off, and the report is written and says what the
+    springs still hold.
 
     Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked, 4 if all that the rig can measure
     passes and something is not available on it.
     """
-    import signal
-
     from rich import get_console
 
     from astb.operators import operator_for
@@ -73,8 +72,7 @@ def run_command(
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_path)
     rig = simulated(rig, path, model, effects, sealed)
-    # Whoever ends the run, tear-down runs.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _end_in_order()
     try:
         results = run_plans(
             chosen,
@@ -93,6 +91,23 @@ def run_command(
         blocked(error)
     worst = max((result.verdict for result in results), key=list(_EXIT).index)
     raise click.exceptions.Exit(_EXIT[worst])
+
+
+def _end_in_order() -> None:
+    """Whoever ends the run, let its tear-down run."""
+    import signal
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:  # with nohup the run goes on
+        signal.signal(signal.SIGHUP, _hung_up)
+
+
+def _hung_up(number: int, _: object) -> None:
+    """End the run as Ctrl-C does, once: the shell tells of a closed terminal, too, in the middle of the tear-down."""
+    import signal
+
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 @click.command("report")

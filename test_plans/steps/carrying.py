@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.units import K, bar, kN, minutes, mm, s
@@ -60,11 +59,14 @@ def power_up(run: Run) -> None:
 
 def make_safe(run: Run) -> None:
     """Stop the generator, let the air off, disarm: each even if the one before could not be done."""
-    with ExitStack() as last_first:
-        last_first.callback(run.bench.disarm)
-        last_first.callback(depressurise, run)
+    try:  # and not a stack of callbacks, of whose errors only the last is known
         if run.bench.has("rig.program"):
-            last_first.callback(run.bench.generator.stop)
+            run.bench.generator.stop()
+    finally:
+        try:
+            depressurise(run)
+        finally:
+            run.bench.disarm()
 
 
 def depressurise(run: Run) -> None:

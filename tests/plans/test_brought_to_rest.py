@@ -1,6 +1,9 @@
 """Whatever breaks while the springs are full: they are let down, or somebody is told that they were not."""
 
 import math
+import signal
+import subprocess
+import sys
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -10,8 +13,9 @@ from astb.run import left_in_trouble
 from bench_protocol.units import bar, mm
 from bench_records.layout import RecordError
 from bench_records.recorder import Recorder
-from bench_records.result import Outcome, check, conclude
-from drivers.errors import RigFault
+from bench_records.result import Outcome, check, conclude, read_result
+from drivers.bench import Bench
+from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
 from test_plans.execution import execute
 from test_plans.loads import AW0
@@ -71,3 +75,39 @@ def test_a_tear_down_that_failed_ends_a_series_though_the_product_failed_first()
         result = conclude("p", "P.", "P.", [failed], warnings=warnings)
         assert (result.verdict, left_in_trouble(result)) == (Outcome.FAIL, troubled)
     assert left_in_trouble(conclude("p", "P.", "P.", [], reason="the rig: gone"))
+
+
+def test_what_went_wrong_first_in_a_tear_down_is_not_hidden_by_what_came_after(
+    bench_composed, tmp_path, monkeypatch
+):
+    def full(run):
+        raise RigFault("the springs keep their air")
+
+    def stuck(bench):
+        raise BenchTimeout("the bench at rest: not reached within 10 s")
+
+    monkeypatch.setattr("test_plans.steps.carrying.depressurise", full)
+
+    @plan(setup=lambda run: None)
+    def looks(run):
+        """Look."""
+        run.check("state", 1.0, "1", low=0.0)
+
+    with bench_composed() as made, monkeypatch.context() as patched:
+        patched.setattr(Bench, "disarm", stuck)
+        result = execute(looks, made.bench, tmp_path / "out")
+    assert result.reason == (
+        "in tear-down: the rig: the springs keep their air; the rig: the bench at rest: not reached within 10 s"
+    )
+
+
+def test_a_terminal_that_is_closed_ends_the_run_in_order(tmp_path):
+    """The kernel tells of it, and once more the shell: the second must not cut the tear-down short."""
+    command = [sys.executable, "-m", "astb", "run", "tightness", "--virtual", "--set", "hold=30 min"]
+    with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True) as process:
+        for line in process.stdout:
+            if "tear-down" in line or "cool" in line:
+                process.send_signal(signal.SIGHUP)
+        assert process.wait(60) == 3
+    reason = read_result(tmp_path / "tightness").reason
+    assert reason.startswith("stopped by the operator; the springs are without pressure"), reason

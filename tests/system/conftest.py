@@ -313,7 +313,9 @@ def astb_here() -> Callable[..., tuple[int, str, str]]:
 
     def run(directory: Path, *arguments: object) -> tuple[int, str, str]:
         out, err = io.StringIO(), io.StringIO()
-        handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+        handlers = {
+            number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+        }
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
             patch.chdir(directory)
             patch.setenv("COLUMNS", "200")
