@@ -74,6 +74,7 @@ def run_plan(
     """
     from astb.operators import with_hand
     from astb.run import new_directory, undisturbed
+    from bench_records.checksums import write_sums
     from bench_records.report import write_report
     from test_plans.execution import execute
     from test_plans.operator import Script
@@ -94,6 +95,7 @@ def run_plan(
             seed=about.get("seed"),
             operator=with_hand(operator, bench.hand),
         )
+    write_sums(directory)
     if report:
         write_report(directory)
     return result, directory

@@ -228,10 +228,12 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
 
 def _air_left(bench: Bench) -> str:
     """What the springs hold now, in words: whoever stopped a run has to know before touching them."""
+    names = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
     held = {
-        side: [bench.readings.told(f"{side}.{chamber}_pressure") for chamber in CHAMBERS] for side in SIDES
+        side: [bench.readings.told(name) for name in of_side if not bench.lacks(name)]
+        for side, of_side in names.items()
     }
-    if any(isnan(pressure) for pressures in held.values() for pressure in pressures):
+    if any(not pressures or any(map(isnan, pressures)) for pressures in held.values()):
         return "nobody can tell whether the springs hold pressure: their transducers are silent"
     highest = {side: max(pressures) for side, pressures in held.items()}
     told = " and ".join(f"{pressure / bar:.2f} bar on the {side}" for side, pressure in highest.items())

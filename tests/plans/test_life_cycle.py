@@ -224,6 +224,16 @@ def test_ctrl_c_tears_down_writes_and_comes_out_again(made, bench, tmp_path, pre
     assert (result.verdict, result.reason) == (Outcome.BLOCKED, f"stopped by the operator; {told}")
 
 
+def test_a_rig_without_transducers_in_the_auxiliary_chambers_tells_by_its_bellows(made, bench, tmp_path):
+    bench.lacks = lambda *names: "there are none" if any("auxiliary" in name for name in names) else ""
+    bench.pressures = {f"{side}.bellows_pressure": 0.01 * bar for side in ("left", "right")}
+    with pytest.raises(KeyboardInterrupt, match="the springs are without pressure"):
+        made(raising(KeyboardInterrupt()))
+    bench.pressures.pop("right.bellows_pressure")
+    with pytest.raises(KeyboardInterrupt, match="nobody can tell"):
+        made(raising(KeyboardInterrupt()))
+
+
 def test_a_disk_that_fails_does_not_keep_the_tear_down_from_its_work(made, monkeypatch):
     ran = []
 

@@ -17,7 +17,9 @@ from astb.api import find_plan, find_rig
 from astb.rig_file import RigFileError
 from bench_protocol.table import TABLE
 from bench_protocol.units import s
+from bench_records.checksums import broken_files
 from drivers.errors import NotAvailable
+from test_plans.plan import plan
 from test_plans.run import PlanError
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-the-bench-from-python.md"
@@ -90,6 +92,16 @@ def test_a_program_that_forgets_to_close_leaves_the_bench_disarmed(start_rig, tm
     with astb.open_bench(tmp_path / "rig.toml") as bench:
         assert bench.rig.state == "DISABLED"
         assert bench.rig.reason == "disabled by the commander"
+
+
+def test_a_plan_that_a_program_runs_leaves_checksums_as_every_run_does(tmp_path):
+    @plan(setup=lambda run: None, teardown=lambda run: None)
+    def looks(run):
+        """Look."""
+        run.check("state", 1.0, "1", low=0.0)
+
+    _, directory = astb.run_plan(looks, out=tmp_path, report=False)
+    assert broken_files(directory) == []
 
 
 def test_nothing_is_loaded_before_it_is_asked_for():
