@@ -34,6 +34,10 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
         source = directory / FRAMES
         if not source.exists():
             raise RecordError(f"{directory} kept no CAN frames; `astb run --keep-frames` does")
+        if target.exists() and target.samefile(source):
+            raise RecordError(
+                f"{target} is what the run kept itself, and stays as it is; choose another file"
+            )
         return f"{write_frames(read_frames(source), target)} frames"
     from bench_records.exchange import write_csv, write_mdf
     from bench_records.record import read

@@ -114,6 +114,9 @@ def read_csv(path: Path, into: Path, known: Known, meta: dict[str, Any]) -> int:
     columns = [name for name in table.columns if name != TIME]
     signals = [_signal(path, str(name), known) for name in columns]
     times = numbers[TIME].to_numpy(float)
+    if not np.isfinite(times).all():
+        row = int(np.argmin(np.isfinite(times)))
+        raise RecordError(f"{path}: line {row + 2} has no time in {TIME}")
     series = []
     for name, one in zip(columns, signals, strict=True):
         values = numbers[name].to_numpy(float)

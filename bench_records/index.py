@@ -230,7 +230,7 @@ _BESIDE: Final = {"samples", "duration_s", "events"}
 def facts_of(directory: Path) -> dict[str, Any]:
     """Return what a run says of its origin, without its events; nothing where that cannot be read."""
     try:
-        meta: dict[str, Any] = msgspec.json.decode((directory / META).read_bytes())
+        meta = msgspec.json.decode((directory / META).read_bytes(), type=dict[str, Any])
         return {name: value for name, value in meta.items() if name not in _BESIDE}
     except (OSError, msgspec.MsgspecError):
         return {}

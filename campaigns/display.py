@@ -78,7 +78,7 @@ def verdicts(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Return a table that says, for each plan and variant, how many runs had which verdict."""
     counted: dict[tuple[str, str], Counter[str]] = {}
     for row in rows:
-        counted.setdefault((row["plan"], row["variant"]), Counter())[row["verdict"] or "error"] += 1
+        counted.setdefault((row["plan"], row["variant"]), Counter())[row.get("verdict") or "error"] += 1
     names = sorted({name for one in counted.values() for name in one})
     table = Table(box=None, pad_edge=False)
     for column in ("plan", "variant"):

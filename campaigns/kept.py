@@ -106,11 +106,15 @@ def read_table(directory: Path) -> "pa.Table":
 
     try:
         parts = [pq.read_table(path, partitioning=None) for path in _parts(directory)]
+        if not parts:
+            return pa.table({"key": pa.array([], pa.string())})
+        whole = pa.concat_tables(parts, promote_options="permissive")
     except (OSError, pa.ArrowException) as error:
         raise KeptError(f"{directory} cannot be read as the rows of a campaign: {error}") from None
-    if not parts:
-        return pa.table({"key": pa.array([], pa.string())})
-    whole = pa.concat_tables(parts, promote_options="permissive")
+    if any("key" not in one.column_names for one in parts):
+        raise KeptError(
+            f"{directory} holds other tables than the rows of a campaign; choose another directory"
+        )
     _, first = np.unique(whole["key"].to_numpy(), return_index=True)
     return whole if first.size == whole.num_rows else whole.take(np.sort(first))
 
@@ -122,7 +126,8 @@ def read_rows(directory: Path) -> list[dict[str, Any]]:
 
 
 def _parts(directory: Path) -> list[Path]:
-    return sorted(directory.glob("part-*.parquet"))
+    found = directory.glob("part-*.parquet")
+    return sorted(path for path in found if path.stem.removeprefix("part-").isdigit())
 
 
 def _locked(directory: Path) -> IO[str]:

@@ -69,7 +69,10 @@ def run_plan_case(case: PlanCase, records: str = "") -> dict[str, Any]:
     be raises what `astb run` would say.
     """
     if records:
-        return _told(_run(case, Path(records) / case.key.replace("/", "-").replace(" ", "")))
+        from astb.run import new_directory
+
+        # An attempt that was killed may have left half a record under the name.
+        return _told(_run(case, new_directory(Path(records), case.key.replace("/", "-").replace(" ", ""))))
     with TemporaryDirectory(prefix="astb-case-") as directory:
         return _told(_run(case, Path(directory)))
 

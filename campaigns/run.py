@@ -95,8 +95,10 @@ def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any
     """Keep the row of a case, and return it; where its values cannot be kept, one that says so."""
     known = {"key": one.key, **facts}
     told = {"error": one.error, "seconds": one.seconds, "worker": one.worker}
-    row = known | (dict(one.value) if one.value is not None else {}) | told
     try:
+        if not isinstance(one.value, Mapping | None):
+            raise ValueError(f"a case returns a dictionary, not {type(one.value).__name__}")
+        row = {**known, **(one.value or {}), **known, **told}  # what a case returns does not rename it
         kept.add(row)
     except ValueError as error:
         row = known | told | {"error": str(error)}

@@ -60,8 +60,10 @@ class CanLog:
                 for message in _messages(block):
                     self._writer.on_message_received(message)
             self._writer.stop()
-        except OSError as error:
-            self._failure = str(error.strerror or error)
+        except Exception as error:  # writers have exceptions of their own; whoever closes must hear of each
+            self._failure = str(getattr(error, "strerror", None) or error) or type(error).__name__
+            while self._waiting.get() is not None:
+                pass  # what nobody writes must not fill the memory
 
 
 def write_frames(blocks: Iterable[Block], path: Path) -> int:

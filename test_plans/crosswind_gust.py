@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from bench_protocol.units import FACTORS, bar, kN, mm, mrad, s
 from test_plans import steps
-from test_plans.analysis import Samples
+from test_plans.analysis import NotMeasured, Samples
 from test_plans.fittings import leave_connected
 from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, roll_of, shear_of
 from test_plans.parameters import ParameterRefused, Range
@@ -115,10 +115,12 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
         "pressure_remains": ("pressure difference that remains", "bar"),
     }
     area = run.specimen.effective_area
+    y, roll, pushed, parted = _answer(at, values)
+    if not np.isfinite([y, roll, pushed, parted]).all():
+        raise NotMeasured("samples of the gust are missing")
     stiffness, *found = measured(
         lambda read: _numbers(at, _answer(at, read), area), values, instruments=run.instruments
     )
-    y, roll, pushed, parted = _answer(at, values)
     # Beyond the places of the file the displacement fails anyway.
     places = limits.curve("crosswind_gust.stiffness", "kN/m")
     place = float(np.clip(y.max(), min(places), max(places)))

@@ -9,6 +9,7 @@ import numpy as np
 
 from bench_protocol.units import Hz, kN, mm, s
 from bench_protocol.words import SIDES
+from drivers.generator import MARGIN
 from test_plans import steps
 from test_plans.analysis import Stiffness, straight_line
 from test_plans.fittings import leave_connected
@@ -151,8 +152,10 @@ def _cycle(
     """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made."""
     while count > 0:
         some = min(count, PROGRAM)
+        # A program that does not begin has made no cycles, whatever the one before has made.
+        run.bench.generator.start(axis, amplitude=amplitude, frequency=frequency, cycles=some)
         try:
-            run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=some)
+            run.bench.generator.wait_done(within=some / frequency + MARGIN)
         finally:
             looks.made += int(np.nan_to_num(run.bench.readings.value("rig.generator_cycle")))
         count -= some

@@ -15,7 +15,7 @@ from test_plans import steps
 from test_plans.analysis import Samples, straight_line
 from test_plans.fittings import leave_connected
 from test_plans.loads import AW0, AW3
-from test_plans.parameters import Range
+from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.poses import Home, go_home, restore_the_air
 from test_plans.run import Run
@@ -39,9 +39,17 @@ WIDE_OPEN: Final = (4.0 * s, 6.0 * s)
 MOVED: Final = 1 * mm
 
 
-def lift(run: Run) -> None:
-    """Lift the bolster to design height and fill both springs to the pressure of the empty car."""
-    load = run.specimen.load(AW0)
+def lift(run: Run, within: float) -> None:
+    """Lift the bolster to design height and fill both springs to the pressure of the empty car.
+
+    ParameterRefused if a valve that is too slow would not be waited for.
+    """
+    load, limits = run.specimen.load(AW0), run.specimen.limits
+    allowed = max(limits.band(f"leveling_{verb}_time").high or 0.0 for verb in ("fill", "exhaust"))
+    if within <= allowed:
+        raise ParameterRefused(
+            f"within = {within:g} s is no longer than the {allowed:g} s that a valve may take; more would be right"
+        )
     steps.shim(run, load)
     steps.power_up(run)
     steps.raise_the_air(run, load)
@@ -145,9 +153,8 @@ def _step(
         end = bench.now + within
         with suppress(BenchTimeout):  # a valve that does not do it in time has failed, and is told so
             while waiting:
-                bench.wait_for(
-                    lambda: bool(there()), within=end - bench.now, what="pressure of the other load"
-                )
+                left = max(end - bench.now, 0.0)
+                bench.wait_for(lambda: bool(there()), within=left, what="pressure of the other load")
                 arrived = there()
                 bench.settings.write({f"air.{side}_mode": "hold" for side in arrived})
                 waiting -= arrived

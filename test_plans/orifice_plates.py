@@ -1,6 +1,5 @@
 """Orifice plates: stiffness and damping of the springs with each plate of the set."""
 
-from contextlib import ExitStack
 from functools import partial
 from typing import Final, Literal
 
@@ -24,9 +23,8 @@ OF_PLATES: Final = ("bore of the plates", "mm")
 
 def leave_as_found(run: Run) -> None:
     """Make the bench safe, and let the plates be fitted that it was built with."""
-    with ExitStack() as last_first:
-        last_first.callback(_fit, run, PLATE)
-        last_first.callback(steps.make_safe, run)
+    steps.make_safe(run)  # if that fails nobody is asked to open a spring that may be under air
+    _fit(run, PLATE)
 
 
 @plan(setup=put_down, needs=(*steps.CARRYING, *VERTICAL_WAVES), teardown=leave_as_found, lasts=204 * s)

@@ -95,6 +95,8 @@ class Course:
         latest = 0.0
         for name in names:
             times, values = self._series(name)
+            if not times.size:
+                return self._watched  # nothing came: nobody knows
             large = np.flatnonzero(~(np.abs(values) <= limit))
             if large.size:
                 after = large[-1] + 1
@@ -102,8 +104,9 @@ class Course:
         return latest
 
     def rise(self) -> float:
-        """Return by how much the higher side rose (m)."""
-        return max(float(np.nanmax(values) - values[0]) for _, values in map(self._series, HEIGHTS))
+        """Return by how much the higher side rose (m); NaN if one was not seen all the time."""
+        heights = [values for _, values in map(self._series, HEIGHTS)]
+        return float(np.max([values.max() - values[0] if values.size else np.nan for values in heights]))
 
     def _series(self, name: str) -> tuple[Samples, Samples]:
         return self._capture.times(name) - self._since, self._capture.values(name)

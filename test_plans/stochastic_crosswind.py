@@ -101,7 +101,7 @@ def stochastic_crosswind(
     y = shear_of(values) - values["platform.lateral"]
     y -= y[at < BEFORE].mean()
     steady = (at >= BEFORE + RISE) & (at < BEFORE + RISE + duration)
-    swing = max(float(values[name][steady].std()) for name in PRESSURES)
+    swing = float(np.max([values[name][steady].std() for name in PRESSURES]))  # NaN if one is
     for name, limit, value, unit in (
         ("lateral displacement, rms about its mean", "displacement_rms", float(y[steady].std()), "mm"),
         (

@@ -53,6 +53,8 @@ def runs_command(
     as_json: bool,
 ) -> None:
     """List the runs that are kept, oldest first."""
+    from rich.markup import escape
+
     from bench_records.layout import RecordError
 
     index = _index(folder)
@@ -81,9 +83,8 @@ def runs_command(
         plan_words = " ".join([one.plan, *(f"{name}={value}" for name, value in one.parameters.items())])
         verdict_mark = f"[{_STYLE.get(one.verdict, '')}]{one.verdict}[/]"
         began = one.began.replace("T", " ").removesuffix("Z")
-        table.add_row(
-            verdict_mark, one.directory, began, plan_words, one.serial_number, one.rig, one.operator
-        )
+        told = (one.directory, began, plan_words, one.serial_number, one.rig, one.operator)
+        table.add_row(verdict_mark, *map(escape, told))
     open_console().print(table)
 
 
@@ -170,6 +171,8 @@ def trend_command(
     What was measured otherwise is never mixed: where a check of this name comes from several plans, phases or
     parameters, these are listed, and one has to be chosen.
     """
+    from rich.markup import escape
+
     from bench_records.kept_pages import trend_words, write_trend
     from bench_records.layout import RecordError
     from bench_records.trend import trend_of
@@ -199,7 +202,7 @@ def trend_command(
     for one in found.checks:
         value = "–" if one.value is None else f"{one.value / one.scale:.6g} {one.unit}".rstrip()
         table.add_row(
-            one.verdict, one.run.began.replace("T", " ").removesuffix("Z"), one.run.directory, value
+            one.verdict, one.run.began.replace("T", " ").removesuffix("Z"), escape(one.run.directory), value
         )
     console = open_console()
     console.print(table)

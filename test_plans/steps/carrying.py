@@ -58,15 +58,18 @@ def power_up(run: Run) -> None:
 
 
 def make_safe(run: Run) -> None:
-    """Stop the generator, let the air off, disarm: each even if the one before could not be done."""
+    """Stop what moves, let the air off, disarm: each even if the one before could not be done."""
     try:  # and not a stack of callbacks, of whose errors only the last is known
         if run.bench.has("rig.program"):
             run.bench.generator.stop()
     finally:
         try:
-            depressurise(run)
+            run.bench.waveform.stop()
         finally:
-            run.bench.disarm()
+            try:
+                depressurise(run)
+            finally:
+                run.bench.disarm()
 
 
 def depressurise(run: Run) -> None:

@@ -23,6 +23,10 @@ def whatever(what: str) -> dict:
                 time.sleep(0.01)
         case "text":
             return {"length": "four"}
+        case "number":
+            return 6  # type: ignore[return-value]
+        case "renames":
+            return {"key": "fine", "length": 7}
         case "unkept":
             return {"length": 5, "thing": object()}
     return {"length": len(what)}

@@ -14,6 +14,7 @@ import pytest
 from rich.console import Console
 
 from astb.api import run_plan
+from campaigns import plan_case
 from campaigns.campaign_file import CampaignError, read_campaign
 from campaigns.display import CampaignDisplay, duration, verdicts
 from campaigns.kept import read_rows
@@ -130,6 +131,24 @@ def test_verdicts_are_counted_by_plan_and_variant():
     rows = [{"plan": "p", "variant": "v", "verdict": verdict} for verdict in ("pass", "fail", "pass", None)]
     Console(file=said, width=80).print(verdicts(rows))
     assert said.getvalue().split() == ["plan", "variant", "error", "fail", "pass", "p", "v", "1", "1", "2"]
+
+
+def test_where_every_case_failed_no_row_has_a_verdict():
+    said = io.StringIO()
+    Console(file=said, width=80).print(verdicts([{"plan": "p", "variant": "v", "error": "no"}]))
+    assert said.getvalue().split() == ["plan", "variant", "error", "p", "v", "1"]
+
+
+def test_an_attempt_that_was_killed_does_not_stand_in_the_way_of_the_next(tmp_path, monkeypatch):
+    used = []
+    monkeypatch.setattr(plan_case, "_told", lambda result: {})
+    monkeypatch.setattr(plan_case, "_run", lambda case, directory: used.append(directory))
+    case = PlanCase(plan="leak_down")
+    run_plan_case(case, str(tmp_path))
+    (used[0] / "stream.arrow").write_bytes(b"half of it")
+    run_plan_case(case, str(tmp_path))
+    assert used[0] != used[1]
+    assert not any(used[1].iterdir())
 
 
 @pytest.mark.slow

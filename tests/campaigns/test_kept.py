@@ -83,3 +83,19 @@ def test_a_row_that_does_not_fit_is_refused_in_words(tmp_path, row, said):
         with pytest.raises(ValueError, match=said):
             kept.add(row)
     assert [row["key"] for row in read_rows(tmp_path)] == ["a"]
+
+
+def test_a_data_set_of_somebody_else_is_refused_and_left_alone(tmp_path):
+    theirs = tmp_path / "part-000.parquet"
+    pd.DataFrame({"temperature": [293.0]}).to_parquet(theirs)
+    with pytest.raises(KeptError, match="other tables than the rows of a campaign"):
+        KeptRows(tmp_path)
+    assert list(pd.read_parquet(theirs)["temperature"]) == [293.0]
+
+
+def test_files_that_are_no_parts_are_left_alone(tmp_path):
+    (tmp_path / "part-of-my-thesis.parquet").write_text("notes")
+    with KeptRows(tmp_path) as kept:
+        kept.add({"key": "a"})
+    assert [row["key"] for row in read_rows(tmp_path)] == ["a"]
+    assert (tmp_path / "part-of-my-thesis.parquet").read_text() == "notes"

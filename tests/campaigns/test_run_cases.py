@@ -48,7 +48,7 @@ def test_what_is_kept_is_not_computed_again(client, tmp_path):
 
 def test_a_case_that_fails_is_a_row_and_not_the_end(client, tmp_path):
     run_cases(questions.whatever, {"fine": "fine"}, tmp_path, client=client)
-    asked = ["fine", "raise", "leave", "die", "linger", "text", "unkept", "good"]
+    asked = ["fine", "raise", "leave", "die", "linger", "text", "number", "renames", "unkept", "good"]
     rows = run_cases(questions.whatever, {what: what for what in asked}, tmp_path, client=client, limit=1.0)
     errors = {row["key"]: row["error"] for row in rows}
     assert errors["raise"].startswith("ValueError at questions.py:")
@@ -58,7 +58,8 @@ def test_a_case_that_fails_is_a_row_and_not_the_end(client, tmp_path):
     assert errors["linger"] == "stopped after its time limit of 1 s"
     assert "does not fit to those before" in errors["text"]
     assert "cannot be kept" in errors["unkept"]
-    assert (errors["fine"], errors["good"]) == ("", "")
+    assert errors["number"] == "a case returns a dictionary, not int"
+    assert (errors["fine"], errors["renames"], errors["good"]) == ("", "", "")
 
 
 def test_those_that_failed_are_tried_again_when_that_is_asked_for(client, tmp_path):

@@ -1,6 +1,7 @@
 """A waveform that the host streams: every beat of it arrives, in bytes that cantools reads, or nothing moves at all."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import cantools
 import numpy as np
@@ -20,6 +21,7 @@ from drivers.errors import LinkLost, Misuse, NotAvailable, RigFault
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.wiring.own import OwnWiring
+from test_plans.steps import carrying
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
 DBC = cantools.database.load_file(Path(bench_protocol.__file__).parent / "generated" / "astb.dbc")
@@ -214,3 +216,14 @@ def test_a_rig_whose_pace_nobody_knows_is_not_moved(made):
 def _sideways(height, lasts=2 * s):
     times, way = bump(height, lasts)
     return times, {"lateral.displacement": way}
+
+
+def test_whatever_moves_has_stopped_before_the_air_is_let_off(made, monkeypatch):
+    """A plan that began one and came to grief before it waited for it."""
+    _, bench = made
+    bench.waveform.start(*_sideways(20 * mm, 60 * s))
+    bench.wait(10 * s)
+    going = []
+    monkeypatch.setattr(carrying, "depressurise", lambda run: going.append(run.bench.commander.played.going))
+    carrying.make_safe(SimpleNamespace(bench=bench))
+    assert going == [False]

@@ -207,3 +207,9 @@ def test_a_longer_hold_is_held_longer(judged):
     result, _ = judged("tightness", given={"hold": "1 min"})
     assert result.duration > plans()["tightness"].lasts + 50
     assert result.parameters == {"hold": "60 s"}
+
+
+def test_a_valve_is_waited_for_longer_than_it_may_take(judged):
+    result, _ = judged("leveling", given={"within": "30 s"})
+    assert result.verdict is Outcome.BLOCKED
+    assert "within = 30 s is no longer than the 38 s that a valve may take" in result.reason

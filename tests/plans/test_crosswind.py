@@ -1,5 +1,7 @@
 """Crosswind: the wind is that of the literature, sound springs bear it, and what the plans are meant for fails them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,10 +9,14 @@ from bench_protocol.units import FACTORS, Hz, mm
 from bench_records.result import Outcome
 from bench_sim.model import wind as oracle
 from bench_sim.parameters.paper import load_paper
-from test_plans.crosswind_gust import blow
+from test_plans.analysis import NotMeasured
+from test_plans.crosswind_gust import READ, _judge, blow
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.instruments import UNKNOWN
+from test_plans.specimen import ordinary
 from test_plans.spectra import SIGMAS_OF_95, spectra
+from test_plans.steps.shaking import SAMPLE_RATE
 from test_plans.stochastic_crosswind import LEVEL, TRACK, excitation, irregularity
 from test_plans.wind import (
     CAR,
@@ -207,3 +213,10 @@ def test_more_wind_than_the_bench_should_push_with_is_refused_before_anything_mo
         "the parameters: wind = 20 m/s at train_speed = 200 km/h pushes with 17.3 kN; less"
     )
     assert result.duration < 1.0
+
+
+def test_a_gust_with_gaps_is_not_blamed_on_the_specimens_file():
+    at = np.arange(-2.0, 23.0, 1 / SAMPLE_RATE)
+    values = dict.fromkeys(READ, np.zeros_like(at)) | {"left.height": np.full_like(at, np.nan)}
+    with pytest.raises(NotMeasured, match="samples of the gust are missing"):
+        _judge(SimpleNamespace(specimen=ordinary(), instruments=UNKNOWN), "AW0", at, values)

@@ -1,9 +1,13 @@
 """Endurance: a sound spring does not change, each change is told by its own check, a stopped run keeps its looks."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from bench_records.result import Outcome, read_result
+from drivers.errors import Refused
 from test_plans.discovery import plans
+from test_plans.endurance import Looks, _cycle
 from test_plans.execution import execute
 
 slow = pytest.mark.slow
@@ -78,3 +82,17 @@ def test_a_run_that_is_stopped_keeps_what_it_has_seen_and_how_many_cycles_it_mad
     looks = max(curve.xs[-1] for curve in result.curves)
     assert 100 <= looks < done < 400  # stopped amid some more
     assert changes("left stiffness K'", "right height") <= set(numbers(result))
+
+
+def test_a_program_that_is_refused_adds_no_cycles_of_the_one_before():
+    def refuse(*_, **__):
+        raise Refused("action.program_run was refused", 4)
+
+    bench = SimpleNamespace(
+        generator=SimpleNamespace(start=refuse, run=refuse),
+        readings=SimpleNamespace(value=lambda name: 1000.0),
+    )
+    looks = Looks()
+    with pytest.raises(Refused):
+        _cycle(SimpleNamespace(bench=bench), "vertical", 10e-3, 1.0, 500, looks)
+    assert looks.made == 0

@@ -1,5 +1,7 @@
 """Orifice plates that the bench cannot change by itself: the operator is asked, and what nobody fits is not judged."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from astb.rig_in_memory import RigInMemory
@@ -10,10 +12,13 @@ from bench_records.result import CheckVerdict, Outcome
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
+from drivers.errors import RigFault
 from drivers.wiring.own import OwnWiring
+from test_plans import steps
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import Script
+from test_plans.orifice_plates import leave_as_found
 
 PLATES = (10, 13, 16, 18)
 
@@ -83,3 +88,15 @@ def test_an_operator_who_says_done_and_fits_another_plate_is_found_out(plates_by
     assert {one.name for one in result.checks if one.verdict is CheckVerdict.FAIL} >= {
         f"{side} K' with 10 mm" for side in ("left", "right")
     }
+
+
+def test_nobody_is_asked_to_open_springs_that_could_not_be_vented(monkeypatch):
+    def stuck(run):
+        raise RigFault("the springs keep their air")
+
+    asked = []
+    bench = SimpleNamespace(has=lambda *names: False)
+    monkeypatch.setattr(steps, "make_safe", stuck)
+    with pytest.raises(RigFault, match="keep their air"):
+        leave_as_found(SimpleNamespace(bench=bench, confirm=lambda *what: asked.append(what)))
+    assert not asked

@@ -1,5 +1,6 @@
 """Safety: a sound bench holds and becomes safe in time, and one that does not is told by the right check."""
 
+import numpy as np
 import pytest
 
 import astb
@@ -10,6 +11,7 @@ from drivers.wiring.own_modbus import OwnRegisters
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import FirstOf, NoOperator, Script
+from test_plans.safety import Course
 from tests.foreign.virtual import VirtualPlc
 
 slow = pytest.mark.slow
@@ -106,3 +108,29 @@ def test_on_a_rig_that_nobody_says_supervises_its_commander_nothing_is_provoked(
     assert "is not known to notice that its commander is silent" in words["set-points lost: holds"]
     assert "no action.power_off" in words["is off at the end"]
     assert result.duration < 10
+
+
+class Seen:
+    """A capture with these samples of a signal: times (s) and values."""
+
+    def __init__(self, series):
+        self._series = {name: np.array(pairs, float) for name, pairs in series.items()}
+
+    def times(self, name):
+        return self._series.get(name, np.zeros((0, 2)))[:, 0]
+
+    def values(self, name):
+        return self._series.get(name, np.zeros((0, 2)))[:, 1]
+
+
+def test_what_nobody_saw_is_no_way_into_the_safe_position():
+    course = Course(Seen({"left.bellows_pressure": [(0.0, 5 * bar), (2.0, 0.1 * bar)]}), watched=18.0)
+    assert course.until_small(["left.bellows_pressure"], 0.2 * bar) == 2.0
+    assert course.until_small(["left.bellows_pressure", "right.bellows_pressure"], 0.2 * bar) == 18.0
+
+
+@pytest.mark.parametrize(("silent", "other"), [("left", "right"), ("right", "left")])
+def test_a_bolster_that_one_laser_does_not_see_may_have_risen(silent, other):
+    seen = {f"{other}.height": [(0.0, 0.0), (1.0, 1e-3)]}
+    for gap in ([(0.0, 0.0), (1.0, np.nan), (2.0, 0.0)], np.zeros((0, 2))):
+        assert np.isnan(Course(Seen(seen | {f"{silent}.height": gap}), watched=18.0).rise())

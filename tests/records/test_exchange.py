@@ -13,10 +13,12 @@ from click.testing import CliRunner
 
 from astb.commands.exchange import export_command, import_command
 from astb.exit_codes import MISUSE, PASS
+from bench_protocol.frames import FRAME
 from bench_protocol.table import TABLE
 from bench_records.checksums import SUMS, broken_files
 from bench_records.record import read
-from drivers.can_log import CanLogError, read_frames, write_frames
+from drivers import can_log
+from drivers.can_log import CanLog, CanLogError, read_frames, write_frames
 
 DBC = Path(__file__).resolve().parents[2] / "bench_protocol" / "generated" / "astb.dbc"
 
@@ -133,6 +135,8 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
         ("a.csv", "time_s,left.height [m]\n0,1\n", "is not in mm"),
         ("a.csv", "time_s,left.height [mm]\n0,1\n1,much\n", "line 3, left.height [mm] = 'much' is no number"),
         ("a.csv", "t,left.height [mm]\n0,1\n", "has no column time_s"),
+        ("a.csv", "time_s,left.height [mm]\n0,1\n,2\n1,3\n", "line 3 has no time in time_s"),
+        ("a.csv", "time_s,left.height [mm]\n0,1\ninf,2\n", "line 3 has no time in time_s"),
         ("a.blf", "rubbish", "is not a file of CAN frames"),
         ("a.log", "", "holds no data frame"),
         ("a.txt", "", "known are .csv, .mf4, .blf"),
@@ -150,6 +154,36 @@ def test_nothing_is_overwritten(run: Path) -> None:
     status, text = command(import_command, run / "can.blf", run)
     assert status == MISUSE
     assert "is not empty" in text
+
+
+def test_frames_that_a_run_kept_are_not_written_over_by_their_own_export(run: Path) -> None:
+    before = (run / "can.blf").read_bytes()
+    status, text = command(export_command, run, run / "can.blf")
+    assert status == MISUSE
+    assert "stays as it is" in text
+    assert (run / "can.blf").read_bytes() == before
+
+
+def test_whatever_ends_the_writing_of_frames_is_told_and_nothing_piles_up(tmp_path, monkeypatch) -> None:
+    class Broken:
+        def on_message_received(self, message: can.Message) -> None:
+            raise ValueError("no such channel")
+
+    class Port:
+        def subscribe(self, hear) -> None:
+            self.hear = hear
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(can_log, "_open_writer", lambda path: Broken())
+    port = Port()
+    log = CanLog(port, tmp_path / "can.blf")
+    for _ in range(3):
+        port.hear(np.zeros(2, FRAME))
+    with pytest.raises(CanLogError, match="lacks frames: no such channel"):
+        log.close()
+    assert log._waiting.empty()
 
 
 def test_checksums_are_those_of_sha256sum_and_tell_what_was_changed(run: Path, tmp_path) -> None:

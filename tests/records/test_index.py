@@ -6,10 +6,12 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_records.index import INDEX, RunIndex
+from astb.commands.runs import runs_command
+from bench_records.index import INDEX, RunIndex, facts_of
 from bench_records.layout import META, RESULT, RecordError
 from bench_records.result import Sample, check, conclude
 
@@ -94,3 +96,16 @@ def test_what_cannot_be_read_is_told_and_hides_nothing_else(tmp_path) -> None:
 def test_no_folder_is_said_to_be_none(tmp_path) -> None:
     with pytest.raises(RecordError, match="is no folder with runs"):
         RunIndex(tmp_path / "missing")
+
+
+@pytest.mark.parametrize("content", [b"", b"[1]", b"null", b'{"date": '])
+def test_circumstances_that_are_none_are_none(tmp_path, content: bytes) -> None:
+    (tmp_path / META).write_bytes(content)
+    assert facts_of(tmp_path) == {}
+
+
+def test_what_people_write_is_listed_as_they_wrote_it(tmp_path) -> None:
+    keep(tmp_path, "one", [1.0], operator="[red]Ada[/x]")
+    done = CliRunner().invoke(runs_command, ["--out", str(tmp_path)])
+    assert done.exit_code == 0
+    assert "[red]Ada[/x]" in done.output
