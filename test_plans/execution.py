@@ -266,7 +266,7 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
         trouble = f"{_STOPPED}: {stop}"
     except KeyboardInterrupt:
         trouble, interrupted = _STOPPED, True
-    except BaseException as error:  # what would end the program must not take the tear-down with it
+    except (Exception, SystemExit) as error:  # what would end the program must not take the tear-down with it
         trouble = f"the plan: {type(error).__name__} at {_place(error)}: {error}"
     run.keep("error", f"{name}: {trouble}")
     run.watcher.say(f"{name}: {trouble}")
@@ -294,7 +294,7 @@ def _silent(bench: Bench) -> str:
     return f"; nothing comes of {', '.join(silent)}" if silent else ""
 
 
-def _place(error: BaseException) -> str:
+def _place(error: Exception | SystemExit) -> str:
     """The innermost line of a plan from which ``error`` came; with plans outside this package, the outermost one."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = Path(__file__)

@@ -15,6 +15,7 @@ from bench_protocol.words import STATES
 from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome, read_result
+from campaigns.on_a_worker import OutOfTime
 from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, Refused, RigFault
 from drivers.wiring.contract import Capabilities
 from test_plans.analysis import NotMeasured
@@ -275,6 +276,11 @@ def test_a_plan_that_ends_the_program_is_torn_down(made):
     result, ran = made(raising(SystemExit(0)))
     assert (result.verdict, ran) == (Outcome.BLOCKED, ALL)
     assert result.reason.startswith("the plan: SystemExit at test_life_cycle.py:")
+
+
+def test_whoever_limits_the_time_of_a_case_from_outside_is_not_kept_from_it(made):
+    with pytest.raises(OutOfTime):
+        made(raising(OutOfTime()))
 
 
 def test_ctrl_c_once_more_while_the_first_is_told_does_not_skip_the_tear_down(made, tmp_path):
