@@ -7,7 +7,7 @@ from astb.session import planned_faults, simulated_parameters
 from bench_protocol.units import mm
 from bench_sim.parameters import load
 from bench_sim.rig.faults.catalogue import find_fault
-from campaigns.healthy import sound_rig, tolerances
+from campaigns.healthy import read_sound_runs, sound_rig, tolerances
 from campaigns.measure import cells_of, fault_cases, sound_case, sound_run
 from campaigns.mutation_page import PAGE, page
 from campaigns.mutations import judge, mutations, read_cells
@@ -101,6 +101,13 @@ def test_no_plan_of_the_matrix_catches_nothing():
     tried = {cell.plan for cell in cells}
     assert tried == {cell.plan for cell in cells if cell.found == "caught"}
     assert tried <= plans().keys(), "a plan that there is no more"
+
+
+def test_at_most_one_sound_rig_in_a_hundred_was_rejected():
+    """Of three hundred at least, or nobody would know."""
+    runs = read_sound_runs()
+    assert len({run.seed for run in runs}) == len(runs) >= 300
+    assert sum(run.verdict != "pass" for run in runs) <= 0.01 * len(runs)
 
 
 def test_sound_rigs_differ_within_their_tolerances():
