@@ -35,11 +35,18 @@ class Asking(Protocol):
 
 
 class Aborted(Exception):
-    """The operator ended the run."""
+    """The operator ended the run, or nobody knows what an operator is doing at the rig."""
+
+
+class NotInTime(Unanswered):
+    """Somebody was asked, and gave no answer in time."""
 
 
 def answer_to(run: Asking, question: Question) -> Answer:
-    """Ask, and wait for the answer. Unanswered if none comes, Aborted if the operator ends the run."""
+    """Ask, and wait for the answer.
+
+    Unanswered if none comes, NotInTime if somebody was there to give one, Aborted if the operator ends the run.
+    """
     run.keep("prompt", question.text, answers=list(question.answers), within=question.within)
     run.follow(f"asked: {question.text}")
     asked = run.now
@@ -47,7 +54,7 @@ def answer_to(run: Asking, question: Question) -> Answer:
         found = _put(run, question)
     except Unanswered as reason:
         run.keep("answer", f"none: {reason}")
-        raise Unanswered(f"{question.text}: {reason}") from None
+        raise type(reason)(f"{question.text}: {reason}") from None
     run.keep("answer", found.text, by=found.by, after=(run.now - asked) / NS)
     if found.text == ABORT:
         raise Aborted(f"{found.by} ended the run when asked: {question.text}")
@@ -64,7 +71,7 @@ def _put(run: Asking, question: Question) -> Answer:
     run.operator.ask(question)
     try:
         if not wait_for_somebody(run, answered, question.within, f"an answer to: {question.text}"):
-            raise Unanswered(f"no answer within {question.within:g} s")
+            raise NotInTime(f"no answer within {question.within:g} s")
     finally:
         run.operator.withdraw()
     return found[0]

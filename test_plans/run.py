@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from bench_protocol.units import FACTORS, NS, minutes
-from test_plans.asking import answer_to
+from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.specimen import Specimen, ordinary
@@ -232,9 +232,16 @@ class Run:
     def confirm(self, what: str, *checks: str, within: float = 10 * minutes, deed: str = "") -> bool:
         """Ask the operator to do something; return whether it was done. If not, ``checks`` are *not available*.
 
-        Ask before anything moves for the sake of these checks, and leave them out if the answer is no.
+        Ask before anything moves for the sake of these checks, and leave them out if the answer is no. Whoever was
+        asked and says nothing may be at work on the rig: that ends the run (Aborted).
         """
-        answer = self.ask(what, within=within, deed=deed, checks=checks)
+        try:
+            answer = answer_to(self, Question(what, (DONE, NOT_POSSIBLE), within, deed)).text
+        except NotInTime as reason:
+            raise Aborted(f"{reason}; somebody may be at the rig, so it does not move") from None
+        except Unanswered as reason:
+            self.lack(checks, str(reason))
+            return False
         if answer == NOT_POSSIBLE:
             self.lack(checks, f"{what}: {NOT_POSSIBLE}, says the operator")
         return answer == DONE

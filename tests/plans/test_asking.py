@@ -65,7 +65,6 @@ def test_a_script_answers_and_the_record_says_what_was_asked_and_who_answered(as
         (NoOperator(), "fit the plate of 16 mm: nobody is there to be asked"),
         (Script({"something else": "done"}, by="answers.toml"), "answers.toml has no answer to it"),
         (Script({"plate 16": "not possible"}), "not possible, says the operator"),
-        (QuestionBox(), "no answer within 0.1 s"),
     ],
 )
 def test_what_nobody_answers_for_is_not_available_and_the_reason_says_why(asked, operator, why):
@@ -73,6 +72,12 @@ def test_what_nobody_answers_for_is_not_available_and_the_reason_says_why(asked,
     assert result.verdict is Outcome.INCOMPLETE
     assert [one.verdict for one in result.checks] == [CheckVerdict.PASS, CheckVerdict.NOT_AVAILABLE]
     assert why in result.checks[1].note
+
+
+def test_whoever_is_asked_for_handwork_and_says_nothing_may_be_at_the_rig_which_ends_the_run(asked):
+    result, _ = asked(QuestionBox(), within=0.1)
+    assert result.verdict is Outcome.BLOCKED
+    assert "fit the plate of 16 mm: no answer within 0.1 s; somebody may be at the rig" in result.reason
 
 
 def test_whoever_answers_abort_ends_the_run(asked):
