@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_records.checksums import FRAMES, write_sums
@@ -62,13 +63,17 @@ def import_file(source: Path, directory: Path, dbc: Path | None = None) -> str:
     if directory.exists() and any(directory.iterdir()):
         raise RecordError(f"{directory} is not empty; nothing there is overwritten")
     meta = {"imported": {"file": source.name, "sha256": _digest(source)}}
-    if ending in FRAME_ENDINGS:
-        count = _import_frames(source, directory, dbc, meta)
-    else:
-        from bench_records.exchange import read_csv, read_mdf
+    try:
+        if ending in FRAME_ENDINGS:
+            count = _import_frames(source, directory, dbc, meta)
+        else:
+            from bench_records.exchange import read_csv, read_mdf
 
-        reader = read_csv if ending == ".csv" else read_mdf
-        count = reader(source, directory, _known_signals().get, meta)
+            reader = read_csv if ending == ".csv" else read_mdf
+            count = reader(source, directory, _known_signals().get, meta)
+    except BaseException:
+        rmtree(directory, ignore_errors=True)  # it was new or empty: half a record is none
+        raise
     _conclude(source, directory)
     return f"{count} samples"
 

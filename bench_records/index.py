@@ -14,19 +14,21 @@ from typing import Any, Final
 
 import msgspec
 
+from bench_records.circumstances import circumstances
 from bench_records.layout import META, RESULT, RecordError
 from bench_records.result import Check, Result, read_result
 
 INDEX: Final = "index.sqlite"
 #: Another version of the tables is thrown away and made anew.
-VERSION: Final = 1
+VERSION: Final = 2
 WAIT: Final = 10.0
 
 TABLES: Final = """
 create table run (
     directory text primary key, stamp text not null, began text not null, plan text not null, title text not null,
     verdict text not null, reason text not null, rig text not null, operator text not null, specimen text not null,
-    serial_number text not null, seed integer, duration real not null, parameters text not null
+    serial_number text not null, circumstances text not null, seed integer,
+    duration real not null, parameters text not null
 );
 create table judged (
     directory text not null references run on delete cascade, place integer not null, phase text not null,
@@ -50,6 +52,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     operator: str
     specimen: str  #: its type
     serial_number: str
+    circumstances: str  #: simulated, virtual time, effects and changes; empty for a real rig in real time
     seed: int | None
     duration: float  #: s
     parameters: dict[str, str]
@@ -188,6 +191,7 @@ def _insert(base: sqlite3.Connection, directory: str, stamp: str, result: Result
         "operator": meta.get("operator", ""),
         "specimen": sample.type if sample else "",
         "serial_number": sample.serial_number if sample else "",
+        "circumstances": " · ".join(circumstances(meta)),
         "seed": result.seed,
         "duration": result.duration,
         "parameters": msgspec.json.encode(result.parameters).decode(),

@@ -1,12 +1,12 @@
 """`astb runs`, `astb compare` and `astb trend`: the runs that a folder keeps."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NoReturn
 
 import click
 
 from astb.commands.options import JSON_OPTION, pairs
-from astb.exit_codes import misuse
+from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json
 
 if TYPE_CHECKING:
@@ -41,6 +41,11 @@ _STYLE: Final = {"pass": "green", "incomplete": "yellow", "fail": "bold red", "b
     is_flag=True,
     help="Make the index anew from the folders. It follows them by itself; this is for doubts.",
 )
+@click.option(
+    "--verify",
+    is_flag=True,
+    help="Tell which files are not as they were written, by the checksums beside them; ends with 1 if any.",
+)
 @JSON_OPTION
 def runs_command(
     folder: Path,
@@ -50,6 +55,7 @@ def runs_command(
     rig: str | None,
     operator: str | None,
     rebuild: bool,
+    verify: bool,
     as_json: bool,
 ) -> None:
     """List the runs that are kept, oldest first."""
@@ -65,6 +71,8 @@ def runs_command(
     except RecordError as error:
         misuse(error)
     _tell_unreadable(index)
+    if verify:
+        _verify(folder, [one.directory for one in runs])
     if as_json:
         print_json(runs)
         return
@@ -147,6 +155,8 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
 @OUT_OPTION
 @click.option("--plan", help="Only runs of this plan.")
 @click.option("--phase", help="Only checks made in this phase.")
+@click.option("--rig", help="Only runs on this rig.")
+@click.option("--circumstances", help='Only runs made so, such as "SIMULATED"; "" is a real rig.')
 @click.option(
     "--set",
     "settings",
@@ -162,14 +172,16 @@ def trend_command(
     folder: Path,
     plan: str | None,
     phase: str | None,
+    rig: str | None,
+    circumstances: str | None,
     settings: tuple[str, ...],
     page: Path | None,
     as_json: bool,
 ) -> None:
     """Tell how the values of CHECK went over the life of a specimen: scatter, and whether they drift.
 
-    What was measured otherwise is never mixed: where a check of this name comes from several plans, phases or
-    parameters, these are listed, and one has to be chosen.
+    What was measured otherwise is never mixed: where a check of this name comes from several plans, phases, rigs,
+    circumstances or parameters, these are listed, and one has to be chosen.
     """
     from rich.markup import escape
 
@@ -182,7 +194,9 @@ def trend_command(
     try:
         checks = [
             one
-            for one in index.checks(check, serial_number=specimen, plan=plan)
+            for one in index.checks(
+                check, serial_number=specimen, plan=plan, rig=rig, circumstances=circumstances
+            )
             if phase in (None, one.phase) and wanted.items() <= one.run.parameters.items()
         ]
         if not checks:
@@ -212,6 +226,16 @@ def trend_command(
         console.print(f"page: {page}", highlight=False)
 
 
+def _verify(folder: Path, directories: list[str]) -> NoReturn:
+    from bench_records.checksums import broken_files
+
+    broken = {name: found for name in directories if (found := broken_files(folder / name))}
+    for name, found in broken.items():
+        click.echo(f"{name}: {', '.join(found)}")
+    click.echo(f"{len(directories) - len(broken)} of {len(directories)} runs are as they were written")
+    raise click.exceptions.Exit(FAIL if broken else PASS)
+
+
 def _index(folder: Path) -> "RunIndex":
     from bench_records.index import RunIndex
     from bench_records.layout import RecordError
@@ -239,11 +263,25 @@ def _no_such(index: "RunIndex", check: str, specimen: str) -> str:
 
 def _of_one_kind(check: str, checks: "list[KeptCheck]") -> "list[KeptCheck]":
     """Return the checks if all were measured alike; misuse, with what there is, if not."""
-    kinds = {(one.run.plan, one.phase, tuple(sorted(one.run.parameters.items()))): None for one in checks}
+    kinds = {
+        (
+            one.run.plan,
+            one.phase,
+            one.run.rig,
+            one.run.circumstances,
+            tuple(sorted(one.run.parameters.items())),
+        ): None
+        for one in checks
+    }
     if len(kinds) > 1:
         lines = [
-            " ".join([f"--plan {plan}", f'--phase "{phase}"', *(f"--set {n}='{v}'" for n, v in given)])
-            for plan, phase, given in kinds
+            " ".join(
+                [
+                    f'--plan {plan} --phase "{phase}" --rig "{rig}" --circumstances "{told}"',
+                    *(f"--set {n}='{v}'" for n, v in given),
+                ]
+            )
+            for plan, phase, rig, told, given in kinds
         ]
         misuse(f"{check} was measured in {len(kinds)} ways; choose one of\n  " + "\n  ".join(lines))
     return checks

@@ -147,7 +147,17 @@ def test_what_cannot_come_in_is_told_and_leaves_nothing(tmp_path, name: str, con
     status, text = command(import_command, tmp_path / name, tmp_path / "back")
     assert status == MISUSE
     assert said in text
-    assert not (tmp_path / "back" / "record.parquet").exists()
+    assert not (tmp_path / "back").exists()
+
+
+def test_frames_of_somebody_else_leave_nothing_and_can_come_in_with_their_dbc(run: Path, tmp_path) -> None:
+    from bench_protocol.frames import frame
+
+    write_frames([frame(0x7F0, b"12345678", 10**9)], tmp_path / "theirs.blf")
+    status, text = command(import_command, tmp_path / "theirs.blf", tmp_path / "back")
+    assert status == MISUSE
+    assert "--dbc names the messages of another rig" in text
+    assert not (tmp_path / "back").exists()
 
 
 def test_nothing_is_overwritten(run: Path) -> None:

@@ -11,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from astb.commands.runs import runs_command
+from astb.exit_codes import FAIL, PASS
+from bench_records.checksums import write_sums
 from bench_records.index import INDEX, RunIndex, facts_of
 from bench_records.layout import META, RESULT, RecordError
 from bench_records.result import Sample, check, conclude
@@ -109,3 +111,27 @@ def test_what_people_write_is_listed_as_they_wrote_it(tmp_path) -> None:
     done = CliRunner().invoke(runs_command, ["--out", str(tmp_path)])
     assert done.exit_code == 0
     assert "[red]Ada[/x]" in done.output
+
+
+def test_how_a_run_was_made_is_told_apart(tmp_path) -> None:
+    directory = keep(tmp_path, "aw0", [1.0])
+    told = {"simulated": True, "effects": {"leak.left": "1 mm2"}}
+    (directory / META).write_bytes(msgspec.json.encode(told))
+    keep(tmp_path, "steel", [1.0])
+    index = RunIndex(tmp_path)
+    assert [one.directory for one in index.runs(circumstances="")] == ["steel"]
+    assert [one.circumstances for one in index.runs()] == ["SIMULATED · effect leak.left = 1 mm2", ""]
+
+
+def test_what_was_changed_since_it_was_written_is_told(tmp_path) -> None:
+    directories = [keep(tmp_path, name, [1.0]) for name in ("whole", "broken")]
+    for directory in directories:
+        write_sums(directory)
+    asked = ["--out", str(tmp_path), "--verify"]
+    assert CliRunner().invoke(runs_command, asked).exit_code == PASS
+    text = (directories[1] / RESULT).read_text()
+    (directories[1] / RESULT).write_text(text.replace("Title", "Other"))
+    done = CliRunner().invoke(runs_command, asked)
+    assert done.exit_code == FAIL
+    assert "broken: result.json was changed" in done.output
+    assert "1 of 2 runs" in done.output

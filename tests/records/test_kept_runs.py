@@ -72,7 +72,7 @@ def kept(day: float, value: float | None, verdict: str = "pass") -> KeptCheck:
     began = f"2026-01-{1 + int(day):02d}T{round(day % 1 * 24):02d}:00:00Z"
     of = KeptRun(
         directory=f"run {day}", began=began, plan="aw0", title="", verdict=verdict, reason="", rig="", operator="",
-        specimen="spring", serial_number="7", seed=None, duration=1.0, parameters={},
+        specimen="spring", serial_number="7", circumstances="", seed=None, duration=1.0, parameters={},
     )  # fmt: skip
     return KeptCheck(
         run=of, phase="", name="K", value=value, unit="kN/m", scale=1e3, low=0.0, high=None, verdict=verdict
