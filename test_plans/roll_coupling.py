@@ -33,7 +33,7 @@ ROLLING: Final = (*HEIGHTS, *VERTICAL_CELLS, *GENERATOR, "generator.axis", "gene
     setup=steps.carry_load,
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, "air.dpv"),
     teardown=leave_connected,
-    lasts=130 * s,
+    lasts=170 * s,
 )
 def roll_coupling(
     run: Run,
