@@ -108,7 +108,7 @@ def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
     assert modbus.read_input(1, 2) == [TABLE.map_hash >> 16, TABLE.map_hash & 0xFFFF]
     assert processes_below(rig.process.pid) == []
     rig.tell(how)
-    out, complaints = rig.process.communicate(timeout=2)
+    out, complaints = rig.process.communicate(timeout=10)
     assert (rig.process.returncode, out, complaints) == (PASS, "", "")
     can.close()
     modbus.close()
