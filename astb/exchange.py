@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Final
 
-from bench_records.checksums import FRAMES, write_sums
+from bench_records.checksums import FRAMES, sha256_of, write_sums
 from bench_records.layout import RecordError
+from drivers.can_log import ENDINGS as FRAME_ENDINGS
+from drivers.can_log import CanLogError, read_frames, write_frames
 
 if TYPE_CHECKING:
     from bench_protocol.frames import Block
     from bench_records.layout import SignalInfo
 
-FRAME_ENDINGS: Final = (".blf", ".asc", ".log", ".trc")
 TABLE_ENDINGS: Final = (".csv", ".mf4")
 #: What a signal of somebody's DBC may be called in a record: the table of signals has no message names.
 _OF_DBC: Final = "{message}.{signal}"
@@ -28,8 +30,6 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
     """
     ending = _known_ending(target)
     if ending in FRAME_ENDINGS:
-        from drivers.can_log import read_frames, write_frames
-
         if names:
             raise RecordError("frames are exported as they were on the bus: --signal is for CSV and MDF")
         source = directory / FRAMES
@@ -62,7 +62,7 @@ def import_file(source: Path, directory: Path, dbc: Path | None = None) -> str:
         raise RecordError(f"--dbc is for files of CAN frames ({', '.join(FRAME_ENDINGS)}), not for {source}")
     if directory.exists() and any(directory.iterdir()):
         raise RecordError(f"{directory} is not empty; nothing there is overwritten")
-    meta = {"imported": {"file": source.name, "sha256": _digest(source)}}
+    meta = {"imported": {"file": source.name, "sha256": sha256_of(source)}}
     try:
         if ending in FRAME_ENDINGS:
             count = _import_frames(source, directory, dbc, meta)
@@ -91,7 +91,6 @@ def _conclude(source: Path, directory: Path) -> None:
 
 def _import_frames(source: Path, directory: Path, dbc: Path | None, meta: dict[str, Any]) -> int:
     from bench_records.recorder import Recorder
-    from drivers.can_log import CanLogError, read_frames
 
     try:
         blocks = read_frames(source)
@@ -99,7 +98,7 @@ def _import_frames(source: Path, directory: Path, dbc: Path | None, meta: dict[s
         if first is None:
             raise RecordError(f"{source} holds no data frame")
         start = int(first["time"][0])
-        signals, samples = _decoded(_again(first, blocks), dbc)
+        signals, samples = _decoded(chain([first], blocks), dbc)
         with Recorder(directory, signals, meta, start_ns=start, in_background=False) as recorder:
             for times, rows, values in samples:
                 recorder.append(times, rows, values)
@@ -110,11 +109,6 @@ def _import_frames(source: Path, directory: Path, dbc: Path | None, meta: dict[s
         whose = dbc or "the bench's own messages"
         raise RecordError(f"no frame of {source} is one of {whose}; --dbc names the messages of another rig")
     return count
-
-
-def _again(first: Block, blocks: Iterable[Block]) -> Iterator[Block]:
-    yield first
-    yield from blocks
 
 
 def _decoded(
@@ -210,10 +204,3 @@ def _known_ending(path: Path) -> str:
             f"{path} ends in {ending or 'nothing'}; known are {', '.join((*TABLE_ENDINGS, *FRAME_ENDINGS))}"
         )
     return ending
-
-
-def _digest(path: Path) -> str:
-    import hashlib
-
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -16,7 +16,9 @@ FRAMES: Final = "can.blf"
 
 def write_sums(directory: Path) -> Path:
     """Write the checksums of the files of a run beside them; return the path."""
-    lines = [f"{_sum(directory / name)}  {name}\n" for name in (*KEPT, FRAMES) if (directory / name).exists()]
+    lines = [
+        f"{sha256_of(directory / name)}  {name}\n" for name in (*KEPT, FRAMES) if (directory / name).exists()
+    ]
     path = directory / SUMS
     path.write_text("".join(lines), encoding="utf-8")
     return path
@@ -33,11 +35,12 @@ def broken_files(directory: Path) -> list[str]:
         wanted, _, name = line.partition("  ")
         if not (directory / name).is_file():
             broken.append(f"{name} is gone")
-        elif _sum(directory / name) != wanted:
+        elif sha256_of(directory / name) != wanted:
             broken.append(f"{name} was changed")
     return broken
 
 
-def _sum(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Return the checksum of a file, in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

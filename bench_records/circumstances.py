@@ -1,6 +1,6 @@
 """Under which circumstances a run was made: what a reader must know before any figure."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 
@@ -19,6 +19,16 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
     if meta.get("sealed_effects"):
         words.append("sealed effects, which nobody is told")
     return words
+
+
+def flattened(facts: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield what tables within tables say, each with the names that lead to it: ``parameters › sha256``."""
+    for key, value in facts.items():
+        name = f"{above} \u203a {key}" if above else str(key)
+        if isinstance(value, dict):
+            yield from flattened(value, name)
+        else:
+            yield name, value
 
 
 def _shown(value: Any) -> str:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from bench_records.circumstances import flattened
 from bench_records.index import facts_of
 from bench_records.result import Check, Curve, Result, read_result
 
@@ -81,16 +82,11 @@ def _all_facts(result: Result, directory: Path) -> dict[str, str]:
     told |= {"plan": result.plan, "rig": result.rig, "seed": result.seed, "set": result.parameters}
     if result.specimen is not None:
         told["specimen"] = msgspec.to_builtins(result.specimen)
-    return dict(_flattened("", told))
-
-
-def _flattened(key: str, value: Any) -> Iterable[tuple[str, str]]:
-    if isinstance(value, dict):
-        for inner, below in value.items():
-            yield from _flattened(f"{key} › {inner}" if key else str(inner), below)
-    else:
+    return {
         # Of a checksum its beginning tells enough.
-        yield key, "" if value is None else str(value)[:12] if key.endswith("sha256") else str(value)
+        name: "" if value is None else str(value)[:12] if name.endswith("sha256") else str(value)
+        for name, value in flattened(told)
+    }
 
 
 def _facts(a: dict[str, str], b: dict[str, str]) -> list[Fact]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench_records.check_table import bar_drawing, certainty, check_rows
-from bench_records.circumstances import circumstances
+from bench_records.circumstances import circumstances, flattened
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
 from bench_records.incident import incident_of
 from bench_records.layout import REPORT, RESULT
@@ -119,16 +119,9 @@ def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
     facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **meta}
     return [
         (name.replace("_", " "), text)
-        for key in facts
-        for name, text in _flattened(key, facts[key])
-        if text and not (key == "rig" and not text)
+        for name, value in flattened(facts)
+        if (text := "" if value is None else plain(value))
     ]
-
-
-def _flattened(key: str, value: Any) -> list[tuple[str, str]]:
-    if isinstance(value, dict):
-        return [pair for inner, below in value.items() for pair in _flattened(f"{key} \u203a {inner}", below)]
-    return [(key, "" if value is None else plain(value))]
 
 
 def headline(result: Result) -> str:
