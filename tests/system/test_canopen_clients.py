@@ -1,6 +1,7 @@
 """python's canopen with our EDS, over the rig's real wires: one node that boots, beats, obeys NMT and answers SDOs."""
 
 import re
+import threading
 import time
 from collections.abc import Iterator
 from importlib.resources import files
@@ -62,8 +63,11 @@ def test_the_node_boots_beats_and_obeys(node, network) -> None:
         heard.clear()
         time.sleep(0.2)
         assert bool(heard) is sends, state
+    # wait_for_bootup would miss what arrives before it begins to wait.
+    booted = threading.Event()
+    node.nmt.add_heartbeat_callback(lambda state: state == 0 and booted.set())
     node.nmt.send_command(0x81)
-    node.nmt.wait_for_bootup(2)
+    assert booted.wait(2)
     assert node.sdo["Producer heartbeat time"].raw == 1000
 
 
