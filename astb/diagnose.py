@@ -242,6 +242,8 @@ def _cause(cause: Cause) -> str:
 
 
 def _estimate(one: Estimate) -> str:
+    if one.below is not None:
+        return f"{one.name} not resolved: below {one.below:.2g} {one.unit}"
     if one.value is None:
         return f"{one.name} unknown"
     if one.low is None or one.high is None:

@@ -37,6 +37,8 @@ class Parameter:
     logarithmic: bool = False  #: fitted as its logarithm (time constants)
     display: str = ""  #: unit that people read, with ``scale`` SI per unit
     scale: float = 1.0
+    #: The input along which it is a length, or "time": no finer than that moves between samples is it told.
+    along: str = ""
 
     @property
     def difference(self) -> float:

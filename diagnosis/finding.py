@@ -31,7 +31,10 @@ class Verdict(StrEnum):
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
-    """A fitted number with its standard deviation and its 95 % interval from ``low`` to ``high``."""
+    """A fitted number with its standard deviation and its 95 % interval from ``low`` to ``high``.
+
+    What the samples do not resolve has none of these, but a bound: it lies ``below``.
+    """
 
     name: str
     unit: str
@@ -39,6 +42,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     sd: float | None
     low: float | None
     high: float | None
+    below: float | None = None
 
 
 class Cause(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,7 +68,10 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Rival(msgspec.Struct, frozen=True, kw_only=True):
-    """An effect that explains the data as well as a cause does: BIC of the rival less that of the cause, under 10."""
+    """An effect that explains the data as well as a cause does: BIC of the rival less that of the cause, under 10.
+
+    The gap is larger where the model leaves more than the noise, and the rival predicts unseen runs as well.
+    """
 
     effect: str
     title: str
@@ -388,24 +395,39 @@ def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
 
 
-def estimate(parameter: Parameter, value: float, sd: float) -> Estimate:
+def estimate(
+    parameter: Parameter, value: float, sd: float, ends: tuple[float, float] | None = None
+) -> Estimate:
     """A fitted parameter in the unit that people read.
 
-    ``value`` is in SI.  ``sd`` is in SI too, or that of the logarithm where the parameter is ``logarithmic``: its
-    interval is then lopsided.
+    ``value`` and the ``ends`` of its 95 % interval are in SI.  ``sd`` is in SI too, or that of the logarithm where the
+    parameter is ``logarithmic``: without ``ends``, its interval is then lopsided.  No interval leaves the range.
     """
-    shown = value / parameter.scale
-    if parameter.logarithmic:
-        low, high = shown * math.exp(min(-Z95 * sd, 0.0)), shown * math.exp(min(Z95 * sd, 700.0))
-        spread = abs(shown) * sd
-    else:
-        spread = sd / parameter.scale
-        low, high = shown - Z95 * spread, shown + Z95 * spread
+    if ends is None and parameter.logarithmic:
+        ends = value * math.exp(min(-Z95 * sd, 0.0)), value * math.exp(min(Z95 * sd, 700.0))
+    elif ends is None:
+        ends = value - Z95 * sd, value + Z95 * sd
+    low, high = max(ends[0], min(parameter.low, value)), min(ends[1], max(parameter.high, value))
+    spread = abs(value) * sd if parameter.logarithmic else sd
+    known = math.isfinite(sd)
     return Estimate(
         name=parameter.name,
         unit=parameter.display or parameter.unit,
-        value=number(shown),
-        sd=number(spread),
-        low=number(low),
-        high=number(high),
+        value=number(value / parameter.scale),
+        sd=number(spread / parameter.scale),
+        low=number(low / parameter.scale) if known else None,
+        high=number(high / parameter.scale) if known else None,
+    )
+
+
+def unresolved(parameter: Parameter, below: float) -> Estimate:
+    """A fitted parameter of which the samples only say that it lies ``below`` so much, in SI."""
+    return Estimate(
+        name=parameter.name,
+        unit=parameter.display or parameter.unit,
+        value=None,
+        sd=None,
+        low=None,
+        high=None,
+        below=number(below / parameter.scale),
     )

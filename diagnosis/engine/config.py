@@ -203,8 +203,11 @@ RELATIVE: Final = 0.5
 GAINS_NOTHING: Final = 0.01
 #: … and less than this part is told as what it is.
 GAINS_LITTLE: Final = 0.1
+#: Where more than the noise is left, a rival that leaves at most so many times the error of the cause on unseen runs
+#: predicts them as well.
+FORETELLS_AS_WELL: Final = 1.01
 
-# -- the intervals: model_error.py -------------------------------------------------------------------------------------
+# -- the intervals: model_error.py, intervals.py -----------------------------------------------------------------------
 
 #: Records, or runs, whose scatter says how uncertain a number is: with fewer, the scatter is itself too uncertain.
 LEAST_REPEATS: Final = 6
@@ -212,6 +215,10 @@ LEAST_REPEATS: Final = 6
 SPREADS_TRIED: Final = 2000
 #: Information per unit of noise, for coefficients as large as is believed, from which on a direction tells of them.
 SHOWN_INFORMATION: Final = 100.0
+#: Where χ² at the end of an interval differs by more than this part from what a parabola has there, a valley bends …
+BENT: Final = 0.2
+#: … and its own end is sought with at most so many fits.
+PROFILE_STEPS: Final = 6
 
 # -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
 

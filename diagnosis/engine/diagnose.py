@@ -10,8 +10,9 @@ with its theory of operation at the head; levels and limits of all of them stand
     5  threshold          threshold.py
     6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py
     7  what has no name   omnibus.py, unknown.py, doubt.py
-    8  verdict            verdict.py; then confusability.py (what was not seen) and next_run.py (what would decide)
-    9  gain               before.py, gain.py, remainder.py; model_error.py (intervals)
+    8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
+                          then confusability.py (what was not seen) and next_run.py (what would decide)
+    9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals)
 
 `diagnose` takes them in this order but for the first. The panel of step 1 looks at the base model in units of the
 noise, and the noise is known for good only when step 7 has been taken: the panel is computed then. Nothing depends on
@@ -36,6 +37,7 @@ from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
+from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.remainder import Remainder, held_back, remainder
@@ -43,6 +45,7 @@ from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
+from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, rivals, scores, sentence
 from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
@@ -100,18 +103,22 @@ def _finding(
     base = _base_model(found, extended, named)
     tests = panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else []
     role, runs = held_back(data)
-    floors = not_above(found.floors, extended)
     after = predict(extended, runs, fixed=True)
+    floors = not_above(found.floors, extended, after)
     best, before = best_before(base, after, floors) if extended.effects else (base, after)
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
-    verdict = final(judgement.verdict, left)
+    alike = undecided(found, named, hypotheses, left, after, floors)
+    verdict = final(judgement.verdict, left, len(alike))
     told = config.with_gain and role == "report"
     gain = compare(before, after, floors, seed=config.seed) if told else Comparison()
     covariance = widened(named, judgement.screened.tests)
-    accepted = [cause(a, hypotheses[a.effect], named.point, covariance, left) for a in found.accepted]
+    accepted = [
+        cause(a, hypotheses[a.effect], intervals(hypotheses[a.effect], named, covariance), left)
+        for a in found.accepted
+    ]
     causes = [] if verdict is Verdict.UNRESOLVED else accepted
-    others = rivals(found, hypotheses, config.ambiguous) if verdict is Verdict.AMBIGUOUS else []
-    next_runs, next_sensors = _deciding(judgement, config, menu) if others else ([], [])
+    others = rivals(found, hypotheses, config.ambiguous, alike) if verdict is Verdict.AMBIGUOUS else []
+    next_runs, next_sensors = _deciding(judgement, alike, config, menu) if others else ([], [])
     screening = found.steps[0].screening
     return Finding(
         verdict=verdict,
@@ -148,13 +155,16 @@ def _base_model(found: SearchResult, extended: FittedModel, named: FittedModel) 
 
 
 def _deciding(
-    judgement: Judgement, config: Config, menu: Sequence[Experiment]
+    judgement: Judgement, alike: Sequence[Undecided], config: Config, menu: Sequence[Experiment]
 ) -> tuple[list[NextRun], list[NextSensor]]:
     """Rank the runs that would part what these runs do not, and what could be known otherwise."""
     model = judgement.screened.model
     others = [
-        fit(model.replay, model.noise, trial.point, model.linearisation)
-        for _, trial in judgement.found.ambiguous(config.ambiguous)
+        *(one.model for one in alike),
+        *(
+            fit(model.replay, model.noise, trial.point, model.linearisation)
+            for _, trial in judgement.found.ambiguous(config.ambiguous)
+        ),
     ]
     references = {
         sensor.name: sensor

@@ -169,14 +169,19 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
     return np.array(floors)
 
 
-def not_above(floors: Array, model: FittedModel) -> Array:
+def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = None) -> Array:
     """Return noise floors (c,) none of which lies above what a model leaves of the runs that it was fitted to.
 
-    A data sheet is an upper bound, and what was taken for rest may have moved: noise that is larger than all errors is
-    none.
+    Nor clearly above what it leaves of ``unseen`` ones. A data sheet is an upper bound, and what was taken for rest may
+    have moved: noise that is larger than all errors is none.
     """
-    left = np.sqrt([_mean_square(model.replay.runs, model.predictions, i) for i in range(len(floors))])
-    return np.where(left > 0.0, np.minimum(floors, left), floors)
+    channels = range(len(floors))
+    left = np.sqrt([_mean_square(model.replay.runs, model.predictions, i) for i in channels])
+    floors = np.where(left > 0.0, np.minimum(floors, left), floors)
+    if unseen is not None:
+        there = np.sqrt([_mean_square(unseen.replay.runs, unseen.outputs, i) for i in channels])
+        floors = np.where((there > 0.0) & (FLOOR_SLACK * there < floors), there, floors)
+    return floors
 
 
 def _rests(run: MeasuredRun, channel: int) -> list[slice]:
@@ -198,4 +203,5 @@ def _mean_square(runs: Sequence[MeasuredRun], outputs: Sequence[Array], channel:
         (run.outputs[:, channel] - predicted[:, channel])[run.counted[:, channel]]
         for run, predicted in zip(runs, outputs, strict=True)
     ]
-    return float(np.mean(np.concatenate(errors) ** 2))
+    together = np.concatenate(errors)
+    return float(np.mean(together**2)) if together.size else 0.0

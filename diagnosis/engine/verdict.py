@@ -20,7 +20,8 @@ The verdict follows from what remains, and none is forced:
 * else `named`.
 
 What is left on unseen runs may still lower it (`final`, from `remainder.py`): a plain `named` is for what reaches the
-noise, and what leaves most of the error in every channel is not named at all.
+noise, what leaves most of the error in every channel is not named at all, and between both the runs that nothing was
+fitted to choose among rivals (`undecided.py`).
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces
 from diagnosis.engine.gates import out_of_range
+from diagnosis.engine.intervals import below_resolution
 from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.remainder import Remainder, part_left
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
@@ -97,6 +99,8 @@ def _leaving(
     model = screened.model
     if not found.accepted:
         return {}
+    if unseen := _below_samples(problem, found, model):
+        return unseen
     if impossible := out_of_range(model):
         least = min(found.accepted, key=lambda one: one.bic_gain)
         return {least.effect: next(iter(impossible.values()))}
@@ -108,6 +112,16 @@ def _leaving(
         owed = owed_to_form(beside, found.accepted)
     owed = tuple(name for name in owed if not _foretold(problem, found, model, name))
     return dict.fromkeys(owed, "is no clearer than what the form of the model owes")
+
+
+def _below_samples(problem: Problem, found: SearchResult, model: FittedModel) -> dict[str, str]:
+    """Return the accepted effects whose amplitude is less than the samples resolve, with that as the reason."""
+    amplitudes = {one.effect: problem.hypotheses[one.effect].amplitude.name for one in found.accepted}
+    return {
+        effect: "is less than the samples resolve"
+        for effect, name in amplitudes.items()
+        if name in below_resolution(model, problem.hypotheses[effect])
+    }
 
 
 def _foretold(problem: Problem, found: SearchResult, model: FittedModel, effect: str) -> bool:
@@ -130,10 +144,14 @@ def _with_select(
     return fit_and_screen(both, joined(around, further), alpha=config.alpha, seed=config.seed)
 
 
-def final(verdict: Verdict, left: Remainder) -> Verdict:
-    """Return the verdict in the light of what is left on runs that nothing was fitted to."""
-    if verdict in {Verdict.NAMED, Verdict.REMAINDER} and left.relative:
+def final(verdict: Verdict, left: Remainder, rivals: int = 0) -> Verdict:
+    """Return the verdict in the light of what is left on unseen runs, and of ``rivals`` that predict them as well."""
+    if verdict not in {Verdict.NAMED, Verdict.REMAINDER}:
+        return verdict
+    if left.relative:
         return Verdict.UNRESOLVED
+    if rivals:
+        return Verdict.AMBIGUOUS
     return Verdict.REMAINDER if verdict is Verdict.NAMED and left.large else verdict
 
 

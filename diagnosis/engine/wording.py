@@ -10,9 +10,11 @@ import numpy as np
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.engine.config import GAINS_LITTLE, GAINS_NOTHING
 from diagnosis.engine.fitting.point import Point, effect_coordinates
+from diagnosis.engine.intervals import intervals
+from diagnosis.engine.model_error import widened
 from diagnosis.engine.remainder import Remainder
-from diagnosis.engine.screening import Screening
 from diagnosis.engine.search_state import Accepted, SearchResult
+from diagnosis.engine.undecided import Undecided
 from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, estimate, number
 
 SENTENCES: Final = {
@@ -36,13 +38,13 @@ def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estim
     return found
 
 
-def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Array, left: Remainder) -> Cause:
+def cause(accepted: Accepted, effect: Hypothesis, parameters: list[Estimate], left: Remainder) -> Cause:
     """Return an accepted effect as the finding has it."""
     return Cause(
         effect=effect.name,
         title=effect.title,
         family=effect.family,
-        parameters=estimates(effect, point, covariance),
+        parameters=parameters,
         strength=number(accepted.lambda_),
         score=number(accepted.score),
         bic_gain=number(accepted.bic_gain),
@@ -53,20 +55,35 @@ def cause(accepted: Accepted, effect: Hypothesis, point: Point, covariance: Arra
     )
 
 
-def rivals(found: SearchResult, effects: Mapping[str, Hypothesis], gap: float) -> list[Rival]:
-    """Return which other effects explain the data as well as a cause does."""
-    first = found.steps[0].screening
+def rivals(
+    found: SearchResult, effects: Mapping[str, Hypothesis], gap: float, alike: Sequence[Undecided] = ()
+) -> list[Rival]:
+    """Return which other effects explain the data, or predict unseen runs, as well as a cause does."""
+    told = [
+        (a.effect, r.effect, "", estimates(effects[r.effect], r.point, r.covariance), r.bic - found.model.bic)
+        for a, r in found.ambiguous(gap)
+    ]
+    told += [
+        (
+            one.instead_of,
+            one.effect,
+            " alone" if one.alone else "",
+            intervals(effects[one.effect], one.model, widened(one.model, ())),
+            one.bic_gap,
+        )
+        for one in alike
+    ]
     return [
         Rival(
-            effect=trial.effect,
-            title=effects[trial.effect].title,
-            family=effects[trial.effect].family,
-            instead_of=accepted.effect,
-            parameters=estimates(effects[trial.effect], trial.point, trial.covariance),
-            bic_gap=number(trial.bic - found.model.bic),
-            cosine=_cosine(first, accepted.effect, trial.effect),
+            effect=effect,
+            title=f"{effects[effect].title}{alone}",
+            family=effects[effect].family,
+            instead_of=cause_,
+            parameters=parameters,
+            bic_gap=number(worse),
+            cosine=_cosine(found, cause_, effect),
         )
-        for accepted, trial in found.ambiguous(gap)
+        for cause_, effect, alone, parameters, worse in told
     ]
 
 
@@ -167,13 +184,20 @@ def _worth(one: Cause) -> str:
 
 def _size(parameters: Sequence[Estimate]) -> str:
     first = parameters[0]
+    if first.below is not None:
+        return f"below {first.below:.2g} {first.unit}"
     if first.value is None:
         return f"{first.name} unknown"
-    error = "" if first.sd is None else f" ± {1.96 * first.sd:.2g}"
-    return f"{first.value:.4g}{error} {first.unit}"
+    if first.low is None or first.high is None:
+        return f"{first.value:.4g} {first.unit}"
+    half = 0.5 * (first.high - first.low)
+    if abs(first.value - first.low - half) > 0.1 * half:  # a valley that bends, or a range that ends
+        return f"{first.value:.4g} {first.unit}, 95 %: {first.low:.3g} to {first.high:.3g}"
+    return f"{first.value:.4g} ± {half:.2g} {first.unit}"
 
 
-def _cosine(screening: Screening, first: str, second: str) -> float | None:
+def _cosine(found: SearchResult, first: str, second: str) -> float | None:
+    screening = found.steps[0].screening
     places = {c.effect.name for c in screening.candidates}
     if not {first, second} <= places:
         return None

@@ -165,7 +165,9 @@ def _environment() -> Environment:
 
 
 def interval(estimate: Estimate) -> str:
-    """The 95 % interval of a fitted number."""
+    """The 95 % interval of a fitted number, or the bound below which no sample resolves it."""
+    if estimate.below is not None:
+        return f"not resolved: below {shown(estimate.below, 2)}"
     if estimate.low is None or estimate.high is None:
         return "not known"
     return f"{shown(estimate.low, 4)} to {shown(estimate.high, 4)}"

@@ -34,7 +34,16 @@ def _force(name: str, low: float, spread: float = 10.0, step: float = 1e-3) -> P
 
 def _presliding() -> Parameter:
     return Parameter(
-        "presliding", "m", 0.1e-3, 0.15e-3, 5e-6, 10e-3, logarithmic=True, display="mm", scale=1e-3
+        "presliding",
+        "m",
+        0.1e-3,
+        0.15e-3,
+        5e-6,
+        10e-3,
+        logarithmic=True,
+        display="mm",
+        scale=1e-3,
+        along="displacement",
     )
 
 
@@ -44,7 +53,10 @@ def _share() -> Parameter:
 
 
 def _lag() -> Parameter:
-    return Parameter("lag", "s", 0.0, 0.05, low=0.0, high=0.5, step=2e-4, display="ms", scale=1e-3)
+    # A logger reads one channel after the other: within a step of its clock nothing says which came first.
+    return Parameter(
+        "lag", "s", 0.0, 0.05, low=0.0, high=0.5, step=2e-4, display="ms", scale=1e-3, along="time"
+    )
 
 
 _EFFECTS: Final = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -105,6 +106,22 @@ def test_noise_larger_than_all_errors_is_none(laboratory):
         assert gain.fraction == pytest.approx(1.0, abs=0.03)
     model = replace(fit_of(lab, data), predictions=tuple(run.outputs + 2.0 for run in data.of("fit")))
     assert not_above(np.array([1.0, 3.0]), model) == pytest.approx([1.0, 2.0])
+    nearly = SimpleNamespace(
+        replay=model.replay, outputs=[run.outputs + np.array([0.95, 0.5]) for run in data.of("fit")]
+    )
+    assert not_above(np.array([1.0, 3.0]), model, nearly) == pytest.approx([1.0, 0.5])  # 5 % may be chance
+
+
+@pytest.mark.parametrize("colour", [0.95, 0.99])
+def test_strongly_coloured_noise_leaves_no_gain_above_one(laboratory, colour):
+    lab = laboratory(samples=600)
+    data = lab.measure(8, {"cubic": {"amplitude": 1e6}}, colour=colour)
+    finding = diagnose(data, lab.simulator, Config(workers=1, effects=("cubic",), with_panel=False))
+    assert finding.verdict == "named"
+    for gain in finding.gains:
+        assert gain.fraction < 1.0005
+        assert gain.noise_ratio > 0.9
+    assert abs(finding.coverage[-1].after - 0.95) < 0.05
 
 
 def fit_of(lab, data):

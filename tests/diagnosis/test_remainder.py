@@ -25,6 +25,13 @@ def test_a_plain_name_is_for_what_reaches_the_noise():
     assert final(Verdict.NO_EFFECT, left(after=9.0, part=1.0)) is Verdict.NO_EFFECT
 
 
+def test_where_more_than_noise_is_left_a_rival_that_foretells_as_well_makes_it_ambiguous():
+    assert final(Verdict.NAMED, left(after=9.0), rivals=1) is Verdict.AMBIGUOUS
+    assert final(Verdict.REMAINDER, left(after=9.0), rivals=1) is Verdict.AMBIGUOUS
+    assert final(Verdict.NAMED, left(after=11.0, part=0.55), rivals=1) is Verdict.UNRESOLVED
+    assert final(Verdict.UNKNOWN, left(after=9.0), rivals=1) is Verdict.UNKNOWN
+
+
 def test_what_leaves_most_of_the_error_in_every_channel_is_not_named():
     assert final(Verdict.NAMED, left(after=11.0, part=0.55)) is Verdict.UNRESOLVED
     assert final(Verdict.REMAINDER, left(after=11.0, part=0.55)) is Verdict.UNRESOLVED

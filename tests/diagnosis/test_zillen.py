@@ -191,8 +191,16 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
 ) -> None:
     simulator, dataset = actuator(seal)
     finding = typed("friction__PK") if seal == "PK" else diagnose(dataset, simulator)
-    assert finding.verdict == "named + unexplained remainder"
+    # Beside a lag, the friction has no presliding that samples 60 to 110 µm apart would show, and without it one that
+    # does the same: at 7 bar it is predicted as well.
+    lagging = "force_lag" in finding.names
+    assert finding.verdict == ("ambiguous" if lagging else "named + unexplained remainder")
+    assert [r.effect for r in finding.ambiguous_with if r.instead_of == "force_lag"] == [
+        "seal_presliding"
+    ] * lagging
     assert finding.causes[0].effect == "seal_presliding"
+    presliding = next(one for one in finding.causes[0].parameters if one.name == "presliding")
+    assert presliding.value is None and 0.06 < presliding.below < 0.2
     assert finding.causes[0].gained > 0.9
     assert finding.remains  # whatever the verdict, the page says that something is left
     gain = next(gain for gain in finding.gains if gain.channel == "force")
@@ -202,7 +210,7 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
     assert f"to {finding.gains[0].noise_ratio:.3g} times the noise" in finding.sentence
     assert gain.rmse_before < 1.02 * textbook(dataset)
     share = next(one for one in finding.causes[0].parameters if one.name == "pressure_share")
-    assert 0.0 < share.value <= 100.0  # no seal drives its piston
+    assert 0.0 <= share.low < share.value < share.high <= 100.0  # no seal drives its piston
 
 
 def textbook(dataset: Dataset) -> float:

@@ -1,0 +1,147 @@
+"""Step 9, the intervals: what is told of each number of a cause, by the profile of χ², and by what the samples resolve.
+
+Theory of operation
+-------------------
+A covariance is the curvature of χ² at its lowest point. Three things it does not know:
+
+* **A valley may bend.** So each number of a cause is held at both ends of its 95 % interval, all others are fitted
+  again, and the penalised χ² must have risen by 1.96². Where it has not, within a fifth, the end is moved to where it
+  has (`profiled`): the interval of the likelihood's profile, which need not be symmetric. What widens the covariance
+  (`model_error.py`) widens this one by as much.
+* **A range ends.** No interval goes beyond what is possible: no friction drives its piston.
+* **Samples lie apart.** A length over which a friction turns over is seen if several samples fall into it. A parameter
+  says along which input it is a length or a time (`Parameter.along`). How far that goes from one sample to the next is
+  what they resolve of it (`resolution`): in each run the mean step of all the way that was gone, Σ|Δ|²/Σ|Δ|, and over
+  the runs the mean by how much each says of the parameter, the square of its column there. A shorter length has a fit
+  and an interval like any other, for with exact equations one sample would do. They are those of what is assumed
+  between samples, of smoothing and interpolation, so what is told is the bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from diagnosis.contracts import Array, DiagnosisError, Experiment, Hypothesis
+from diagnosis.engine.config import BENT, PROFILE_STEPS
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.linear import Prior, prior_of
+from diagnosis.engine.fitting.point import Point, effect_coordinates
+from diagnosis.finding import Z95, Estimate, estimate, unresolved
+
+
+def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list[Estimate]:
+    """Return amplitude and shapes of an effect of a fitted model, as they are told.
+
+    ``covariance`` (k, k) is that of the fit's numbers with the errors of the model in it.
+    """
+    found = []
+    for coordinate in effect_coordinates(effect):
+        place = model.point.place(coordinate)
+        plain = model.covariance()[place, place]
+        wider = float(np.sqrt(covariance[place, place] / plain)) if plain > 0.0 else 1.0
+        number = model.point.numbers[place]
+        ends = [coordinate.to_value(number + wider * (end - number)) for end in profiled(model, place)]
+        deviation = float(np.sqrt(max(covariance[place, place], 0.0))) * coordinate.scale
+        value = coordinate.to_value(number)
+        told = estimate(coordinate.parameter, value, deviation, (min(ends), max(ends)))
+        finest = resolution(model, place)
+        if abs(value) < finest:
+            told = unresolved(coordinate.parameter, max(finest, *map(abs, ends)))
+        found.append(told)
+    return found
+
+
+def resolution(model: FittedModel, place: int) -> float:
+    """Return the length below which the samples do not resolve a number of a fit, in its own unit; 0 of most numbers.
+
+    It is how far the input along which the number is a length goes from sample to sample, in the runs that tell of it.
+    """
+    along = model.point.coordinates[place].parameter.along
+    if not along:
+        return 0.0
+    one = np.zeros(len(model.point.numbers))
+    one[place] = 1.0
+    total, weights = 0.0, 0.0
+    for run, block in zip(model.replay.runs, model.linearisation.blocks, strict=True):
+        steps = np.abs(np.diff(_input(run.experiment, along)))
+        if steps.any():
+            weight = float(np.sum(block.along(one) ** 2))
+            total, weights = total + weight * float(steps @ steps / steps.sum()), weights + weight
+    return total / weights if weights > 0.0 else 0.0
+
+
+def _input(experiment: Experiment, name: str) -> Array:
+    """Return the time of an experiment, or one of its inputs (n,)."""
+    if name == "time":
+        return experiment.time
+    if name not in experiment.inputs:
+        raise DiagnosisError(
+            f"a parameter is a length along {name!r}, which is no input of {experiment.name}; it has time, "
+            f"{', '.join(experiment.inputs)}"
+        )
+    return experiment.inputs[name]
+
+
+def below_resolution(model: FittedModel, effect: Hypothesis) -> list[str]:
+    """Return the parameters of an effect of a fitted model that the samples do not resolve."""
+    places = {c.parameter.name: model.point.place(c) for c in effect_coordinates(effect)}
+    values = model.point.values()
+    return [name for name, place in places.items() if abs(values[place]) < resolution(model, place)]
+
+
+def profiled(model: FittedModel, place: int) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of a number of a fit by the profile of χ², in engine units."""
+    return _end(model, place, -1.0), _end(model, place, 1.0)
+
+
+def _end(model: FittedModel, place: int, side: float) -> float:
+    """Return the end of the interval on one side: that of the covariance, if χ² agrees with it within a fifth."""
+    number = float(model.point.numbers[place])
+    low, high = model.point.coordinates[place].range
+    reach = max(side * ((low if side < 0.0 else high) - number), 0.0)
+    plain = distance = min(Z95 * float(np.sqrt(max(model.covariance()[place, place], 0.0))), reach)
+    inside, outside = (
+        (0.0, 0.0),
+        None,
+    )  # each a distance, and there the root of the rise over that of the interval
+    for _ in range(PROFILE_STEPS):
+        if not 0.0 < distance < np.inf:
+            break
+        rise = _rise(model, place, number + side * distance) / Z95**2
+        if np.isnan(rise):
+            return number + side * plain
+        if abs(rise - 1.0) < BENT or (rise < 1.0 and distance == reach):
+            break
+        root = float(np.sqrt(max(rise, 0.0)))
+        if root < 1.0:
+            inside = (distance, root)
+        else:
+            outside = (distance, root)
+        if outside:
+            part = (1.0 - inside[1]) / (outside[1] - inside[1])
+            distance = inside[0] + part * (outside[0] - inside[0])
+        else:
+            distance = min(distance / max(root, 1.0 / 3.0), reach)
+    return number + side * distance
+
+
+def _rise(model: FittedModel, place: int, number: float) -> float:
+    """Return by how much the penalised χ² rises where a number is held elsewhere and all others are fitted again.
+
+    NaN where that fit does not come to rest: what it leaves undone is no rise.
+    """
+    point, covariance = model.point, model.covariance()
+    moved = number - point.numbers[place]
+    start = point.at(point.numbers + moved * covariance[:, place] / covariance[place, place])
+    numbers, coordinates = start.numbers.copy(), list(point.coordinates)
+    numbers[place] = number
+    coordinates[place] = replace(coordinates[place], held=True)
+    held = Point(tuple(coordinates), numbers)
+    prior = prior_of(held)
+    mean = prior.mean.copy()
+    mean[place] = number
+    again = fit(model.replay, model.noise, held, model.linearisation, prior=Prior(mean, prior.precision))
+    own = point.coordinates[place].weight * number**2  # of the prior that the held number has no longer
+    return again.penalised_chi2 + own - model.penalised_chi2 if again.converged else float("nan")

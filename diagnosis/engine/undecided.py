@@ -1,0 +1,87 @@
+"""Step 8, what unseen runs leave undecided: rivals that noise tells from a cause, and the next run does not.
+
+Theory of operation
+-------------------
+BIC compares causes in units of the noise. Where a model leaves many times that, each of its errors is worth a gap of
+thousands, and the largest gap goes to whatever takes up most of them. What counts then is what runs say that nothing
+was fitted to. A rival that passed for physical in the place of a cause, and predicts them as well, is one still.
+
+So is a relative that is in the model already. Friction that turns over between two samples and a force that lags are
+one corner of a loop, rounded: with a lag beside it, the friction has no presliding that the samples would resolve, and
+without it one that does the same. Where one of two confusers has such a number (`intervals.py`), and the other gains
+nothing on unseen runs, the model without that other one is its rival.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from diagnosis.contracts import Array, Hypothesis
+from diagnosis.engine.before import noise_ratio
+from diagnosis.engine.config import FORETELLS_AS_WELL, GAINS_NOTHING
+from diagnosis.engine.fitting.fit import FittedModel, fit
+from diagnosis.engine.fitting.predict import Prediction, predict
+from diagnosis.engine.intervals import below_resolution
+from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.search_state import Accepted, SearchResult
+
+
+class Undecided(NamedTuple):
+    """An effect that unseen runs allow in the place of a cause, in a model of its own; ``alone``: it is in both."""
+
+    effect: str
+    instead_of: str
+    model: FittedModel
+    bic_gap: float
+    alone: bool = False
+
+
+def undecided(
+    found: SearchResult,
+    model: FittedModel,
+    hypotheses: Mapping[str, Hypothesis],
+    left: Remainder,
+    after: Prediction,
+    floors: Array,
+) -> list[Undecided]:
+    """Return the rivals that predict the runs of ``after``, which were not fitted, as well as the accepted effects.
+
+    ``model`` holds these, ``left`` and ``floors`` (c,) are what it and what noise alone leaves there. There are none
+    where the noise is reached, or where no run was kept back.
+    """
+    if not left.large or left.role == "fit":
+        return []
+    rivals = []
+    for accepted in found.accepted:
+        for rival in (*_swapped(accepted, model), *_alone(accepted, found, model, hypotheses, left)):
+            forecast = predict(rival.model, after.replay.runs, after.linearisation, fixed=True)
+            if noise_ratio(forecast, floors) < FORETELLS_AS_WELL * left.after:
+                rivals.append(rival)
+    return rivals
+
+
+def _swapped(accepted: Accepted, model: FittedModel) -> Iterator[Undecided]:
+    """Yield the rivals of the search, fitted again."""
+    for trial in accepted.rivals:
+        fitted = fit(model.replay, model.noise, trial.point, model.linearisation)
+        yield Undecided(trial.effect, accepted.effect, fitted, fitted.bic - model.bic)
+
+
+def _alone(
+    accepted: Accepted,
+    found: SearchResult,
+    model: FittedModel,
+    hypotheses: Mapping[str, Hypothesis],
+    left: Remainder,
+) -> Iterator[Undecided]:
+    """Yield the confusers of an effect that are in the model beside it, if it gains nothing and one is not resolved."""
+    if left.gained(accepted.effect) >= GAINS_NOTHING:
+        return
+    mine = hypotheses[accepted.effect]
+    for other in found.accepted:
+        theirs = hypotheses[other.effect]
+        alike = theirs.name in mine.confusers or mine.name in theirs.confusers
+        if alike and (below_resolution(model, mine) or below_resolution(model, theirs)):
+            without = found.without[mine.name]
+            yield Undecided(theirs.name, mine.name, without, without.bic - model.bic, alone=True)
