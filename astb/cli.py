@@ -27,6 +27,7 @@ from astb.commands.lists import (
     signals_command,
     specimens_command,
 )
+from astb.commands.panel import panel_command
 from astb.commands.rehearse import rehearse_command
 from astb.commands.rig import rig_command
 from astb.commands.run import report_command, run_command
@@ -70,6 +71,7 @@ for _command in (
     rig_command,
     fault_command,
     run_command,
+    panel_command,
     rehearse_command,
     plans_command,
     specimens_command,

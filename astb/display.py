@@ -80,6 +80,11 @@ class ProgressDisplay:
         self._live: Live | None = None
         self._introduced = ""
 
+    @property
+    def live(self) -> Live | None:
+        """The run that is shown, or was last."""
+        return self._live
+
     def __enter__(self) -> Self:
         return self
 

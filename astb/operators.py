@@ -23,6 +23,8 @@ from test_plans.operator import (
     Unanswered,
 )
 
+#: What ``--answers`` says for "a panel answers, at the run's door".
+PANEL: Final = "@panel"
 #: What ``--answers`` says for "the answers come line by line from the standard input".
 STDIN: Final = "-"
 
@@ -152,10 +154,12 @@ def read_answers(path: Path) -> Script:
 
 
 def operator_for(answers: str | None, console: Console) -> Operator:
-    """Return who answers: the file ``answers``, the standard input for ``-``, else a terminal if there is one.
+    """Return who answers: the file ``answers``, the standard input for ``-``, a panel for ``@panel``, else a terminal.
 
     AnswersFileError as `read_answers`.
     """
+    if answers == PANEL:
+        return QuestionBox()
     if answers not in {None, STDIN}:
         return read_answers(Path(answers))
     if sys.stdin is not None and (answers == STDIN or sys.stdin.isatty()):

@@ -3,7 +3,7 @@
 import gc
 import platform
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import count
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from rich import get_console
 
 from astb.display import ProgressDisplay
+from astb.live.door import Door, opened_door
 from astb.live.model import Live
 from astb.live.outline import kept_outline
 from astb.rig_file import RigFile, RigFileError
@@ -25,7 +26,7 @@ from bench_records.layout import RESULT, RecordError
 from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:
-    from test_plans.operator import Operator
+    from test_plans.operator import Operator, QuestionBox
     from test_plans.plan import Plan
     from test_plans.specimen import Specimen
     from test_plans.suspension import Suspension
@@ -61,7 +62,13 @@ def run_plans(
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
-    with ProgressDisplay(get_console()) as display, held_by_keyboard() as suspension:
+    with (
+        ProgressDisplay(get_console()) as display,
+        held_by_keyboard() as suspension,
+        nullcontext()
+        if is_virtual
+        else opened_door(path, Door(lambda: display.live, suspension, box_of(operator))),
+    ):
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
                 result, _ = run_plan(
@@ -107,7 +114,7 @@ def run_plan(
     if keeping.operator:
         meta["operator"] = keeping.operator
     display.introduce(" · ".join(circumstances(meta)))
-    display.begin(plan.name, _live(plan, session, rig, out, operator, suspension))
+    display.begin(plan.name, _live(plan, session, rig, directory, operator, suspension))
     stopped: KeyboardInterrupt | None = None
     try:
         with undisturbed(), kept_frames(session, directory if keeping.frames else None):
@@ -142,22 +149,28 @@ def _live(
     plan: "Plan",
     session: Session,
     rig: RigFile,
-    out: Path,
+    directory: Path,
     operator: "Operator | None",
     suspension: "Suspension | None",
 ) -> Live:
     """Return the model of a run that begins now, for whoever watches it."""
-    from test_plans.operator import QuestionBox
-
     return Live(
         plan.name,
         session.bench,
         rig=rig.name,
         limits=known_limits(rig),
-        outline=kept_outline(out, plan.name, plan.written),
-        box=operator if isinstance(operator, QuestionBox) else None,
+        record=str(directory),
+        outline=kept_outline(directory.parent, plan.name, plan.written),
+        box=box_of(operator),
         suspension=suspension,
     )
+
+
+def box_of(operator: "Operator | None") -> "QuestionBox | None":
+    """Return where the questions to this operator wait for whoever answers, if they do."""
+    from test_plans.operator import QuestionBox
+
+    return operator if isinstance(operator, QuestionBox) else None
 
 
 @contextmanager

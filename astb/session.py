@@ -282,6 +282,19 @@ def started(
     simulation: Simulation, path: Path, seed: int | None, say: Callable[[str], None]
 ) -> Iterator[None]:
     """Run ``astb rig`` for ``path``, with the ``simulation``, in a process of its own while the block lasts."""
+    with start_rig(simulation, path, seed, subprocess.PIPE) as process:
+        try:
+            say(ready_line(process))
+            yield
+        finally:
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(STOP_LIMIT)
+            process.kill()
+
+
+def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: int) -> "subprocess.Popen[str]":
+    """Start ``astb rig`` in a process of its own; it ends when nobody holds the other end of ``lifeline`` any more."""
     command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
     command += ["--model", simulation.parameters]
     for name, text in simulation.effects.items():
@@ -292,20 +305,10 @@ def started(
         command += ["--seed", str(seed)]
     pipe = subprocess.PIPE
     # A process group of its own: Ctrl-C is for the plan, whose tear-down needs the rig.
-    with subprocess.Popen(
-        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, process_group=0
-    ) as process:
-        try:
-            say(_ready_line(process))
-            yield
-        finally:
-            process.terminate()
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(STOP_LIMIT)
-            process.kill()
+    return subprocess.Popen(command, stdin=lifeline, stdout=pipe, stderr=pipe, text=True, process_group=0)
 
 
-def _ready_line(process: "subprocess.Popen[str]") -> str:
+def ready_line(process: "subprocess.Popen[str]") -> str:
     """Return the line in which the rig says that both its ports are open.
 
     RigFileError or LinkLost, with the rig's own words, if it ends instead.

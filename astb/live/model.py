@@ -25,9 +25,10 @@ _ALSO: Final = ("supply.pressure",)
 class Live:
     """A run of ``plan`` on ``bench``: a plan's watcher, and the source of its snapshots.
 
-    ``limits`` are those that are known of the rig, ``outline`` what an earlier run tells of the steps; ``box`` is where
-    a question waits for its answer, ``suspension`` knows whether the run is held. A snapshot asks nothing of the rig:
-    it has what came by itself. The run's thread assigns whole values, and any other thread reads them.
+    ``record`` is the directory that its record goes to, ``limits`` are those that are known of the rig, ``outline`` is
+    what an earlier run tells of the steps; ``box`` is where a question waits for its answer, ``suspension`` knows
+    whether the run is held. A snapshot asks nothing of the rig: it has what came by itself. The run's thread assigns
+    whole values, and any other thread reads them.
     """
 
     def __init__(
@@ -36,12 +37,14 @@ class Live:
         bench: "Bench",
         *,
         rig: str = "",
+        record: str = "",
         limits: list[KnownLimit] | None = None,
         outline: Outline = NONE,
         box: "QuestionBox | None" = None,
         suspension: "Suspension | None" = None,
     ) -> None:
-        self._plan, self._rig, self._bench = plan, rig, bench
+        self._plan, self._rig, self.bench = plan, rig, bench
+        self._record = record
         self._limits: dict[str, list[KnownLimit]] = {}
         for one in limits or ():
             if one.limit.kind in _ENDS and bench.has(one.limit.signal):
@@ -67,7 +70,7 @@ class Live:
         """Hear that the last of the open phases begins or has ended; ``path`` has those that are open now."""
         if begins:
             self._follower.begin(path[-1], len(path) - 1)
-            self._step_start = self._bench.clock.now()
+            self._step_start = self.bench.clock.now()
             self._next = self._follower.next
         self._step = path
 
@@ -87,7 +90,7 @@ class Live:
     @property
     def time(self) -> float:
         """How long the run lasts already (s)."""
-        return (self._bench.clock.now() - self._start) / NS
+        return (self.bench.clock.now() - self._start) / NS
 
     @property
     def question(self) -> "Question | None":
@@ -98,19 +101,18 @@ class Live:
 
     def snapshot(self) -> Snapshot:
         """Return what can be seen now; for any thread."""
-        now = self._bench.clock.now()
+        now = self.bench.clock.now()
         in_step = (now - self._step_start) / NS
         left = self._follower.left(in_step)
         time = self.time
         state = self._choice("rig.state")
-        late, latest = (
-            self._bench.readings.glimpse(f"rig.{name}") for name in ("late_ticks", "lateness_max")
-        )
+        late, latest = (self.bench.readings.glimpse(f"rig.{name}") for name in ("late_ticks", "lateness_max"))
         late -= self._late_before if not isnan(self._late_before) else 0.0
         question, held = self.question, self._suspension
         return Snapshot(
             plan=self._plan,
             rig=self._rig,
+            record=self._record,
             time=time,
             state=state,
             reason=self._choice("rig.reason") if state in FAULT_STATES else "",
@@ -135,12 +137,12 @@ class Live:
         )
 
     def _choice(self, name: str) -> str:
-        value, choices = self._bench.readings.glimpse(name), self._bench.table[name].choices
+        value, choices = self.bench.readings.glimpse(name), self.bench.table[name].choices
         return choices[round(value)] if 0 <= value < len(choices) else UNKNOWN
 
     def _reading(self, name: str) -> LiveReading:
-        value = self._bench.readings.glimpse(name)
-        signal = self._bench.table[name]
+        value = self.bench.readings.glimpse(name)
+        signal = self.bench.table[name]
         if isnan(value):
             return LiveReading(name, None, "no reading")
         first = self._first.setdefault(name, value)

@@ -18,6 +18,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
     plan: str
     rig: str
+    record: str = ""  #: the directory of the record
     time: float  #: since the run began
     state: str  #: of the rig; "unknown" unless it was told lately
     reason: str = ""  #: why it left the states in which plans run

@@ -57,8 +57,8 @@ class ControlSocket:
         """Open the socket, for this user alone, and return its path. OSError, in words, if it cannot be had."""
         path = control_path(host, modbus_port)
         try:
-            _own_directory(path.parent)
-            if _alive(path):
+            own_directory(path.parent)
+            if is_alive(path):
                 raise OSError("another rig has it")
             loop = asyncio.get_running_loop()
             self._server = await loop.create_unix_server(lambda: _ControlClient(self), str(path))
@@ -131,7 +131,7 @@ class _ControlClient(asyncio.Protocol):
         self._timer = asyncio.get_running_loop().call_later(_IDLE_LIMIT, self.drop)
 
 
-def _own_directory(folder: Path) -> None:
+def own_directory(folder: Path) -> None:
     """Make ``folder`` for this user alone; PermissionError if it is somebody else's or open to others."""
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
@@ -140,7 +140,7 @@ def _own_directory(folder: Path) -> None:
         raise PermissionError(f"{folder} must be a directory that only this user can enter")
 
 
-def _alive(path: Path) -> bool:
+def is_alive(path: Path) -> bool:
     """Whether somebody listens at ``path``; what a rig that was killed has left is taken over."""
     with socket.socket(socket.AF_UNIX) as probe:
         probe.settimeout(0.5)

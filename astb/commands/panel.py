@@ -1,0 +1,119 @@
+"""`astb panel`: the bench in a browser."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from astb.commands.options import RIG_OPTION, SEED, read_rig
+from astb.exit_codes import blocked, misuse
+
+if TYPE_CHECKING:
+    import socket
+
+    from starlette.types import ASGIApp
+
+    from astb.panel.open_rig import OpenRig
+
+_LOCAL: Final = "127.0.0.1"
+
+
+@click.command("panel")
+@RIG_OPTION
+@click.option("--host", default=_LOCAL, show_default=True, help="Address to serve at; 0.0.0.0 is every one.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=8137, show_default=True, help="0 for a free one."
+)
+@click.option("--seed", type=SEED, help="Draws the simulated rig's sensors, if it is started here.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="Where records go.",
+)
+def panel_command(rig_path: Path | None, host: str, port: int, seed: int | None, out: Path) -> None:
+    """Show a rig in the browser, and command it from there.
+
+    Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
+    started. A run goes on when the panel ends, and the next panel finds it.
+    """
+    try:
+        import starlette  # noqa: F401
+        import uvicorn
+        import websockets  # noqa: F401
+    except ImportError as error:
+        misuse(f"the panel needs {error.name}: pip install 'astb[panel]'")
+    from contextlib import ExitStack
+
+    from astb.panel.access import Access, kept_token
+    from astb.panel.open_rig import open_rig
+    from astb.panel.runs import Runs
+    from astb.panel.server import application
+    from astb.panel.views import Parts
+    from astb.panel.watch import Watch
+    from bench_protocol.clock import RealClock
+    from drivers.errors import BenchError
+
+    rig, path = read_rig(rig_path)
+    if rig.time == "virtual":
+        misuse(
+            f"rig file {path} has virtual time, in which nobody can look on; a rig in real time would be right"
+        )
+    try:
+        sockets = [_listening(host, port)]
+    except OSError as error:
+        blocked(f"{host}:{port} cannot be served: {error.strerror}; --port names another")
+    port = sockets[0].getsockname()[1]
+    with ExitStack() as stack:
+        stack.callback(sockets[0].close)
+        try:
+            opened: OpenRig = stack.enter_context(open_rig(rig, path, seed, click.echo))
+            watch = Watch(rig, path)
+        except ValueError as error:
+            misuse(error)
+        except BenchError as error:
+            blocked(error)
+        runs = Runs(watch, out, lifeline=opened.lifeline)
+        access = Access(kept_token(path), port, RealClock())
+        parts: Parts = Parts(watch, runs, access, out)
+        watch.start()
+        stack.callback(watch.close)
+        _tell(host, port, access.token)
+        app: ASGIApp = application(parts, host=host)
+        config = uvicorn.Config(
+            app,
+            log_level="warning",
+            access_log=False,
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=1,
+        )
+        uvicorn.Server(config).run(sockets=sockets)
+        if runs.going:
+            click.echo("the run goes on; `astb panel` finds it again")
+
+
+def _listening(host: str, port: int) -> "socket.socket":
+    import socket
+
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    one = socket.socket(family)
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        one.bind((host, port))
+    except OSError:
+        one.close()
+        raise
+    return one
+
+
+def _tell(host: str, port: int, token: str) -> None:
+    import socket
+
+    name = socket.gethostname() if host in {"0.0.0.0", "::"} else f"[{host}]" if ":" in host else host
+    if host != _LOCAL:
+        click.echo(
+            "served to other machines, unencrypted: whoever reads along on the network reads the token"
+        )
+    click.echo(f"to watch:    http://{name}:{port}/")
+    click.echo(f"to command:  http://{name}:{port}/#token={token}")

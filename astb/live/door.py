@@ -1,0 +1,134 @@
+"""The door of a run in real time: a Unix socket of its user, at which it is watched, held, answered and stopped.
+
+Its path follows from the rig's file, so that a panel that is started later finds the run. A line of JSON goes in, one
+comes out.
+"""
+
+import os
+import signal
+import socketserver
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+
+from astb.live.model import Live
+from bench_sim.rig.control_socket import LINE_MAX, ask, control_path, is_alive, own_directory
+from drivers.errors import BenchError
+
+if TYPE_CHECKING:
+    from test_plans.operator import QuestionBox
+    from test_plans.suspension import Suspension
+
+#: What brings the bench to its safe position: the actuators hold, the air is let off, then what hangs is set down.
+SAFE: Final = "action.disable"
+_PATIENCE: Final = 2.0  # s, for a line to come
+
+
+class NoRun(Exception):
+    """Nobody runs a plan on this rig, or he does not answer."""
+
+
+def door_path(rig_file: Path) -> Path:
+    """Return where a run on the rig of this file has its door."""
+    place = sha256(str(rig_file.resolve()).encode()).hexdigest()[:16]
+    return control_path("run", 0).with_name(f"run-{place}.sock")
+
+
+def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[str, Any]:
+    """Return what the run on this rig answers; NoRun if there is none, or it does not answer ``within`` s."""
+    try:
+        answer: dict[str, Any] = msgspec.json.decode(
+            ask(door_path(rig_file), msgspec.json.encode(order), within)
+        )
+    except (OSError, msgspec.DecodeError) as error:
+        raise NoRun(str(error)) from None
+    return answer
+
+
+class Door:
+    """What a run answers at its door; ``live`` gives the run of the moment, None between two."""
+
+    def __init__(
+        self, live: Callable[[], Live | None], suspension: "Suspension", box: "QuestionBox | None"
+    ) -> None:
+        self._live, self._suspension, self._box = live, suspension, box
+        self._stopped = False
+
+    def answer(self, line: bytes) -> bytes:
+        """Obey one line and return the answer; what cannot be done is an ``error``."""
+        try:
+            order = msgspec.json.decode(line, type=dict[str, str])
+            told = self._obey(order.get("do", ""), order.get("by") or "the panel", order.get("text", ""))
+        except (msgspec.MsgspecError, ValueError, BenchError) as error:
+            told = {"error": str(error)}
+        return msgspec.json.encode(told) + b"\n"
+
+    def _obey(self, do: str, by: str, text: str) -> dict[str, Any]:
+        match do:
+            case "look":
+                live = self._live()
+                return {"pid": os.getpid(), "snapshot": None if live is None else live.snapshot()}
+            case "hold":
+                self._suspension.request(by)
+            case "resume":
+                self._suspension.resume()
+            case "stop":
+                self._interrupt()
+            case "safe":
+                # First the bench, and then the plan, which might arm it again.
+                try:
+                    if (live := self._live()) is not None:
+                        live.bench.settings.act(SAFE)
+                finally:
+                    self._interrupt()
+            case "answer":
+                if self._box is None:
+                    raise ValueError("this run has its answers from elsewhere")
+                self._box.reply(text, by)
+            case _:
+                raise ValueError(f"{do!r} is no order; look, hold, resume, stop, safe, answer are")
+        return {"done": do}
+
+    def _interrupt(self) -> None:
+        """End the run as a signal does, from any thread and once: a second one would end its tear-down."""
+        if not self._stopped:
+            self._stopped = True
+            os.kill(os.getpid(), signal.SIGTERM)
+
+
+@contextmanager
+def opened_door(rig_file: Path, door: Door) -> Iterator[None]:
+    """Answer at the door of this rig while the block lasts; where there cannot be one, or is one, the run has none."""
+    path = door_path(rig_file)
+
+    class Visit(socketserver.StreamRequestHandler):
+        timeout = _PATIENCE
+
+        def handle(self) -> None:
+            with suppress(OSError):
+                if line := self.rfile.readline(LINE_MAX):
+                    self.wfile.write(door.answer(line))
+
+    try:
+        own_directory(path.parent)
+        if is_alive(path):
+            raise FileExistsError(path)
+        path.unlink(missing_ok=True)
+        server = socketserver.ThreadingUnixStreamServer(str(path), Visit)
+    except OSError:
+        yield
+        return
+    server.daemon_threads = True
+    path.chmod(0o600)
+    threading.Thread(target=server.serve_forever, name="the run's door", daemon=True).start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+        path.unlink(missing_ok=True)

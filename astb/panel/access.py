@@ -1,0 +1,145 @@
+"""Who may do what: anybody who reaches the panel sees, whoever has the token may command, and one page at a time does.
+
+The token is printed on the terminal as part of an address; the page exchanges it for a cookie that no script reads. A
+name that leads to this machine by somebody else's DNS, and a page of somebody else's, are refused.
+"""
+
+import ipaddress
+import secrets
+import socket
+from hmac import compare_digest
+from pathlib import Path
+from typing import Final
+
+from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from astb.live.door import door_path
+from bench_protocol.clock import Clock
+from bench_protocol.units import NS, s
+from bench_sim.rig.control_socket import own_directory
+
+#: A page that commands and is not heard of for so long (a reload, a lost network) has left its seat.
+SEAT_KEPT: Final = 10 * s
+_COOKIE_AGE: Final = 30 * 24 * 3600
+
+
+class NotAllowed(Exception):
+    """What a page may not do; the text says why, and ``status`` is that of HTTP."""
+
+    def __init__(self, text: str, status: int = 403) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class Doorkeeper:
+    """An ASGI application before another one: lets in only who asked for this machine by a name of its own."""
+
+    def __init__(self, app: ASGIApp, host: str) -> None:
+        self._app = app
+        self._names = {"localhost", host.lower(), socket.gethostname().lower()}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] in {"http", "websocket"} and (wrong := self._wrong(scope)):
+            if scope["type"] == "websocket":
+                await receive()
+                await send({"type": "websocket.close", "code": 1008, "reason": wrong})
+            else:
+                await PlainTextResponse(wrong + "\n", 403)(scope, receive, send)
+            return
+        await self._app(scope, receive, send)
+
+    def _wrong(self, scope: Scope) -> str:
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
+        name = name.strip("[]").lower()
+        if name not in self._names and not _is_address(name):
+            return f"this panel is not called {name}"
+        changes = scope["type"] == "websocket" or scope["method"] not in {"GET", "HEAD"}
+        origin = headers.get("origin")
+        if changes and origin is not None and origin.partition("://")[2] != host:
+            return "this request comes from another page"
+        return ""
+
+
+def _is_address(name: str) -> bool:
+    """Whether it is an address, which no foreign DNS can give a meaning to."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def kept_token(rig_file: Path) -> str:
+    """Return the token for the panel of this rig; a server that is started again has the same one.
+
+    It lies where only this user can read it, beside the sockets of rigs and runs.
+    """
+    path = door_path(rig_file).with_suffix(".token")
+    own_directory(path.parent)
+    if not path.exists():
+        path.touch(0o600)
+        path.write_text(secrets.token_urlsafe(24))
+    return path.read_text()
+
+
+class Access:
+    """The token, and the one seat of whoever commands."""
+
+    def __init__(self, token: str, port: int, clock: Clock) -> None:
+        self.token, self.cookie = token, f"astb-panel-{port}"
+        self._clock = clock
+        self._page = ""  # which has the seat
+        self._heard = 0
+
+    def may_command(self, connection: HTTPConnection) -> bool:
+        """Whether this one has shown the token."""
+        return compare_digest(connection.cookies.get(self.cookie, "").encode(), self.token.encode())
+
+    def enter(self, token: str) -> dict[str, object]:
+        """Return the arguments of the cookie for who shows the right token. NotAllowed for a wrong one."""
+        if not compare_digest(token.encode(), self.token.encode()):
+            raise NotAllowed("this is not the token of this panel; the terminal shows the address with it")
+        return {
+            "key": self.cookie,
+            "value": self.token,
+            "max_age": _COOKIE_AGE,
+            "httponly": True,
+            "samesite": "strict",
+        }
+
+    @property
+    def taken(self) -> bool:
+        """Whether a page has the seat."""
+        return bool(self._page) and self._clock.now() - self._heard < SEAT_KEPT * NS
+
+    def has_seat(self, page: str) -> bool:
+        """Whether this page is the one that commands."""
+        return self.taken and page == self._page
+
+    def take_seat(self, page: str, *, from_other: bool = False) -> bool:
+        """Give the seat to a page that may have it, if it is free or is to be taken from another; tell whether."""
+        if page and (from_other or not self.taken or page == self._page):
+            self._page, self._heard = page, self._clock.now()
+            return True
+        return False
+
+    def heard(self, page: str) -> None:
+        """Note that a page is still there; it keeps its seat, or gets it if nobody has it."""
+        self.take_seat(page)
+
+    def require_token(self, connection: HTTPConnection) -> None:
+        """NotAllowed for who has not shown the token."""
+        if not self.may_command(connection):
+            raise NotAllowed("this page only watches: the terminal shows the address that may command")
+
+    def require_seat(self, connection: HTTPConnection) -> None:
+        """NotAllowed for who has not shown the token, or is not the page that commands."""
+        self.require_token(connection)
+        page = connection.headers.get("x-astb-page", "")
+        if not self.take_seat(page):
+            raise NotAllowed("another page commands; take over first", 409)

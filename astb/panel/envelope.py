@@ -1,0 +1,91 @@
+"""The last minutes of many signals as smallest and greatest value of each stretch of time, in bounded memory."""
+
+import threading
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import NS, hours, minutes, ms
+
+Floats = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.int64]
+
+#: How finely and how long is kept: every sample of 200 Hz for two minutes, then as much as a picture has columns.
+LEVELS: Final = ((5 * ms, 2 * minutes), (100 * ms, 1 * hours))
+
+
+class Level:
+    """Smallest and greatest value of every stretch of ``width`` s, the last ``span`` s of them; rows are signals."""
+
+    def __init__(self, rows: int, width: float, span: float) -> None:
+        self.width, self.span = width, span
+        self._width = round(width * NS)
+        self._slots = round(span / width)
+        self.head = -1  #: the number of the newest stretch; stretch k begins at k · width
+        self._low = np.full((rows, self._slots), np.nan, np.float32)
+        self._high = np.full((rows, self._slots), np.nan, np.float32)
+
+    def take(self, times: Ints, rows: Ints, values: Floats) -> None:
+        """Take samples at ``times`` (ns); those that are older than what is kept are left out."""
+        slots = times // self._width
+        newest = int(slots.max())
+        if newest > self.head:
+            new = np.arange(max(self.head + 1, newest - self._slots + 1), newest + 1) % self._slots
+            self._low[:, new] = np.nan
+            self._high[:, new] = np.nan
+            self.head = newest
+        kept = slots > self.head - self._slots
+        at = (rows[kept], slots[kept] % self._slots)
+        np.fmin.at(self._low, at, values[kept])
+        np.fmax.at(self._high, at, values[kept])
+
+    def read(self, rows: Ints, first: int, count: int, together: int) -> tuple[Floats, Floats]:
+        """Return lows and highs of ``count`` stretches from ``first`` on, ``together`` of ours in each."""
+        slots = np.arange(first * together, (first + count) * together)
+        known = (slots > self.head - self._slots) & (slots <= self.head) & (slots >= 0)
+        columns = slots % self._slots
+        shape = (len(rows), count, together)
+        low = np.where(known, self._low[np.ix_(rows, columns)], np.nan).reshape(shape)
+        high = np.where(known, self._high[np.ix_(rows, columns)], np.nan).reshape(shape)
+        return np.fmin.reduce(low, axis=2), np.fmax.reduce(high, axis=2)
+
+
+class Envelope:
+    """All levels of all signals; samples come from one thread, pictures are asked for by another."""
+
+    def __init__(self, rows: int) -> None:
+        self._levels = [Level(rows, width, span) for width, span in LEVELS]
+        self._lock = threading.Lock()
+
+    def take(self, times: Ints, rows: Ints, values: Floats) -> None:
+        """Take samples at ``times`` (ns) in the order of arrival."""
+        if times.size:
+            with self._lock:
+                for level in self._levels:
+                    level.take(times, rows, values)
+
+    def scale(self, span: float, columns: int) -> "Scale":
+        """Return how to look at the last ``span`` s in about ``columns`` stretches."""
+        level = next((one for one in self._levels if one.span >= span), self._levels[-1])
+        together = max(1, round(min(span, level.span) / columns / level.width))
+        return Scale(level, together, self._lock)
+
+
+class Scale:
+    """A way to look at the envelope: stretches of one length, numbered from the beginning of time."""
+
+    def __init__(self, level: Level, together: int, lock: threading.Lock) -> None:
+        self._level, self._together, self._lock = level, together, lock
+        self.width = level.width * together  #: s
+        self.most = int(level.span / self.width)  #: stretches that are kept
+
+    @property
+    def head(self) -> int:
+        """The number of the newest stretch, which may still fill; -1 before the first sample."""
+        return self._level.head // self._together
+
+    def read(self, rows: Ints, first: int) -> tuple[Floats, Floats]:
+        """Return lows and highs from stretch ``first`` to the newest: arrays of len(rows) × stretches."""
+        with self._lock:
+            return self._level.read(rows, first, max(0, self.head + 1 - first), self._together)

@@ -1,0 +1,101 @@
+/** The page: shows the rig's state and the emergency stop above whatever view is open. */
+
+import { duration, make } from "/page/format.js";
+import { Link } from "/page/link.js";
+
+const LIVE = ["AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE"];
+const find = (name) => document.querySelector(`[data-of=${name}]`);
+const news = document.getElementById("news");
+let stopped = "";
+
+await enter();
+const link = new Link();
+const panel = { link, about: await fetched("/api/rig"), plans: await fetched("/api/plans") };
+document.title = `${panel.about.name} – ASTB`;
+find("rig").textContent = panel.about.name;
+find("kind").textContent = panel.about.simulated ? "simulated rig" : panel.about.description || "real rig";
+document.getElementById("estop").addEventListener("click", stop);
+document.getElementById("estop").title = "Tells the rig over its wires to take its safe position: the actuators hold, the air is let off. It is not the emergency stop of the hardware.";
+
+const views = panel.about.views.map(({ name, title }) => ({ name, title, button: make("button", { onclick: () => (location.hash = name) }, title) }));
+document.getElementById("views").append(...views.map((one) => one.button));
+window.addEventListener("hashchange", open);
+let leave = () => {};
+await open();
+link.listen(tell);
+setInterval(tell, 500);
+
+/** Exchange the token of the address for a cookie, and let it not stand there for others to read. */
+async function enter() {
+  const token = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (!token) return;
+  history.replaceState(null, "", location.pathname);
+  await fetch("/api/enter", { method: "POST", body: JSON.stringify({ token }) });
+}
+
+async function fetched(path) {
+  for (;;) {
+    try {
+      const answer = await fetch(path);
+      if (answer.ok) return await answer.json();
+    } catch {
+      /* the server comes back */
+    }
+    await new Promise((done) => setTimeout(done, 1000));
+  }
+}
+
+async function open() {
+  const chosen = views.find((one) => `#${one.name}` === location.hash) ?? views[0];
+  leave();
+  views.forEach((one) => (one === chosen ? one.button.setAttribute("aria-current", "page") : one.button.removeAttribute("aria-current")));
+  const element = document.getElementById("view");
+  element.replaceChildren();
+  const { show } = await import(`/page/${chosen.name}.js`);
+  leave = show(element, panel) ?? (() => {});
+}
+
+async function stop() {
+  try {
+    stopped = "";
+    await link.order("/api/estop");
+  } catch (error) {
+    stopped = `STOP did not work: ${error.message}. Press the emergency stop of the rig.`;
+  }
+  tell();
+}
+
+function tell() {
+  const { status, stale } = link;
+  document.body.classList.toggle("stale", stale || (status && status.rig.link !== ""));
+  say(stale, status);
+  if (!status) return;
+  const { rig, access } = status;
+  const fault = !LIVE.includes(rig.state) && (rig.state.startsWith("FAULT") || rig.state === "ESTOP");
+  const state = document.getElementById("state");
+  state.className = `state ${fault ? "fault" : LIVE.includes(rig.state) ? "up" : ""}`;
+  find("state").textContent = rig.state.replaceAll("_", " ");
+  find("why").textContent = [rig.reason, fault && rig.first_out].filter(Boolean).join(", ");
+  find("punctual").textContent = rig.late === null ? "" : `${rig.late} late ticks${rig.lease ? "" : ", nobody commands"}`;
+  seat(access);
+}
+
+function say(stale, status) {
+  const since = link.heard && new Date(link.heard).toLocaleTimeString();
+  const text = stopped
+    || (stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
+      : status?.rig.link ? `The rig is not heard: ${status.rig.link}` : "");
+  news.textContent = text;
+  news.hidden = !text;
+}
+
+function seat({ token, seat: mine, taken, pages }) {
+  const element = document.getElementById("seat");
+  const key = JSON.stringify([token, mine, taken, pages]);
+  if (element.dataset.key === key) return;
+  element.dataset.key = key;
+  const others = pages > 1 ? `${pages} pages are open` : "";
+  if (mine) element.replaceChildren(make("b", {}, "This page commands"), others);
+  else if (!token) element.replaceChildren(make("b", {}, "This page watches"), others);
+  else element.replaceChildren(make("b", {}, "Another page commands"), make("button", { id: "take", onclick: () => link.order("/api/seat") }, "Take over"));
+}

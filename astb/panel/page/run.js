@@ -1,0 +1,135 @@
+/** The card of the run: start a plan with its parameters; watch, hold, answer and stop it. */
+
+import { duration, make } from "/page/format.js";
+
+export function runCard(panel) {
+  const element = make("section", { class: "card run", "aria-label": "run" });
+  const wrong = make("p", { class: "wrong", role: "alert" });
+  const order = (path, body) => {
+    wrong.textContent = "";
+    return panel.link.order(path, body).catch((error) => (wrong.textContent = error.message));
+  };
+  const start = starting(panel, order);
+  const going = running(order);
+  element.append(start.element, going.element, wrong);
+  return {
+    element,
+    tell({ rig, runs, access }) {
+      const goes = rig.run !== null || rig.pid !== null || runs.starting || runs.ending;
+      start.element.hidden = goes;
+      going.element.hidden = !goes;
+      goes ? going.tell(rig, runs, access) : start.tell(rig, runs, access);
+    },
+  };
+}
+
+function starting(panel, order) {
+  const plans = new Map(panel.plans.plans.map((one) => [one.name, one]));
+  const group = (label, judges) => make("optgroup", { label }, ...panel.plans.plans.filter((one) => one.judges === judges).map((one) => make("option", { value: one.name, title: one.title }, one.name)));
+  const choice = make("select", { "aria-label": "plan" }, group("Plans that judge", true), group("Programmes for a diagnosis", false));
+  const about = make("p", { class: "said" });
+  const fields = make("div");
+  const specimen = make("select", { "aria-label": "specimen" }, make("option", { value: "" }, "the bench's own"), ...panel.plans.specimens.map((one) => make("option", { value: one }, one)));
+  const operator = make("input", { "aria-label": "operator", placeholder: "who runs it", value: localStorage.getItem("operator") ?? "" });
+  const begin = make("button", { class: "main", id: "start" }, "Start");
+  const reset = make("button", {}, "Reset fault");
+  const vent = make("button", {}, "Vent springs");
+  const last = make("div", { id: "last" });
+
+  const choose = () => {
+    const plan = plans.get(choice.value);
+    about.textContent = plan.title + (plan.lasts ? ` About ${duration(plan.lasts)}.` : "");
+    about.title = plan.instruction;
+    fields.replaceChildren(...plan.parameters.flatMap(field));
+  };
+  const field = (one) => {
+    const input = one.choices.length
+      ? make("select", { name: one.name }, ...one.choices.map((text) => make("option", { selected: text === one.default }, text)))
+      : make("input", { name: one.name, value: one.default, autocomplete: "off" });
+    return [make("label", { for: `set-${one.name}` }, one.name.replaceAll("_", " "), one.choices.length ? null : make("small", {}, one.allowed)), Object.assign(input, { id: `set-${one.name}` })];
+  };
+  choice.value = plans.has("aw0") ? "aw0" : choice.value;
+  choice.addEventListener("change", choose);
+  choose();
+  begin.addEventListener("click", () => {
+    localStorage.setItem("operator", operator.value);
+    const set = Object.fromEntries([...fields.querySelectorAll("[name]")].filter((one) => one.value !== plans.get(choice.value).parameters.find((p) => p.name === one.name).default).map((one) => [one.name, one.value]));
+    order("/api/run/start", { plan: choice.value, set, specimen: specimen.value, operator: operator.value });
+  });
+  reset.addEventListener("click", () => order("/api/reset"));
+  vent.addEventListener("click", () => order("/api/vent"));
+
+  return {
+    element: make("div", {}, last, make("h2", {}, "Run a plan"), choice, about, fields, make("label", {}, "specimen"), specimen, make("label", {}, "operator"), operator,
+      make("div", { class: "buttons" }, begin), make("div", { class: "buttons" }, reset, vent)),
+    tell(rig, runs, access) {
+      const lost = rig.link !== "";
+      begin.disabled = !access.seat;
+      reset.disabled = vent.disabled = !access.seat || lost;
+      const key = JSON.stringify([runs.last, runs.stopped]);
+      if (last.dataset.key !== key) {
+        last.dataset.key = key;
+        last.replaceChildren(...told(runs));
+      }
+    },
+  };
+}
+
+function told({ last, stopped }) {
+  const parts = stopped ? [make("p", { class: "wrong" }, `STOP: ${stopped}`)] : [];
+  if (!last) return parts;
+  return [
+    ...parts,
+    make("h2", {}, `Last run${last.plan ? `: ${last.plan}` : ""}`),
+    make("div", { class: `verdict ${last.verdict}` }, last.verdict),
+    last.reason ? make("p", { class: "said" }, last.reason) : null,
+    last.record ? make("p", {}, make("a", { href: `/records/${encodeURIComponent(last.record)}/report.html`, target: "_blank" }, "Report")) : null,
+  ].filter(Boolean);
+}
+
+function running(order) {
+  const title = make("h3");
+  const step = make("p", { class: "said" });
+  const bar = make("progress", { max: 1 });
+  const times = make("p", { class: "said" });
+  const checks = make("p", { class: "said" });
+  const said = make("p", { class: "said" });
+  const question = make("div", { class: "question", id: "question", hidden: true });
+  const hold = make("button", { id: "hold" }, "Hold");
+  const stop = make("button", { id: "stop" }, "End run");
+  let held = false;
+  hold.addEventListener("click", () => order(held ? "/api/run/resume" : "/api/run/hold"));
+  stop.addEventListener("click", () => order("/api/run/stop"));
+
+  return {
+    element: make("div", { hidden: true }, make("h2", {}, "Run"), title, step, bar, times, question, checks, said, make("div", { class: "buttons" }, hold, stop)),
+    tell({ run }, { starting, ending }, { seat }) {
+      hold.disabled = !seat || !run;
+      stop.disabled = !seat || ending;
+      if (!run) {
+        title.textContent = starting ? "Starting …" : ending ? "Ending …" : "Between two plans";
+        [step, times, checks, said].forEach((one) => (one.textContent = ""));
+        question.hidden = true;
+        bar.removeAttribute("value");
+        return;
+      }
+      held = run.hold_wanted_by !== "";
+      title.textContent = run.plan;
+      step.replaceChildren(make("b", {}, run.step.join(" › ") || "–"), run.next ? `, then ${run.next}` : "");
+      bar.value = run.fraction;
+      times.textContent = `${duration(run.time)}${run.left === null ? "" : `, ${duration(run.left)} to go`}`;
+      checks.textContent = [...Object.entries(run.checks).map(([verdict, count]) => `${count} ${verdict}`)].join(", ") + (run.last_check ? `; last: ${run.last_check}` : "");
+      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it" : run.said;
+      hold.textContent = held ? "Go on" : "Hold";
+      if (question.dataset.text !== run.question) {
+        question.dataset.text = run.question;
+        question.replaceChildren(
+          make("p", {}, run.question),
+          make("div", { class: "buttons" }, ...run.answers.map((answer) => make("button", { class: answer === run.answers[0] ? "main" : "", onclick: () => order("/api/run/answer", { answer }) }, answer))),
+        );
+      }
+      question.hidden = !run.question;
+      question.querySelectorAll("button").forEach((one) => (one.disabled = !seat));
+    },
+  };
+}

@@ -1,0 +1,180 @@
+"""Starts runs, each `astb run` in a process of its own, and hands on what the panel asks of the one that goes on."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from astb.live.door import SAFE, NoRun, knock
+from astb.operators import PANEL
+from astb.panel.watch import Watch
+from bench_protocol.units import s
+from bench_records.layout import RESULT, RecordError
+from bench_records.result import read_result
+from drivers.errors import BenchError
+
+#: A run that does not answer its door for so long is killed by an emergency stop: the rig holds when it is gone.
+STOP_WITHIN: Final = 1 * s
+_LOG_TAIL: Final = 2000  # bytes
+
+
+class CannotDo(Exception):
+    """What cannot be done now; the text says why, and what would be right."""
+
+
+class Runs:
+    """The runs on one rig: what was started here, and what the panel found going on."""
+
+    def __init__(self, watch: Watch, out: Path, *, lifeline: int | None = None) -> None:
+        self._watch, self.out, self._lifeline = watch, out, lifeline
+        self._process: subprocess.Popen[bytes] | None = None
+        self._log: Path | None = None
+        self._record = ""  # of the last run that was seen
+        self.stopped = ""  #: what the last emergency stop did
+
+    # -- start and end ---------------------------------------------------------------------------------------------
+
+    def start(
+        self, plan: str, settings: Mapping[str, str], *, specimen: str = "", operator: str = ""
+    ) -> None:
+        """Start a plan with parameters as people write them. CannotDo, in the words of `astb run`, if it refuses."""
+        from test_plans.discovery import plans
+        from test_plans.parameters import ParameterRefused
+
+        if (known := plans().get(plan)) is None:
+            raise CannotDo(f"there is no plan {plan!r}")
+        try:
+            known.given(settings)
+        except ParameterRefused as error:
+            raise CannotDo(str(error)) from None
+        if self.going:
+            raise CannotDo("a run goes on already: stop it, or wait for its end")
+        command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(self._watch.path)]
+        command += ["--out", str(self.out), "--answers", PANEL]
+        command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
+        command += ["--specimen", specimen] if specimen else []
+        command += ["--operator", operator] if operator else []
+        with tempfile.NamedTemporaryFile(prefix="astb-run-", suffix=".log", delete=False) as log:
+            self._log, self._record, self.stopped = Path(log.name), "", ""
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C and the end of the panel's terminal are not for the run
+                pass_fds=() if self._lifeline is None else (self._lifeline,),
+            )
+
+    @property
+    def going(self) -> bool:
+        """Whether a run goes on, started here or anywhere on this machine with the same rig file."""
+        return self._watch.status.pid is not None or self._starting
+
+    @property
+    def _starting(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    def order(self, do: str, **more: str) -> None:
+        """Hand an order to the run: hold, resume, stop, answer. CannotDo if there is none, or it refuses."""
+        try:
+            told = knock(self._watch.path, {"do": do, **more})
+        except NoRun:
+            if do == "stop" and self._starting:  # it has no door yet, and nothing moves
+                assert self._process is not None
+                self._process.terminate()
+                return
+            raise CannotDo("no run goes on") from None
+        if "error" in told:
+            raise CannotDo(told["error"])
+
+    def emergency_stop(self) -> str:
+        """Bring the bench to its safe position over the wires, and end the run; return what was done.
+
+        The run itself says it to the rig, as its commander. One that does not answer is killed, and the rig then holds
+        and lets the air off as it does without a commander. Without a run it is said directly. CannotDo if the rig did
+        not hear of it.
+        """
+        pid = self._watch.status.pid
+        try:
+            told = knock(self._watch.path, {"do": "safe"}, STOP_WITHIN)
+        except NoRun:
+            told = {"error": "the run does not answer"}
+        if "error" not in told:
+            self.stopped = "the run took the bench to its safe position and ends"
+        elif pid is not None or self._starting:
+            self._kill(pid)
+            self.stopped = f"{told['error']}: its process was killed, and the rig holds without its commander"
+        else:
+            self._directly()
+            self.stopped = "the rig was told to take its safe position"
+        return self.stopped
+
+    def _kill(self, pid: int | None) -> None:
+        for one in {pid, self._process.pid if self._process and self._starting else None} - {None}:
+            assert one is not None
+            try:
+                os.kill(one, signal.SIGKILL)
+            except ProcessLookupError:
+                self._directly()
+
+    def _directly(self) -> None:
+        try:
+            self._watch.act(SAFE)
+        except BenchError as error:
+            raise CannotDo(f"THE RIG DID NOT TAKE IT, press the button on the rig: {error}") from None
+
+    def reset(self) -> None:
+        """Clear a latched fault, while nobody commands."""
+        self._by_hand(lambda: self._watch.act("action.reset"))
+
+    def vent(self) -> None:
+        """Let the air out of both springs, while nobody commands."""
+        self._by_hand(lambda: self._watch.write({"air.left_mode": "vent", "air.right_mode": "vent"}))
+
+    def _by_hand(self, do: Callable[[], None]) -> None:
+        if self.going:
+            raise CannotDo("a run commands the rig: stop it first")
+        try:
+            do()
+        except BenchError as error:
+            raise CannotDo(str(error)) from None
+
+    # -- what is told ----------------------------------------------------------------------------------------------
+
+    def told(self) -> dict[str, Any]:
+        """Return what the page shows of the last run: whether it starts, its verdict, or why it came to nothing."""
+        snapshot = self._watch.status.run
+        if snapshot is not None:
+            self._record = snapshot["record"]
+        lonely = self._starting and snapshot is None
+        told: dict[str, Any] = {
+            "starting": lonely and not self._record,
+            "ending": (lonely and bool(self._record)) or bool(snapshot and snapshot["ended"]),
+            "stopped": self.stopped,
+        }
+        if self._watch.status.pid is None and not self._starting:
+            told["last"] = self._last()
+        return told
+
+    def _last(self) -> dict[str, str] | None:
+        if self._record and (Path(self._record) / RESULT).exists():
+            try:
+                result = read_result(Path(self._record))
+            except RecordError as error:
+                return {"plan": "", "verdict": "", "reason": str(error), "record": ""}
+            name = Path(self._record).name
+            return {
+                "plan": result.plan,
+                "verdict": result.verdict.value,
+                "reason": result.reason,
+                "record": name,
+            }
+        if self._process is not None and self._log is not None and self._log.exists():
+            tail = self._log.read_bytes()[-_LOG_TAIL:].decode(errors="replace").strip().splitlines()
+            if tail:
+                return {"plan": "", "verdict": "blocked", "reason": tail[-1], "record": ""}
+        return None

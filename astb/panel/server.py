@@ -1,0 +1,203 @@
+"""The server of the panel: its page, what the page asks once, what it commands, and the stream that it follows."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+
+import bench_records
+from astb.panel.access import Doorkeeper, NotAllowed
+from astb.panel.runs import CannotDo
+from astb.panel.stream import Stream
+from astb.panel.views import VIEWS, Parts
+from astb.panel.watch import CONTACTS
+
+_PAGE: Final = Path(__file__).parent / "page"
+_ASSETS: Final = Path(bench_records.__file__).parent / "assets"
+_BODY_MAX: Final = 64 * 1024
+#: Everything comes from here; a report that was made of a record has its script and style inside.
+_POLICY: Final = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
+)
+
+Command = Callable[[Request, dict[str, Any]], object]
+
+
+def application(parts: Parts, *, host: str) -> Starlette:
+    """Return the panel as an ASGI application; ``host`` is the name under which it is served."""
+    stream = Stream(parts.watch, parts.runs, parts.access)
+    runs = parts.runs
+    routes = [
+        Route("/", _page),
+        Route("/api/rig", lambda request: _json(_about(parts))),
+        Route("/api/plans", lambda request: _json(_plans())),
+        Route("/api/enter", _entrance(parts), methods=["POST"]),
+        command(parts, "/api/seat", lambda request, body: _seat(parts, request), seat=False),
+        command(parts, "/api/estop", lambda request, body: runs.emergency_stop(), seat=False),
+        command(parts, "/api/run/start", lambda request, body: _start(parts, body)),
+        command(parts, "/api/run/hold", lambda request, body: runs.order("hold")),
+        command(parts, "/api/run/resume", lambda request, body: runs.order("resume")),
+        command(parts, "/api/run/stop", lambda request, body: runs.order("stop")),
+        command(
+            parts, "/api/run/answer", lambda request, body: runs.order("answer", text=_text(body, "answer"))
+        ),
+        command(parts, "/api/reset", lambda request, body: runs.reset()),
+        command(parts, "/api/vent", lambda request, body: runs.vent()),
+        WebSocketRoute("/api/stream", stream.serve),
+        *(route for view in VIEWS for route in view.routes(parts)),
+        Mount("/assets", StaticFiles(directory=_ASSETS)),
+        Mount("/records", StaticFiles(directory=parts.out, check_dir=False)),
+        Mount("/page", StaticFiles(directory=_PAGE)),
+    ]
+    return Starlette(routes=routes, middleware=[Middleware(Doorkeeper, host=host), Middleware(_Fresh)])
+
+
+def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route:
+    """Return the route of a command, which only the page that commands may give; without ``seat`` any with the token.
+
+    ``do(request, body)`` runs in a thread; what it returns goes to the page. NotAllowed and CannotDo are told there.
+    """
+
+    async def endpoint(request: Request) -> Response:
+        try:
+            if seat:
+                parts.access.require_seat(request)
+            else:
+                parts.access.require_token(request)
+            body = await _body(request)
+            return _json({"done": await asyncio.to_thread(do, request, body)})
+        except NotAllowed as error:
+            return _json({"error": str(error)}, error.status)
+        except CannotDo as error:
+            return _json({"error": str(error)}, 409)
+
+    return Route(path, endpoint, methods=["POST"])
+
+
+async def _page(request: Request) -> Response:
+    del request
+    return Response(
+        (_PAGE / "index.html").read_bytes(),
+        media_type="text/html",
+        headers={"Content-Security-Policy": _POLICY, "Referrer-Policy": "no-referrer"},
+    )
+
+
+def _entrance(parts: Parts) -> Callable[[Request], Awaitable[Response]]:
+    async def enter(request: Request) -> Response:
+        try:
+            cookie = parts.access.enter(str((await _body(request)).get("token", "")))
+        except NotAllowed as error:
+            return _json({"error": str(error)}, error.status)
+        response = _json({"done": None})
+        response.set_cookie(**cookie)  # type: ignore[arg-type]
+        return response
+
+    return enter
+
+
+def _about(parts: Parts) -> dict[str, Any]:
+    rig = parts.watch.rig
+    return {
+        "name": rig.name,
+        "description": rig.description,
+        "simulated": rig.simulation is not None,
+        "file": str(parts.watch.path),
+        "out": str(parts.out),
+        "signals": parts.watch.shown,
+        "contacts": CONTACTS,
+        "views": [{"name": view.name, "title": view.title} for view in VIEWS],
+    }
+
+
+def _plans() -> list[dict[str, Any]]:
+    from test_plans.discovery import plans
+    from test_plans.specimen import packaged
+
+    return {  # type: ignore[return-value]
+        "specimens": list(packaged()),
+        "plans": [
+            {
+                "name": one.name,
+                "title": one.title,
+                "instruction": one.instruction,
+                "judges": one.judges,
+                "lasts": one.lasts,
+                "requires": [condition.text for condition in one.requires],
+                "parameters": [
+                    {
+                        "name": each.name,
+                        "default": each.show(each.default),
+                        "allowed": each.allowed,
+                        "choices": each.choices,
+                    }
+                    for each in one.parameters
+                ],
+            }
+            for one in plans().values()
+        ],
+    }
+
+
+def _start(parts: Parts, body: dict[str, Any]) -> None:
+    settings = body.get("set", {})
+    if not isinstance(settings, dict):
+        raise NotAllowed(f"set = {settings!r} is no table of parameters", 400)
+    parts.runs.start(
+        _text(body, "plan"),
+        {str(name): str(value) for name, value in settings.items()},
+        specimen=_text(body, "specimen"),
+        operator=_text(body, "operator"),
+    )
+
+
+def _seat(parts: Parts, request: Request) -> None:
+    parts.access.take_seat(request.headers.get("x-astb-page", ""), from_other=True)
+
+
+def _text(body: dict[str, Any], key: str) -> str:
+    value = body.get(key, "")
+    if not isinstance(value, str):
+        raise NotAllowed(f"{key} = {value!r} is no text", 400)
+    return value
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    if int(request.headers.get("content-length") or 0) > _BODY_MAX:
+        raise NotAllowed("too much to read", 413)
+    try:
+        return msgspec.json.decode(await request.body() or b"{}", type=dict[str, Any])
+    except msgspec.MsgspecError as error:
+        raise NotAllowed(f"not understood: {error}", 400) from None
+
+
+def _json(content: object, status: int = 200) -> Response:
+    return Response(msgspec.json.encode(content), status, media_type="application/json")
+
+
+class _Fresh:
+    """Lets a browser keep nothing: after an update of the package its page is the new one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        async def marked(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [
+                    *message["headers"],
+                    (b"cache-control", b"no-cache"),
+                    (b"x-content-type-options", b"nosniff"),
+                ]
+            await send(message)
+
+        await self._app(scope, receive, marked)

@@ -1,0 +1,66 @@
+"""The signals that the panel shows: how each is called, its unit and decimals, its limits, where it stands."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from astb.rig_limits import KnownLimit
+from bench_protocol.signals import PANELS, Group, Signal
+from bench_protocol.table_signals import MEASUREMENTS
+from bench_protocol.units import FACTORS
+from bench_protocol.words import LimitKind
+
+#: What is read from two metres away, in this order.
+KEY: Final = (
+    "left.height",
+    "right.height",
+    "left.bellows_pressure",
+    "right.bellows_pressure",
+    "vertical_left.force",
+    "vertical_right.force",
+    "lateral.displacement",
+    "lateral.force",
+    "supply.pressure",
+)
+_DECIMALS: Final = {"mm": 1, "bar": 2, "kN": 1, "K": 1, "mrad": 2, "m/s2": 2}
+_UNITS: Final = {"m/s2": "m/s²"}
+
+
+class Shown(msgspec.Struct, frozen=True):
+    """A signal as people read it; limits and range are in its ``unit``."""
+
+    name: str
+    label: str
+    panel: str  #: the title over signals of this kind
+    unit: str
+    decimals: int
+    factor: float  #: SI value of one unit
+    low: float | None  #: the nearest lower limit that is known
+    high: float | None
+    key: bool
+
+
+def shown_signals(limits: Sequence[KnownLimit]) -> tuple[Shown, ...]:
+    """Return every measurement, the key readings first."""
+    order = sorted(MEASUREMENTS, key=lambda one: KEY.index(one.name) if one.name in KEY else len(KEY))
+    return tuple(_shown(one, limits) for one in order)
+
+
+def _shown(signal: Signal, limits: Sequence[KnownLimit]) -> Shown:
+    factor = FACTORS[signal.unit]
+    mine = [one.limit for one in limits if one.limit.signal == signal.name]
+    lows = [one.at / factor for one in mine if one.kind is LimitKind.LOWER]
+    highs = [one.at / factor for one in mine if one.kind is LimitKind.UPPER]
+    assert isinstance(signal.group, Group), "a measurement has a group"
+    return Shown(
+        signal.name,
+        signal.name.replace(".", " ").replace("_", " "),
+        PANELS[signal.group],
+        _UNITS.get(signal.unit, signal.unit),
+        _DECIMALS.get(signal.unit, 2),
+        factor,
+        max(lows, default=None),
+        min(highs, default=None),
+        signal.name in KEY,
+    )
