@@ -26,7 +26,9 @@ Kind = Literal["plant", "sensor", "wire"]
 #: By a check that is meant for it; by another one; not at all.
 Found = Literal["caught", "wrong reason", "missed"]
 
-_ABOUT_A_SIDE: Final = re.compile(r"\b(left|right) (?:spring|bellows|valve|vertical|cells|stiffness|damping|K'|c\b)")
+_ABOUT_A_SIDE: Final = re.compile(
+    r"\b(left|right) (?:spring|bellows|valve|vertical|cells|stiffness|damping|K'|c\b)"
+)
 
 
 class Mutation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

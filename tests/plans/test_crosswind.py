@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import csd
 
 from bench_protocol.units import FACTORS, Hz, mm
 from bench_records.result import Outcome
@@ -84,6 +85,17 @@ def test_what_is_one_behind_the_other_by_a_lag_is_put_right():
     found = spectra(lagged, np.sin(omega * t), 200.0, segment=8.0, x_lag=tau).between(0.8, 1.2)
     assert found.value == pytest.approx(1.0, abs=1e-3)
     assert found.coherence == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("segment", [6.0, 6.2], ids=["even", "odd"])
+def test_spectra_are_those_of_scipy(segment):
+    x, noise = np.random.default_rng(1).normal(size=(2, 3000))
+    x = x.cumsum()
+    found = spectra(x, y := 3.0 * x + noise, 25.0, segment=segment)
+    for ours, one, other in ((found.xx, x, x), (found.yy, y, y), (found.xy, x, y)):
+        f, theirs = csd(one, other, fs=25.0, nperseg=round(25.0 * segment), detrend="linear")
+        np.testing.assert_allclose(found.frequency, f)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9)
 
 
 def test_wind_and_track_are_those_of_their_spectra_and_of_their_seed():
