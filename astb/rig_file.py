@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
+from msgspec.structs import replace
 
 Port = Annotated[int, Meta(ge=1, le=65535)]
 #: What every generator of random numbers takes.
@@ -83,7 +84,7 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def read(path: Path) -> RigFile:
-    """Return the rig described in ``path``.
+    """Return the rig described in ``path``; the files that it simulates with lie where they do seen from there.
 
     Raises RigFileError, naming the file, the key and what would be right.
     """
@@ -111,7 +112,15 @@ def read(path: Path) -> RigFile:
             f"rig file {path}: {' and '.join(beside)} beside wiring: a rig with a wiring is a real one, and its "
             "addresses are the wiring's; right is one of them"
         )
-    return rig
+    return rig if rig.simulation is None else replace(rig, simulation=_placed(rig.simulation, path.parent))
+
+
+def _placed(simulation: Simulation, home: Path) -> Simulation:
+    """Return the simulation with whole paths, for whoever starts it from another directory; names stay names."""
+    parameters, sealed = simulation.parameters, simulation.sealed
+    if Path(parameters).suffix == ".toml":
+        parameters = str((home / parameters).resolve())
+    return replace(simulation, parameters=parameters, sealed=sealed and str((home / sealed).resolve()))
 
 
 def _in_words(error: str, content: dict[str, Any]) -> str:

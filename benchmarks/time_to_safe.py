@@ -1,7 +1,6 @@
 """How long until the bench holds, and until it is safe, when processes are killed and wires are cut, many times."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -15,6 +14,7 @@ from benchmarks.cuts import CUTS, REAL_CUTS, Cut
 from benchmarks.measure import BenchmarkRow, Effort, Section, Spread
 from benchmarks.real_cuts import RealCuts
 from benchmarks.virtual_cuts import virtual_cuts
+from campaigns.workers import executor
 
 #: Of each kind: a thousand in virtual time in all.
 VIRTUAL, QUICK_VIRTUAL = 112, 8
@@ -34,7 +34,7 @@ def run(effort: Effort) -> Section:
     seeds = range(4)
     each = (QUICK_VIRTUAL if effort.quick else VIRTUAL) // len(seeds)
     virtual: dict[Cut, Times] = {}
-    with ProcessPoolExecutor() as pool:
+    with executor() as pool:
         for kind in CUTS:
             virtual[kind] = np.concatenate(list(pool.map(partial(virtual_cuts, kind, each), seeds)))
     real: dict[Cut, list[tuple[float, float]]] = {kind: [] for kind in REAL_CUTS}

@@ -96,6 +96,7 @@ class SoundRun(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     verdict: str
     told: str  #: what failed, or why it was blocked
+    version: str = ""  #: of the code: commit and day
 
     @property
     def rejected(self) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from subprocess import run
 from typing import Any
 
 import click
@@ -11,6 +12,7 @@ from campaigns.healthy import SoundRun, sound_rig, write_sound_runs
 from campaigns.mutation_page import PAGE, page
 from campaigns.mutations import (
     FOUND,
+    HERE,
     SEED,
     SOUND,
     Cell,
@@ -73,9 +75,24 @@ def sound_cases(plans: list[str], count: int) -> list[PlanCase]:
 
 def sound_run(row: Mapping[str, Any]) -> SoundRun:
     """Return what the row of a sound rig says."""
-    failed = [check["name"] for check in row["checks"] or () if check["verdict"] in ("fail", "error")]
-    told = "; ".join(failed) or row["reason"] or row["error"]
-    return SoundRun(plan=row["plan"], seed=row["seed"], verdict=row["verdict"] or "error", told=told)
+    if row["error"]:  # it has no verdict, nor even a column for one where no case came to any
+        verdict, told = "error", row["error"]
+    else:
+        failed = [check["name"] for check in row["checks"] or () if check["verdict"] in ("fail", "error")]
+        verdict, told = row["verdict"], "; ".join(failed) or row["reason"]
+    return SoundRun(
+        plan=row["plan"], seed=row["seed"], verdict=verdict, told=told, version=row.get("version", "")
+    )
+
+
+def _version() -> str:
+    """Return commit and day of this code, as git knows them, and whether it was changed since."""
+
+    def git(*words: str) -> str:
+        return run(["git", *words], cwd=HERE, check=True, capture_output=True, text=True).stdout.strip()
+
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ":/*.py", ":/*.toml")
+    return git("log", "-1", "--format=%h %cs") + (", changed" if changed else "")
 
 
 def _carried_out(cases: list[PlanCase], out: Path, workers: int | None) -> list[dict[str, Any]]:
@@ -85,11 +102,12 @@ def _carried_out(cases: list[PlanCase], out: Path, workers: int | None) -> list[
             f"{standing.before + standing.done} of {standing.total}{left}  {standing.row.get('key', '')}"
         )
 
+    version = _version()
     return run_cases(
         run_plan_case,
         by_key(cases),
         out,
-        facts=facts,
+        facts=lambda case: facts(case) | {"version": version},
         workers=workers,
         limit=LIMIT,
         prepare=warm_up,

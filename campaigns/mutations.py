@@ -74,6 +74,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     told: str  #: what failed, or why it was blocked; what is right first
     nearest: str  #: the check that came nearest to a limit of its own, seen from the sound rig
     used: float  #: which part of its way there (1: it is at the limit)
+    version: str = ""  #: of the code: commit and day
 
 
 @cache
@@ -101,6 +102,7 @@ def judge(table: Mutations, one: Mutation, row: Mapping[str, Any], sound: Mappin
         told="; ".join(told),
         nearest=nearest,
         used=round(used, 2),
+        version=row.get("version", ""),
     )
 
 

@@ -71,6 +71,18 @@ def test_who_changes_a_specimens_file_has_another_case(tmp_path):
     assert keys[0] == keys[1] != keys[2]
 
 
+def test_the_parameters_of_its_rig_file_lie_beside_that(tmp_path, monkeypatch):
+    (tmp_path / "rigs").mkdir()
+    (tmp_path / "rigs" / "mine.toml").write_text(
+        'name = "mine"\n[simulation]\nparameters = "identified.toml"'
+    )
+    drawn = ROOT / "bench_sim/parameters/astb.toml"
+    (tmp_path / "rigs" / "identified.toml").write_text(drawn.read_text())
+    monkeypatch.chdir(ROOT)
+    (case,) = cases_of(tmp_path, 'plans = ["leak_down"]\nrig = "rigs/mine.toml"').values()
+    assert case.simulation.parameters == str(tmp_path / "rigs" / "identified.toml")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -141,3 +141,6 @@ def test_a_case_without_a_verdict_is_no_cell_and_a_rejected_rig_says_why():
     run = sound_run({"seed": 4, "error": "", **row("fail", check("c at 1 Hz", 11.0, "fail"))})
     assert run.rejected
     assert run.told == "c at 1 Hz"
+    nothing = sound_run({"plan": "tightness", "seed": 4, "error": "KilledWorker"})
+    assert nothing.rejected
+    assert nothing.told == "KilledWorker"
