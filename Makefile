@@ -57,6 +57,10 @@ format: $(READY)  ## let ruff put the code in order
 generate: $(READY)  ## write the files that come from the table of signals and of states
 	$(BIN)/python -m astb.generate
 
+.PHONY: notebook
+notebook: $(READY)  ## run the notebook of the tutorials and keep what came out
+	$(BIN)/python -m tools.notebook
+
 .PHONY: bench
 bench: $(READY)  ## measure speed and lateness, each beside a control of the same minute
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -4,19 +4,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from astb.api import open_bench, run_plan
+    from astb.api import diagnose_record, open_bench, run_plan
     from bench_protocol import units
     from drivers import errors
+    from test_plans import analysis
 
 #: Where the public names are: each is imported when it is asked for, so that `import astb` costs nothing.
 _HOME: Final = {
+    "analysis": "test_plans",
+    "diagnose_record": "astb.api",
     "errors": "drivers",
     "open_bench": "astb.api",
     "run_plan": "astb.api",
     "units": "bench_protocol",
 }
 
-__all__ = ["errors", "open_bench", "run_plan", "units"]
+__all__ = ["analysis", "diagnose_record", "errors", "open_bench", "run_plan", "units"]
 
 
 def __getattr__(name: str) -> Any:

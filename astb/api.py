@@ -1,16 +1,19 @@
 """What stands behind ``import astb``: a bench to try things on, and plans that run on it."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import replace
 
 from astb.rig_file import RigFile, RigFileError, Simulation, read
 from bench_protocol.suggestion import meant
 
 if TYPE_CHECKING:
     from bench_records.result import Result
+    from diagnosis.finding import Finding
     from drivers.bench import Bench
     from test_plans.operator import Operator, Reply
     from test_plans.plan import Plan
@@ -21,17 +24,25 @@ VIRTUAL: Final = "virtual"
 _LOG: Final = logging.getLogger("astb")
 
 
-def open_bench(rig: str | Path = VIRTUAL, *, virtual: bool = False, seed: int | None = None) -> "Bench":
+def open_bench(
+    rig: str | Path = VIRTUAL,
+    *,
+    virtual: bool = False,
+    seed: int | None = None,
+    effects: Mapping[str, str] | None = None,
+) -> "Bench":
     """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or its name in ``rigs/``.
 
     ``virtual`` is a simulated rig in virtual time and in this process, and what ``virtual=True`` makes of any simulated
     rig. One in real time that does not answer is started, and stopped with the bench. ``seed`` draws a simulated rig's
-    sensors and their noise.
+    sensors and their noise. ``effects`` are what else it has, by name with the amplitude and its unit, as
+    `astb effects` lists them: ``{"leak.left": "0.2 mm2"}``.
 
     Use it with ``with``, or call ``close``; when the interpreter ends it is closed in any case. Closing disarms; what
     air is in the springs the rig holds until it has vented it.
 
-    RigFileError for a file that is none, LinkLost, MapMismatch or NotCommander for a rig that cannot be commanded.
+    RigFileError for a file that is none, and for effects of a real rig; ParameterError for one that there is not;
+    LinkLost, MapMismatch or NotCommander for a rig that cannot be commanded.
     """
     import atexit
 
@@ -40,6 +51,8 @@ def open_bench(rig: str | Path = VIRTUAL, *, virtual: bool = False, seed: int | 
     from drivers.errors import BenchError
 
     file, path = find_rig(rig)
+    if effects:
+        file = _with_effects(file, effects)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(file, path, virtual=virtual, seed=seed, say=_LOG.info))
         bench = session.bench
@@ -99,6 +112,43 @@ def run_plan(
     if report:
         write_report(directory)
     return result, directory
+
+
+def diagnose_record(
+    *records: str | Path,
+    effects: Iterable[str] | None = None,
+    model: str = "astb",
+    seed: int = 1,
+    out: str | Path | None = None,
+) -> "Finding":
+    """Diagnose ``records``, directories of runs on the bench: what a ``model`` of it gets wrong, and what causes that.
+
+    ``effects`` are the candidates, by name, and without their place for all places; without them the whole catalogue
+    is tried, which takes minutes. ``out`` is a directory for the finding, its report and the extended model.
+
+    DiagnosisError, RecordError or ParameterError, which name the file, the value and what would be right.
+    """
+    from astb.diagnose import chosen_effects, clear_results, conclude, read_data
+    from bench_sim.parameters import load
+    from diagnosis.engine.config import Config
+    from diagnosis.engine.diagnose import diagnose
+
+    parameters = load(model)
+    simulator, dataset = read_data([Path(record) for record in records], None, parameters)
+    asked = None if effects is None else ",".join(effects)
+    config = Config(seed=seed, effects=chosen_effects(asked, simulator, parameters.effects))
+    if out is None:
+        return diagnose(dataset, simulator, config)
+    clear_results(Path(out))
+    return conclude(simulator, dataset, config, model, Path(out), lambda text, _done: _LOG.info(text))
+
+
+def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
+    """Return the rig with ``effects`` beside those of its file."""
+    if file.simulation is None:
+        raise RigFileError(f"{file.name} is a real rig, and effects={dict(effects)!r} are for simulated ones")
+    simulation = replace(file.simulation, effects=file.simulation.effects | dict(effects))
+    return replace(file, simulation=simulation)
 
 
 def find_rig(rig: str | Path) -> tuple[RigFile, Path]:

@@ -18,6 +18,8 @@ from astb.rig_file import RigFileError
 from bench_protocol.table import TABLE
 from bench_protocol.units import s
 from bench_records.checksums import broken_files
+from bench_sim.parameters import ParameterError
+from diagnosis.contracts import DiagnosisError
 from drivers.errors import NotAvailable
 from test_plans.plan import plan
 from test_plans.run import PlanError
@@ -112,7 +114,7 @@ def test_nothing_is_loaded_before_it_is_asked_for():
     assert set(astb.__all__) <= set(names)
     for name in astb.__all__:
         assert getattr(astb, name).__doc__
-    with pytest.raises(AttributeError, match="it offers errors, open_bench"):
+    with pytest.raises(AttributeError, match=r"it offers analysis, .*open_bench"):
         astb.open_bnch  # noqa: B018
 
 
@@ -175,6 +177,21 @@ def test_misspelt_names_are_answered(bench, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RigFileError, match="no rig 'hall': the path of a rig file, or virtual"):
         find_rig("hall")
+
+
+def test_a_rig_can_be_given_effects_and_a_real_one_cannot(tmp_path):
+    with astb.open_bench("virtual", effects={"leak.left": "0.2 mm2"}) as bench:
+        assert bench.about["effects"] == {"leak.left": "0.2 mm2"}
+    with pytest.raises(ParameterError, match="leek"):
+        astb.open_bench("virtual", effects={"leek.left": "0.2 mm2"})
+    (tmp_path / "hall.toml").write_text(addresses(1, 1))
+    with pytest.raises(RigFileError, match="here is a real rig"):
+        astb.open_bench(tmp_path / "hall.toml", effects={"leak.left": "0.2 mm2"})
+
+
+def test_what_cannot_be_diagnosed_is_refused_before_anything_is_computed(tmp_path):
+    with pytest.raises(DiagnosisError, match="gone is no directory of a run"):
+        astb.diagnose_record(tmp_path / "gone")
 
 
 def test_a_bench_that_is_closed_twice_or_never_connected_is_no_trouble(tmp_path):
