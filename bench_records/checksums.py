@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import Final
 
-from bench_records.layout import JUNIT, META, PARQUET, RESULT
+from bench_records.layout import JUNIT, META, PARQUET, RESULT, put
 
 SUMS: Final = "SHA256SUMS"
 #: What a run concluded and what it rests on. The report can be made anew from these.
@@ -20,7 +20,7 @@ def write_sums(directory: Path) -> Path:
         f"{sha256_of(directory / name)}  {name}\n" for name in (*KEPT, FRAMES) if (directory / name).exists()
     ]
     path = directory / SUMS
-    path.write_text("".join(lines), encoding="utf-8")
+    put(path, "".join(lines).encode())
     return path
 
 
@@ -30,12 +30,14 @@ def broken_files(directory: Path) -> list[str]:
         lines = (directory / SUMS).read_text(encoding="utf-8").splitlines()
     except OSError:
         return [f"{SUMS} is missing"]
-    broken = []
-    for line in lines:
-        wanted, _, name = line.partition("  ")
+    wanted = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+    broken = [
+        f"{name} has no checksum" for name in KEPT if name not in wanted and (directory / name).exists()
+    ]
+    for name, digest in wanted.items():
         if not (directory / name).is_file():
             broken.append(f"{name} is gone")
-        elif sha256_of(directory / name) != wanted:
+        elif sha256_of(directory / name) != digest:
             broken.append(f"{name} was changed")
     return broken
 

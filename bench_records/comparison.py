@@ -11,8 +11,8 @@ from typing import Any, Literal
 import msgspec
 
 from bench_records.circumstances import flattened
-from bench_records.index import facts_of
-from bench_records.result import Check, Curve, Result, read_result
+from bench_records.result import Check, Curve, Result
+from bench_records.run_folder import open_run
 
 Kind = Literal["changed", "only in A", "only in B"]
 
@@ -61,24 +61,24 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def compare_runs(a: Path, b: Path) -> Comparison:
-    """Return what tells the runs in the directories ``a`` and ``b`` apart. RecordError if one has no result."""
-    one, other = read_result(a), read_result(b)
+    """Return what tells the runs in the directories ``a`` and ``b`` apart. RecordError if one is no run."""
+    (one, told, first), (other, also_told, second) = open_run(a), open_run(b)
     curves, lonely = _curve_pairs(one.curves, other.curves)
     return Comparison(
         a=str(a),
         b=str(b),
-        facts=_facts(_all_facts(one, a), _all_facts(other, b)),
-        verdicts=(one.verdict.value, other.verdict.value),
+        facts=_facts(_all_facts(one, told), _all_facts(other, also_told)),
+        verdicts=(first, second),
         checks=_check_pairs(one.checks, other.checks),
         curves=curves,
         lonely_curves=lonely,
     )
 
 
-def _all_facts(result: Result, directory: Path) -> dict[str, str]:
-    told = facts_of(directory)
-    if isinstance(parameters := told.get("parameters"), dict):
-        parameters.pop("effects", None)  # they stand beside, in words
+def _all_facts(result: Result, facts: dict[str, Any]) -> dict[str, str]:
+    told = {name: value for name, value in facts.items() if name not in {"title", "instruction"}}
+    if isinstance(parameters := told.get("parameters"), dict):  # the effects stand beside, in words
+        told["parameters"] = {name: value for name, value in parameters.items() if name != "effects"}
     told |= {"plan": result.plan, "rig": result.rig, "seed": result.seed, "set": result.parameters}
     if result.specimen is not None:
         told["specimen"] = msgspec.to_builtins(result.specimen)

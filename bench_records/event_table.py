@@ -28,7 +28,7 @@ def event_rows(record: Record) -> list[tuple[str, str, str, str]]:
 
 
 def _details(data: dict[str, Any]) -> str:
-    return ", ".join(f"{key} = {plain(value)}" for key, value in data.items())
+    return ", ".join(f"{key} = {plain(value)}" for key, value in data.items() if key != "whole")
 
 
 def first_trip(record: Record) -> dict[str, Any] | None:

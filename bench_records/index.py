@@ -5,6 +5,7 @@ The folders are the truth: every question first looks for results that are new, 
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -15,12 +16,14 @@ from typing import Any, Final
 import msgspec
 
 from bench_records.circumstances import circumstances
-from bench_records.layout import META, RESULT, RecordError
-from bench_records.result import Check, Result, read_result
+from bench_records.layout import PARQUET, STREAM, RecordError
+from bench_records.result import Check
+from bench_records.run_folder import SIGNS, RunFolder, facts_of, open_run
+from bench_records.stream import is_held
 
 INDEX: Final = "index.sqlite"
 #: Another version of the tables is thrown away and made anew.
-VERSION: Final = 2
+VERSION: Final = 3
 WAIT: Final = 10.0
 
 TABLES: Final = """
@@ -40,7 +43,10 @@ create index judged_by_name on judged (name);
 
 
 class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
-    """One run as the index knows it. ``began`` is ISO 8601 in UTC: when it ran, or, in virtual time, was written."""
+    """One run as the index knows it. ``began`` is ISO 8601 in UTC: when it ran, or, in virtual time, was written.
+
+    ``verdict`` is an Outcome, or ``interrupted`` or ``running`` where there is no result; ``reason`` says more.
+    """
 
     directory: str  #: below the folder of the index
     began: str
@@ -54,7 +60,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     serial_number: str
     circumstances: str  #: simulated, virtual time, effects and changes; empty for a real rig in real time
     seed: int | None
-    duration: float  #: s
+    duration: float  #: s; 0 of a run that goes on
     parameters: dict[str, str]
 
 
@@ -129,13 +135,17 @@ class RunIndex:
                 self._catch_up(base)
                 yield base
         except sqlite3.Error as error:
-            raise RecordError(
-                f"{path}: {error}; it holds nothing that the folders do not: remove it"
-            ) from None
+            busy = getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
+            remedy = (
+                f"another program has had it for {WAIT:g} s: try again"
+                if busy
+                else "it holds nothing that the folders do not: remove it"
+            )
+            raise RecordError(f"{path}: {error}; {remedy}") from None
 
     def _catch_up(self, base: sqlite3.Connection) -> None:
         known = dict(base.execute("select directory, stamp from run"))
-        there = {str(path.parent.relative_to(self.folder)): path for path in self.folder.rglob(RESULT)}
+        there = {str(path.parent.relative_to(self.folder)): path for path in _signs(self.folder)}
         self.unreadable = {}
         for directory in known.keys() - there.keys():
             base.execute("delete from run where directory = ?", (directory,))
@@ -145,38 +155,69 @@ class RunIndex:
                 if known.get(directory) == stamp:
                     continue
                 base.execute("delete from run where directory = ?", (directory,))
+                if path.name == PARQUET and not facts_of(path.parent).get("plan"):
+                    continue  # samples of somebody else's making, which were never a run
                 try:
-                    _insert(base, directory, stamp, read_result(path.parent), path)
+                    _insert(base, directory, stamp, open_run(path.parent), path)
                 except RecordError as error:
                     self.unreadable[directory] = str(error)
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """Open the database; one of another version, or that is none, is made anew."""
-    base = sqlite3.connect(path, timeout=WAIT)
+    """Open the database; one of another version, or that is none, is made anew.
+
+    Where nothing can be written, as in an archive, the index is kept in memory and made anew for every question.
+    """
     try:
-        version = base.execute("pragma user_version").fetchone()[0]
-    except sqlite3.DatabaseError as error:
-        base.close()
-        if "not a database" not in str(error) and "malformed" not in str(error):
+        base = _connected(path)
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
             raise
-        path.unlink()
-        return _opened(path)
-    if version != VERSION:
-        tables = [name for (name,) in base.execute("select name from sqlite_master where type = 'table'")]
-        drops = "".join(f"drop table {name};" for name in reversed(tables))
-        base.executescript(f"begin; {drops} {TABLES} pragma user_version = {VERSION}; commit;")
-    base.execute("pragma foreign_keys = on")
+        return _connected(":memory:")
+    except sqlite3.DatabaseError:
+        path.unlink(missing_ok=True)
+        return _connected(path)
     return base
 
 
+def _connected(path: Path | str) -> sqlite3.Connection:
+    base = sqlite3.connect(path, timeout=WAIT)
+    try:
+        # Who asks at the same time waits here, and finds the tables made.
+        base.execute("begin immediate")
+        if base.execute("pragma user_version").fetchone()[0] != VERSION:
+            tables = [name for (name,) in base.execute("select name from sqlite_master where type = 'table'")]
+            drops = [f"drop table {name}" for name in reversed(tables)]
+            for statement in (
+                *drops,
+                *filter(str.strip, TABLES.split(";")),
+                f"pragma user_version = {VERSION}",
+            ):
+                base.execute(statement)
+        base.commit()
+        base.execute("pragma foreign_keys = on")
+    except BaseException:
+        base.close()
+        raise
+    return base
+
+
+def _signs(folder: Path) -> Iterator[Path]:
+    """Yield of each run below ``folder`` the file that tells of it."""
+    for here, _, files in os.walk(folder):
+        if sign := next((name for name in SIGNS if name in files), None):
+            yield Path(here) / sign
+
+
 def _stamp(path: Path) -> str:
+    if path.name == STREAM and is_held(path.parent):
+        return "running"
     status = path.stat()
     return f"{status.st_mtime_ns} {status.st_size}"
 
 
-def _insert(base: sqlite3.Connection, directory: str, stamp: str, result: Result, path: Path) -> None:
-    meta = facts_of(path.parent)
+def _insert(base: sqlite3.Connection, directory: str, stamp: str, found: RunFolder, path: Path) -> None:
+    result, meta, verdict = found
     written = datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     sample = result.specimen
     run = {
@@ -185,7 +226,7 @@ def _insert(base: sqlite3.Connection, directory: str, stamp: str, result: Result
         "began": meta.get("date", written),
         "plan": result.plan,
         "title": result.title,
-        "verdict": result.verdict.value,
+        "verdict": verdict,
         "reason": result.reason,
         "rig": result.rig,
         "operator": meta.get("operator", ""),
@@ -225,16 +266,3 @@ def _kept(row: Sequence[Any]) -> KeptRun:
     columns = dict(zip(_RUN, row, strict=True))
     columns["parameters"] = msgspec.json.decode(columns["parameters"])
     return KeptRun(**columns)
-
-
-#: What `meta.json` tells beside the circumstances of a run.
-_BESIDE: Final = {"samples", "duration_s", "events"}
-
-
-def facts_of(directory: Path) -> dict[str, Any]:
-    """Return what a run says of its origin, without its events; nothing where that cannot be read."""
-    try:
-        meta = msgspec.json.decode((directory / META).read_bytes(), type=dict[str, Any])
-        return {name: value for name, value in meta.items() if name not in _BESIDE}
-    except (OSError, msgspec.MsgspecError):
-        return {}

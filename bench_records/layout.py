@@ -1,7 +1,8 @@
 """The shape of a record on disk: its files, its columns, and the small things that travel as metadata.
 
-A record is one directory.  While the run lasts it holds ``record.arrows`` (an Arrow IPC stream: whatever has
-been written can be read, wherever the file breaks off); afterwards ``record.parquet`` with the columns
+A record is one directory.  While the run lasts, and for good if it was killed, it holds ``record.arrows`` (an Arrow
+IPC stream: whatever has been written can be read, wherever the file breaks off); afterwards ``record.parquet``
+with the columns
 
 * ``time_ns``: int64, nanoseconds on the clock of the run;
 * ``signal``: dictionary of string, the signal's name in the table of signals;
@@ -13,6 +14,7 @@ and key-value metadata: one JSON value under ``astb.<key>`` for each entry of th
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -125,6 +127,13 @@ def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[P
     while still_open:
         finish(end_ns)
     return [phase for _, phase in sorted(zip(order, finished, strict=True), key=lambda pair: pair[0])]
+
+
+def put(path: Path, data: bytes) -> None:
+    """Write a file under another name until it is whole: whoever finds it finds all of it."""
+    unfinished = path.with_name(path.name + ".part")
+    unfinished.write_bytes(data)
+    unfinished.replace(path)
 
 
 def encode(value: Any) -> bytes:

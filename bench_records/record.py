@@ -25,6 +25,7 @@ from bench_records.layout import (
     flat,
     phases_of,
 )
+from bench_records.stream import read_stream, refuse_held
 
 if TYPE_CHECKING:
     import numpy as np
@@ -137,18 +138,16 @@ class Record:
 
 
 def read(directory: Path | str) -> Record:
-    """Open the record in a directory.
+    """Open the record in a directory, also that of a run that was killed: its meta data say so as ``recovered``.
 
-    Raises ``RecordError`` if there is none, if the run was cut off and not recovered, or if it is not one of ours.
+    Raises ``RecordError`` if there is none, if the run goes on, or if it is not one of ours.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     path = Path(directory) / PARQUET
     if path.with_name(STREAM).exists():
-        raise RecordError(
-            f"{directory} holds {STREAM}: the run is still writing, or was killed and wants `recover` first"
-        )
+        return _read_cut_off(path.with_name(STREAM))
     if not path.is_file():
         raise RecordError(f"{directory} holds no {PARQUET}: name the directory of one plan's run")
     try:
@@ -166,6 +165,20 @@ def read(directory: Path | str) -> Record:
     signals = msgspec.json.decode(facts["signals"], type=list[SignalInfo])
     events = msgspec.json.decode(facts["events"], type=list[RecordedEvent])
     return Record(path, table, meta, signals, events)
+
+
+def _read_cut_off(stream: Path) -> Record:
+    import pyarrow as pa
+
+    refuse_held(stream.parent)
+    found = read_stream(stream)
+    builder = pa.lib.StringBuilder()  # pa.array would import pandas
+    builder.append_values([signal.name for signal in found.signals])
+    signals = pa.DictionaryArray.from_arrays(flat(found.table.column("signal")), builder.finish())
+    table = found.table.set_column(1, "signal", signals)
+    facts = {**found.facts, "recovered": str(found.recovery)}
+    meta = {**dict(sorted(facts.items())), "start_ns": found.start_ns}
+    return Record(stream, table, meta, found.signals, found.events)
 
 
 def _resample(

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
 
 from bench_records.conversion import convert
 from bench_records.layout import (
@@ -28,6 +28,7 @@ from bench_records.layout import (
     SignalInfo,
     encode,
 )
+from bench_records.stream import hold
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -38,6 +39,8 @@ BATCH_INTERVAL_S = 0.5
 # Two hours at the bench's full rate, 0.9 GB of memory at the very worst: a limit, not a target.
 SAMPLE_LIMIT = 50_000_000
 EVENT_LIMIT = 100_000
+#: What the stream is called until its head is whole.
+_HEAD: Final = STREAM + ".part"
 
 
 class Recorder:
@@ -84,7 +87,7 @@ class Recorder:
         self._disk = threading.Lock()  # the stream; taken before the other lock
         self._wake = threading.Event()
 
-        self._file = _create(self.directory / STREAM)
+        self._file = _create(self.directory / _HEAD, self.directory / STREAM)
         schema = _stream_schema().with_metadata(
             {
                 PREFIX + "format": encode(FORMAT),
@@ -94,7 +97,9 @@ class Recorder:
             }
         )
         self._writer = pa.ipc.new_stream(self._file, schema)
+        self._writer.write_batch(_batch(_no_samples()))  # Arrow writes no head before the first batch
         self._file.flush()
+        (self.directory / _HEAD).rename(self.directory / STREAM)
         self._thread = threading.Thread(target=self._write_batches, name="recorder", daemon=True)
         self._in_background = in_background
         if in_background:
@@ -192,10 +197,11 @@ class Recorder:
         if self._in_background:
             self._wake.set()
             self._thread.join()
-        self._finish_stream()
         if self.dropped:
             meta["dropped"] = self.dropped
-        convert(self.directory / STREAM, meta)
+        with self._file:  # held until there is a record: nobody takes the run for one that was cut off
+            self._finish_stream()
+            convert(self.directory / STREAM, meta)
         return target
 
     def __enter__(self) -> Self:
@@ -233,10 +239,9 @@ class Recorder:
             self._drain()
             self._refuse_if_failed()
             self._writer.close()
-            self._file.close()
+            self._file.flush()
         except (OSError, pa.ArrowException) as error:
             self._failure = error
-        finally:
             # A full disk refuses the last bytes again when the file is closed; that is known by now.
             with suppress(OSError):
                 self._file.close()
@@ -254,25 +259,33 @@ class Recorder:
                     self._batch_start_ns = int(pending[-1][0][-1])
             if not pending and not events:
                 return
-            if pending:
-                columns = [np.concatenate(column) for column in zip(*pending, strict=True)]
-            else:
-                columns = [np.empty(0, np.int64), np.empty(0, np.int16), np.empty(0)]
-            schema = _stream_schema()
-            # pa.array would import pandas: a second in which nothing else of the process runs, in the middle of a run.
-            arrays = [
-                pa.Array.from_buffers(field.type, len(column), [None, pa.py_buffer(column)])
-                for field, column in zip(schema, columns, strict=True)
-            ]
-            batch = pa.record_batch(arrays, schema=schema)
+            columns = [np.concatenate(part) for part in zip(*pending, strict=True)] or _no_samples()
             try:
                 self._writer.write_batch(
-                    batch, custom_metadata={"events": encode(events)} if events else None
+                    _batch(columns), custom_metadata={"events": encode(events)} if events else None
                 )
                 self._file.flush()
             except (OSError, pa.ArrowException) as error:
                 self._failure = error
         self._refuse_if_failed()
+
+
+def _no_samples() -> list[npt.NDArray[Any]]:
+    import numpy as np
+
+    return [np.empty(0, np.int64), np.empty(0, np.int16), np.empty(0)]
+
+
+def _batch(columns: Sequence[npt.NDArray[Any]]) -> pa.RecordBatch:
+    import pyarrow as pa
+
+    schema = _stream_schema()
+    # pa.array would import pandas: a second in which nothing else of the process runs, in the middle of a run.
+    arrays = [
+        pa.Array.from_buffers(field.type, len(column), [None, pa.py_buffer(column)])
+        for field, column in zip(schema, columns, strict=True)
+    ]
+    return pa.record_batch(arrays, schema=schema)
 
 
 def _stream_schema() -> pa.Schema:
@@ -281,19 +294,23 @@ def _stream_schema() -> pa.Schema:
     return pa.schema([("time_ns", pa.int64()), ("signal", pa.int16()), ("value", pa.float64())])
 
 
-def _create(stream: Path) -> BinaryIO:
+def _create(head: Path, stream: Path) -> BinaryIO:
+    """Open ``head``, which becomes ``stream`` when the facts of the run stand in it, and hold it."""
     try:
         stream.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordError(f"{stream.parent} cannot be made a directory: {error}") from error
     try:
-        return stream.open("xb")
-    except FileExistsError as error:
-        raise RecordError(
-            f"{stream} exists: another run is writing there, or one was killed and `recover` can save what it left"
-        ) from error
+        file = head.open("ab")
     except OSError as error:
         raise RecordError(f"{stream} cannot be written: {error}") from error
+    if not hold(file) or stream.exists():
+        file.close()
+        raise RecordError(
+            f"{stream} exists: another run is writing there, or one was killed and `recover` can save what it left"
+        )
+    file.truncate(0)  # what a run left that was killed in this instant
+    return file
 
 
 def _refuse_doubles(signals: Sequence[SignalInfo]) -> None:

@@ -12,8 +12,9 @@ from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled
 from bench_records.incident import incident_of
 from bench_records.layout import REPORT, RESULT
 from bench_records.record import Record, read
-from bench_records.result import CheckVerdict, Outcome, Result, conclude, read_result
+from bench_records.result import CheckVerdict, Outcome, Result, read_result
 from bench_records.run_drawings import curve_groups, numbered, phase_strips, time_panels
+from bench_records.run_folder import result_without
 from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, plain, seconds
 
@@ -62,8 +63,7 @@ def _result_of(record: Record, directory: Path) -> Result:
     """The result in a directory, or one that says why there is none."""
     if (directory / RESULT).exists():
         return read_result(directory)
-    plan = str(record.meta.get("plan", directory.name))
-    return conclude(plan, plan, "", [], reason=f"the run was cut off before its end: it left no {RESULT}")
+    return result_without(record)
 
 
 class Paragraph(NamedTuple):
@@ -116,7 +116,8 @@ def _timing(result: Result) -> dict[str, Any] | None:
 
 def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
     """What is needed to run this again: flat, in order, each fact once."""
-    facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **meta}
+    beside = {name: value for name, value in meta.items() if name not in {"title", "instruction"}}
+    facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **beside}
     return [
         (name.replace("_", " "), text)
         for name, value in flattened(facts)

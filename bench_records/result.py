@@ -19,7 +19,7 @@ from typing import Any, Literal
 import msgspec
 
 from bench_records.conformity import SURE, conformity, coverage_factor, decimals, guard_factor, percent
-from bench_records.layout import RESULT, Condition, Phase, RecordError
+from bench_records.layout import RESULT, Condition, Phase, RecordError, put
 
 MARGIN = 0.05
 
@@ -392,7 +392,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         """Write ``result.json`` into the directory."""
         path = Path(directory) / RESULT
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.to_json())
+        put(path, self.to_json())
         return path
 
 

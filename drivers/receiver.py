@@ -156,6 +156,11 @@ class Capture:
     def _series(self, name: str) -> tuple[Floats, Floats]:
         if name not in self.names:
             raise Misuse(f"{name} is not in this capture, which has {', '.join(self.names)}")
+        if self._size > CAPTURE_SAMPLES_MAX:
+            raise Misuse(
+                f"a capture holds {CAPTURE_SAMPLES_MAX:,} samples of all signals, and this one was to take "
+                f"{self._size:,}: measure for a shorter time; the record of the run has them all"
+            )
         row = self._row(name)
         blocks = list(self._blocks)
         if not blocks:

@@ -72,7 +72,14 @@ def execute(
     ``bench_records.report``.
     """
     spring, instruments = specimen or ordinary(), bench.instruments or UNKNOWN
-    facts = {"plan": plan.name, "set": plan.written, "specimen": spring.facts, **(meta or {})}
+    facts = {
+        "plan": plan.name,
+        "title": plan.title,
+        "instruction": plan.instruction,
+        "set": plan.written,
+        "specimen": spring.facts,
+        **(meta or {}),
+    }
     if instruments.file:
         facts["instruments"] = instruments.facts
     recording = begin_recording(bench.table, bench.clock, directory, facts)
@@ -169,11 +176,14 @@ def _look_at(plan: Plan, run: Run) -> None:
 
 def _unmet(run: Run, one: Precondition) -> list[str]:
     """Look at a precondition and keep what was found; return it if the plan must not begin."""
+    from msgspec.structs import asdict
+
     from bench_records.layout import Condition
 
     found = one.look(run)
-    run.preconditions.append(Condition(one.text, found.met, found.found))
-    run.keep("precondition", f"{one.text}: {found.found}", met=found.met)
+    condition = Condition(one.text, found.met, found.found)
+    run.preconditions.append(condition)
+    run.keep("precondition", f"{one.text}: {found.found}", met=found.met, whole=asdict(condition))
     blocks = found.met is False or (found.met is None and one.strict)
     return [f"{one.text} ({found.found})"] if blocks else []
 

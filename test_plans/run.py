@@ -156,9 +156,7 @@ class Run:
             even=found.even,
             parts=found.parts,
         )
-        self.checks.append(one)
-        self.keep("check", str(one), verdict=one.verdict.value)
-        self.watcher.checked(one)
+        self._judged(one)
         return one.passed
 
     def measured(self, evaluate: Evaluation, *captures: Readings, **how: Any) -> Measured:
@@ -204,9 +202,15 @@ class Run:
 
         for name in checks:
             one = unavailable(name, reason, phase=self._open[-1] if self._open else "")
-            self.checks.append(one)
-            self.keep("check", str(one), verdict=one.verdict.value)
-            self.watcher.checked(one)
+            self._judged(one)
+
+    def _judged(self, one: Check) -> None:
+        from msgspec.structs import asdict
+
+        self.checks.append(one)
+        # Whole, for whoever reads the record of a run that was killed before it had a result.
+        self.keep("check", str(one), verdict=one.verdict.value, whole=asdict(one))
+        self.watcher.checked(one)
 
     def ask(
         self,

@@ -10,7 +10,7 @@ from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json
 
 if TYPE_CHECKING:
-    from bench_records.index import KeptCheck, RunIndex
+    from bench_records.index import KeptCheck, KeptRun, RunIndex
 
 OUT_OPTION: Final = click.option(
     "--out",
@@ -26,7 +26,14 @@ PAGE_OPTION: Final = click.option(
     metavar="FILE",
     help="Also write it as an HTML page with drawings.",
 )
-_STYLE: Final = {"pass": "green", "incomplete": "yellow", "fail": "bold red", "blocked": "magenta"}
+_STYLE: Final = {
+    "pass": "green",
+    "incomplete": "yellow",
+    "fail": "bold red",
+    "blocked": "magenta",
+    "interrupted": "magenta",
+    "running": "cyan",
+}
 
 
 @click.command("runs")
@@ -72,7 +79,7 @@ def runs_command(
         misuse(error)
     _tell_unreadable(index)
     if verify:
-        _verify(folder, [one.directory for one in runs])
+        _verify(folder, runs)
     if as_json:
         print_json(runs)
         return
@@ -226,13 +233,18 @@ def trend_command(
         console.print(f"page: {page}", highlight=False)
 
 
-def _verify(folder: Path, directories: list[str]) -> NoReturn:
+def _verify(folder: Path, runs: "list[KeptRun]") -> NoReturn:
     from bench_records.checksums import broken_files
+    from bench_records.run_folder import Unfinished
 
-    broken = {name: found for name in directories if (found := broken_files(folder / name))}
+    ended = [one.directory for one in runs if one.verdict not in tuple(Unfinished)]
+    broken = {name: found for name in ended if (found := broken_files(folder / name))}
     for name, found in broken.items():
         click.echo(f"{name}: {', '.join(found)}")
-    click.echo(f"{len(directories) - len(broken)} of {len(directories)} runs are as they were written")
+    told = f"{len(ended) - len(broken)} of {len(ended)} runs are as they were written"
+    if others := len(runs) - len(ended):
+        told += f"; {others} did not come to their end and have no checksums"
+    click.echo(told)
     raise click.exceptions.Exit(FAIL if broken else PASS)
 
 

@@ -111,6 +111,15 @@ def fill(capture, receiver, times, values):
             receiver.accept(spring(encoder, time, value, value * 1e6))
 
 
+def test_a_capture_that_is_full_says_so(monkeypatch):
+    monkeypatch.setattr("drivers.receiver.CAPTURE_SAMPLES_MAX", 5)
+    receiver = Heard(VirtualClock())
+    capture = Capture(receiver, ["left.height"])
+    fill(capture, receiver, [5 * MS * k for k in range(3)], [1.0 * mm] * 3)
+    with pytest.raises(Misuse, match="a capture holds 5 samples of all signals"):
+        capture.values("left.height")
+
+
 def test_a_capture_holds_exactly_what_came_meanwhile():
     clock = VirtualClock()
     receiver, encoder = Heard(clock), Encoder(TABLE)

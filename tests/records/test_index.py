@@ -2,7 +2,9 @@
 
 import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 
 from astb.commands.runs import runs_command
 from astb.exit_codes import FAIL, PASS
-from bench_records.checksums import write_sums
+from bench_records.checksums import SUMS, broken_files, write_sums
 from bench_records.index import INDEX, RunIndex, facts_of
 from bench_records.layout import META, RESULT, RecordError
 from bench_records.result import Sample, check, conclude
@@ -95,6 +97,32 @@ def test_what_cannot_be_read_is_told_and_hides_nothing_else(tmp_path) -> None:
     assert list(index.unreadable) == ["bad"]
 
 
+def test_who_asks_first_at_the_same_time_finds_the_same(tmp_path) -> None:
+    keep(tmp_path, "aw0", [1.0])
+    for _ in range(10):
+        (tmp_path / INDEX).unlink(missing_ok=True)
+        with ThreadPoolExecutor(4) as pool:
+            asked = [pool.submit(RunIndex(tmp_path).runs) for _ in range(4)]
+            assert {len(one.result()) for one in asked} == {1}
+
+
+def test_a_folder_that_cannot_be_written_is_listed_all_the_same() -> None:
+    root = os.geteuid() == 0
+    with TemporaryDirectory(dir="/tmp") as name:
+        folder = Path(name)
+        keep(folder, "aw0", [1.0])
+        folder.chmod(0o555)
+        try:
+            if root:  # who may write anywhere
+                os.seteuid(65534)
+            assert [run.directory for run in RunIndex(folder).runs()] == ["aw0"]
+            assert not (folder / INDEX).exists()
+        finally:
+            if root:
+                os.seteuid(0)
+            folder.chmod(0o755)
+
+
 def test_no_folder_is_said_to_be_none(tmp_path) -> None:
     with pytest.raises(RecordError, match="is no folder with runs"):
         RunIndex(tmp_path / "missing")
@@ -135,3 +163,10 @@ def test_what_was_changed_since_it_was_written_is_told(tmp_path) -> None:
     assert done.exit_code == FAIL
     assert "broken: result.json was changed" in done.output
     assert "1 of 2 runs" in done.output
+
+
+@pytest.mark.parametrize("rest", ["", "0  meta.json\n"], ids=["empty", "cut off"])
+def test_checksums_that_leave_a_file_out_do_not_count_as_unbroken(tmp_path, rest: str) -> None:
+    directory = keep(tmp_path, "aw0", [1.0])
+    (directory / SUMS).write_text(rest)
+    assert "result.json has no checksum" in broken_files(directory)

@@ -12,12 +12,9 @@ from pathlib import Path
 import pytest
 
 from astb.exit_codes import BLOCKED, FAIL, PASS
-from bench_protocol.rates import HOLD_AFTER
 from bench_protocol.table import TABLE
-from bench_protocol.units import ms
 from bench_protocol.words import STATES
 from bench_records.record import read
-from drivers.can_port import open_can
 from drivers.errors import LinkLost
 from drivers.modbus_port import open_modbus
 from test_plans.specimen import HOME
@@ -294,32 +291,6 @@ def test_a_killed_rig_blocks_the_run(launch, start_rig, eventually):
     assert "tear-down" in run.phases()
     assert sorted(run.files()) == sorted(FILES)
     assert "Traceback" not in run.said
-
-
-@pytest.mark.slow
-def test_a_killed_run_leaves_the_bench_in_hold_and_a_record(launch, start_rig, eventually, astb_here, listen):
-    rig = start_rig()
-    ports = {"can": rig.can_port, "modbus": rig.modbus_port}
-    run = launch("aw0", rig=LIVE.format(**ports))
-    stream = run.directory / "runs" / "aw0" / "record.arrows"
-    with listen(open_can("tcp", port=rig.can_port)) as heard:
-        eventually(lambda: "ACTIVE" in heard.states(), within=100, what="ACTIVE")
-        size = stream.stat().st_size
-        eventually(lambda: stream.stat().st_size > size, what="a second batch of the record")
-        run.process.kill()
-        run.process.communicate()
-        eventually(lambda: heard.positions("Emergency").size, what="an emergency message")
-        last = heard.positions("Control")[-1]
-        assert heard.rig_time(last, heard.positions("Emergency")[0]) <= HOLD_AFTER + 10 * ms
-        eventually(lambda: heard.states()[-1] == "FAULT_HOLD", what="FAULT_HOLD")
-    directory = run.directory / "runs" / "aw0"
-    code, _, err = astb_here(run.directory, "report", directory)
-    assert (code, err) == (PASS, "")
-    assert sorted(path.name for path in directory.iterdir()) == ["meta.json", "record.parquet", "report.html"]
-    record = read(directory)
-    lost = heard.series("rig.tick", last)[-1] - record.series("rig.tick")[1][-1]
-    assert 0 <= lost <= 1000, "ticks of 1 ms: a killed run loses a second at the most"
-    assert record.series("rig.state")[1][-1] == STATES.index("ACTIVE")
 
 
 @pytest.mark.slow

@@ -1,0 +1,103 @@
+"""What the folder of a run tells: of one that ended, of one that was cut off, and of one that goes on."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from bench_records.layout import META, PARQUET, RESULT, STREAM, Condition, RecordedEvent
+from bench_records.record import Record, read
+from bench_records.result import Check, Result, Sample, conclude, read_result
+from bench_records.stream import is_held, read_head
+
+#: What tells that there is a run, the best first.
+SIGNS: Final = (RESULT, STREAM, PARQUET)
+#: What `meta.json` tells beside the circumstances of a run.
+_BESIDE: Final = {"samples", "duration_s", "events"}
+
+
+class Unfinished(StrEnum):
+    """How a run stands that has no result."""
+
+    INTERRUPTED = "interrupted"
+    RUNNING = "running"
+
+
+class RunFolder(NamedTuple):
+    """A run: its result, made of the record where it left none; what is known of its origin; how it stands."""
+
+    result: Result
+    facts: dict[str, Any]
+    verdict: str  #: an Outcome, or Unfinished
+
+
+def open_run(directory: Path) -> RunFolder:
+    """Return what the folder of a run tells. RecordError if it holds none, or none that can be read."""
+    if (directory / RESULT).exists():
+        result = read_result(directory)
+        return RunFolder(result, facts_of(directory), result.verdict.value)
+    if is_held(directory):
+        facts = read_head(directory / STREAM)
+        return RunFolder(_unfinished(facts, "the run goes on", [], directory), facts, Unfinished.RUNNING)
+    record = read(directory)
+    facts = {name: value for name, value in record.meta.items() if name not in _BESIDE}
+    return RunFolder(result_without(record), facts, Unfinished.INTERRUPTED)
+
+
+def result_without(record: Record) -> Result:
+    """Return the result of a run that was cut off and left none: what was judged until then, and where it was."""
+    inside = [phase.name for phase in record.phases if phase.end >= record.duration]
+    where = f", in {' › '.join(inside)}" if inside else ""
+    return _unfinished(
+        record.meta,
+        f"the run was cut off before its end, after {record.duration:.1f} s{where}",
+        record.events,
+        record.path.parent,
+        phases=record.phases,
+    )
+
+
+def facts_of(directory: Path) -> dict[str, Any]:
+    """Return what `meta.json` says of a run's origin, without its events; nothing where that cannot be read."""
+    try:
+        meta = msgspec.json.decode((directory / META).read_bytes(), type=dict[str, Any])
+        return {name: value for name, value in meta.items() if name not in _BESIDE}
+    except (OSError, msgspec.MsgspecError):
+        return {}
+
+
+def _unfinished(
+    facts: dict[str, Any], reason: str, events: list[RecordedEvent], directory: Path, **rest: Any
+) -> Result:
+    name = str(facts.get("plan", directory.name))
+    specimen = None
+    with suppress(msgspec.ValidationError):
+        specimen = msgspec.convert(facts.get("specimen"), Sample | None)
+    seed = facts.get("seed")
+    return conclude(
+        name,
+        str(facts.get("title", name)),
+        str(facts.get("instruction", "")),
+        _told(events, "check", Check),
+        reason=reason,
+        rig=str(facts.get("rig", "")),
+        seed=seed if isinstance(seed, int) else None,
+        parameters={str(key): str(value) for key, value in dict(facts.get("set") or {}).items()},
+        specimen=specimen,
+        preconditions=_told(events, "precondition", Condition),
+        **rest,
+    )
+
+
+def _told(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
+    """Return what events of a kind carry; those of earlier versions carried only words."""
+    found = []
+    for event in events:
+        if event.kind == kind:
+            with suppress(msgspec.ValidationError):
+                found.append(msgspec.convert(event.data.get("whole"), form))
+    return found

@@ -1,0 +1,165 @@
+"""The stream that a run writes while it lasts: who holds it, and what it tells, wherever it breaks off.
+
+Its head stands there from the first moment on, and its writer holds a lock that ends with the process, however that
+ends: a stream that nobody holds is of a run that was cut off.
+"""
+
+from __future__ import annotations
+
+import fcntl
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
+
+import msgspec
+
+from bench_records.layout import (
+    FORMAT,
+    PREFIX,
+    SECOND,
+    STREAM,
+    RecordedEvent,
+    RecordError,
+    SignalInfo,
+    as_array,
+    encode,
+)
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_END: Final = b"\xff\xff\xff\xff\x00\x00\x00\x00"
+
+
+class Recovery(msgspec.Struct, frozen=True):
+    """What a cut-off stream still held."""
+
+    samples: int
+    events: int
+    seconds: float
+    unreadable_bytes: int
+    complete: bool
+
+    def __str__(self) -> str:
+        kept = f"{self.samples} samples and {self.events} events over {self.seconds:.3f} s were recovered"
+        if self.complete:
+            return f"{kept}; nothing was lost"
+        return f"{kept}; {self.unreadable_bytes} bytes were cut off; at most the last second before the end is lost"
+
+
+class Streamed(NamedTuple):
+    """What a stream holds; the table has ``time_ns``, ``signal`` (an index into the signals) and ``value``."""
+
+    facts: dict[str, Any]
+    signals: list[SignalInfo]
+    table: pa.Table
+    events: list[RecordedEvent]
+    start_ns: int
+    recovery: Recovery
+
+
+def hold(file: IO[bytes]) -> bool:
+    """Hold a stream for as long as this process has it open; False if another one does."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass  # a file system without locks: nobody can tell then
+    return True
+
+
+def is_held(directory: Path) -> bool:
+    """Return whether a run is writing into ``directory`` now."""
+    with suppress(OSError), (directory / STREAM).open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def refuse_held(directory: Path) -> None:
+    """Raise ``RecordError`` if a run is writing into ``directory`` now."""
+    if is_held(directory):
+        raise RecordError(f"{directory / STREAM} is being written: the run goes on; wait until it has ended")
+
+
+def read_head(stream: Path) -> dict[str, Any]:
+    """Return what a stream says of its run, ``start_ns`` and ``signals`` included, also while it is written.
+
+    Raises ``RecordError`` for a stream that is none of ours.
+    """
+    import pyarrow as pa
+
+    with pa.memory_map(str(stream)) as source:
+        return _facts(_opened(source, stream).schema, stream)
+
+
+def read_stream(stream: Path) -> Streamed:
+    """Return what a stream holds that nobody writes any more.
+
+    Raises ``RecordError`` for a stream that is none of ours.
+    """
+    import pyarrow as pa
+
+    batches: list[pa.RecordBatch] = []
+    events: list[RecordedEvent] = []
+    with pa.memory_map(str(stream)) as source:
+        reader = _opened(source, stream)
+        facts = _facts(reader.schema, stream)
+        good = source.tell()
+        while True:
+            try:
+                batch, custom = reader.read_next_batch_with_custom_metadata()
+                batch.validate()
+                if custom is not None:
+                    events += msgspec.json.decode(custom[b"events"], type=list[RecordedEvent])
+            except (StopIteration, pa.ArrowException, OSError, msgspec.MsgspecError):
+                break
+            batches.append(batch)
+            good = source.tell()
+        table = pa.Table.from_batches(batches, reader.schema)
+        size = source.size()
+        source.seek(max(0, size - len(_END)))
+        complete = bytes(source.read()) == _END and good + len(_END) >= size
+    start_ns, end_ns = _span(facts.pop("start_ns"), table, events)
+    recovery = Recovery(
+        samples=table.num_rows,
+        events=len(events),
+        seconds=(end_ns - start_ns) / SECOND,
+        unreadable_bytes=0 if complete else size - good,
+        complete=complete,
+    )
+    return Streamed(facts, facts.pop("signals"), table, events, start_ns, recovery)
+
+
+def _opened(source: Any, stream: Path) -> Any:
+    import pyarrow as pa
+
+    try:
+        return pa.ipc.open_stream(source)
+    except (pa.ArrowException, OSError) as error:
+        raise RecordError(
+            f"{stream} is cut off before its first sample, or no Arrow stream: {error}"
+        ) from error
+
+
+def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
+    raw = {key.decode(): value for key, value in (schema.metadata or {}).items()}
+    if raw.get(PREFIX + "format") != encode(FORMAT):
+        raise RecordError(f"{stream} is an Arrow stream, but not one of this recorder's ({FORMAT})")
+    facts = {key.removeprefix(PREFIX): msgspec.json.decode(value) for key, value in raw.items()}
+    del facts["format"]
+    facts["signals"] = msgspec.convert(facts["signals"], list[SignalInfo], strict=False)
+    return facts
+
+
+def _span(start_ns: int | None, table: pa.Table, events: list[RecordedEvent]) -> tuple[int, int]:
+    instants = [event.time_ns for event in events]
+    for chunk in table.column("time_ns").chunks:
+        if len(chunk):
+            times = as_array(chunk)
+            instants += [int(times.min()), int(times.max())]
+    start = start_ns if start_ns is not None else min(instants, default=0)
+    return start, max([start, *instants])

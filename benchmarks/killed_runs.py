@@ -1,0 +1,240 @@
+"""Runs that are killed at drawn moments, by SIGKILL and over real wires: what is left of them, and what is lost.
+
+python -m benchmarks.killed_runs --count 100
+"""
+
+import argparse
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from bench_protocol.can_codec import Decoder
+from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.frames import Block
+from bench_protocol.table import TABLE
+from bench_protocol.units import ms, s
+from bench_records.exchange import write_csv
+from bench_records.index import RunIndex
+from bench_records.layout import RESULT, RecordError
+from bench_records.record import read
+from bench_records.report import render
+from bench_records.run_folder import SIGNS, open_run
+from benchmarks.soak import running_rig
+from drivers.bench import Bench
+from drivers.can_port import open_can
+from drivers.errors import BenchError
+from drivers.modbus_port import open_modbus
+from drivers.wiring.own import OwnWiring
+from test_plans.discovery import plans
+from test_plans.plan import Plan
+
+#: What a kill may cost at most (s).
+ALLOWED: Final = 1.0
+PLAN: Final = "lateral_stiffness"
+SETTINGS: Final = {"amplitude": "7 mm"}
+OPERATOR: Final = "A. Tester"
+#: How long after its first file, or after Ctrl-C, a run may be killed (s), by what it is doing then.
+MOMENTS: Final = {"beginning": (0.0, 0.1), "under way": (0.0, 12.0), "ending": (0.0, 6.0)}
+
+_TICK: Final = TABLE.index["rig.tick"]
+_RIG: Final = 'name = "killed"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
+_ASTB_RUN: Final = (sys.executable, "-m", "astb", "run")
+_PATIENCE: Final = 90.0  # s, for a process to come up
+_PHASE: Final = re.compile(r"^ *(\d+\.\d) s  +(.+)$", re.MULTILINE)
+
+
+@dataclass
+class Killed:
+    """One run: when it was killed, how long a stretch of it is lost (s), how it is listed, what is not right."""
+
+    when: str
+    moment: float
+    lost: float = np.nan
+    listed: str = ""
+    wrong: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Bystander:
+    """Somebody else on the bus, who knows the rig's time."""
+
+    tick: float = np.nan
+    _decoder: Decoder = field(default_factory=lambda: Decoder(TABLE))
+
+    def hear(self, block: Block) -> None:
+        """Take what came over the bus."""
+        self._decoder.decode(block)
+        self.tick = float(self._decoder.latest[_TICK])
+
+
+class Killer:
+    """A rig, and runs on it that are killed one after the other; use `killer`."""
+
+    def __init__(self, can: int, modbus: int, directory: Path, bystander: Bystander) -> None:
+        self._ports, self._bystander = (can, modbus), bystander
+        self._directory, self._runs = directory, directory / "runs"
+        self._numbers = count()
+        self._file = directory / "rig.toml"
+        self._file.write_text(_RIG.format(can=can, modbus=modbus))
+
+    def kill(self, when: str, moment: float) -> Killed:
+        """Begin a run, kill it ``moment`` seconds into the part ``when`` of it, and look at what is left."""
+        found = Killed(when, moment)
+        out = self._runs / str(next(self._numbers))
+        folder = out / PLAN
+        command = [*_ASTB_RUN, PLAN, "--rig", str(self._file), "--out", str(out), "--operator", OPERATOR]
+        command += [f"--set={name}={value}" for name, value in SETTINGS.items()]
+        with (self._directory / "said.txt").open("w+") as said:
+            with subprocess.Popen(command, stdout=said, stderr=said) as process:
+                try:
+                    self._wait_for(folder, process)
+                    began = self._bystander.tick
+                    if when == "ending":
+                        time.sleep(1.0)
+                        process.send_signal(signal.SIGINT)
+                    with suppress(subprocess.TimeoutExpired):
+                        process.wait(moment)
+                finally:
+                    process.kill()
+                    end = self._bystander.tick
+            said.seek(0)
+            self._judge(found, folder, said.read(), began, end)
+        self._bring_to_rest()
+        return found
+
+    def _wait_for(self, folder: Path, process: "subprocess.Popen[bytes]") -> None:
+        """Wait until the run has its first file."""
+        deadline = time.monotonic() + _PATIENCE
+        while time.monotonic() < deadline and process.poll() is None:
+            with suppress(FileNotFoundError):
+                if any(folder.iterdir()):
+                    return
+            time.sleep(0.5 * ms)
+        raise RuntimeError(f"no run began: {(self._directory / 'said.txt').read_text()}")
+
+    def _judge(self, found: Killed, folder: Path, said: str, began: float, end: float) -> None:
+        if not any(
+            (folder / sign).exists() for sign in SIGNS
+        ):  # its head was not whole yet, and nothing moved
+            found.listed, found.lost = "not begun", (end - began) * ms
+            return
+        listed = {one.directory: one.verdict for one in RunIndex(self._runs).runs()}
+        found.listed = listed.get(str(folder.relative_to(self._runs)), "not at all")
+        expected = "blocked" if (folder / RESULT).exists() else "interrupted"
+        if found.listed != expected:
+            found.wrong.append(f"listed as {found.listed}, not as {expected}")
+        try:
+            record, run = read(folder), open_run(folder)
+            ticks = record.series("rig.tick")[1]
+            if found.listed == "interrupted" and "recovered" in record.meta:
+                found.lost = (end - (ticks[-1] if ticks.size else began)) * ms
+            else:
+                found.lost = 0.0  # the record was closed before
+            found.wrong += _differences(run, _expected())
+            found.wrong += _missing_phases(
+                record, said, end * ms - ALLOWED - (ticks[0] if ticks.size else end) * ms
+            )
+            if len(record):
+                write_csv(record, self._directory / "record.csv", 10.0, ["left.height"])
+            if run.result.title not in render(record, run.result):
+                found.wrong.append("the report does not tell the title")
+        except RecordError as error:
+            found.wrong.append(str(error))
+        if not found.lost <= ALLOWED:
+            found.wrong.append(f"{found.lost:.3f} s are lost")
+
+    def _bring_to_rest(self) -> None:
+        """Reset the rig, which holds since its commander is gone."""
+        can, modbus = self._ports
+        clock = RealClock()
+        epoch = wall_time_ns() - clock.now()
+        bench = Bench(OwnWiring(open_can("tcp", port=can), open_modbus("127.0.0.1", modbus), epoch), clock)
+        try:
+            bench.connect(within=10 * s)
+            bench.reset()
+        except BenchError as error:
+            print(f"  the rig was not reset: {error}", file=sys.stderr)
+        finally:
+            bench.close()
+
+
+def _expected() -> Plan:
+    return plans()[PLAN].given(SETTINGS)
+
+
+def _differences(run: Any, plan: Plan) -> list[str]:
+    pairs = {
+        "plan": (run.result.plan, plan.name),
+        "title": (run.result.title, plan.title),
+        "instruction": (run.result.instruction, plan.instruction),
+        "parameters": (run.result.parameters, plan.written),
+        "operator": (run.facts.get("operator"), OPERATOR),
+        "rig": (run.facts.get("rig"), "killed"),
+    }
+    wrong = [f"{name} is {got!r}" for name, (got, wanted) in pairs.items() if got != wanted]
+    if run.result.specimen is None or not run.result.specimen.serial_number:
+        wrong.append("the specimen is unknown")
+    return wrong
+
+
+def _missing_phases(record: Any, said: str, until: float) -> list[str]:
+    """Return which phases were shown before ``until`` (s) and are not in the record."""
+    shown = Counter(name for at, name in _PHASE.findall(said) if float(at) < until)
+    missing = shown - Counter(phase.name for phase in record.phases)
+    return [f"the phase {name!r} is missing" for name in missing]
+
+
+@contextmanager
+def killer() -> Iterator[Killer]:
+    """Let a rig run, with a bystander on its bus, while the block lasts."""
+    with running_rig() as (_, can, modbus), tempfile.TemporaryDirectory() as directory:
+        bystander, listener = Bystander(), open_can("tcp", port=can)
+        listener.subscribe(bystander.hear)
+        try:
+            yield Killer(can, modbus, Path(directory), bystander)
+        finally:
+            listener.close()
+
+
+def main() -> int:
+    """Kill runs, say what was lost, and return 1 if it was too much or something is not right."""
+    parser = argparse.ArgumentParser(
+        description="Kill runs at drawn moments and look at what is left of them."
+    )
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    draw = random.Random(arguments.seed)
+    found: list[Killed] = []
+    with killer() as kills:
+        for number in range(arguments.count):
+            when = list(MOMENTS)[number % len(MOMENTS)]
+            one = kills.kill(when, draw.uniform(*MOMENTS[when]))
+            found.append(one)
+            told = "; ".join(one.wrong) or "as it must be"
+            seen = f"{one.when}, {one.moment:.3f} s: {one.listed}, {one.lost:.3f} s lost, {told}"
+            print(f"{number + 1:4} {seen}", flush=True)
+    good = sum(not one.wrong for one in found)
+    lost = np.array([one.lost for one in found if one.listed == "interrupted"])
+    kinds = ", ".join(f"{number} {name}" for name, number in Counter(one.listed for one in found).items())
+    print(f"{good} of {len(found)} are as they must be: {kinds}")
+    if lost.size:
+        print(f"lost of those that were interrupted: median {np.median(lost):.3f} s, most {lost.max():.3f} s")
+    return int(good < len(found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
