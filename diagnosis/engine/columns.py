@@ -5,14 +5,14 @@ Theory of operation
 About half of all samples are missing or do not count, and most columns move few channels: the zero of a sensor moves
 its own, a leak on the left nothing on the right. So the samples that count are packed one channel after the other
 (`Packing`), and each channel keeps those columns only that move it at all (`Trace`). Inner products are sums over
-channels; they are made in double precision, whatever precision the columns are kept in, and kept as long as both
-columns are, since many linearisations share them.
+channels; they are made in double precision, whatever precision the columns are kept in. Those of each channel are kept
+as long as both columns are: many linearisations share columns, and white noise only divides them by a number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import groupby, pairwise
 from weakref import WeakKeyDictionary
@@ -81,19 +81,40 @@ def _packing(shape: tuple[int, int], mask: bytes) -> Packing:
     return Packing(counted, sample * shape[1] + channel, tuple(bounds.tolist()))
 
 
+class Products:
+    """The inner products of one array of samples with others, each kept as long as both live."""
+
+    def __init__(self) -> None:
+        self.known: WeakKeyDictionary[Products, Array] = WeakKeyDictionary()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """One channel of some columns: ``values`` (m, N), each times the ``scale``, of those ``rows`` (m,) that move it."""
+    """One channel of some columns: ``values`` (m, N), each times the ``scale``, of those ``rows`` (m,) that move it.
+
+    Traces that differ in scale alone share their ``products``.
+    """
 
     rows: Places
     values: Floats
     scale: float = 1.0
+    products: Products = field(default_factory=Products)
 
-    @property
-    def double(self) -> Array:
-        """The scaled values in double precision."""
-        values = self.values.astype(np.float64, copy=False)
-        return values if self.scale == 1.0 else self.scale * values
+    def scaled(self, factor: float) -> Trace:
+        """Return the trace times a number."""
+        return replace(self, scale=factor * self.scale)
+
+    def against(self, other: Trace) -> Array:
+        """Return the inner products (m, k) with the k rows of another trace of this channel."""
+        mine, theirs = self.products, other.products
+        made = mine.known.get(theirs)
+        if made is None and mine in theirs.known:
+            made = theirs.known[mine].T
+        if made is None:
+            values = self.values.astype(np.float64, copy=False)
+            made = values @ (values if theirs is mine else other.values.astype(np.float64, copy=False)).T
+            mine.known[theirs] = made
+        return self.scale * other.scale * made
 
 
 class Columns:
@@ -102,7 +123,6 @@ class Columns:
     def __init__(self, size: int, traces: Sequence[Trace]) -> None:
         self.size = size
         self.traces = tuple(traces)
-        self._products: WeakKeyDictionary[Columns, Array] = WeakKeyDictionary()
 
     @property
     def _slices(self) -> list[slice]:
@@ -116,22 +136,18 @@ class Columns:
         gram = np.zeros((self.size, self.size))
         for trace in self.traces:
             if len(trace.rows):
-                values = trace.double
-                gram[np.ix_(trace.rows, trace.rows)] += values @ values.T
+                gram[np.ix_(trace.rows, trace.rows)] += trace.against(trace)
         return gram
 
     def against(self, other: Columns) -> Array:
         """Return the inner products (k, m) with m further columns."""
         if isinstance(other, JoinedColumns):
             return np.hstack([self.against(part) for part in other.parts])
-        known = self._products.get(other)
-        if known is None:
-            known = np.zeros((self.size, other.size))
-            for mine, theirs in zip(self.traces, other.traces, strict=True):
-                if len(mine.rows) and len(theirs.rows):
-                    known[np.ix_(mine.rows, theirs.rows)] += mine.double @ theirs.double.T
-            self._products[other] = known
-        return known
+        made = np.zeros((self.size, other.size))
+        for mine, theirs in zip(self.traces, other.traces, strict=True):
+            if len(mine.rows) and len(theirs.rows):
+                made[np.ix_(mine.rows, theirs.rows)] += mine.against(theirs)
+        return made
 
     def times(self, packed: Array) -> Array:
         """Return the inner products (k,) with packed samples (N,)."""

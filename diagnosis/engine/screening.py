@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -37,30 +38,38 @@ from diagnosis.engine.threshold import threshold
 from diagnosis.engine.whitening import Filter, filters
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Screening:
     """Scores of all candidates m against a fitted model.
 
-    ``inflation`` (m,) says how much more a score scatters than whitened noise would let it.
+    ``inflation`` (m,) says how much more a score scatters than whitened noise would let it. The threshold is for a
+    chance of ``alpha``, drawn with a ``seed``.
     """
 
     candidates: tuple[Candidate, ...]
     projection: Projection
     inflation: Array
-    threshold: float
+    alpha: float
+    seed: int
 
-    @property
+    @cached_property
+    def threshold(self) -> float:
+        """What the largest score exceeds by chance in one of so many diagnoses (`threshold.py`)."""
+        one_sided = np.array([c.effect.one_sided for c in self.candidates], dtype=bool)
+        return threshold(self.projection.cosines, one_sided, self.alpha, self.seed)
+
+    @cached_property
     def scatter(self) -> Array:
         """Standard deviations of the scores (m,) of effects that are absent, in those of whitened noise."""
         imitated = np.array([c.effect.imitated / c.amplitude.scale for c in self.candidates])
         return np.sqrt(self.inflation + (imitated * self.projection.norm) ** 2)
 
-    @property
+    @cached_property
     def z(self) -> Array:
         """Scores (m,): standard normal where the effect is absent; negative where the sign is not physical."""
         return self.projection.z * self._signs / self.scatter
 
-    @property
+    @cached_property
     def root_information(self) -> Array:
         """Square root of the Fisher information on each amplitude (m,), nuisances fitted: λ per unit of amplitude."""
         scales = np.array([c.amplitude.scale for c in self.candidates])
@@ -137,12 +146,8 @@ def fit_and_screen(
     model = fit(replay, noise, model.point, model.linearisation, steps=steps)
     projection = model.linearisation.project(columns)
     surfaces = replay.simulator.surfaces if around.surface_columns else ()
-    mine = projection.of(slice(count))
-    one_sided = np.array([c.effect.one_sided for c in around.candidates], dtype=bool)
     return ScreenedModel(
         model,
-        Screening(
-            around.candidates, mine, inflation[:count], threshold(mine.cosines, one_sided, alpha, seed)
-        ),
+        Screening(around.candidates, projection.of(slice(count)), inflation[:count], alpha, seed),
         score_tests(model.linearisation, surfaces, columns, projection, count),
     )

@@ -79,7 +79,7 @@ class Filter:
 def _whitened(channel: ChannelFilter, raw: Trace) -> Trace:
     """Whiten one channel of columns; under white noise nothing is copied."""
     if channel.deviation:
-        return Trace(raw.rows, raw.values, 1.0 / channel.deviation)
+        return raw.scaled(1.0 / channel.deviation)
     white = np.empty(raw.values.shape, np.float32)
     channel(raw.values, white)
     return Trace(raw.rows, white)

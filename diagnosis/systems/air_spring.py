@@ -168,7 +168,7 @@ class AirSpring:
                 prepared.outputs[key] = outputs
                 while len(prepared.outputs) > _OUTPUTS:
                     prepared.outputs.popitem(last=False)
-        return self._shifted(prepared, outputs, parameters)
+        return self._shifted(prepared, outputs.copy(), parameters)
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
         """Yield the outputs (n, c) of each job in order; springs are integrated in lanes, each only once.
@@ -270,14 +270,14 @@ class AirSpring:
         return known[key]
 
     def _shifted(self, prepared: "_PreparedRun", outputs: Array, parameters: Mapping[str, float]) -> Array:
-        """Return simulated outputs (n, c) as sensors with their own zeros and drags read them."""
-        shifted = outputs + [
-            parameters.get(zero, 0.0) + parameters.get(seat, 0.0) for zero, seat in self._zeros
-        ]
+        """Shift simulated outputs (n, c) to what sensors with their own zeros and drags read, and return them."""
+        outputs += np.array(
+            [parameters.get(zero, 0.0) + parameters.get(seat, 0.0) for zero, seat in self._zeros]
+        )
         for name, speed in prepared.speeds.items():
             if drag := parameters.get(f"{name}{DRAG}", 0.0):
-                shifted[:, self._places[name]] += drag * speed
-        return shifted
+                outputs[:, self._places[name]] += drag * speed
+        return outputs
 
     def _prepare(self, experiment: Experiment) -> "_PreparedRun":
         with self._lock:
