@@ -19,13 +19,16 @@ from astb.live.outline import kept_outline
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
 from astb.session import MAP_HASH, Session, open_session
+from astb.software import commit
 from bench_protocol.clock import utc_date
+from bench_protocol.units import UNITS, mbar
 from bench_records.checksums import FRAMES, write_sums
 from bench_records.circumstances import circumstances
 from bench_records.layout import RESULT, RecordError
 from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:
+    from bench_sim.parameters import Parameters
     from test_plans.operator import Operator, QuestionBox
     from test_plans.plan import Plan
     from test_plans.specimen import Specimen
@@ -36,9 +39,10 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What a run keeps beside its samples: the name of who runs it, and every CAN frame."""
+    """What a run keeps beside its samples: who runs it, in which surroundings, and every CAN frame."""
 
     operator: str = ""
+    ambient: str = ""
     frames: bool = False
 
 
@@ -113,6 +117,8 @@ def run_plan(
     meta = describe(session, rig)
     if keeping.operator:
         meta["operator"] = keeping.operator
+    if keeping.ambient:
+        meta["ambient"] = keeping.ambient
     display.introduce(" · ".join(circumstances(meta)))
     display.begin(plan.name, _live(plan, session, rig, directory, operator, suspension))
     stopped: KeyboardInterrupt | None = None
@@ -266,6 +272,7 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
         "map_hash": MAP_HASH,
         "simulated": rig.simulation is not None,
         "time": "virtual" if session.virtual else "real",
+        "commit": commit(),
         "versions": {"astb": version("astb"), **{name: version(name) for name in _LIBRARIES}},
         "seed": session.seed,
     }
@@ -273,6 +280,7 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
         facts["wiring"] = {"file": session.wiring.where.name, "sha256": session.wiring.digest}
     if session.parameters is not None:
         facts["parameters"] = {"name": session.parameters.name, "sha256": session.parameters.digest()}
+        facts["ambient"] = _surroundings(session.parameters)
         if session.parameters.effects:
             facts["parameters"]["effects"] = session.parameters.effects
             facts["effects"] = {
@@ -286,6 +294,12 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
         facts["date"] = utc_date()
         facts["machine"] = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"
     return facts
+
+
+def _surroundings(parameters: "Parameters") -> str:
+    """Say what surrounds a simulated rig."""
+    warmth = float(parameters.record.ambient_temperature) - UNITS["degC"].zero
+    return f"{warmth:.1f} °C, {float(parameters.record.atmospheric_pressure) / mbar:.0f} hPa"
 
 
 def new_directory(out: Path, name: str) -> Path:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from bench_records.conformity import percent
 from bench_records.result import Check, CheckVerdict, band_width
-from bench_records.typography import aligned, fixed, is_scientific, scientific
+from bench_records.typography import aligned, fixed, is_scientific, primed, scientific, unit
 
 BAR_WIDTH, BAR_HEIGHT = 176.0, 16.0
 COLORS = {
@@ -30,11 +30,14 @@ class CheckRow(NamedTuple):
     """A check as the table shows it."""
 
     check: Check
+    name: str
     sign: str
     value: str
     uncertainty: str  #: expanded, "" where it is not known
     low: str
     high: str
+    unit: str
+    detail: str  #: where it was measured, what is to be said of it, how sure it is
     bar: Bar | None  #: none where there is no limit
 
 
@@ -63,7 +66,9 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
         known = one.u is not None and math.isfinite(one.number)
         uncertainty = f"± {_grouped(one.written[1])}" if known else ""
         bar = None if one.low is None and one.high is None else range_bar(one)
-        rows.append(CheckRow(one, SIGNS[one.verdict], value, uncertainty, low, high, bar))
+        told = _detail(one)
+        names = (primed(one.name), SIGNS[one.verdict])
+        rows.append(CheckRow(one, *names, value, uncertainty, low, high, unit(one.unit), told, bar))
     return rows
 
 
@@ -98,6 +103,12 @@ def _numbers_with_limits(one: Check) -> list[str]:
 def _grouped(text: str) -> str:
     """A number that was written with its digits, as the table sets numbers."""
     return fixed(float(text), len(text.partition(".")[2]))
+
+
+def _detail(one: Check) -> str:
+    # In which part of the run it was is known without saying; a phase tells more.
+    phase = "" if one.phase in {"set-up", "main", "tear-down"} else one.phase
+    return "; ".join(primed(text) for text in (phase, one.note, certainty(one)) if text)
 
 
 def certainty(one: Check) -> str:

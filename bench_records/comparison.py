@@ -11,7 +11,8 @@ from typing import Any, Literal
 import msgspec
 
 from bench_records.circumstances import flattened
-from bench_records.result import Check, Curve, Result
+from bench_records.curves import Curve
+from bench_records.result import Check, Result
 from bench_records.run_folder import open_run
 
 Kind = Literal["changed", "only in A", "only in B"]
@@ -79,6 +80,10 @@ def _all_facts(result: Result, facts: dict[str, Any]) -> dict[str, str]:
     told = {name: value for name, value in facts.items() if name not in {"title", "instruction"}}
     if isinstance(parameters := told.get("parameters"), dict):  # the effects stand beside, in words
         told["parameters"] = {name: value for name, value in parameters.items() if name != "effects"}
+    if isinstance(
+        instruments := told.get("instruments"), dict
+    ):  # their file's checksum tells if they were others
+        told["instruments"] = {name: value for name, value in instruments.items() if name != "pieces"}
     told |= {"plan": result.plan, "rig": result.rig, "seed": result.seed, "set": result.parameters}
     if result.specimen is not None:
         told["specimen"] = msgspec.to_builtins(result.specimen)

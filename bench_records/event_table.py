@@ -15,8 +15,8 @@ AROUND_TRIP_S = 10.0
 
 
 def tabled_events(record: Record) -> list[RecordedEvent]:
-    """Events for the table: phases have one of their own, and settings are for whoever replays the run."""
-    return [event for event in record.events if event.kind not in {"phase", "setting"}]
+    """Events for the table: phases and checks have their own, and settings are for whoever replays the run."""
+    return [event for event in record.events if event.kind not in {"phase", "setting", "check"}]
 
 
 def event_rows(record: Record) -> list[tuple[str, str, str, str]]:

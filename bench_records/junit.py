@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -16,7 +18,11 @@ _MET = {True: "met", False: "not met", None: "not told"}
 
 
 def junit(result: Result) -> bytes:
-    """The document; failures are out of their limits, errors have no value, skipped is what the rig cannot measure."""
+    """The document; failures are out of their limits, errors have no value, skipped is what the rig cannot measure.
+
+    The time of a check is that since the one before, and the run itself has what comes after the last: together they
+    are the time of the suite. Only a run in real time has a time stamp.
+    """
     failures = result.count(CheckVerdict.FAIL)
     errors = result.count(CheckVerdict.ERROR) + (result.verdict is Outcome.BLOCKED)
     lacking = result.count(CheckVerdict.NOT_AVAILABLE)
@@ -27,7 +33,11 @@ def junit(result: Result) -> bytes:
         "time": f"{result.duration:.3f}",
     }
     root = ET.Element("testsuites", {"name": "astb", **totals})
-    suite = ET.SubElement(root, "testsuite", {"name": _text(result.plan), **totals, "skipped": str(lacking)})
+    stamp = {"timestamp": result.began.removesuffix("Z")} if result.began else {}
+    suite = ET.SubElement(
+        root, "testsuite", {"name": _text(result.plan), **stamp, **totals, "skipped": str(lacking)}
+    )
+    times = _times(result)
     properties = ET.SubElement(suite, "properties")
     for name, value in (
         ("title", result.title),
@@ -44,13 +54,15 @@ def junit(result: Result) -> bytes:
         if value not in (None, ""):
             ET.SubElement(properties, "property", {"name": name, "value": _text(str(value))})
     run = ET.SubElement(
-        suite, "testcase", {"classname": _text(result.plan), "name": "run", "time": f"{result.duration:.3f}"}
+        suite, "testcase", {"classname": _text(result.plan), "name": "run", "time": f"{times[-1]:.3f}"}
     )
     if result.verdict is Outcome.BLOCKED:
         ET.SubElement(run, "error", {"type": "blocked", "message": _text(result.reason)})
-    for one in result.checks:
+    for one, time in zip(result.checks, times, strict=False):
         case = ET.SubElement(
-            suite, "testcase", {"classname": _text(result.plan), "name": _text(one.name), "time": "0.000"}
+            suite,
+            "testcase",
+            {"classname": _text(result.plan), "name": _text(one.name), "time": f"{time:.3f}"},
         )
         story = _text(str(one))
         if one.verdict is CheckVerdict.FAIL:
@@ -63,6 +75,14 @@ def junit(result: Result) -> bytes:
             ET.SubElement(case, "system-out").text = "\n".join(filter(None, [story, _text(one.note)]))
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _times(result: Result) -> list[float]:
+    """How long each check took, and the run after the last of them (s); nothing for what has no time of its own."""
+    ends = [0.0]
+    for one in result.checks:
+        ends.append(max(ends[-1], one.at if one.at is not None else -math.inf))
+    return [end - start for start, end in pairwise([*ends, max(ends[-1], result.duration)])]
 
 
 def write_junit(result: Result, directory: Path | str) -> Path:

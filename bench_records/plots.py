@@ -26,7 +26,7 @@ ALARM = "#b3261e"
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#b07aa1", "#56b4e9", "#8c6d00", "#1c2126", "#999999")
 
 WIDTH_IN = 9.6
-LEFT_IN, RIGHT_IN = 0.72, 1.72
+LEFT_IN, RIGHT_IN = 0.72, 1.85
 #: Digits of a path behind the hundredth of a point.
 FINER_THAN_SEEN = re.compile(r"(?<=\.\d\d)\d+")
 

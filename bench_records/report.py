@@ -6,17 +6,19 @@ import inspect
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench_records.check_table import bar_drawing, certainty, check_rows
+from bench_records.check_table import bar_drawing, check_rows
 from bench_records.circumstances import circumstances, flattened
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
 from bench_records.incident import incident_of
 from bench_records.layout import REPORT, RESULT
+from bench_records.plot_data import PlotData, asset
 from bench_records.record import Record, read
 from bench_records.result import CheckVerdict, Outcome, Result, read_result
-from bench_records.run_drawings import curve_groups, numbered, phase_strips, time_panels
+from bench_records.run_drawings import curve_plots, curve_tables, numbered, phase_strips, time_panels
 from bench_records.run_folder import result_without
+from bench_records.signing import ROLES, files_of, footing, identification, instruments_of
 from bench_records.templates import template
-from bench_records.typography import THIN_SPACE, fixed, plain, seconds
+from bench_records.typography import THIN_SPACE, fixed, plain, primed, seconds
 
 
 def write_report(directory: Path | str) -> Path:
@@ -26,14 +28,15 @@ def write_report(directory: Path | str) -> Path:
     the two files alone.  Raises ``RecordError`` if the record cannot be read.
     """
     path, record = Path(directory) / REPORT, read(directory)
-    path.write_text(render(record, _result_of(record, Path(directory))), encoding="utf-8")
+    path.write_text(_render(record, _result_of(record, Path(directory)), Path(directory)), encoding="utf-8")
     return path
 
 
-def render(record: Record, result: Result) -> str:
-    """The page for a record and a result."""
+def _render(record: Record, result: Result, directory: Path) -> str:
     phases = record.phases or result.phases
     span = (0.0, max(record.duration, result.duration, 1e-3))
+    files, plots = files_of(directory), PlotData()
+    # The numbers of a plot come into the page's data while the page is written: those first that are seen first.
     return template("report.html.j2").render(
         result=result,
         record=record,
@@ -43,19 +46,25 @@ def render(record: Record, result: Result) -> str:
         headline=headline(result),
         circumstances=circumstances(record.meta),
         bar=bar_drawing,
-        certainty=certainty,
+        primed=primed,
+        plots=plots,
+        asset=asset,
+        identification=identification(record, result, span[1]),
+        instruments=instruments_of(record.meta),
+        files=files,
+        footing=footing(result, files),
+        roles=ROLES,
         phases=[(number, phase, seconds(phase.duration)) for number, phase in numbered(phases)],
         panels=time_panels(record, phases, span),
         strips=phase_strips(record, phases, span),
-        groups=curve_groups(result.curves),
+        curves=curve_plots(result.curves),
+        tables=curve_tables(result.curves),
         timing=_timing(result),
         story=first_trip(record),
         incident=incident_of(record),
         events=event_rows(record),
         hidden_events=max(0, len(tabled_events(record)) - EVENT_ROWS),
         facts=_facts(record.meta, result),
-        duration=seconds(span[1]),
-        samples=f"{len(record):,}".replace(",", THIN_SPACE),
     )
 
 
@@ -69,8 +78,8 @@ def _result_of(record: Record, directory: Path) -> Result:
 class Paragraph(NamedTuple):
     """A paragraph of the instruction, or a list if it has items."""
 
-    text: str
-    items: list[str]
+    text: Any
+    items: list[Any]
 
 
 def _paragraphs(docstring: str) -> list[Paragraph]:
@@ -87,8 +96,20 @@ def _paragraphs(docstring: str) -> list[Paragraph]:
             else:
                 text.append(line.strip())
         if text or items:
-            result.append(Paragraph(" ".join(text), items))
+            result.append(Paragraph(_prose(" ".join(text)), [_prose(item) for item in items]))
     return result
+
+
+def _prose(text: str) -> Any:
+    """A text for the page: what stands between backticks is set as names of programs are."""
+    from markupsafe import Markup, escape
+
+    parts = primed(text).split("`")
+    if len(parts) % 2 == 0:  # one without its other
+        return escape(primed(text))
+    return Markup("").join(
+        Markup("<code>{}</code>").format(part) if index % 2 else part for index, part in enumerate(parts)
+    )
 
 
 def _timing(result: Result) -> dict[str, Any] | None:
@@ -118,6 +139,8 @@ def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
     """What is needed to run this again: flat, in order, each fact once."""
     beside = {name: value for name, value in meta.items() if name not in {"title", "instruction"}}
     facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **beside}
+    if isinstance(told := meta.get("instruments"), dict):  # a table has the pieces
+        facts["instruments"] = {name: value for name, value in told.items() if name != "pieces"}
     return [
         (name.replace("_", " "), text)
         for name, value in flattened(facts)

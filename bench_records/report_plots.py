@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bench_records.plot_data import Trace
 from bench_records.plots import (
     ALARM,
     INK,
@@ -20,17 +21,24 @@ from bench_records.plots import (
     svg,
 )
 from bench_records.sheet import OF_WORDS, Box, Margins, Sheet, sheet
+from bench_records.typography import primed, unit
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
+    from bench_records.curves import Axis, Curve
     from bench_records.layout import Phase
-    from bench_records.result import Curve, Timing
+    from bench_records.result import Timing
 
     Numbers = npt.NDArray[np.float64]
 
-DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.6)), (0, (1.2, 1.2)))
+#: Of what is on the right, so that it is told from the left without its colour.
+DASH = (5.0, 1.8)
+#: Behind how many colours lines are told apart by points, too.
+DOTS = (1.2, 1.2)
 
 # Two points for each bin: finer than a printer's dots on this width.
 BINS = 700
@@ -77,7 +85,7 @@ def envelope(times: Numbers, values: Numbers, bins: int = BINS) -> tuple[Numbers
 def time_panel(
     name: str,
     title: str,
-    unit: str,
+    measured_in: str,
     lines: Sequence[Line],
     phases: Sequence[Phase],
     span: tuple[float, float],
@@ -93,11 +101,11 @@ def time_panel(
         shades = [(phase.start, 0.0, phase.end, 1.0) for phase in phases[::2]]
         paper.fill(shades, SHADE, transform=axes.get_xaxis_transform(), zorder=0)
         for index, line in enumerate(lines):
-            color, dash = PALETTE[index % len(PALETTE)], DASHES[(index // len(PALETTE)) % len(DASHES)]
+            color, dash = look(index, line.label)
             # Earlier lines are wider, so that one which runs under another still shows at its edges.
             wide = 0.9 + 0.8 * (len(lines) - 1 - index) / max(1, len(lines) - 1) if len(lines) > 1 else 1.0
             points = envelope(line.times, line.values)
-            axes.add_line(Line2D(*points, color=color, linestyle=dash, linewidth=wide))
+            axes.add_line(Line2D(*points, color=color, linestyle=_linestyle(dash), linewidth=wide))
         for mark in marks:
             axes.axvline(mark, color=ALARM, linewidth=0.8, linestyle=(0, (3, 2)))
         for level in levels:
@@ -106,8 +114,9 @@ def time_panel(
         axes.margins(y=0.08)
         _open_flat_band(paper)
         paper.horizontal_numbers()
-        paper.heading(title, _joined(unit, paper.vertical_numbers()))
-        _side_labels(paper, [(line.label, PALETTE[i % len(PALETTE)]) for i, line in enumerate(lines)])
+        paper.heading(title, _joined(unit(measured_in), paper.vertical_numbers()))
+        paper.mark_scale_without_zero()
+        _side_labels(paper, without_common_end([line.label for line in lines]))
         paper.seconds()
         return paper.drawn(name)
 
@@ -127,7 +136,7 @@ def strips(
         for row, (label, stretches) in enumerate(rows):
             for index, (start, end, text) in enumerate(stretches):
                 tones[index % 2].append((start, row - 0.41, end, row + 0.41))
-                if text and len(text) * 4.4 <= (end - start) * points:
+                if text and len(text) * 5.4 + 3 <= (end - start) * points:
                     middle = paper.x((start + end) / 2)
                     paper.write(middle, paper.y(row) + 7 * OF_WORDS, text, size=7, anchor="middle", color=INK)
             paper.write(_beside(paper, 1.012), paper.y(row) + 8 * OF_WORDS, label)
@@ -139,43 +148,88 @@ def strips(
 
 
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
-    """Curves that share their axes: loops with a sequence of colours, sweeps with marked points."""
-    import numpy as np
-    from matplotlib import colormaps
-
+    """Curves that share their axes: loops with a sequence of colours, sweeps with marked points and their limits."""
     x, y = curves[0].x, curves[0].y
     margins = Margins(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
     with sheet(margins) as paper:
         axes = paper.axes
-        many = len(curves) > 3
-        for index, one in enumerate(curves):
-            # An order (frequencies, amplitudes) reads best on a scale from dark to light.
-            color = colormaps["viridis"](0.88 * index / (len(curves) - 1)) if many else PALETTE[index]
-            xs = np.array([np.nan if n is None else n for n in one.xs]) / x.scale
-            ys = np.array([np.nan if n is None else n for n in one.ys]) / y.scale
-            if one.kind == "sweep":
-                axes.plot(
-                    xs, ys, color=color, marker="o", markersize=4, markeredgecolor="white", label=one.name
-                )
-            else:
-                step = max(1, math.ceil(xs.size / LOOP_POINTS))
-                axes.plot(xs[::step], ys[::step], color=color, linewidth=1.0, label=one.name)
+        for trace in curve_traces(curves):
+            axes.add_line(_curve_line(trace, pointed=curves[0].kind == "sweep"))
+        axes.autoscale_view()
+        if is_over_decades(curves):
+            _over_decades(axes)
         axes.margins(0.05)
-        if len(curves) > 1:
+        if len(curves) > 1 or curves[0].lows:
             axes.legend(
                 loc="upper left",
                 bbox_to_anchor=(-0.02, -0.135),
-                ncols=min(len(curves), 5),
+                ncols=5,
                 frameon=False,
                 fontsize=8,
-                handlelength=1.3,
+                handlelength=1.6,
                 columnspacing=1.0,
                 borderpad=0.1,
             )
-        paper.heading(title, _joined(y.label, y.unit, paper.vertical_numbers()))
-        foot = _joined(x.label, x.unit, paper.horizontal_numbers())
+        paper.heading(title, _joined(primed(y.label), unit(y.unit), paper.vertical_numbers()))
+        paper.mark_scale_without_zero()
+        foot = _joined(x.label, unit(x.unit), paper.horizontal_numbers())
         paper.write(paper.right, paper.bottom + 21.96, foot, size=8.5, anchor="end")
         return paper.drawn(name)
+
+
+def _curve_line(trace: Trace, *, pointed: bool) -> Line2D:
+    from matplotlib.lines import Line2D
+
+    line = Line2D(trace.xs, trace.ys, color=trace.color, linestyle=_linestyle(trace.dash), label=trace.label)
+    line.set_linewidth(0.8 if trace.color == ALARM else 1.0)
+    if pointed:
+        line.set(marker="_" if trace.color == ALARM else "o", markersize=5, markeredgecolor=trace.color)
+    return line
+
+
+def _over_decades(axes: Axes) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda n, _: f"{n:g}"))
+
+
+def is_over_decades(curves: Sequence[Curve]) -> bool:
+    """Whether the points are at frequencies, which are drawn on a logarithmic scale."""
+    places = [n for one in curves for n in one.xs if n is not None]
+    return curves[0].x.unit == "Hz" and bool(places) and min(places) > 0.0 and max(places) > 2.0 * min(places)
+
+
+def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
+    """The lines of a group of curves in display units, then their limits, each once."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    x, y = curves[0].x, curves[0].y
+    traces = []
+    for index, one in enumerate(curves):
+        color, dash = look(index, one.name)
+        if len(curves) > 3:
+            # An order (frequencies, amplitudes) reads best on a scale from dark to light.
+            color, dash = to_hex(colormaps["viridis"](0.88 * index / (len(curves) - 1))), ()
+        step = 1 if one.kind == "sweep" else max(1, math.ceil(len(one.xs) / LOOP_POINTS))
+        traces.append(Trace(one.name, color, dash, _display(one.xs, x)[::step], _display(one.ys, y)[::step]))
+    limits: dict[tuple[float | None, ...], Trace] = {}
+    for one in curves:
+        for label, levels in (("low limit", one.lows), ("high limit", one.highs)):
+            if any(level is not None for level in levels):
+                limits.setdefault(
+                    tuple(levels), Trace(label, ALARM, DASH, _display(one.xs, x), _display(levels, y))
+                )
+    return traces + list(limits.values())
+
+
+def _display(numbers: Sequence[float | None], axis: Axis) -> Numbers:
+    import numpy as np
+
+    return np.array([np.nan if n is None else n for n in numbers]) / axis.scale
 
 
 def lateness(name: str, timing: Timing) -> str:
@@ -225,19 +279,44 @@ def _beside(paper: Sheet, share: float) -> float:
     return paper.left + share * (paper.right - paper.left)
 
 
-def _side_labels(paper: Sheet, labels: Sequence[tuple[str, Any]]) -> None:
+def look(index: int, label: str) -> tuple[str, tuple[float, ...]]:
+    """The colour and the dashes of a line: what is on the right is dashed."""
+    dash = DASH if "right" in label.split() else DOTS if index >= len(PALETTE) else ()
+    return PALETTE[index % len(PALETTE)], dash
+
+
+def without_common_end(labels: Sequence[str]) -> list[str]:
+    """Labels without the last word, if all have it: the title of the panel says it."""
+    words = [label.split() for label in labels]
+    if len(words) > 1 and len({one[-1] for one in words if one}) == 1 and all(len(one) > 1 for one in words):
+        return [" ".join(one[:-1]) for one in words]
+    return list(labels)
+
+
+def _linestyle(dash: tuple[float, ...]) -> Any:
+    return (0, dash) if dash else "solid"
+
+
+def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
     """Names beside the lines, in their colours: nearer to the eye than a legend in a box."""
     from matplotlib.lines import Line2D
 
     axes, first = paper.axes, paper.top + 0.05 * (paper.bottom - paper.top)
-    for index, (label, color) in enumerate(labels):
+    for index, label in enumerate(labels):
+        color, dash = look(index, label)
         down = first + index * 0.165 * 72
         share = (paper.bottom - down) / (paper.bottom - paper.top)
         swatch = Line2D(
-            [1.012, 1.034], [share, share], transform=axes.transAxes, color=color, linewidth=2, clip_on=False
+            [1.012, 1.042],
+            [share, share],
+            transform=axes.transAxes,
+            color=color,
+            linestyle=_linestyle(tuple(0.6 * n for n in dash)),
+            linewidth=2,
+            clip_on=False,
         )
         axes.add_artist(swatch)
-        paper.write(_beside(paper, 1.042), down + 8.5 * OF_WORDS, label, size=8.5, color=INK)
+        paper.write(_beside(paper, 1.05), down + 8.5 * OF_WORDS, label, size=8.5, color=INK)
 
 
 def _open_flat_band(paper: Sheet) -> None:

@@ -11,14 +11,15 @@ All values are in SI;
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
 from bench_records.conformity import SURE, conformity, coverage_factor, decimals, guard_factor, percent
+from bench_records.curves import Curve
 from bench_records.layout import RESULT, Condition, Phase, RecordError, put
 
 MARGIN = 0.05
@@ -97,6 +98,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     even: float = 0.0  #: as much of it as is evenly distributed
     parts: dict[str, float] = {}  #: what it is made of: standard uncertainty by cause
     conformity: float | None = None  #: the probability of lying within the limits
+    at: float | None = None  #: when it was judged, in seconds since the record began
 
     def __post_init__(self) -> None:
         if self.value is None:
@@ -180,6 +182,7 @@ def check(
     u: float | None = None,
     even: float = 0.0,
     parts: Mapping[str, float] | None = None,
+    at: float | None = None,
 ) -> Check:
     """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, if that is known.
 
@@ -205,6 +208,7 @@ def check(
         u=u,
         even=float(even) if u else 0.0,
         parts=dict(parts or {}) if u else {},
+        at=at,
     )
 
 
@@ -259,50 +263,6 @@ def _refuse_bad_limits(one: Check) -> None:
 
 def _shown(value: float | None, scale: float, unit: str = "") -> str:
     return "no value" if value is None or math.isnan(value) else f"{value / scale:.6g} {unit}".rstrip()
-
-
-class Axis(msgspec.Struct, frozen=True):
-    """What stands along one side of a plot."""
-
-    label: str
-    unit: str = ""
-    scale: float = 1.0
-
-
-class Curve(msgspec.Struct, frozen=True, kw_only=True):
-    """A named series y over x, in SI: a ``loop`` runs through its points, a ``sweep`` is a table with few of them.
-
-    Curves of one ``group`` share a plot, and a group of sweeps also a table.
-    """
-
-    name: str
-    x: Axis
-    y: Axis
-    xs: list[float | None]
-    ys: list[float | None]
-    kind: Literal["loop", "sweep"] = "loop"
-    group: str = ""
-
-    def __post_init__(self) -> None:
-        if len(self.xs) != len(self.ys):
-            raise ValueError(
-                f"curve {self.name!r} has {len(self.xs)} x and {len(self.ys)} y; it needs as many of each"
-            )
-
-
-def curve(
-    name: str,
-    x: Axis,
-    y: Axis,
-    xs: Iterable[float],
-    ys: Iterable[float],
-    *,
-    kind: Literal["loop", "sweep"] = "loop",
-    group: str = "",
-) -> Curve:
-    """A curve from any two series of numbers (arrays included); what is no number becomes a gap."""
-    clean_x, clean_y = ([float(n) if math.isfinite(n) else None for n in series] for series in (xs, ys))
-    return Curve(name=name, x=x, y=y, xs=clean_x, ys=clean_y, kind=kind, group=group)
 
 
 class Timing(msgspec.Struct, frozen=True, kw_only=True):
@@ -361,6 +321,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     timing: Timing | None = None
     preconditions: list[Condition] = []
     warnings: list[str] = []  #: what a reader has to know of how it was measured
+    began: str = ""  #: ISO 8601 in UTC; empty in virtual time, which has no date
 
     def __post_init__(self) -> None:
         judged, _ = _outcome(self.checks, self.reason)

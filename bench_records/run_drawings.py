@@ -6,15 +6,20 @@ import math
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bench_records.curves import Axis, Curve
 from bench_records.layout import Phase
+from bench_records.plot_data import Plot, Trace
 from bench_records.record import Record
-from bench_records.result import Curve
-from bench_records.typography import fixed, scientific
+from bench_records.typography import fixed, primed, scientific, unit
 
 if TYPE_CHECKING:
     from bench_records.report_plots import Line
 
 STRIP_STRETCHES = 400
+#: Beside the first: more are no longer read on paper.
+TABLE_COLUMNS = 8
+#: So finely a reader can zoom into the signals of a run: two points for each of so many stretches.
+FINE = 4000
 #: The kind of event that tells of a limit that tripped.
 TRIP = "trip"
 
@@ -25,16 +30,38 @@ def numbered(phases: list[Phase]) -> list[tuple[str, Phase]]:
     return [(str(next(numbers)) if phase.level else "", phase) for phase in phases]
 
 
-def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) -> list[str]:
+class Drawn(NamedTuple):
+    """A drawing as a picture, and with its numbers, to zoom into."""
+
+    picture: str
+    plot: Plot
+
+
+def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) -> list[Drawn]:
     """A drawing over ``span`` (s) for each quantity: phases of the finest level shaded, the first trip marked."""
     from bench_records.report_plots import time_panel
 
     finest = max((phase.level for phase in phases), default=0)
     shaded = [phase for phase in phases if phase.level == finest]
     trips = [record.time_of(event) for event in record.events if event.kind == TRIP][:1]
+    shades = [(phase.start, phase.end) for phase in shaded[::2]]
     return [
-        time_panel(f"time{index}", quantity, unit, lines, shaded, span, trips)
-        for index, (quantity, unit, lines) in enumerate(lines_by_quantity(record, list(record.signals)))
+        Drawn(
+            time_panel(f"time{index}", quantity, measured_in, lines, shaded, span, trips),
+            Plot("time", quantity, "time, s", unit(measured_in), _fine(lines), shades=shades, marks=trips),
+        )
+        for index, (quantity, measured_in, lines) in enumerate(
+            lines_by_quantity(record, list(record.signals))
+        )
+    ]
+
+
+def _fine(lines: list[Line]) -> list[Trace]:
+    from bench_records.report_plots import envelope, look
+
+    return [
+        Trace(line.label, *look(index, line.label), *envelope(line.times, line.values, FINE))
+        for index, line in enumerate(lines)
     ]
 
 
@@ -89,38 +116,46 @@ def phase_strips(record: Record, phases: list[Phase], span: tuple[float, float])
     return strips("strips", rows, span) if rows else ""
 
 
-class CurveGroup(NamedTuple):
-    """Curves that share a plot, and for sweeps the table of their numbers."""
+class Table(NamedTuple):
+    """Numbers of sweeps over the same points."""
 
-    drawing: str
-    title: str
     columns: list[str]
     rows: list[list[str]]
 
 
-def curve_groups(curves: list[Curve]) -> list[CurveGroup]:
+def curve_plots(curves: list[Curve]) -> list[Drawn]:
     """A plot for each group of curves that share their axes, in the order in which they were kept."""
-    from bench_records.report_plots import curve_panel
+    from bench_records.report_plots import curve_panel, curve_traces, is_over_decades
 
-    groups: dict[tuple[str, Any, Any, str], list[Curve]] = {}
+    groups: dict[tuple[str, Axis, Axis, Any], list[Curve]] = {}
     for one in curves:
         groups.setdefault((one.group or one.name, one.x, one.y, one.kind), []).append(one)
-    return [
-        CurveGroup(curve_panel(f"curve{index}", title, members), title, *_sweep_table(members))
-        for index, ((title, _, _, _), members) in enumerate(groups.items())
-    ]
+    found = []
+    for index, ((title, x, y, kind), members) in enumerate(groups.items()):
+        named, over_decades = primed(title), is_over_decades(members)
+        plot = Plot(kind, named, _titled(x), _titled(y), curve_traces(members), over_decades)
+        found.append(Drawn(curve_panel(f"curve{index}", named, members), plot))
+    return found
 
 
-def _sweep_table(curves: list[Curve]) -> tuple[list[str], list[list[str]]]:
-    """Rows of numbers for sweeps over the same points; loops have too many to print."""
-    if curves[0].kind != "sweep" or any(one.xs != curves[0].xs for one in curves):
-        return [], []
-    x, y = curves[0].x, curves[0].y
-    head = [", ".join(filter(None, [x.label, x.unit]))] + [
-        ", ".join(filter(None, [one.name, y.unit])) for one in curves
-    ]
-    columns = [_column(curves[0].xs, x.scale), *(_column(one.ys, y.scale) for one in curves)]
-    return head, [list(row) for row in zip(*columns, strict=True)]
+def _titled(axis: Axis) -> str:
+    return ", ".join(filter(None, [primed(axis.label), unit(axis.unit)]))
+
+
+def curve_tables(curves: list[Curve]) -> list[Table]:
+    """The numbers of all sweeps, those over the same points beside each other; loops have too many to print."""
+    over: dict[tuple[Axis, tuple[float | None, ...]], list[Curve]] = {}
+    for one in curves:
+        if one.kind == "sweep":
+            over.setdefault((one.x, tuple(one.xs)), []).append(one)
+    tables = []
+    for (x, xs), members in over.items():
+        for first in range(0, len(members), TABLE_COLUMNS):
+            part = members[first : first + TABLE_COLUMNS]
+            columns = [_column(list(xs), x.scale), *(_column(one.ys, one.y.scale) for one in part)]
+            heads = [_titled(x), *(f"{one.name}: {_titled(one.y)}" for one in part)]
+            tables.append(Table(heads, [list(row) for row in zip(*columns, strict=True)]))
+    return tables
 
 
 def _column(numbers: list[float | None], scale: float) -> list[str]:

@@ -86,6 +86,7 @@ def _unfinished(
         reason=reason,
         rig=str(facts.get("rig", "")),
         seed=seed if isinstance(seed, int) else None,
+        began=str(facts.get("date", "")),
         parameters={str(key): str(value) for key, value in dict(facts.get("set") or {}).items()},
         specimen=specimen,
         preconditions=_told(events, "precondition", Condition),

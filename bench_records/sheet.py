@@ -7,6 +7,7 @@ find its place, which took two thirds of a drawing; all that it takes is where i
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -52,6 +53,8 @@ class Sheet:
     def x(self, value: float) -> float:
         """Where a value lies on the horizontal scale, in points."""
         low, high = self.axes.get_xlim()
+        if self.axes.get_xscale() == "log":
+            low, high, value = math.log(low), math.log(high), math.log(value)
         return self.left + (value - low) / (high - low) * (self.right - self.left)
 
     def y(self, value: float) -> float:
@@ -74,6 +77,19 @@ class Sheet:
         weight = "font-weight: 700; " if bold else ""
         look = f"{weight}font-size: {size:g}px; text-anchor: {anchor}; fill: {color}"
         self._words.append(f'<text style="{look}" x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>')
+
+    def mark_scale_without_zero(self) -> None:
+        """Break the vertical scale by a zigzag at the end beyond which its zero lies."""
+        low, high = self.axes.get_ylim()
+        if low <= 0.0 <= high:
+            return
+        y = self.bottom - 9 if low > 0.0 else self.top + 1
+        zigzag = f"M{self.left:.2f} {y:.2f}l-3 2l6 2l-6 2l3 2"
+        ground = f"M{self.left:.2f} {y:.2f}v8"
+        self._words.append(
+            f'<g class="no-zero" fill="none"><title>the scale does not begin at zero</title>'
+            f'<path d="{ground}" stroke="#fff" stroke-width="2"/><path d="{zigzag}" stroke="{SOFT}"/></g>'
+        )
 
     def heading(self, title: str, measured: str) -> None:
         """Set the title on the left above the axes, and on the right what is drawn and its unit."""
@@ -139,6 +155,8 @@ def sheet(margins: Margins) -> Iterator[Sheet]:
         try:
             yield Sheet(figure, axes, margins)
         finally:
+            if axes.get_xscale() != "linear":
+                axes.set_xscale("linear")
             for artist in axes.get_children():
                 if artist not in before:
                     artist.remove()

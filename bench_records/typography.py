@@ -1,12 +1,30 @@
-"""Numbers as a report prints them: thin spaces between thousands, a true minus sign, powers of ten."""
+"""Numbers, units and symbols as a report prints them: thin spaces, true minus signs, powers of ten, kN·s/m, K″."""
 
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 FIGURE_SPACE, PUNCTUATION_SPACE, THIN_SPACE, MINUS = "\u2007", "\u2008", "\u2009", "\u2212"
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+#: Units that are written otherwise than they are typed.
+_UNITS = {"1": "", "deg": "°", "us": "µs"}
+
+
+def unit(name: str) -> str:
+    """A unit as it is printed, ``kN*s/m`` as kN·s/m and ``m2`` as m²; nothing for a pure number."""
+    if name in _UNITS:
+        return _UNITS[name]
+    powers = re.sub(r"(?<=[A-Za-z])-?[23]\b", lambda m: m[0].translate(SUPERSCRIPT), name)
+    return powers.replace("*", "·")
+
+
+def primed(text: str) -> str:
+    """A text with the primes of its symbols set: one behind a capital as ′, two as ″."""
+    return re.sub(r"\b([A-Z])(\'{1,2})(?![\w\'])", lambda m: m[1] + ("′" if len(m[2]) == 1 else "″"), text)
 
 
 def seconds(value: float) -> str:
@@ -49,3 +67,30 @@ def plain(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(plain(one) for one in value)
     return str(value)
+
+
+def with_uncertainty(value: float, half: float) -> tuple[str, str]:
+    """A value and what it may be off by, written to the same digit: the first of ``half``, two if that is below 35.
+
+    Both are in the same power of ten where they are far from 1; without a known ``half`` the value has four digits.
+    """
+    if not math.isfinite(half) or half <= 0.0 or not math.isfinite(value):
+        return significant(value, 4), "\u2013"
+    place = math.floor(math.log10(half))
+    last = place - (half / 10.0**place < 3.5)
+    if last >= -6 and max(abs(value), half) < 1e7:
+        return fixed(value, max(0, -last)), fixed(half, max(0, -last))
+    power = math.floor(math.log10(max(abs(value), half)))
+    mantissas = (fixed(number / 10.0**power, max(0, power - last)) for number in (value, half))
+    first, second = (f"{mantissa}·10{str(power).translate(SUPERSCRIPT)}" for mantissa in mantissas)
+    return first, second
+
+
+def significant(value: float, digits: int) -> str:
+    """A number in so many significant digits, far from 1 as a power of ten; a dash where there is none."""
+    if not math.isfinite(value):
+        return "\u2013"
+    if value == 0.0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    return fixed(value, max(digits - 1 - exponent, 0)) if -4 < exponent < 6 else scientific(value, digits - 1)

@@ -102,7 +102,7 @@ def crosswind_gust(
 
 def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> None:
     """Check what the springs did ``at`` times since the wind began (s), and keep it."""
-    from bench_records.result import Axis
+    from bench_records.curves import Axis
 
     limits = run.specimen.load(load).limits
     names = {

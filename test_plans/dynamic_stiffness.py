@@ -1,18 +1,20 @@
 """Dynamic stiffness: K', K'' and loss angle of the springs over frequency and over amplitude, vertically."""
 
 from cmath import phase
+from collections.abc import Mapping
 from typing import Final, Literal
 
 from bench_protocol.units import Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.fittings import leave_connected
+from test_plans.loads import Band
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
 from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.shaking import check_band
-from test_plans.tables import AMPLITUDE, FREQUENCY, STORAGE, keep
+from test_plans.tables import AMPLITUDE, FREQUENCY, LOSS, STORAGE, TANGENT, Quantity, keep
 from test_plans.uncertainty import Measured
 from test_plans.waves import Values, shake, vertical_stiffness
 
@@ -20,7 +22,6 @@ from test_plans.waves import Values, shake, vertical_stiffness
 OF_FREQUENCIES: Final = 5 * mm
 OF_AMPLITUDES: Final = 1 * Hz
 LEAD: Final = 2 * s
-LOSS: Final = ("stiffness K''", "kN/m")
 ANGLE: Final = ("loss angle", "deg")
 
 
@@ -48,8 +49,8 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     run.bench.wait(COOL)
     steps.lock_the_air(run)
 
-    over_frequency = []
-    for frequency, storage, loss in run.specimen.load(load).sweep("vertical"):
+    over_frequency, sweep = [], list(run.specimen.load(load).sweep("vertical"))
+    for frequency, storage, loss in sweep:
         K, found = _sine(run, frequency, OF_FREQUENCIES)
         check_band(run, f"K' at {frequency:g} Hz", found[0], "kN/m", storage)
         check_band(run, f"c at {frequency:g} Hz", found[1], "kN*s/m", loss)
@@ -61,7 +62,10 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         check_band(run, f"K' at {amplitude / mm:g} mm", found[0], "kN/m", stiffness[amplitude])
         check_band(run, f"c at {amplitude / mm:g} mm", found[1], "kN*s/m", damping[amplitude])
         over_amplitude.append(K)
-    _keep(run, load, over_frequency, over_amplitude)
+    of_frequency = {STORAGE: [band for _, band, _ in sweep], ANGLE: [angles[place] for place, _, _ in sweep]}
+    _keep(run, load, FREQUENCY, [K.frequency for K in over_frequency], over_frequency, of_frequency)
+    of_amplitude = {STORAGE: list(stiffness.values())}
+    _keep(run, load, AMPLITUDE, [K.amplitude for K in over_amplitude], over_amplitude, of_amplitude)
 
 
 def _sine(run: Run, frequency: float, amplitude: float) -> tuple[Stiffness, tuple[Measured, ...]]:
@@ -78,14 +82,19 @@ def _sine(run: Run, frequency: float, amplitude: float) -> tuple[Stiffness, tupl
     return vertical_stiffness(times, values, frequency), run.measure(found, values)
 
 
-def _keep(run: Run, load: str, over_frequency: list[Stiffness], over_amplitude: list[Stiffness]) -> None:
-    for over, found, places in (
-        (FREQUENCY, over_frequency, [K.frequency for K in over_frequency]),
-        (AMPLITUDE, over_amplitude, [K.amplitude for K in over_amplitude]),
+def _keep(
+    run: Run,
+    load: str,
+    over: Quantity,
+    places: list[float],
+    found: list[Stiffness],
+    limits: Mapping[Quantity, list[Band]],
+) -> None:
+    for quantity, ys in (
+        (STORAGE, [K.storage for K in found]),
+        (LOSS, [K.loss for K in found]),
+        (ANGLE, [phase(K.value) for K in found]),
+        (TANGENT, [K.loss / K.storage for K in found]),
     ):
-        for quantity, ys in (
-            (STORAGE, [K.storage for K in found]),
-            (LOSS, [K.value.imag for K in found]),
-            (ANGLE, [phase(K.value) for K in found]),
-        ):
-            keep(run, load, f"Vertical {quantity[0]} over {over[0]}", over, quantity, places, ys)
+        group = f"Vertical {quantity[0]} over {over[0]}"
+        keep(run, load, group, over, quantity, places, ys, limits.get(quantity, ()))

@@ -103,14 +103,15 @@ def execute(
     reason = _reason(run, first, last, left, strangers)
     if last and not reason:  # the product failed all the same, but whoever goes on has to know
         run.warnings.append("; ".join(filter(None, (f"{IN_TEAR_DOWN}{last}", left))))
-    result = _concluded(run, plan, reason, rig=rig, seed=seed, timing=punctuality)
+    began = str(facts.get("date", ""))
+    result = _concluded(run, plan, reason, began, rig=rig, seed=seed, timing=punctuality)
     _write(result, incident, directory)
     if interrupted:
         raise KeyboardInterrupt(left)
     return result
 
 
-def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
+def _concluded(run: Run, plan: Plan, reason: str, began: str, **rest: Any) -> Result:
     """Return the result of a run that is over."""
     from bench_records.layout import phases_of
     from bench_records.result import Sample, conclude
@@ -125,6 +126,7 @@ def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
         phases=phases_of(run.phases, run.start, run.now),
         parameters=plan.written,
         specimen=Sample(**run.specimen.facts),
+        began=began,
         preconditions=run.preconditions,
         warnings=run.warnings,
         **rest,

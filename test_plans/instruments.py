@@ -100,9 +100,25 @@ class Instruments:
         return [one for one in found if one]
 
     @property
-    def facts(self) -> dict[str, str]:
-        """What a record says of them."""
-        return {"file": self.file, "sha256": self.sha256} if self.file else {}
+    def facts(self) -> dict[str, Any]:
+        """What a record says of them: the file, and of each piece which reading it gives and its calibration."""
+        if not self.file:
+            return {}
+        return {
+            "file": self.file,
+            "sha256": self.sha256,
+            "pieces": [
+                {
+                    "signal": piece.signal,
+                    "type": piece.instrument.type,
+                    "serial_number": piece.serial_number,
+                    "certificate": piece.certificate,
+                    "calibrated": piece.calibrated.isoformat() if piece.calibrated else "",
+                    "due": piece.due.isoformat() if piece.due else "",
+                }
+                for piece in self.pieces.values()
+            ],
+        }
 
 
 #: Those of a rig of which nobody has said any.

@@ -16,9 +16,11 @@ from test_plans.suspension import HOLD_WITHIN, Suspension
 from test_plans.uncertainty import Evaluation, Measured, Readings, measured
 
 if TYPE_CHECKING:
+    from bench_records.curves import Axis, Curve
     from bench_records.layout import Condition, RecordedEvent
-    from bench_records.result import Axis, Check, Curve
+    from bench_records.result import Check
     from drivers.bench import Bench
+    from test_plans.loads import Band
 
 
 class PlanError(Exception):
@@ -155,6 +157,7 @@ class Run:
             u=found.u,
             even=found.even,
             parts=found.parts,
+            at=(self.now - self.start) / NS,
         )
         self._judged(one)
         return one.passed
@@ -278,17 +281,26 @@ class Run:
         self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
     ) -> None:
         """Keep a closed curve of ``ys`` over ``xs`` (SI) for the report."""
-        from bench_records.result import curve
+        from bench_records.curves import curve
 
         self.curves.append(curve(name, x, y, xs, ys, kind="loop", group=group))
 
     def curve(
-        self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
+        self,
+        name: str,
+        x: Axis,
+        y: Axis,
+        xs: Iterable[float],
+        ys: Iterable[float],
+        *,
+        group: str = "",
+        limits: Iterable[Band] = (),
     ) -> None:
-        """Keep a table of few ``ys`` over ``xs`` (SI) for the report."""
-        from bench_records.result import curve
+        """Keep a table of few ``ys`` over ``xs`` (SI) for the report, with the ``limits`` of each point, if any."""
+        from bench_records.curves import curve
 
-        self.curves.append(curve(name, x, y, xs, ys, kind="sweep", group=group))
+        pairs = [(band.low, band.high) for band in limits]
+        self.curves.append(curve(name, x, y, xs, ys, kind="sweep", group=group, limits=pairs))
 
     def say(self, text: str) -> None:
         """Tell whoever watches, and the record, what is going on."""

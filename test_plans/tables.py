@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.units import FACTORS
 
 if TYPE_CHECKING:
-    from bench_records.result import Axis
+    from bench_records.curves import Axis
+    from test_plans.loads import Band
     from test_plans.run import Run
 
 
 def _axis(label: str, unit: str) -> Axis:
-    from bench_records.result import Axis
+    from bench_records.curves import Axis
 
     return Axis(label, "" if unit == "1" else unit, FACTORS.get(unit, 1.0))
 
@@ -30,6 +31,8 @@ HEIGHT: Final = ("height", "mm")
 ROLL: Final = ("roll angle", "rad")
 AMPLITUDE: Final = ("amplitude", "mm")
 STORAGE: Final = ("stiffness K'", "kN/m")
+LOSS: Final = ("stiffness K''", "kN/m")
+TANGENT: Final = ("tan δ", "1")
 MAGNITUDE: Final = ("stiffness |K|", "kN/m")
 SECANT: Final = ("secant stiffness", "kN/m")
 DAMPING: Final = ("damping c", "kN*s/m")
@@ -39,7 +42,14 @@ TEMPERATURE: Final = ("temperature", "K")
 
 
 def keep(
-    run: Run, name: str, group: str, x: Quantity, y: Quantity, xs: Sequence[float], ys: Sequence[float]
+    run: Run,
+    name: str,
+    group: str,
+    x: Quantity,
+    y: Quantity,
+    xs: Sequence[float],
+    ys: Sequence[float],
+    limits: Iterable[Band] = (),
 ) -> None:
-    """Keep ``ys`` over ``xs`` (SI) as one curve of the plot ``group``."""
-    run.curve(name, _axis(*x), _axis(*y), xs, ys, group=group)
+    """Keep ``ys`` over ``xs`` (SI) as one curve of the plot ``group``, with the ``limits`` of each point, if any."""
+    run.curve(name, _axis(*x), _axis(*y), xs, ys, group=group, limits=limits)

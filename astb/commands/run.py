@@ -35,6 +35,12 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
     default="",
     help="Who runs this, for record and report; else ASTB_OPERATOR of the environment.",
 )
+@click.option(
+    "--ambient",
+    envvar="ASTB_AMBIENT",
+    default="",
+    help='The surroundings, such as "21 °C, 1013 hPa", for record and report; else ASTB_AMBIENT of the environment.',
+)
 def run_command(
     plans: tuple[str, ...],
     rig_path: Path | None,
@@ -49,6 +55,7 @@ def run_command(
     values_path: Path | None,
     keep_frames: bool,
     run_by: str,
+    ambient: str,
     out: Path,
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
@@ -83,7 +90,7 @@ def run_command(
             out=out,
             specimen=specimen,
             operator=operator_for(answers, get_console()),
-            keeping=Keeping(run_by, keep_frames),
+            keeping=Keeping(run_by, ambient, keep_frames),
         )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)

@@ -17,7 +17,7 @@ from test_plans.loads import Load
 from test_plans.tables import DAMPING, STORAGE
 
 if TYPE_CHECKING:
-    from bench_records.result import Curve
+    from bench_records.curves import Curve
 
 
 @dataclass(frozen=True, slots=True)

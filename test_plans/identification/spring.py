@@ -15,7 +15,7 @@ from test_plans.loads import AW0, AW3
 from test_plans.specimen import Specimen, ordinary
 
 if TYPE_CHECKING:
-    from bench_records.result import Curve
+    from bench_records.curves import Curve
 
 FITTED: Final = ("effective_area", "bellows_volume", "membrane_length", "membrane_length_slope")
 FITTED_LATERAL: Final = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -21,6 +21,7 @@ from test_plans.analysis import (
 )
 from test_plans.loads import Band
 from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.tables import DAMPING, FREQUENCY, LOSS, STORAGE, TANGENT, keep
 from test_plans.uncertainty import Measured
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ def check_stiffness(
 
 def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:
     """Keep force over displacement, both about their means, for the report."""
-    from bench_records.result import Axis
+    from bench_records.curves import Axis
 
     run.loop(
         name,
@@ -142,20 +143,16 @@ def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -
     )
 
 
-def keep_sweep(run: Run, name: str, direction: str, found: list[Stiffness]) -> None:
-    """Keep stiffness and damping over frequency for the report."""
-    from bench_records.result import Axis
-
+def keep_sweep(
+    run: Run, name: str, direction: str, found: list[Stiffness], sweep: Sequence[tuple[float, Band, Band]]
+) -> None:
+    """Keep K', K'', c and tan δ over frequency for the report, the first and the third with the limits of ``sweep``."""
     frequencies = [one.frequency for one in found]
-    for what, unit, values in (
-        ("stiffness K'", "kN/m", [one.storage for one in found]),
-        ("damping c", "kN*s/m", [one.damping for one in found]),
+    for quantity, values, limits in (
+        (STORAGE, [one.storage for one in found], [storage for _, storage, _ in sweep]),
+        (LOSS, [one.loss for one in found], ()),
+        (DAMPING, [one.damping for one in found], [damping for _, _, damping in sweep]),
+        (TANGENT, [one.loss / one.storage for one in found], ()),
     ):
-        run.curve(
-            name,
-            Axis("frequency", "Hz"),
-            Axis(what, unit, kN),
-            frequencies,
-            values,
-            group=f"{direction.capitalize()} {what}",
-        )
+        group = f"{direction.capitalize()} {quantity[0]}"
+        keep(run, name, group, FREQUENCY, quantity, frequencies, values, limits)

@@ -84,7 +84,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
             if balanced and frequency == highest:
                 _check_balance(run, balance, times, values, frequency)
     for side in sides:
-        keep_sweep(run, f"{side} spring", "vertical", found[side])
+        keep_sweep(run, f"{side} spring", "vertical", found[side], sweep)
 
 
 def _names(what: str, frequencies: Sequence[float]) -> list[str]:
@@ -148,4 +148,4 @@ def lateral_sweep(run: Run, load: Load) -> None:
             motion, force = lateral_motion(values)
             one = times < times[0] + 1 / frequency
             keep_loop(run, f"{frequency:g} Hz", "lateral", motion[one], force[one])
-    keep_sweep(run, "pair", "lateral", found)
+    keep_sweep(run, "pair", "lateral", found, sweep)

@@ -17,7 +17,7 @@ from astb.cli import commands
 from astb.exit_codes import BLOCKED, MISUSE
 from bench_protocol.clock import RealClock
 from bench_protocol.units import bar, mm, ms
-from bench_records.result import Axis, curve
+from bench_records.curves import Axis, curve
 from paper_study import page, plant_curves, sensitivity, study
 from paper_study.bench_results import BenchResults, NoBenchResult, Points
 from paper_study.checks.catalogue import CHECKS

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench_records.curves import Axis, curve
 from bench_records.layout import Phase, SignalInfo
 from bench_records.recorder import Recorder
-from bench_records.result import Axis, Result, Timing, check, conclude, curve
+from bench_records.result import Result, Timing, check, conclude
 
 BAR, MM, KN, KELVIN = 1e5, 1e-3, 1e3, 1.0
 STATES = {

@@ -70,3 +70,13 @@ def test_the_file_is_the_same_each_time(tmp_path: Path, passed_run: Path) -> Non
     first = write_junit(read_result(passed_run), tmp_path).read_bytes()
     assert write_junit(read_result(passed_run), tmp_path).read_bytes() == first
     assert first.startswith(b"<?xml version='1.0' encoding='utf-8'?>")
+
+
+def test_times_are_those_of_the_run_and_only_real_time_has_a_date() -> None:
+    checks = [check("a", 1, high=2, at=10.0), check("b", 1, high=2, at=10.0), check("c", 1, high=2, at=90.5)]
+    result = conclude("aw0", "", "", checks, phases=[Phase("main", 0.0, 100.0)], began="2026-11-22T21:33:05Z")
+    suite = ET.fromstring(junit(result))[0]
+    assert suite.get("timestamp") == "2026-11-22T21:33:05"
+    times = {case.get("name"): float(case.get("time")) for case in suite.iter("testcase")}
+    assert times == {"run": 9.5, "a": 10.0, "b": 0.0, "c": 80.5}
+    assert ET.fromstring(junit(conclude("aw0", "", "", checks)))[0].get("timestamp") is None

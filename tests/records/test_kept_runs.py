@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from bench_records.comparison import compare_runs
+from bench_records.curves import Axis, curve
 from bench_records.index import KeptCheck, KeptRun
 from bench_records.kept_pages import comparison_row, trend_words, write_comparison, write_trend
-from bench_records.result import Axis, check, conclude, curve, unavailable
+from bench_records.result import check, conclude, unavailable
 from bench_records.trend import trend_of
 
 

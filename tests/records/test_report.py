@@ -88,19 +88,12 @@ def test_every_check_with_its_limits_and_verdict(failed_run: Path, failed_page: 
     text = Page(failed_page).text.replace("\u2007", "").replace("\u2008", "")
     text = " ".join(text.split())
     for row in check_rows(read_result(failed_run).checks):
-        cells = [
-            row.check.name,
-            row.check.phase,
-            row.check.note,
-            row.value,
-            row.low,
-            row.high,
-            row.check.unit,
-        ]
+        cells = [row.name, row.value, row.low, row.high, row.unit]
         pattern = r"\s*(?:–\s*)?".join(
             re.escape(cell.strip("\u2007\u2008")) for cell in cells if cell.strip("\u2007\u2008")
         )
-        assert re.search(pattern + rf"\s*{re.escape(row.sign)}\s*{row.check.verdict}", text), row.check.name
+        shown = re.search(pattern + rf"\s*{re.escape(row.sign)}\s*{row.check.verdict} (.*)", text)
+        assert shown and shown[1].startswith("; ".join(filter(None, [row.check.phase, row.check.note])))
 
 
 def test_verdict_instruction_phases_events_and_origin(failed_run: Path, failed_page: str) -> None:
@@ -132,22 +125,22 @@ def test_what_tripped_first_is_told_first(failed_page: str, passed_page: str) ->
     )
     assert "Pressures (gauge) around the trip" in text
     assert "First out" not in passed_page
-    panels = [
-        part
-        for part in re.findall(r"<svg class=\"plot\".*?</svg>", failed_page, re.DOTALL)
-        if 'id="time' in part
-    ]
-    assert len(panels) == 6
+    panels, calm = (
+        [svg for svg in re.findall(r"<svg class=\"plot\".*?</svg>", page, re.DOTALL) if 'id="time' in svg]
+        for page in (failed_page, passed_page)
+    )
+    assert len(panels) == len(calm) == 6
     assert all(ALARM in panel for panel in panels)
-    assert ALARM not in passed_page
+    assert not any(ALARM in panel for panel in calm)
 
 
 def test_the_page_stands_alone_and_is_small(passed_page: str, failed_page: str) -> None:
     for source in (passed_page, failed_page):
         page = Page(source)
-        assert "<script" not in source
         assert "@import" not in source
-        assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", source)
+        assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", source).replace(
+            "https://github.com/leeoniya/uPlot", ""
+        )
         for _, name, value in page.attributes:
             if name in {"src", "href", "xlink:href"}:
                 assert value is not None
@@ -263,7 +256,7 @@ def test_texts_of_others_stay_texts(tmp_path: Path) -> None:
     conclude(evil, evil, evil, [check(evil, 1.0, evil, low=0, note=evil)], rig=evil).write(tmp_path)
     source = write_report(tmp_path).read_text(encoding="utf-8")
     page = Page(source)
-    assert "<script" not in source
+    assert "<script>alert" not in source
     assert html.escape(evil, quote=False).split(" &")[0].split("(")[0] in source
     assert page.text.count("{{ 7*7 }}") >= 10
     assert page.text.count("$a_b$") >= 10  # no mathematics typeset by accident

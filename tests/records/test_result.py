@@ -9,16 +9,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from bench_records.curves import Axis, curve
 from bench_records.layout import Phase, RecordError
 from bench_records.result import (
-    Axis,
     CheckVerdict,
     Outcome,
     Result,
     Timing,
     check,
     conclude,
-    curve,
     judge,
     read_result,
     unavailable,

@@ -1,0 +1,46 @@
+"""Which state of this software runs: its commit, where that can be known."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+_WITHIN: Final = 5.0  # s
+_HOME: Final = Path(__file__).resolve().parents[1]
+
+
+@cache
+def commit() -> str:
+    """Return the commit of the software, with "+ changes" if files differ from it; "" where nobody knows.
+
+    A checkout is asked itself; what pip installed from a repository tells where it came from.
+    """
+    if (_HOME / ".git").exists():
+        revision = _git("rev-parse", "HEAD")
+        changed = revision and _git("status", "--porcelain", "--untracked-files=no")
+        return f"{revision[:12]} + changes" if changed else revision[:12]
+    try:
+        source = metadata.distribution("astb").read_text("direct_url.json")
+    except metadata.PackageNotFoundError:
+        return ""
+    told = json.loads(source or "{}").get("vcs_info", {})
+    return str(told.get("commit_id", ""))[:12]
+
+
+def _git(*arguments: str) -> str:
+    """What git says, "" if it says nothing: without git, or in a folder that is another user's."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(_HOME), "--no-optional-locks", *arguments],
+            capture_output=True,
+            text=True,
+            timeout=_WITHIN,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,66 @@
+"""Curves of a result: a series over another one, with its axes and, where points are judged, their limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Literal
+
+import msgspec
+
+
+class Axis(msgspec.Struct, frozen=True):
+    """What stands along one side of a plot."""
+
+    label: str
+    unit: str = ""
+    scale: float = 1.0
+
+
+class Curve(msgspec.Struct, frozen=True, kw_only=True):
+    """A named series y over x, in SI: a ``loop`` runs through its points, a ``sweep`` is a table with few of them.
+
+    Curves of one ``group`` share a plot, and a group of sweeps also a table.
+    """
+
+    name: str
+    x: Axis
+    y: Axis
+    xs: list[float | None]
+    ys: list[float | None]
+    kind: Literal["loop", "sweep"] = "loop"
+    group: str = ""
+    lows: list[float | None] = []  #: the limits of each point of a sweep, where it has some (SI)
+    highs: list[float | None] = []
+
+    def __post_init__(self) -> None:
+        if len(self.xs) != len(self.ys):
+            raise ValueError(
+                f"curve {self.name!r} has {len(self.xs)} x and {len(self.ys)} y; it needs as many of each"
+            )
+        if not {len(self.lows), len(self.highs)} <= {0, len(self.xs)}:
+            raise ValueError(
+                f"curve {self.name!r} has {len(self.lows)} low and {len(self.highs)} high limits for {len(self.xs)} "
+                "points; each point has one, or none has"
+            )
+
+
+def curve(
+    name: str,
+    x: Axis,
+    y: Axis,
+    xs: Iterable[float],
+    ys: Iterable[float],
+    *,
+    kind: Literal["loop", "sweep"] = "loop",
+    group: str = "",
+    limits: Iterable[tuple[float | None, float | None]] = (),
+) -> Curve:
+    """A curve from any two series of numbers (arrays included); what is no number becomes a gap.
+
+    ``limits`` are low and high of each point.
+    """
+    clean_x, clean_y = ([float(n) if math.isfinite(n) else None for n in series] for series in (xs, ys))
+    pairs = list(limits)
+    lows, highs = [low for low, _ in pairs], [high for _, high in pairs]
+    return Curve(name=name, x=x, y=y, xs=clean_x, ys=clean_y, kind=kind, group=group, lows=lows, highs=highs)

@@ -1,0 +1,106 @@
+"""The numbers behind the drawings of a report, packed for its script: what a reader zooms into and points at.
+
+Each series of numbers is written once, in steps of a 65534th of its range; all of them together are deflated. A run of
+any length has so many points at most that the page stays one that a stick or a mail carries.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
+
+ASSETS: Final = Path(__file__).parent / "assets"
+#: Steps of a range, and what stands for a gap.
+STEPS: Final = 65534
+GAP: Final = 65535
+
+
+class Trace(NamedTuple):
+    """One line of a plot, in the units of its axes."""
+
+    label: str
+    color: str
+    dash: tuple[float, ...]
+    xs: Numbers
+    ys: Numbers
+
+
+class Plot(NamedTuple):
+    """A drawing as the script makes it: *time* panels zoom together, *sweep* has few points, *loop* closes."""
+
+    kind: Literal["time", "sweep", "loop"]
+    title: str
+    x: str
+    y: str
+    traces: Sequence[Trace]
+    logarithmic: bool = False
+    shades: Sequence[tuple[float, float]] = ()
+    marks: Sequence[float] = ()
+
+
+class PlotData:
+    """The plots of a page."""
+
+    def __init__(self) -> None:
+        self._plots: list[dict[str, Any]] = []
+        self._parts: list[bytes] = []
+        self._known: dict[bytes, list[float]] = {}
+        self._count = 0
+
+    def add(self, plot: Plot) -> int:
+        """Take a plot; return the number under which the script finds it."""
+        told = plot._asdict()
+        told["traces"] = [
+            {
+                "label": one.label,
+                "color": one.color,
+                "dash": one.dash,
+                "x": self._place(one.xs),
+                "y": self._place(one.ys),
+            }
+            for one in plot.traces
+        ]
+        self._plots.append(told)
+        return len(self._plots) - 1
+
+    def _place(self, numbers: Numbers) -> list[float]:
+        """Keep a series of numbers; return where it begins, how many they are, and their range."""
+        import numpy as np
+
+        key = numbers.tobytes()
+        if key not in self._known:
+            finite = numbers[np.isfinite(numbers)]
+            low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+            scaled = (numbers - low) * (STEPS / (high - low) if high > low else 0.0)
+            steps = np.where(np.isfinite(scaled), np.rint(np.nan_to_num(scaled)), GAP).astype("<u2")
+            self._parts.append(steps.tobytes())
+            self._known[key] = [self._count, numbers.size, low, high]
+            self._count += numbers.size
+        return self._known[key]
+
+    @property
+    def told(self) -> str:
+        """What the script is told of each plot, as JSON that cannot end the element in which it stands."""
+        return json.dumps(self._plots, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+
+    @property
+    def packed(self) -> str:
+        """All numbers: 16 bits each, the low byte first, deflated, in base 64."""
+        return base64.b64encode(zlib.compress(b"".join(self._parts), 6)).decode("ascii")
+
+
+@cache
+def asset(name: str) -> str:
+    """A file that travels within the page."""
+    return (ASSETS / name).read_text(encoding="utf-8")

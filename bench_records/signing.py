@@ -1,0 +1,103 @@
+"""What makes a report fit to be signed: who measured what, when, where and with which instruments, on which files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from bench_records.checksums import sha256_of
+from bench_records.layout import PARQUET, RESULT
+from bench_records.record import Record
+from bench_records.result import Result
+from bench_records.typography import THIN_SPACE, plain, seconds
+
+#: Who signs, and what for.
+ROLES: Final = ("tested by", "checked by", "approved by")
+#: Of a checksum so much names a record at the foot of every page.
+SHORT: Final = 12
+
+
+class Entry(NamedTuple):
+    """One fact of the head; without a text, a line to write it on."""
+
+    name: str
+    text: str
+
+
+class Instrument(NamedTuple):
+    """A piece of equipment and the readings that it gave."""
+
+    readings: str
+    type: str
+    serial_number: str
+    certificate: str
+    calibrated: str
+    due: str
+
+
+def identification(record: Record, result: Result, duration: float) -> list[Entry]:
+    """What a report says first: what every run has to tell, even if it is empty, and what this one has beside it."""
+    meta, specimen = record.meta, result.specimen
+    virtual = meta.get("time") == "virtual"
+    entries = [
+        Entry("date", "virtual time, without a date" if virtual else _date(str(meta.get("date", "")))),
+        Entry("operator", str(meta.get("operator", ""))),
+        Entry("specimen", specimen.type if specimen else ""),
+        Entry("serial number", specimen.serial_number if specimen else ""),
+        Entry("drawing", specimen.drawing if specimen else ""),
+        Entry("ambient", str(meta.get("ambient", ""))),
+    ]
+    timing = result.timing
+    more = {
+        "rig": result.rig,
+        "parameter set": _named(meta.get("parameters")),
+        **{f"{name.replace('_', ' ')}": text for name, text in result.parameters.items()},
+        "software": ", commit ".join(filter(None, (_version(meta), str(meta.get("commit", ""))))),
+        "duration": seconds(duration),
+        "samples": f"{len(record):,}".replace(",", THIN_SPACE),
+        "seed": "" if result.seed is None else str(result.seed),
+        "late ticks": str(timing.late) if timing and timing.max is not None else "",
+    }
+    return entries + [Entry(name, text) for name, text in more.items() if text]
+
+
+def instruments_of(meta: Mapping[str, Any]) -> list[Instrument]:
+    """The instruments of a run, each once with all its readings."""
+    told = meta.get("instruments", {})
+    found: dict[tuple[str, ...], list[str]] = {}
+    for piece in told.get("pieces", ()) if isinstance(told, dict) else ():
+        key = tuple(
+            str(piece.get(name, "")) for name in ("type", "serial_number", "certificate", "calibrated", "due")
+        )
+        found.setdefault(key, []).append(str(piece.get("signal", "")).replace(".", " ").replace("_", " "))
+    return [Instrument(", ".join(readings), *key) for key, readings in found.items()]
+
+
+def files_of(directory: Path) -> list[tuple[str, str]]:
+    """The files that a report is made of, with their checksums."""
+    return [(name, sha256_of(directory / name)) for name in (PARQUET, RESULT) if (directory / name).exists()]
+
+
+def footing(result: Result, files: list[tuple[str, str]]) -> str:
+    """What stands at the foot of every printed page, as the content of a style sheet's string.
+
+    Everything but letters and figures is written by its number, so that no text can end the string.
+    """
+    record = next((f"record {checksum[:SHORT]}" for name, checksum in files if name == PARQUET), "")
+    serial = f"no. {result.specimen.serial_number}" if result.specimen else ""
+    text = "  ·  ".join(filter(None, (result.plan, serial, record)))
+    return "".join(one if one.isascii() and one.isalnum() else f"\\{ord(one):x} " for one in text)
+
+
+def _date(text: str) -> str:
+    return text.replace("T", " ").replace("Z", " UTC")
+
+
+def _named(parameters: Any) -> str:
+    return str(parameters.get("name", "")) if isinstance(parameters, dict) else ""
+
+
+def _version(meta: Mapping[str, Any]) -> str:
+    versions = meta.get("versions", {})
+    return f"astb {plain(versions['astb'])}" if isinstance(versions, dict) and "astb" in versions else ""
