@@ -97,6 +97,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     u: float | None = None  #: standard uncertainty, SI
     even: float = 0.0  #: as much of it as is evenly distributed
     parts: dict[str, float] = {}  #: what it is made of: standard uncertainty by cause
+    without: str = ""  #: why it has no uncertainty
     conformity: float | None = None  #: the probability of lying within the limits
     at: float | None = None  #: when it was judged, in seconds since the record began
 
@@ -154,7 +155,8 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
         else:
             limits = f"{_shown(self.low, self.scale)} to {high}"
         if self.u is None or math.isnan(self.number):
-            return f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
+            told = f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
+            return f"{told}; no uncertainty: {self.without}" if self.without else told
         value, expanded = self.written
         told = f"{self.name} = {f'{value} ± {expanded} {self.unit}'.rstrip()} (k = {self.k:.3g}; {limits})"
         return f"{told}: {self.verdict}, conforms with {percent(self.conformity or 0.0)}"
@@ -183,8 +185,9 @@ def check(
     even: float = 0.0,
     parts: Mapping[str, float] | None = None,
     at: float | None = None,
+    without: str = "",
 ) -> Check:
-    """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, if that is known.
+    """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, ``without`` why it has none.
 
     Raises ``ValueError`` for a check that could not fail or could not pass: no limit at all, limits that are not
     finite or stand the wrong way round, a margin outside 0 to 0.5.
@@ -209,6 +212,7 @@ def check(
         even=float(even) if u else 0.0,
         parts=dict(parts or {}) if u else {},
         at=at,
+        without=without if u is None else "",
     )
 
 

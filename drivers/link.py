@@ -231,6 +231,7 @@ class Link:
             if good.size == 0:
                 raise Stale(f"no sample of {name} came within {over:g} s: {self.readings.show(name)}")
             means[name] = float(good.mean())
+            self.receiver.rates[name] = good.size / over
         return means
 
     def take_over(self, names: Sequence[str]) -> None:

@@ -36,6 +36,8 @@ class Receiver:
         self._captures: tuple[Capture, ...] = ()
         self.sink: Sink | None = None
         self.failure: Exception | None = None  #: what the sink raised, if it did; it is not called again
+        #: Hz, by signal: how often it came in the last capture that was aligned or averaged.
+        self.rates: dict[str, float] = {}
 
     def hear(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
         """Take samples in order of arrival, ``fresh`` from the time (ns) that it tells of each or of all."""
@@ -132,6 +134,9 @@ class Capture:
         last = min(times[-1] for times, _ in series.values())
         # Half a nanosecond of slack: a grid that ends exactly on the last sample includes it.
         grid = first + np.arange(max(0, int((last - first + 0.5e-9) * rate) + 1)) / rate
+        for name, (times, _) in series.items():
+            if times.size > 1 and times[-1] > times[0]:
+                self._receiver.rates[name] = float((times.size - 1) / (times[-1] - times[0]))
         return grid, {name: self._at(name, grid, *series[name]) for name in self.names}
 
     def _at(self, name: str, grid: Floats, times: Floats, values: Floats) -> Floats:

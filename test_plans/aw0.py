@@ -4,10 +4,16 @@ from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW0
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 
 
-@plan(setup=steps.carry(AW0), needs=steps.CARRYING, lasts=90 * s)
+@plan(
+    setup=steps.carry(AW0),
+    needs=steps.CARRYING,
+    lasts=90 * s,
+    requires=on_the_bench(AW0),
+)
 def aw0(run: Run) -> None:
     """AW0: the empty car, 53.5 kN on each spring.
 

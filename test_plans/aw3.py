@@ -4,10 +4,16 @@ from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW3
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 
 
-@plan(setup=steps.carry(AW3), needs=steps.CARRYING, lasts=100 * s)
+@plan(
+    setup=steps.carry(AW3),
+    needs=steps.CARRYING,
+    lasts=100 * s,
+    requires=on_the_bench(AW3),
+)
 def aw3(run: Run) -> None:
     """AW3: the full car, 145 kN on each spring.
 

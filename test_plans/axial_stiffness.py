@@ -13,6 +13,7 @@ from test_plans.analysis import straight_line
 from test_plans.fittings import leave_connected
 from test_plans.plan import plan
 from test_plans.poses import COOL, Home, go_home, restore_the_air
+from test_plans.preconditions import on_the_bench
 from test_plans.readings import CELLS_UNDER, PRESSURES, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.air import AVERAGED
@@ -31,6 +32,7 @@ STAIR_WAIT: Final = 3 * s
     needs=(*steps.CARRYING, *VERTICAL_CELLS, *PRESSURES, "air.left_reservoir", "air.right_reservoir"),
     teardown=leave_connected,
     lasts=140 * s,
+    requires=on_the_bench("load"),
 )
 def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Axial stiffness of each spring, in the three ways of EN 13597.

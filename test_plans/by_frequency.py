@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -26,10 +26,12 @@ from test_plans.loads import Load
 from test_plans.poses import COOL, go_home
 from test_plans.readings import BELLOWS_TEMPERATURES
 from test_plans.tables import AMPLITUDE, DAMPING, FREQUENCY, MAGNITUDE, STORAGE, TEMPERATURE, keep
-from test_plans.waves import lateral_stiffness, shake, vertical_stiffness
+from test_plans.uncertainty import EVEN
+from test_plans.waves import Sine, lateral_stiffness, measure_sines, shake, vertical_stiffness
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+    from test_plans.uncertainty import Measured
 
 SWEEP_AMPLITUDE: Final = 5 * mm
 #: Below, heat lost to the walls makes c = K''/ω grow without end.
@@ -119,6 +121,7 @@ class FrequencySweep:
     lateral_small: list[Stiffness] = field(default_factory=list)
     temperatures: list[float] = field(default_factory=list)
     pressure_ratios: list[float] = field(default_factory=list)
+    sines: dict[float, Sine] = field(default_factory=dict)  #: the vertical ones, by frequency
 
     def shake_laterally(self, run: Run, frequencies: Sequence[float]) -> None:
         """Sines of 5 mm, or of what the actuator can do, first harmonic."""
@@ -148,6 +151,7 @@ class FrequencySweep:
             amplitude = drive.command(size, frequency, VERTICAL_FORCE_MAX - load.actuator_force)
             with run.phase(f"vertical sine {frequency:g} Hz, {size / mm:g} mm"):
                 times, values = shake(run, "vertical", frequency, amplitude)
+            self.sines[frequency] = Sine(times, values, frequency)
             self.vertical.append(vertical_stiffness(times, values, frequency))
             self.temperatures.append(float(np.mean([values[name].mean() for name in BELLOWS_TEMPERATURES])))
             bellows, auxiliary = (
@@ -155,6 +159,12 @@ class FrequencySweep:
                 for part in ("bellows", "auxiliary")
             )
             self.pressure_ratios.append(abs(auxiliary / bellows))
+
+    def between(
+        self, run: Run, one: float, other: float, evaluate: Callable[[list[Stiffness]], float]
+    ) -> Measured:
+        """Return what ``evaluate`` makes of the vertical stiffness at two frequencies (Hz)."""
+        return measure_sines(run, [self.sines[one], self.sines[other]], vertical_stiffness, evaluate)
 
     def keep(self, run: Run, load: Load, pipe: str) -> None:
         """Keep |K|, K', c, the amplitude and the gas over frequency."""
@@ -208,14 +218,48 @@ def check_sweep(run: Run, plain: FrequencySweep, surge: FrequencySweep) -> None:
     """Check where damping peaks without the pipe, and how stiffness dips and overshoots with it."""
     c = {K.frequency: K.damping for K in plain.vertical if K.frequency >= DAMPING_FROM}
     peak = max(c, key=lambda f: c[f])
-    stiffness = [abs(K.value) for K in surge.vertical]
-    lowest = min(range(len(stiffness)), key=lambda k: stiffness[k])
-    highest = max(stiffness[lowest:])
+    size = {K.frequency: abs(K.value) for K in surge.vertical}
+    first, *_, last = size
+    lowest = min(size, key=lambda f: size[f])
+    highest = max((f for f in size if f >= lowest), key=lambda f: size[f])
+
+    def over(found: list[Stiffness]) -> float:
+        return abs(found[0].value) / abs(found[1].value)
+
     for name, value, unit, limit in (
-        ("frequency of the most vertical damping", peak, "Hz", "damping_peak_frequency"),
-        ("vertical c at 10 Hz over its peak", c[10.0] / c[peak], "%", "high_frequency_damping"),
-        ("with pipe: lowest |K| over that at 2 Hz", stiffness[lowest] / stiffness[0], "1", "surge_dip"),
-        ("with pipe: highest |K| over that at 25 Hz", highest / stiffness[-1], "1", "surge_peak"),
+        ("frequency of the most vertical damping", _peak(run, plain, c), "Hz", "damping_peak_frequency"),
+        (
+            "vertical c at 10 Hz over its peak",
+            plain.between(run, 10.0, peak, lambda found: found[0].damping / found[1].damping),
+            "%",
+            "high_frequency_damping",
+        ),
+        (
+            "with pipe: lowest |K| over that at 2 Hz",
+            surge.between(run, lowest, first, over),
+            "1",
+            "surge_dip",
+        ),
+        (
+            "with pipe: highest |K| over that at 25 Hz",
+            surge.between(run, highest, last, over),
+            "1",
+            "surge_peak",
+        ),
     ):
         band = run.specimen.limits.band(limit)
         run.check(name, value, unit, low=band.low, high=band.high)
+
+
+def _peak(run: Run, plain: FrequencySweep, damping: Mapping[float, float]) -> Measured:
+    """Return at which of the frequencies damping is highest (Hz); the peak lies between its neighbours."""
+    high = sorted(sorted(damping, key=lambda f: damping[f])[-3:])
+    sines = [plain.sines[f] for f in high]
+    found = measure_sines(run, sines, vertical_stiffness, lambda found: max(found, key=_damping).frequency)
+    place = list(damping).index(found.value)
+    around = list(damping)[max(place - 1, 0) : place + 2]
+    return found.beside("step of frequencies", 0.5 * EVEN * (around[-1] - around[0]), even=True)
+
+
+def _damping(one: Stiffness) -> float:
+    return one.damping

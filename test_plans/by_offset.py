@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -12,7 +13,7 @@ from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.geometry import BUMP_STOP_GAP, shear_of
 from test_plans.loads import Load
-from test_plans.poses import Home, PoseReading, go_home, read_pose, take_pose
+from test_plans.poses import POSE_SAMPLES, Home, PoseReading, go_home, pose_of, read_pose, take_pose
 from test_plans.tables import (
     AREA,
     BELLOWS_SHEAR,
@@ -27,11 +28,12 @@ from test_plans.tables import (
     VOLUME,
     keep,
 )
-from test_plans.waves import lateral_stiffness, shake
+from test_plans.waves import Sine, lateral_stiffness, measure_sines, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run
     from test_plans.specimen import Specimen
+    from test_plans.uncertainty import Measured
 
 OFFSETS: Final = tuple(y * mm for y in (0.0, 20.0, 40.0, 60.0, -20.0, -40.0, -60.0))
 DITHER: Final = 1 * mm
@@ -55,6 +57,7 @@ class LateralOffset:
     tangents: list[Stiffness] = field(default_factory=list)
     stairs: list[PoseReading] = field(default_factory=list)
     lifts: list[PoseReading] = field(default_factory=list)
+    sines: list[Sine] = field(default_factory=list)
 
     def dither(self, run: Run, home: Home) -> None:
         """Shake the springs by 1 mm about each offset, bellows and auxiliary chamber joined as in service."""
@@ -63,6 +66,7 @@ class LateralOffset:
                 take_pose(run, home, shear=offset)
                 times, values = shake(run, "lateral", DITHER_FREQUENCY, DITHER, lead=DITHER_LEAD)
             self.offsets.append(float(shear_of(values).mean()))
+            self.sines.append(Sine(times, values, DITHER_FREQUENCY))
             self.tangents.append(lateral_stiffness(times, values, DITHER_FREQUENCY))
 
     def climb(self, run: Run, home: Home) -> None:
@@ -116,7 +120,7 @@ class LateralOffset:
             own,
             [one.vertical / one.pressure for one in self.stairs],
         )
-        keep(run, name, "Volume", BELLOWS_SHEAR, VOLUME, own, self.volumes(load))
+        keep(run, name, "Volume", BELLOWS_SHEAR, VOLUME, own, _volumes(self.specimen, load, self.stairs))
         for what, looks in (("sheared", self.stairs), ("lifted", self.lifts)):
             for quantity, ys in (
                 (HEIGHT, [one.height for one in looks]),
@@ -146,38 +150,54 @@ class LateralOffset:
             secants.append((plus.lateral - minus.lateral) / travel)
         return places, secants
 
-    def tangent_left(self) -> float:
+    def tangent_left(self, run: Run) -> Measured:
         """Return K' of the dither at ±60 mm over that at the centre."""
-        K = np.array([one.storage for one in self.tangents])
-        far = np.isclose(np.abs(OFFSETS), max(OFFSETS))
-        return float(K[far].mean() / K[OFFSETS.index(0.0)])
+        outermost = max(OFFSETS)
+        sines = [one for one, y in zip(self.sines, OFFSETS, strict=True) if y in {0.0, outermost, -outermost}]
+        centre = sines.index(self.sines[OFFSETS.index(0.0)])
 
-    def losses(self, load: Load) -> tuple[float, float]:
+        def evaluate(found: list[Stiffness]) -> float:
+            far = [K.storage for place, K in enumerate(found) if place != centre]
+            return float(np.mean(far) / found[centre].storage)
+
+        return measure_sines(run, sines, lateral_stiffness, evaluate)
+
+    def travel(self, run: Run) -> Measured:
+        """Return how far (m) the bump stop was approached."""
+        return self._of_stairs(run, lambda stairs: (max(abs(one.stop_travel) for one in stairs),))[0]
+
+    def losses(self, run: Run, load: Load) -> tuple[Measured, ...]:
         """Return which fractions of effective area and volume are missing at ±60 mm."""
-        area = np.array([one.vertical / one.pressure for one in self.stairs])
-        volume = np.array(self.volumes(load))
         far, centre = np.isclose(np.abs(STAIRS), max(STAIRS)), np.isclose(STAIRS, 0.0)
-        return (
-            float(1 - area[far].mean() / area[centre].mean()),
-            float(1 - volume[far].mean() / volume[centre].mean()),
+
+        def lost(stairs: Sequence[PoseReading]) -> tuple[float, ...]:
+            area = np.array([one.vertical / one.pressure for one in stairs])
+            volume = np.array(_volumes(self.specimen, load, stairs))
+            return tuple(float(1 - one[far].mean() / one[centre].mean()) for one in (area, volume))
+
+        return self._of_stairs(run, lost)
+
+    def _of_stairs(
+        self, run: Run, evaluate: Callable[[Sequence[PoseReading]], tuple[float, ...]]
+    ) -> tuple[Measured, ...]:
+        read = [one.read for one in self.stairs]
+        return run.measure(
+            lambda *read: evaluate([pose_of(one) for one in read]), *read, averaged=POSE_SAMPLES
         )
 
-    def volumes(self, load: Load) -> list[float]:
-        """Return V(y)/V(0) of the bellows by its gas, which is always the same: V ∝ T/p, at its own design height.
 
-        The emergency spring gives way by what the force changes; the drawing tells what volume that is.
-        """
-        spring = self.specimen
-        specific = np.array([one.temperature / (one.pressure + ATMOSPHERE) for one in self.stairs])
-        lifted = np.array(
-            [
-                one.height + (one.vertical - load.preload) / spring.emergency_stiffness_vertical
-                for one in self.stairs
-            ]
-        )
-        centre = np.array([y == 0.0 for y in STAIRS])
-        volume = specific / specific[centre].mean() - spring.effective_area * lifted / spring.bellows_volume
-        return [float(v) for v in volume / volume[centre].mean()]
+def _volumes(spring: Specimen, load: Load, stairs: Sequence[PoseReading]) -> list[float]:
+    """Return V(y)/V(0) of the bellows by its gas, which is always the same: V ∝ T/p, at its own design height.
+
+    The emergency spring gives way by what the force changes; the drawing tells what volume that is.
+    """
+    specific = np.array([one.temperature / (one.pressure + ATMOSPHERE) for one in stairs])
+    lifted = np.array(
+        [one.height + (one.vertical - load.preload) / spring.emergency_stiffness_vertical for one in stairs]
+    )
+    centre = np.array([y == 0.0 for y in STAIRS])
+    volume = specific / specific[centre].mean() - spring.effective_area * lifted / spring.bellows_volume
+    return [float(v) for v in volume / volume[centre].mean()]
 
 
 def lateral_offsets(run: Run, load: Load) -> None:
@@ -193,14 +213,13 @@ def lateral_offsets(run: Run, load: Load) -> None:
         take_pose(run, home)
     found.keep(run, load)
 
-    travel = max(abs(one.stop_travel) for one in found.stairs)
-    run.check(f"{load.name}: travel of the bump stop", travel, "mm", high=BUMP_STOP_GAP)
+    run.check(f"{load.name}: travel of the bump stop", found.travel(run), "mm", high=BUMP_STOP_GAP)
     run.check(
         f"{load.name}: stiffness of 1 mm, 60 mm over centre",
-        found.tangent_left(),
+        found.tangent_left(run),
         "1",
         low=tangent.low,
         high=tangent.high,
     )
-    for what, lost, band in zip(("effective area", "volume"), found.losses(load), missing, strict=True):
+    for what, lost, band in zip(("effective area", "volume"), found.losses(run, load), missing, strict=True):
         run.check(f"{load.name}: {what} lost at 60 mm", lost, "%", low=band.low, high=band.high)

@@ -15,10 +15,11 @@ from test_plans.fittings import put_down
 from test_plans.loads import Load
 from test_plans.poses import go_home
 from test_plans.tables import AMPLITUDE, DAMPING, PRESSURE, STORAGE, keep
-from test_plans.waves import lateral_stiffness, pressure_of, shake
+from test_plans.waves import Sine, Values, lateral_stiffness, measure_sines, pressure_of, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+    from test_plans.uncertainty import Measured
 
 #: Slow enough for a quasi-static spring, and descending: a small loop settles sooner after a large one.
 SLOW: Final = 0.5 * Hz
@@ -30,6 +31,7 @@ AMPLITUDES: Final = (10 * mm, 5 * mm, 2.5 * mm)
 class LateralPressure:
     """Lateral stiffness of each amplitude, and the pressure at which it was measured."""
 
+    sines: dict[float, list[Sine]] = field(default_factory=lambda: {a: [] for a in AMPLITUDES})
     pressures: dict[float, list[float]] = field(default_factory=lambda: {a: [] for a in AMPLITUDES})
     found: dict[float, list[Stiffness]] = field(default_factory=lambda: {a: [] for a in AMPLITUDES})
 
@@ -38,6 +40,7 @@ class LateralPressure:
         for amplitude in AMPLITUDES:
             with run.phase(f"lateral sine {amplitude / mm:g} mm"):
                 times, values = shake(run, "lateral", SLOW, amplitude, lead=SLOW_LEAD)
+            self.sines[amplitude].append(Sine(times, values, SLOW))
             self.pressures[amplitude].append(pressure_of(values))
             self.found[amplitude].append(lateral_stiffness(times, values, SLOW))
 
@@ -53,15 +56,29 @@ class LateralPressure:
             ):
                 keep(run, name, f"Lateral {quantity[0]} per spring, {load.name}", PRESSURE, quantity, at, ys)
 
-    def slope(self, amplitude: float) -> float:
+    def slope(self, run: Run, amplitude: float) -> Measured:
         """Return dK'/dp (m) of the straight line through what was found at one amplitude."""
-        at = np.array(self.pressures[amplitude])
-        return straight_line(at, np.array([K.storage for K in self.found[amplitude]]))[1]
+        sines = self.sines[amplitude]
 
-    def softening(self, small: float, large: float) -> float:
+        def evaluate(*read: Values) -> float:
+            found = [
+                lateral_stiffness(one.times, values, SLOW) for one, values in zip(sines, read, strict=True)
+            ]
+            at = np.array([pressure_of(values) for values in read])
+            return straight_line(at, np.array([K.storage for K in found]))[1]
+
+        return run.measured(evaluate, *(one.values for one in sines))
+
+    def softening(self, run: Run, small: float, large: float) -> Measured:
         """Return how much stiffer the spring is at amplitude ``small`` than at ``large``, the mean over the loads."""
-        ratios = [a.storage / b.storage for a, b in zip(self.found[small], self.found[large], strict=True)]
-        return float(np.mean(ratios))
+        loads = len(self.sines[small])
+
+        def evaluate(found: list[Stiffness]) -> float:
+            return float(
+                np.mean([a.storage / b.storage for a, b in zip(found[:loads], found[loads:], strict=True)])
+            )
+
+        return measure_sines(run, [*self.sines[small], *self.sines[large]], lateral_stiffness, evaluate)
 
 
 def carry_first(around: str, preloads: Sequence[float]) -> Callable[[Run], None]:
@@ -84,7 +101,7 @@ def lateral_stiffness_over_pressure(run: Run, name: str, preloads: Sequence[floa
             go_home(run)
             found.measure(run)
     found.keep(run, around)
-    slope = found.slope(max(AMPLITUDES))
+    slope = found.slope(run, max(AMPLITUDES))
     run.check("lateral stiffness by pressure at 10 mm", slope, "m", low=expected.low, high=expected.high)
-    ratio = found.softening(min(AMPLITUDES), max(AMPLITUDES))
+    ratio = found.softening(run, min(AMPLITUDES), max(AMPLITUDES))
     run.check("lateral stiffness at 2.5 mm over 10 mm", ratio, "1", low=softening.low, high=softening.high)

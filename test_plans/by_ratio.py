@@ -18,13 +18,16 @@ from test_plans.loads import Load
 from test_plans.poses import COOL, go_home
 from test_plans.readings import PRESSURES
 from test_plans.tables import AMPLITUDE, DAMPING, RATIO, STORAGE, keep
-from test_plans.waves import Values, shake, vertical_stiffness
+from test_plans.waves import Sine, Values, measure_sines, shake, vertical_stiffness
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+    from test_plans.uncertainty import Measured
 
 NATURAL: Final = 1.2 * Hz
 SWINGS: Final = tuple(a * mm for a in (1.0, 2.0, 3.5, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0))
+#: The amplitude at which plates are compared.
+AT: Final = 5 * mm
 
 
 @dataclass(slots=True)
@@ -33,6 +36,7 @@ class DampingByRatio:
 
     ratios: list[float] = field(default_factory=list)
     found: list[Stiffness] = field(default_factory=list)
+    sines: list[Sine] = field(default_factory=list)
 
     def measure(self, run: Run) -> None:
         """Shake the springs vertically at 1.2 Hz; at rest both pressures are equal, whatever they read."""
@@ -40,6 +44,7 @@ class DampingByRatio:
         for amplitude in SWINGS:
             with run.phase(f"vertical sine {amplitude / mm:g} mm"):
                 times, values = shake(run, "vertical", NATURAL, amplitude, lead=2 * s)
+            self.sines.append(Sine(times, values, NATURAL))
             self.found.append(vertical_stiffness(times, values, NATURAL))
             lowest = [self._lowest_ratio(times, values, rest, side) for side in SIDES]
             self.ratios.append(float(np.mean(lowest)))
@@ -87,14 +92,20 @@ class DampingByRatio:
             storage,
         )
 
-    def damping(self, amplitude: float) -> float:
-        """Return c at one of the amplitudes (N·s/m)."""
-        return self.found[SWINGS.index(amplitude)].damping
+    def at(self, amplitude: float) -> Sine:
+        """Return what was read at one of the amplitudes (m)."""
+        return self.sines[SWINGS.index(amplitude)]
 
-    def drop_beside_peak(self) -> float:
+    def drop_beside_peak(self, run: Run) -> Measured:
         """Return how far c at both ends of the amplitudes lies below its maximum, the nearer end, as a fraction."""
-        c = [K.damping for K in self.found]
-        return 1 - max(c[0], c[-1]) / max(c)
+        peak = int(np.argmax([K.damping for K in self.found]))
+
+        def evaluate(found: list[Stiffness]) -> float:
+            first, last, highest = (K.damping for K in found)
+            return 1 - max(first, last) / highest
+
+        sines = [self.sines[place] for place in (0, -1, peak)]
+        return measure_sines(run, sines, vertical_stiffness, evaluate)
 
 
 def damping_over_ratio(run: Run, load: Load, plate: float) -> DampingByRatio:
@@ -110,15 +121,19 @@ def damping_over_ratio(run: Run, load: Load, plate: float) -> DampingByRatio:
 
 def check_damping(run: Run, load: Load, found: Mapping[float, DampingByRatio]) -> None:
     """Check that damping falls from plate to plate, and has its maximum between the ends of the amplitudes."""
-    at = 5 * mm
     fitted = load.limits.band("plate_damping")
     following = run.specimen.limits.band("damping_next_plate")
     beside = run.specimen.limits.band("damping_beside_peak")
-    c = {plate: one.damping(at) for plate, one in found.items()}
-    run.check("c at 13 mm and 5 mm", c[PLATE], "kN*s/m", low=fitted.low, high=fitted.high)
-    for smaller, larger in pairwise(sorted(c)):
+    sines = {plate: one.at(AT) for plate, one in found.items()}
+    c = measure_sines(run, [sines[PLATE]], vertical_stiffness, lambda found: found[0].damping)
+    run.check("c at 13 mm and 5 mm", c, "kN*s/m", low=fitted.low, high=fitted.high)
+    for smaller, larger in pairwise(sorted(sines)):
         name = f"c at {larger / mm:g} mm over {smaller / mm:g} mm"
-        run.check(name, c[larger] / c[smaller], "1", low=following.low, high=following.high)
-    for plate in (min(c), PLATE):
+        of_both = [sines[larger], sines[smaller]]
+        less = measure_sines(
+            run, of_both, vertical_stiffness, lambda found: found[0].damping / found[1].damping
+        )
+        run.check(name, less, "1", low=following.low, high=following.high)
+    for plate in (min(sines), PLATE):
         name = f"c beside its peak, {plate / mm:g} mm"
-        run.check(name, found[plate].drop_beside_peak(), "%", low=beside.low, high=beside.high)
+        run.check(name, found[plate].drop_beside_peak(run), "%", low=beside.low, high=beside.high)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -17,10 +17,11 @@ from test_plans.loads import Load
 from test_plans.poses import COOL, Home, go_home, restore_the_air, take_pose
 from test_plans.readings import PRESSURES, SHEAR_CELLS
 from test_plans.tables import DAMPING, ROLL, SECANT, STORAGE, keep
-from test_plans.waves import LEAD, lateral_stiffness, shake
+from test_plans.waves import LEAD, Sine, Values, lateral_stiffness, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+    from test_plans.uncertainty import Measured
 
 ROLL_SHEAR: Final = 20 * mm
 ROLL_FREQUENCY: Final = 1 * Hz
@@ -40,6 +41,7 @@ class RollAngle:
     secants: list[float] = field(default_factory=list)
     found: list[Stiffness] = field(default_factory=list)
     differences: list[float] = field(default_factory=list)
+    sines: list[Sine] = field(default_factory=list)
 
     def measure(self, run: Run, home: Home, angles: Sequence[float]) -> None:
         """Roll by each angle, first to one side and then to the other; sine of 5 mm about y = +20 mm."""
@@ -62,8 +64,8 @@ class RollAngle:
             take_pose(run, home, shear=ROLL_SHEAR, roll=roll)
             times, values = shake(run, "lateral", ROLL_FREQUENCY, ROLL_AMPLITUDE, lead=lead)
         self.rolls.append(float(roll_of(values).mean()))
-        force = -0.5 * sum(float(values[cell].mean()) for cell in SHEAR_CELLS)
-        self.secants.append(force / float(shear_of(values).mean()))
+        self.sines.append(Sine(times, values, ROLL_FREQUENCY))
+        self.secants.append(_secant(values))
         self.found.append(lateral_stiffness(times, values, ROLL_FREQUENCY))
         left, right = (float(values[f"{side}.auxiliary_pressure"].mean()) for side in SIDES)
         self.differences.append(left - right)
@@ -85,21 +87,51 @@ class RollAngle:
         ):
             keep(run, name, group, ROLL, quantity, rolls.tolist(), np.array(ys)[order].tolist())
 
-    def secant(self, roll: float) -> float:
-        """Return the secant (N/m) measured nearest to a roll angle; level, the mean of both times."""
-        return self._near(roll, self.secants)
+    def judge(
+        self, run: Run, evaluate: Callable[[list[float], list[float]], tuple[float, ...]], *rolls: float
+    ) -> tuple[Measured, ...]:
+        """Return what ``evaluate`` makes of secants and K' (N/m) at some roll angles (rad), with its uncertainty.
 
-    def storage(self, roll: float) -> float:
-        """Return K' (N/m) measured nearest to a roll angle; level, the mean of both times."""
-        return self._near(roll, [K.storage for K in self.found])
+        Each is measured nearest to its angle; level, it is the mean of both times.
+        """
+        near = [self._near(roll) for roll in rolls]
+        used = sorted({place for places in near for place in places})
 
-    def rise(self, start: float, end: float) -> float:
-        """Return how much the secant grows (N/m) from one roll angle to another."""
-        return self.secant(end) - self.secant(start)
+        def computed(*read: Values) -> tuple[float, ...]:
+            values = dict(zip(used, read, strict=True))
+            secant = {place: _secant(values[place]) for place in used}
+            storage = {
+                place: lateral_stiffness(self.sines[place].times, values[place], ROLL_FREQUENCY).storage
+                for place in used
+            }
+            secants, storages = (
+                [float(np.mean([one[place] for place in places])) for places in near]
+                for one in (secant, storage)
+            )
+            return evaluate(secants, storages)
 
-    def _near(self, roll: float, values: Sequence[float]) -> float:
+        return run.measure(computed, *(self.sines[place].values for place in used))
+
+    def _near(self, roll: float) -> list[int]:
         away = np.abs(np.array(self.rolls) - roll)
-        return float(np.mean(np.array(values)[away < away.min() + SAME_ROLL]))
+        return [int(place) for place in np.flatnonzero(away < away.min() + SAME_ROLL)]
+
+
+def _secant(values: Values) -> float:
+    """Return F/y (N/m) of one spring, of the means of both."""
+    force = -0.5 * sum(float(values[cell].mean()) for cell in SHEAR_CELLS)
+    return force / float(shear_of(values).mean())
+
+
+def _coupling(secants: list[float], storages: list[float]) -> tuple[float, float, float, float]:
+    """Return rise of the secant to the knee and change beyond over the rise, odd force (N), and K' over level.
+
+    Of what was measured level, at the knee, at the largest roll, and at the knee to the other side.
+    """
+    level, knee, largest, other = secants
+    rise = knee - level
+    odd = 0.5 * ROLL_SHEAR * (knee - other)
+    return rise / level, abs(largest - knee) / rise, odd, storages[1] / storages[0]
 
 
 #: Beyond 0.05 rad the coupling is saturated: what follows is small beside what went before.
@@ -121,15 +153,13 @@ def lateral_stiffness_over_roll(run: Run, load: Load, angles: Sequence[float]) -
             found.measure(run, home, angles)
         found.keep(run, load, valve)
 
-        rise, beyond = found.rise(0.0, KNEE), found.rise(KNEE, max(angles))
+        rise, beyond, odd, ratio = found.judge(run, _coupling, 0.0, KNEE, max(angles), -KNEE)
         for what, value, limit in (
-            ("rise to 0.05 rad", rise / found.secant(0.0), rises),
-            ("change beyond over rise", abs(beyond) / rise, saturated),
+            ("rise to 0.05 rad", rise, rises),
+            ("change beyond over rise", beyond, saturated),
         ):
             run.check(f"valve {valve}: secant, {what}", value, "%", low=limit.low, high=limit.high)
-        odd = 0.5 * ROLL_SHEAR * (found.secant(KNEE) - found.secant(-KNEE))
         run.check(
             f"valve {valve}: odd part of the force at 0.05 rad", odd, "kN", low=band.low, high=band.high
         )
-        ratio = found.storage(KNEE) / found.storage(0.0)
         run.check(f"valve {valve}: first harmonic at 0.05 rad over level", ratio, "1", high=1.0, margin=0.01)

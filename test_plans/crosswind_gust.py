@@ -13,11 +13,12 @@ from test_plans.fittings import leave_connected
 from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, roll_of, shear_of
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.readings import SHEAR_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
-from test_plans.uncertainty import measured
+from test_plans.uncertainty import EVEN, SAMPLING
 from test_plans.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
 
 PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in ("left", "right"))
@@ -70,6 +71,7 @@ def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
     ),
     teardown=leave_connected,
     lasts=51 * s,
+    requires=on_the_bench("load"),
 )
 def crosswind_gust(
     run: Run,
@@ -118,9 +120,7 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
     y, roll, pushed, parted = _answer(at, values)
     if not np.isfinite([y, roll, pushed, parted]).all():
         raise NotMeasured("samples of the gust are missing")
-    stiffness, *found = measured(
-        lambda read: _numbers(at, _answer(at, read), area), values, instruments=run.instruments
-    )
+    stiffness, *found, settling = run.measure(lambda read: _numbers(at, _answer(at, read), area), values)
     # Beyond the places of the file the displacement fails anyway.
     places = limits.curve("crosswind_gust.stiffness", "kN/m")
     place = float(np.clip(y.max(), min(places), max(places)))
@@ -128,7 +128,8 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
     run.check("lateral stiffness", stiffness, "kN/m", low=low, high=high)
     for (limit, (name, unit)), value in zip(names.items(), found, strict=True):
         check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))
-    check_band(run, "time to settle", _settling(at, y), "s", limits.band("crosswind_gust.settling", "s"))
+    settling = settling.beside(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
+    check_band(run, "time to settle", settling, "s", limits.band("crosswind_gust.settling", "s"))
     for what, x, y_axis, xs, ys in (
         ("force over displacement", Axis("displacement", "mm", mm), Axis("force", "kN", kN), y, pushed),
         (
@@ -155,7 +156,7 @@ def _answer(at: Samples, values: Mapping[str, Samples]) -> tuple[Samples, ...]:
 
 
 def _numbers(at: Samples, answer: tuple[Samples, ...], area: float) -> tuple[float, ...]:
-    """Return what is judged: the lateral stiffness, then the others in the order of their names."""
+    """Return what is judged: the lateral stiffness, the others in the order of their names, and the time to settle."""
     y, roll, pushed, parted = answer
     peak, calmed = int(np.argmax(y)), _during(at, LASTS + AFTER - SMOOTH)
     moment = pushed[peak] * CAR.pressure_height
@@ -168,6 +169,7 @@ def _numbers(at: Samples, answer: tuple[Samples, ...], area: float) -> tuple[flo
         parted[peak] * area * SPRING_HALF_SPACING / moment,
         abs(y[calmed].mean()),
         abs(parted[calmed].mean()),
+        _settling(at, y),
     )
 
 

@@ -8,6 +8,7 @@ from test_plans.by_ratio import check_damping, damping_over_ratio
 from test_plans.fittings import PLATES_AND_PIPE, fit_plate, leave_as_built, put_down
 from test_plans.loads import AW0
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.waves import VERTICAL_WAVES
 
@@ -25,6 +26,7 @@ def first_plate(run: Run) -> None:
     teardown=leave_as_built,
     lasts=360 * s,
     needs=(*steps.CARRYING, *VERTICAL_WAVES, *PLATES_AND_PIPE),
+    requires=on_the_bench(AW0),
 )
 def damping_ratio(run: Run) -> None:
     """Damping against pressure ratio, for orifice plates of 10, 13, 16 and 18 mm.

@@ -14,6 +14,7 @@ from test_plans.loads import AW3
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.poses import COOL, Home, go_home
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
 
@@ -37,6 +38,7 @@ SMOOTH: Final = 10
     needs=(*steps.CARRYING, *PRESSURES, "air.dpv"),
     teardown=leave_connected,
     lasts=150 * s,
+    requires=on_the_bench(AW3),
 )
 def differential_pressure_valve(
     run: Run, *, hold: Annotated[float, Range(10 * s, 300 * s, "s")] = 15 * s

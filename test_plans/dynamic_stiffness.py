@@ -11,6 +11,7 @@ from test_plans.fittings import leave_connected
 from test_plans.loads import Band
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
+from test_plans.preconditions import on_the_bench
 from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.shaking import check_band
@@ -30,6 +31,7 @@ ANGLE: Final = ("loss angle", "deg")
     needs=(*steps.CARRYING, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES),
     teardown=leave_connected,
     lasts=86 * s,
+    requires=on_the_bench("load"),
 )
 def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Dynamic stiffness: storage K', loss K'' and loss angle, per spring, first harmonic.

@@ -1,9 +1,10 @@
 """Endurance: many cycles, and at intervals what they have changed of stiffness, damping, height and tightness."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import ceil
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 
@@ -11,17 +12,20 @@ from bench_protocol.units import Hz, kN, mm, s
 from bench_protocol.words import SIDES
 from drivers.generator import MARGIN
 from test_plans import steps
-from test_plans.analysis import Stiffness, straight_line
+from test_plans.analysis import Samples, Stiffness, straight_line
 from test_plans.fittings import leave_connected
 from test_plans.loads import Load
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.poses import COOL, Home, go_home
+from test_plans.preconditions import on_the_bench
 from test_plans.readings import HEIGHTS
 from test_plans.run import Run
+from test_plans.steps.air import AVERAGED
 from test_plans.steps.carrying import PRELOAD_WITHIN
 from test_plans.steps.shaking import check_band
 from test_plans.tables import DAMPING, HEIGHT, STORAGE, Quantity, keep
+from test_plans.uncertainty import Measured, counted
 from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake, stiffness_of_side
 
 #: The generator counts no further in one program.
@@ -44,40 +48,68 @@ JUDGED: Final = (
     ("damping c", DAMPING, "damping_change", "%"),
     ("height", HEIGHT, "height_change", "mm"),
 )
+#: What a look finds, K' and c of a sine or one height, and what was read for it.
+Found = Callable[[Mapping[str, Any]], tuple[float, ...]]
+
+
+@dataclass(slots=True)
+class Series:
+    """The same measurement in every look: how it is computed, and what was read."""
+
+    computed: list[Found] = field(default_factory=list)
+    read: list[Mapping[str, Any]] = field(default_factory=list)
+
+    def values(self, place: int) -> list[float]:
+        """Return one of the numbers that it computes (SI), look by look."""
+        return [of(read)[place] for of, read in zip(self.computed, self.read, strict=True)]
 
 
 @dataclass(slots=True)
 class Looks:
-    """How many cycles were made, and what was found after some of them, by quantity and spring."""
+    """How many cycles were made, and what was found after some of them, by spring."""
 
     made: int = 0
     cycles: list[float] = field(default_factory=list)
-    found: dict[tuple[str, str], list[float]] = field(default_factory=dict)
+    sines: dict[str, Series] = field(default_factory=dict)
+    heights: dict[str, Series] = field(default_factory=dict)
 
-    def add(self, stiffness: Mapping[str, Stiffness], heights: Mapping[str, float]) -> None:
-        """Add one look."""
+    def add(
+        self, sines: Mapping[str, Found], read: Mapping[str, Samples], heights: Mapping[str, float]
+    ) -> None:
+        """Add one look: what ``sines`` make of what was ``read``, and mean ``heights`` by signal."""
         self.cycles.append(float(self.made))
-        for where, K in stiffness.items():
-            self.found.setdefault(("stiffness K'", where), []).append(K.storage)
-            self.found.setdefault(("damping c", where), []).append(K.damping)
-        for where, height in heights.items():
-            self.found.setdefault(("height", where), []).append(height)
-
-    def change(self, values: Sequence[float], unit: str) -> float:
-        """Return how much ``values`` change in 1000 cycles, along the straight line; of ratios, against the first."""
-        slope = A_THOUSAND * straight_line(np.array(self.cycles), np.array(values))[1]
-        return slope / values[0] if unit == "%" else slope
+        for where, of in sines.items():
+            series = self.sines.setdefault(where, Series())
+            series.computed.append(of)
+            series.read.append(read)
+        for name in heights:
+            series = self.heights.setdefault(name.partition(".")[0], Series())
+            series.computed.append(partial(_mean, name))
+            series.read.append(heights)
 
     def judge(self, run: Run) -> None:
         """Keep all curves, and check what changed, if there is more than one look."""
         for what, quantity, limit, unit in JUDGED:
             band = run.specimen.limits.band(f"endurance.{limit}", unit)
-            for (name, where), values in self.found.items():
-                if name == what:
-                    self._keep(run, where, quantity, values)
-                    if len(values) > 1:
-                        title = f"{where} {what}, change in 1000 cycles"
-                        check_band(run, title, self.change(values, unit), unit, band)
+            place = 1 if quantity is DAMPING else 0
+            for where, series in (self.heights if quantity is HEIGHT else self.sines).items():
+                self._keep(run, where, quantity, series.values(place))
+                if len(self.cycles) > 1:
+                    title = f"{where} {what}, change in 1000 cycles"
+                    check_band(run, title, self._change(run, series, place, unit), unit, band)
+
+    def _change(self, run: Run, series: Series, place: int, unit: str) -> Measured:
+        """Return how much it changes in 1000 cycles, along the straight line; of ratios, against the first.
+
+        Every look has the same pieces: offsets fall out of what changes, gains out of a ratio.
+        """
+
+        def change(*read: Mapping[str, Any]) -> float:
+            values = np.array([of(one)[place] for of, one in zip(series.computed, read, strict=True)])
+            slope = A_THOUSAND * straight_line(np.array(self.cycles), values)[1]
+            return slope / float(values[0]) if unit == "%" else slope
+
+        return run.measured(change, *series.read, averaged=AVERAGED)
 
     def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[float]) -> None:
         keep(
@@ -91,11 +123,23 @@ class Looks:
         )
 
 
+def _mean(name: str, read: Mapping[str, Any]) -> tuple[float, ...]:
+    return (float(read[name]),)
+
+
+def _sine(
+    stiffness: Callable[[Samples, Any], Stiffness], times: Samples, read: Mapping[str, Any]
+) -> tuple[float, ...]:
+    K = stiffness(times, read)
+    return K.storage, K.damping
+
+
 @plan(
     setup=steps.carry_load,
     needs=(*steps.CARRYING, *VERTICAL_WAVES, *LATERAL_WAVES, *steps.WEIGHED_BY),
     teardown=leave_connected,
     lasts=665 * s,
+    requires=on_the_bench("load"),
 )
 def endurance(
     run: Run,
@@ -136,7 +180,7 @@ def endurance(
                 _cycle(run, axis, amplitude, frequency, until - looks.made, looks)
             _look(run, case, axis, home, looks)
     finally:
-        run.check("cycles", looks.made, "1", low=cycles, margin=0.0)
+        run.check("cycles", counted(looks.made), "1", low=cycles)
         looks.judge(run)
     steps.check_tightness(run, case, before)
 
@@ -169,14 +213,15 @@ def _look(
         run.bench.wait(REST)
         air = steps.weigh_the_air(run)
         times, values = shake(run, axis, LOOK_FREQUENCY, LOOK_AMPLITUDE, lead=LOOK_LEAD, measured=LOOK_OVER)
-        if axis == "lateral":
-            stiffness = {"lateral": lateral_stiffness(times, values, LOOK_FREQUENCY)}
-        else:
-            stiffness = {side: stiffness_of_side(times, values, LOOK_FREQUENCY, side) for side in SIDES}
+        ways: dict[str, Callable[[Samples, Any], Stiffness]] = (
+            {"lateral": partial(lateral_stiffness, frequency=LOOK_FREQUENCY)}
+            if axis == "lateral"
+            else {side: partial(stiffness_of_side, frequency=LOOK_FREQUENCY, side=side) for side in SIDES}
+        )
         force = load.actuator_force
         run.bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
         run.bench.wait(STAND)
         heights = run.bench.averages(*HEIGHTS, over=steps.AVERAGE_OVER)
         run.bench.vertical.move_to(home.left, home.right, rate=RATE)
-    looks.add(stiffness, {side: heights[f"{side}.height"] for side in SIDES})
+    looks.add({where: partial(_sine, way, times) for where, way in ways.items()}, values, heights)
     return air

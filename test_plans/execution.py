@@ -85,7 +85,17 @@ def execute(
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()
     wanted = suspension or Suspension()
-    run = Run(bench, recording, Heard(watcher or Nobody()), plan.lasts, spring, asked, instruments, wanted)
+    run = Run(
+        bench,
+        recording,
+        Heard(watcher or Nobody()),
+        plan.lasts,
+        spring,
+        asked,
+        instruments,
+        wanted,
+        plan.values,
+    )
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, last, interrupted = _perform(run, plan)

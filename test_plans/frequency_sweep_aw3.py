@@ -6,6 +6,7 @@ from test_plans.by_frequency import frequency_sweep
 from test_plans.fittings import PLATES_AND_PIPE, leave_as_built
 from test_plans.loads import AW3
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES
 
@@ -15,6 +16,7 @@ from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES
     teardown=leave_as_built,
     lasts=370 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, *VERTICAL_WAVES, *PLATES_AND_PIPE),
+    requires=on_the_bench(AW3),
 )
 def frequency_sweep_aw3(run: Run) -> None:
     """Frequency sweep, full car: lateral and vertical stiffness and damping from 0.1 to 25 Hz.

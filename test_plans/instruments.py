@@ -10,7 +10,7 @@ import hashlib
 import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from datetime import date
+from datetime import date, timedelta
 from functools import cache
 from math import isfinite
 from pathlib import Path
@@ -25,6 +25,8 @@ from bench_protocol.words import PROVENANCES
 HOME: Final = Path(__file__).resolve().parents[1] / "instruments"
 ORDINARY: Final = HOME / "astb.toml"
 
+#: How long a calibration holds where the file does not say when it is due.
+INTERVAL: Final = timedelta(days=365)
 #: The properties of an instrument; "signal" stands for the SI unit of its readings.
 PROPERTIES: Final = {
     "offset": "signal",
@@ -71,14 +73,30 @@ class Piece:
     calibrated: date | None = None
     due: date | None = None
 
+    @property
+    def holds_until(self) -> date | None:
+        """The last day on which its calibration holds: when it is due, else `INTERVAL` after it was calibrated."""
+        return self.due or (self.calibrated + INTERVAL if self.calibrated else None)
+
+    def overdue(self, today: date | None) -> bool:
+        """Return whether its calibration is over ``today``; without a day none is."""
+        return bool(today and self.holds_until and today > self.holds_until)
+
     def trouble(self, today: date | None) -> str:
         """Return in words why its calibration does not hold ``today``, "" if it does; without a day none is over."""
         piece = f"{self.signal} ({self.instrument.type}, no. {self.serial_number})"
         if not self.certificate:
             return f"{piece} has no certificate of calibration"
-        if today and self.due and today > self.due:
-            return f"{piece}: calibration {self.certificate} was due on {self.due}"
-        return ""
+        if self.holds_until is None:
+            return f"{piece}: calibration {self.certificate} says neither when it was nor when it is due"
+        if not self.overdue(today):
+            return ""
+        since = (
+            f"was due on {self.due}"
+            if self.due
+            else f"is of {self.calibrated}, {INTERVAL.days} days are assumed"
+        )
+        return f"{piece}: calibration {self.certificate} {since}"
 
 
 @dataclass(frozen=True, slots=True)

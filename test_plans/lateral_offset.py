@@ -7,6 +7,7 @@ from test_plans.fittings import CONNECTIONS, leave_connected, put_down
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan
 from test_plans.poses import POSING
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.waves import LATERAL_WAVES
 
@@ -16,6 +17,7 @@ from test_plans.waves import LATERAL_WAVES
     teardown=leave_connected,
     lasts=375 * s,
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
+    requires=on_the_bench(AW0, AW3),
 )
 def lateral_offset(run: Run) -> None:
     """Lateral offset: stiffness, effective area and volume at 0, ±20, ±40 and ±60 mm.

@@ -7,6 +7,7 @@ from test_plans import steps
 from test_plans.by_pressure import carry_first, lateral_stiffness_over_pressure
 from test_plans.loads import AW0
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.waves import LATERAL_WAVES
 
@@ -17,6 +18,7 @@ PRELOADS: Final = tuple(P * kN for P in (43.0, 48.0, 53.5, 59.0, 64.0))
     setup=carry_first(AW0, PRELOADS),
     lasts=320 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
+    requires=on_the_bench(AW0),
 )
 def lateral_pressure_aw0(run: Run) -> None:
     """Lateral stiffness against pressure, empty car.

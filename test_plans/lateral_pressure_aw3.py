@@ -7,6 +7,7 @@ from test_plans import steps
 from test_plans.by_pressure import carry_first, lateral_stiffness_over_pressure
 from test_plans.loads import AW3
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.waves import LATERAL_WAVES
 
@@ -18,6 +19,7 @@ PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))
     setup=carry_first(AW3, PRELOADS),
     lasts=370 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
+    requires=on_the_bench(AW3),
 )
 def lateral_pressure_aw3(run: Run) -> None:
     """Lateral stiffness against pressure, full car.

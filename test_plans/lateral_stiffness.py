@@ -10,6 +10,7 @@ from test_plans.loads import Band
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.poses import go_home, take_pose
+from test_plans.preconditions import on_the_bench
 from test_plans.readings import SHEAR_CELLS
 from test_plans.run import Run
 from test_plans.steps.shaking import check_stiffness
@@ -38,6 +39,7 @@ def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
     needs=(*steps.CARRYING, *POSE_SIGNALS, *SHEAR_CELLS),
     teardown=leave_connected,
     lasts=50 * s,
+    requires=on_the_bench("load"),
 )
 def lateral_stiffness(
     run: Run,

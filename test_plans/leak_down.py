@@ -6,6 +6,7 @@ from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW3
 from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 
 #: The gas of a fast filling cools with 13 s; meanwhile pressure and temperature tell little.
@@ -21,7 +22,12 @@ def fill(run: Run) -> None:
     steps.raise_the_air(run, load)
 
 
-@plan(setup=fill, lasts=60 * s, needs=(*steps.CARRYING, *steps.WEIGHED_BY))
+@plan(
+    setup=fill,
+    lasts=60 * s,
+    needs=(*steps.CARRYING, *steps.WEIGHED_BY),
+    requires=on_the_bench(AW3),
+)
 def leak_down(run: Run) -> None:
     """Leak-down: fill the springs, shut every valve, weigh the air before and after.
 

@@ -1,8 +1,8 @@
 """Leveling valve: dead band, delay, and how long it takes from the empty to the full car and back."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from itertools import pairwise
+from functools import partial
 from math import nan
 from typing import Annotated, Final
 
@@ -18,12 +18,23 @@ from test_plans.loads import AW0, AW3
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.poses import Home, go_home, restore_the_air
+from test_plans.preconditions import on_the_bench
+from test_plans.readings import HEIGHTS
 from test_plans.run import Run
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
+from test_plans.uncertainty import EVEN, SAMPLING, Measured
 
 PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in SIDES)
 #: Stairs through both ends of the dead band; the lever comes near each within its lag.
 STAIRS: Final = tuple(z * mm for z in np.arange(2.0, 8.25, 0.5))
+#: The valve opens somewhere between two of them.
+STAIR: Final = "between two stairs"
+HALF_A_STAIR: Final = 0.25 * mm * EVEN
+NOT_OPENED: Final = "the valve did not open up to the last stair"
+#: So many samples the mean height on a stair has at least.
+STAIR_SAMPLES: Final = 15
+#: Samples up to the target, half a second, from which it is told when it was reached.
+ON_THE_WAY: Final = 100
 STAIR_WAIT: Final = 2.5 * s
 STAIR_LOOK: Final = 1.5 * s
 #: The gas of the filling cools; what remains of that changes by less than 0.5 mbar/s from stair to stair.
@@ -55,7 +66,13 @@ def lift(run: Run, within: float) -> None:
     steps.raise_the_air(run, load)
 
 
-@plan(setup=lift, needs=(*steps.CARRYING, *PRESSURES, "air.dpv"), teardown=leave_connected, lasts=150 * s)
+@plan(
+    setup=lift,
+    needs=(*steps.CARRYING, *PRESSURES, "air.dpv"),
+    teardown=leave_connected,
+    lasts=150 * s,
+    requires=on_the_bench(AW0, AW3),
+)
 def leveling(
     run: Run,
     *,
@@ -83,54 +100,102 @@ def leveling(
     run.bench.wait(COOL)
     run.bench.air.isolate_dpv()  # each side for itself
     run.bench.air.level()
-    width = dict.fromkeys(SIDES, 0.0)
+    read: dict[str, list[dict[str, float]]] = {side: [] for side in SIDES}
     for way, verb in ((1.0, "exhaust"), (-1.0, "fill")):
         with run.phase(f"stairs to {verb}"):
-            for side, height in _stairs(run, home, way).items():
+            for side, around in _stairs(run, home, way).items():
+                height = _opened(run, side, way, around)
                 check_band(run, f"{side} valve opens to {verb}", height, "mm", opening)
-                width[side] += height
+                read[side] += around
             _go(run, home, 0.0)
             run.bench.wait(STAIR_WAIT)
     for side in SIDES:
-        check_band(run, f"{side} valve, dead band", width[side], "mm", dead_band)
+        check_band(run, f"{side} valve, dead band", _dead_band(run, side, read[side]), "mm", dead_band)
     empty = run.specimen.load(AW0).fill_pressure
     restore_the_air(run, {f"{side}.auxiliary_pressure": empty for side in SIDES})
     for way, verb, name, band in ((-1.0, "fill", AW3, fill), (1.0, "exhaust", AW0, exhaust)):
         with run.phase(f"{verb} to {name}"):
             times, values = _step(run, home, way * step, run.specimen.load(name).fill_pressure, within)
             for side in SIDES:
-                pressure = -way * values[f"{side}.auxiliary_pressure"]
                 target = -way * run.specimen.load(name).fill_pressure
-                reached = times[pressure >= target]
-                took = float(reached[0]) if reached.size else within
+                took = _took(run, side, way, times, values, target, within)
                 check_band(run, f"{side} valve, time to {verb} to {name}", took, "s", band)
                 if verb == "fill":
-                    check_band(run, f"{side} valve, delay", _delay(times, pressure), "s", delay)
+                    late = run.measured(partial(_delay, side, times), values)
+                    check_band(run, f"{side} valve, delay", late, "s", delay)
 
 
-def _stairs(run: Run, home: Home, way: float) -> dict[str, float]:
-    """Return at which height off the design height each valve opens; beyond the last stair where it does not."""
-    found: dict[str, float] = {}
-    before = _slopes(run)
-    for low, stair in pairwise((0.0, *STAIRS)):
+def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]]]:
+    """Return the heights of the stairs between which each valve opens; of the last one where it does not."""
+    found: dict[str, list[dict[str, float]]] = {}
+    before, low = _slopes(run)
+    for stair in STAIRS:
         _go(run, home, way * stair)
         run.bench.wait(STAIR_WAIT)
-        slopes = _slopes(run)
+        slopes, high = _slopes(run)
         for side in SIDES:
             if side not in found and -way * (slopes[side] - before[side]) > FLOWING:
-                found[side] = 0.5 * (low + stair)
+                found[side] = [low, high]
         if len(found) == len(SIDES):
             break
-        before = slopes
-    return {side: found.get(side, STAIRS[-1] + 1 * mm) for side in SIDES}
+        before, low = slopes, high
+    return {side: found.get(side, [low]) for side in SIDES}
 
 
-def _slopes(run: Run) -> dict[str, float]:
-    """Return how fast the pressure of each side changes (Pa/s)."""
+def _slopes(run: Run) -> tuple[dict[str, float], dict[str, float]]:
+    """Return how fast the pressure of each side changes (Pa/s), and the heights (m) meanwhile."""
     names = {side: f"{side}.auxiliary_pressure" for side in SIDES}
-    with run.bench.capture(*names.values()) as capture:
+    with run.bench.capture(*names.values(), *HEIGHTS) as capture:
         run.bench.wait(STAIR_LOOK)
-    return {side: straight_line(capture.times(name), capture.values(name))[1] for side, name in names.items()}
+    slopes = {
+        side: straight_line(capture.times(name), capture.values(name))[1] for side, name in names.items()
+    }
+    return slopes, {name: float(np.nanmean(capture.values(name))) for name in HEIGHTS}
+
+
+def _opened(run: Run, side: str, way: float, around: list[dict[str, float]]) -> Measured:
+    """Return at which height (m) off the design height a valve opens, of the stairs ``around``."""
+    if len(around) < 2:
+        return Measured(STAIRS[-1] + 1 * mm, unknown=NOT_OPENED)
+    height = run.measured(lambda *read: way * _middle(side, read), *around, averaged=STAIR_SAMPLES)
+    return height.beside(STAIR, HALF_A_STAIR, even=True)
+
+
+def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
+    """Return the width (m) between opening to exhaust and to fill, from the stairs around both, upper ones first."""
+    if len(around) < 4:
+        return Measured(2 * (STAIRS[-1] + 1 * mm), unknown=NOT_OPENED)
+    width = run.measured(
+        lambda *read: _middle(side, read[:2]) - _middle(side, read[2:]), *around, averaged=STAIR_SAMPLES
+    )
+    return width.beside(STAIR, HALF_A_STAIR, even=True).beside(STAIR, HALF_A_STAIR)
+
+
+def _middle(side: str, stairs: Sequence[Mapping[str, float]]) -> float:
+    return 0.5 * sum(stair[f"{side}.height"] for stair in stairs)
+
+
+def _took(
+    run: Run,
+    side: str,
+    way: float,
+    times: Samples,
+    values: Mapping[str, Samples],
+    target: float,
+    within: float,
+) -> Measured:
+    """Return when (s) a pressure has come to the ``target`` (Pa, falling ones with their sign turned)."""
+    reached = np.flatnonzero(-way * values[f"{side}.auxiliary_pressure"] >= target)
+    if not reached.size:
+        return Measured(within, unknown="the pressure did not come in time")
+    last = slice(max(int(reached[0]) - ON_THE_WAY, 0), int(reached[0]) + 1)
+
+    def when(read: Mapping[str, Samples]) -> float:
+        pressure = -way * read[f"{side}.auxiliary_pressure"][last]
+        level, slope = straight_line(times[last], pressure)
+        return float(times[last].mean() + (target - level) / slope)
+
+    return run.measured(when, values).beside(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
 
 
 def _step(
@@ -163,8 +228,9 @@ def _step(
     return times - times[np.argmax(moved)], values
 
 
-def _delay(times: Samples, pressure: Samples) -> float:
-    """Return by how much (s) the line of the wide open valve lags behind the step; NaN where it was not seen."""
+def _delay(side: str, times: Samples, values: Mapping[str, Samples]) -> float:
+    """Return by how much (s) the line of a wide open valve lags behind a step; NaN where it was not seen."""
+    pressure = values[f"{side}.auxiliary_pressure"]
     early, late = ((times >= start) & (times <= end) for start, end in (STEP_DONE, WIDE_OPEN))
     if times[-1] < WIDE_OPEN[1]:
         return nan

@@ -1,6 +1,7 @@
 """Measuring chain: the zero of every transducer, a known weight, known forces, and what a stiff dummy reads as."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from math import inf
 from typing import Annotated, Final, Literal
 
@@ -17,6 +18,7 @@ from test_plans.geometry import BOLSTER_WEIGHT, GRAVITY, VERTICAL_FRAME
 from test_plans.loads import Band, within
 from test_plans.parameters import Range
 from test_plans.plan import plan
+from test_plans.preconditions import HALL, gas
 from test_plans.readings import CELLS_UNDER, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, VENT_WITHIN
@@ -63,6 +65,9 @@ BLOCK: Final = Band(low=200 * MN / m)
 STIFFEST: Final = 10_000 * MN / m
 #: Blocks stand at design height, stops far below.
 AT_BLOCKS: Final = 10 * mm
+#: What was read on each step: means by signal. What was applied (N), and what the cells say of it.
+Steps = Sequence[Mapping[str, float]]
+Forces = tuple[Samples, Samples]
 #: Air that is let off cools: so warm again.
 WARM: Final = 0.1 * K
 #: A bolster that is let go sways for some seconds.
@@ -82,7 +87,12 @@ def without_air(run: Run) -> None:
         run.bench.wait(STILL)
 
 
-@plan(setup=without_air, needs=(*steps.CARRYING, *VERTICAL_CELLS), lasts=95 * s)
+@plan(
+    setup=without_air,
+    needs=(*steps.CARRYING, *VERTICAL_CELLS),
+    lasts=95 * s,
+    requires=[gas(*HALL)],
+)
 def measuring_chain(
     run: Run,
     *,
@@ -129,13 +139,12 @@ def measuring_chain(
     for cell in SHEAR_CELLS:
         name = f"{cell} over vertical force"
         if run.can(name, needs=(cell,)):
-            downward = np.sum([pressed[one] for one in VERTICAL_CELLS], axis=0)
-            check_band(run, name, straight_line(downward, pressed[cell])[1], "%", CROSSTALK)
+            felt = run.measured(partial(_crosstalk, cell), *pressed, over=READ_OVER, themselves=True)
+            check_band(run, name, felt, "%", CROSSTALK)
     if run.can("lateral cells over actuator", needs=(*FREE_SIDEWAYS, *SHEAR_CELLS)):
         with run.phase("push"):
             pushed = _steps(run, ("lateral.force", *SHEAR_CELLS), PUSH_STEPS, _push)
-        across = -np.sum([pushed[cell] for cell in SHEAR_CELLS], axis=0)
-        _check_line(run, "lateral cells over actuator", pushed["lateral.force"], across, LATERAL_GAIN)
+        _check_line(run, "lateral cells over actuator", pushed, _sideways, LATERAL_GAIN)
 
 
 def _zeros() -> Iterator[tuple[str, dict[str, float], float, float, str]]:
@@ -160,8 +169,12 @@ def _check_zeros(run: Run) -> None:
         *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
     )
     for title, sum_of, expected, tolerance, unit in asked:
-        value = sum(share * mean[name] for name, share in sum_of.items())
-        check_band(run, title, value, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))
+
+        def value(read: Mapping[str, float], sum_of: Mapping[str, float] = sum_of) -> float:
+            return sum(share * read[name] for name, share in sum_of.items())
+
+        zero = run.measured(value, mean, over=READ_OVER, themselves=True)
+        check_band(run, title, zero, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))
 
 
 def _weigh(run: Run, mass: float) -> None:
@@ -172,8 +185,12 @@ def _weigh(run: Run, mass: float) -> None:
         if run.confirm(f"Put {mass:g} kg on the bolster, over its middle.", name):
             run.bench.wait(STEP_WAIT)
             after = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
-            more = sum(after[cell] - before[cell] for cell in VERTICAL_CELLS)
-            check_band(run, name, more / (mass * GRAVITY), "1", GAIN)
+
+            def over_mass(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+                return sum(after[cell] - before[cell] for cell in VERTICAL_CELLS) / (mass * GRAVITY)
+
+            found = run.measured(over_mass, before, after, over=READ_OVER, themselves=True)
+            check_band(run, name, found, "1", GAIN)
             if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
                 raise RigFault(
                     f"nobody says that the {mass:g} kg are off the bolster, and the hands too: nothing is pressed"
@@ -182,14 +199,14 @@ def _weigh(run: Run, mass: float) -> None:
 
 def _steps(
     run: Run, names: Sequence[str], forces: Sequence[float], press: Callable[[Run, float], None]
-) -> dict[str, Samples]:
+) -> list[Mapping[str, float]]:
     """Press with each of the ``forces`` (N); return what was read on each step."""
-    read = []
+    read: list[Mapping[str, float]] = []
     for force in forces:
         press(run, force)
         run.bench.wait(STEP_WAIT)
         read.append(run.bench.averages(*names, over=READ_OVER))
-    return {name: np.array([one[name] for one in read]) for name in names}
+    return read
 
 
 def _press(run: Run, force: float) -> None:
@@ -200,22 +217,62 @@ def _push(run: Run, force: float) -> None:
     run.bench.lateral.push(force, rate=PUSH_RATE, within=PRELOAD_WITHIN)
 
 
-def _check_side(run: Run, side: str, read: Mapping[str, Samples], dummy: Band) -> None:
+def _check_side(run: Run, side: str, read: Steps, dummy: Band) -> None:
     """Check one side: its cells against its actuator, what the dummy gives way, and what the frame."""
-    pressed = np.sum([read[cell] for cell in CELLS_UNDER[side]], axis=0)
-    _check_line(run, f"{side} cells over actuator", read[f"vertical_{side}.force"], pressed, GAIN)
-    down = -read[f"{side}.height"]
-    frame = -read[f"vertical_{side}.displacement"] - down
-    for what, give, band in (("dummy", down, dummy), ("frame", frame, FRAME)):
-        compliance = straight_line(pressed, give)[1]
-        stiffness = 1 / compliance if compliance > 0.0 else inf
-        check_band(run, f"{side} stiffness of the {what}", min(stiffness, STIFFEST), "MN/m", band)
+    _check_line(run, f"{side} cells over actuator", read, partial(_downward, side), GAIN)
+    for what, way, band in (("dummy", _dummy, dummy), ("frame", _frame, FRAME)):
+        stiffness = run.measured(partial(_stiffness, way, side), *read, over=READ_OVER, themselves=True)
+        check_band(run, f"{side} stiffness of the {what}", stiffness, "MN/m", band)
+    _, pressed = _downward(side, read)
+    down = _dummy(side, read)
     keep(run, side, "Dummy: way over force", ("force", "kN"), ("way", "mm"), pressed.tolist(), down.tolist())
 
 
-def _check_line(run: Run, name: str, applied: Samples, read: Samples, gain: Band) -> None:
-    """Check the slope of ``read`` over ``applied`` (N), and how far it bends from a straight line."""
-    level, slope = straight_line(applied, read)
+def _check_line(run: Run, name: str, read: Steps, forces: Callable[[Steps], Forces], gain: Band) -> None:
+    """Check the slope of what the cells read over what was applied, and how far it bends from a straight line."""
+
+    def line(*means: Mapping[str, float]) -> tuple[float, float]:
+        applied, cells = forces(means)
+        level, slope = straight_line(applied, cells)
+        away = cells - level - slope * (applied - applied.mean())
+        return slope, float(np.abs(away).max() / np.ptp(applied))
+
+    slope, bent = run.measure(line, *read, over=READ_OVER, themselves=True)
     check_band(run, name, slope, "1", gain)
-    away = read - level - slope * (applied - applied.mean())
-    check_band(run, f"{name}, off the line", float(np.abs(away).max() / np.ptp(applied)), "%", NONLINEAR)
+    check_band(run, f"{name}, off the line", bent, "%", NONLINEAR)
+
+
+def _sum(read: Steps, *names: str) -> Samples:
+    return np.array([sum(one[name] for name in names) for one in read])
+
+
+def _downward(side: str, read: Steps) -> Forces:
+    """Return what an actuator and the cells of its side say (N)."""
+    return _sum(read, f"vertical_{side}.force"), _sum(read, *CELLS_UNDER[side])
+
+
+def _sideways(read: Steps) -> Forces:
+    """Return what the lateral actuator and the cells across say (N)."""
+    return _sum(read, "lateral.force"), -_sum(read, *SHEAR_CELLS)
+
+
+def _crosstalk(cell: str, *read: Mapping[str, float]) -> float:
+    """Return what a cell across reads of a vertical force, as a share of it."""
+    return straight_line(_sum(read, *VERTICAL_CELLS), _sum(read, cell))[1]
+
+
+def _dummy(side: str, read: Steps) -> Samples:
+    """Return how far the dummy gives way (m)."""
+    return -_sum(read, f"{side}.height")
+
+
+def _frame(side: str, read: Steps) -> Samples:
+    """Return how far the frame gives way (m)."""
+    return -_sum(read, f"vertical_{side}.displacement") - _dummy(side, read)
+
+
+def _stiffness(way: Callable[[str, Steps], Samples], side: str, *read: Mapping[str, float]) -> float:
+    """Return force over way (N/m) of one side, by what its cells read."""
+    _, pressed = _downward(side, read)
+    compliance = straight_line(pressed, way(side, read))[1]
+    return min(1 / compliance if compliance > 0.0 else inf, STIFFEST)

@@ -10,6 +10,7 @@ from test_plans.analysis import Stiffness
 from test_plans.fittings import PLATE, fit_plate, put_down
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.shaking import check_stiffness
 from test_plans.tables import DAMPING, STORAGE, keep
@@ -27,7 +28,13 @@ def leave_as_found(run: Run) -> None:
     _fit(run, PLATE)
 
 
-@plan(setup=put_down, needs=(*steps.CARRYING, *VERTICAL_WAVES), teardown=leave_as_found, lasts=204 * s)
+@plan(
+    setup=put_down,
+    needs=(*steps.CARRYING, *VERTICAL_WAVES),
+    teardown=leave_as_found,
+    lasts=204 * s,
+    requires=on_the_bench("load"),
+)
 def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Orifice plates: vertical stiffness and damping of each spring with each pair of plates.
 

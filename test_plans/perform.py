@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from inspect import cleandoc
+from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench_protocol.units import Hz, s
 from test_plans import steps
+from test_plans.analysis import Samples
 from test_plans.fittings import CONNECTIONS, leave_connected, put_down
 from test_plans.geometry import POSE_SIGNALS, shear_of
 from test_plans.loads import AW0, AW3, Band
@@ -31,6 +35,7 @@ from test_plans.poses import POSE_SETTLE, Home, go_home
 from test_plans.readings import GENERATOR, HEIGHTS
 from test_plans.steps.carrying import HELD_SIDEWAYS
 from test_plans.trajectory import RATE, trajectory
+from test_plans.uncertainty import counted
 
 if TYPE_CHECKING:
     from drivers.receiver import Capture
@@ -117,17 +122,26 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
     """
     asked = trajectory(stretch)
     came = min(capture.times(height).size for height in HEIGHTS)
-    run.check(f"{name}: samples of the lasers", came / (RATE * asked.time[-1]), "%", low=RECEIVED)
+    run.check(f"{name}: samples of the lasers", counted(came / (RATE * asked.time[-1])), "%", low=RECEIVED)
     _, values = capture.aligned(RATE)
-    ways = {
-        **{f"{side} spring, up and down": (values[f"{side}.height"], z) for side, z in asked.heights.items()},
-        "springs, sideways": (shear_of(values), asked.shear),
+    ways: dict[str, tuple[Callable[[Mapping[str, Samples]], Samples], Samples]] = {
+        **{
+            f"{side} spring, up and down": (itemgetter(f"{side}.height"), z)
+            for side, z in asked.heights.items()
+        },
+        "springs, sideways": (shear_of, asked.shear),
     }
-    for what, (measured, wanted) in ways.items():
+    for what, (of, wanted) in ways.items():
         if (way := float(np.ptp(wanted))) > 0.0:
-            seen = measured[np.isfinite(measured)]
-            went = float(np.ptp(seen)) if seen.size else float("nan")
-            run.check(f"{name}: way of the {what}", went / way, "1", low=WAY.low, high=WAY.high)
+            went = run.measured(partial(_went, of, way), values, rate=RATE)
+            run.check(f"{name}: way of the {what}", went, "1", low=WAY.low, high=WAY.high)
+
+
+def _went(of: Callable[[Mapping[str, Samples]], Samples], way: float, values: Mapping[str, Samples]) -> float:
+    """Return how far something went, over the ``way`` (m) that was asked for; NaN if nothing was seen."""
+    motion = of(values)
+    seen = motion[np.isfinite(motion)]
+    return float(np.ptp(seen)) / way if seen.size else float("nan")
 
 
 def _stretch(run: Run, home: Home, stretch: Stretch) -> None:

@@ -79,6 +79,8 @@ _READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLO
 #: What it takes to come to a pose and to read it.
 POSING: Final = (*_READ, *HELD_SIDEWAYS, "platform.roll_setpoint")
 READ_OVER: Final = 2 * s
+#: So many samples such a mean has at least.
+POSE_SAMPLES: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,7 @@ class PoseReading:
     temperature: float  #: of the gas in the bellows
     vertical: float  #: force on the spring, downward
     lateral: float  #: force that the spring opposes to its shear
+    read: Mapping[str, float]  #: of what it was computed: means by signal, temperatures as they were
 
 
 def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
@@ -102,18 +105,24 @@ def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
     mean, slope = {}, {}
     for name in _READ:
         mean[name], slope[name] = straight_line(capture.times(name), capture.values(name))
-    # A thermometer that follows with first order reads what was.
-    gas = [mean[name] + THERMOMETER_LAG * slope[name] for name in BELLOWS_TEMPERATURES]
-    values = {name: np.array([value]) for name, value in mean.items()}
+    for name in BELLOWS_TEMPERATURES:  # a thermometer that follows with first order reads what was
+        mean[name] += THERMOMETER_LAG * slope[name]
+    return pose_of(mean)
+
+
+def pose_of(mean: Mapping[str, float]) -> PoseReading:
+    """Return how the springs stand and what they carry, of the mean of each reading (SI)."""
+    values = {name: np.array([mean[name]]) for name in (*POSE_SIGNALS, *PRESSURES)}
     return PoseReading(
         shear=float(shear_of(values)[0]),
         height=0.5 * (mean["left.height"] + mean["right.height"]),
         roll=float(roll_of(values)[0]),
         stop_travel=float(stop_travel_of(values)[0]),
         pressure=pressure_of(values),
-        temperature=float(np.mean(gas)),
+        temperature=float(np.mean([mean[name] for name in BELLOWS_TEMPERATURES])),
         vertical=0.5 * sum(mean[cell] for cell in VERTICAL_CELLS),
         lateral=-0.5 * sum(mean[cell] for cell in SHEAR_CELLS),
+        read=mean,
     )
 
 

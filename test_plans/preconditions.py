@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date
@@ -21,6 +21,13 @@ ICE: Final = 273.15 * K
 YES: Final = "yes"
 NO: Final = "no"
 SUPPLY_WITHIN: Final = 5 * s
+#: What the supply needs above a pressure to fill a spring to it in a reasonable time.
+HEADROOM: Final = 1 * bar
+#: The hall in which limits are good: rubber and gas are what they were when the drawing was made.
+HALL: Final = (ICE + 10 * K, ICE + 35 * K)
+COME_BACK: Final = 1 * minutes
+#: How a precondition names the load case that the plan's parameter of this name says.
+PARAMETER: Final = "load"
 _LOOK_WITHIN: Final = 10 * minutes
 
 
@@ -64,15 +71,41 @@ def supply(at_least: float) -> Precondition:
     return Precondition(f"supply pressure of at least {at_least / bar:g} bar", look, strict=False, armed=True)
 
 
+def supply_for(*loads: str) -> Precondition:
+    """The air supply has `HEADROOM` above what carries the load cases, or those that the plan's parameters name."""
+
+    def look(run: Run) -> Finding:
+        carries = max(run.specimen.load(name).fill_pressure for name in _chosen(run, loads))
+        return supply(carries + HEADROOM).look(run)
+
+    what = " and ".join("the load that is chosen" if name == PARAMETER else name for name in loads)
+    text = f"supply pressure {HEADROOM / bar:g} bar above that of {what}"
+    return Precondition(text, look, strict=False, armed=True)
+
+
+def on_the_bench(*loads: str) -> list[Precondition]:
+    """What any measurement of a spring under some load cases requires; "load" stands for the plan's parameter."""
+    return [load_cases(*loads), gas(*HALL), not_overdue(), supply_for(*loads)]
+
+
 def gas(low: float, high: float) -> Precondition:
-    """The gas in the springs, which at rest has the temperature of the hall, lies within two temperatures (K)."""
+    """The gas in the springs, which at rest has the temperature of the hall, lies within two temperatures (K).
+
+    What a run before has let off or squeezed is given a minute.
+    """
     span = f"{low - ICE:.3g} to {high - ICE:.3g} °C"
 
     def look(run: Run) -> Finding:
         names = [f"{side}.bellows_temperature" for side in ("left", "right")]
         if lacking := run.bench.lacks(*names):
             return Finding(None, lacking)
-        found = run.bench.averages(*names, over=0.5).values()
+
+        def within() -> bool:
+            return all(low <= run.bench.readings.value(name) <= high for name in names)
+
+        with suppress(BenchTimeout):
+            run.bench.wait_for(within, within=COME_BACK, what="gas at the temperature of the hall")
+        found = [run.bench.readings.value(name) for name in names]
         told = " and ".join(f"{one - ICE:.1f} °C" for one in found)
         good = all(low <= one <= high for one in found)
         return Finding(good, told if good else f"{told}; wait until the hall has {span}")
@@ -92,15 +125,34 @@ def calibrated(*signals: str) -> Precondition:
     return Precondition("calibrated instruments", look)
 
 
-def load_cases(*names: str) -> Precondition:
-    """The specimen's file has these load cases."""
+def not_overdue() -> Precondition:
+    """No instrument is overdue for its calibration; a rig whose instruments nobody knows cannot tell."""
 
     def look(run: Run) -> Finding:
-        lacking = [name for name in names if name not in run.specimen.loads]
+        pieces, day = run.instruments.pieces.values(), today(run)
+        if not pieces:
+            return Finding(None, "nobody has said which instruments this rig has; its file can name theirs")
+        over = [piece.trouble(day) for piece in pieces if piece.overdue(day)]
+        found = "; ".join(over) + "; a new calibration would be right" if over else "none is overdue"
+        return Finding(not over, found)
+
+    return Precondition("no instrument is overdue for calibration", look, strict=False)
+
+
+def load_cases(*names: str) -> Precondition:
+    """The specimen's file has these load cases; "load" stands for the one that the plan's parameter names."""
+
+    def look(run: Run) -> Finding:
+        lacking = [name for name in _chosen(run, names) if name not in run.specimen.loads]
         found = f"{run.specimen.file} has {', '.join(run.specimen.loads)}"
         return Finding(not lacking, f"{found}; {', '.join(lacking)} would be needed" if lacking else found)
 
-    return Precondition(f"load case {' and '.join(names)} of the specimen", look)
+    what = " and ".join("that is chosen" if name == PARAMETER else name for name in names)
+    return Precondition(f"load case {what} of the specimen", look)
+
+
+def _chosen(run: Run, names: Iterable[str]) -> list[str]:
+    return [str(run.values[name]) if name == PARAMETER else name for name in names]
 
 
 def rested(at_least: float) -> Precondition:

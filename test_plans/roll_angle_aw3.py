@@ -9,6 +9,7 @@ from test_plans.fittings import CONNECTIONS, leave_connected
 from test_plans.loads import AW3
 from test_plans.plan import plan
 from test_plans.poses import POSING
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.waves import LATERAL_WAVES
 
@@ -20,6 +21,7 @@ ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 7))
     teardown=leave_connected,
     lasts=330 * s,
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
+    requires=on_the_bench(AW3),
 )
 def roll_angle_aw3(run: Run) -> None:
     """Roll angle, full car: lateral stiffness at fixed rolls of 0, ±0.01 … ±0.06 rad.

@@ -14,6 +14,7 @@ from test_plans.geometry import SPRING_HALF_SPACING, roll_of
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.poses import COOL, POSING, go_home, take_pose
+from test_plans.preconditions import on_the_bench
 from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, LASER_LAG, LOAD_CELL_LAG, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
@@ -34,6 +35,7 @@ ROLLING: Final = (*HEIGHTS, *VERTICAL_CELLS, *GENERATOR, "generator.axis", "gene
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, "air.dpv"),
     teardown=leave_connected,
     lasts=170 * s,
+    requires=on_the_bench("load"),
 )
 def roll_coupling(
     run: Run,
@@ -73,10 +75,18 @@ def roll_coupling(
         seen = RollAngle()
         seen.measure(run, home, (0.5 * roll, roll))  # half way the gas gives its heat off
         seen.keep(run, run.specimen.load(load), "isolated")
-    odd = 0.5 * ROLL_SHEAR * (seen.secant(roll) - seen.secant(-roll))
+    odd, even = seen.judge(run, _odd_and_even, roll, -roll, 0.0)
     run.check("lateral force by roll", odd, "kN", low=coupling[0], high=coupling[1])
-    even = 0.5 * (seen.storage(roll) + seen.storage(-roll)) / seen.storage(0.0)
     check_band(run, "lateral stiffness K', rolled over level", even, "1", rolled)
+
+
+def _odd_and_even(secants: list[float], storages: list[float]) -> tuple[float, float]:
+    """Return the lateral force (N) that turns its sign with the roll, and K' rolled over level.
+
+    Of what was measured at the roll, rolled to the other side, and level.
+    """
+    odd = 0.5 * ROLL_SHEAR * (secants[0] - secants[1])
+    return odd, 0.5 * (storages[0] + storages[1]) / storages[2]
 
 
 def _swing(run: Run) -> tuple[Samples, Values]:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from bench_protocol.units import FACTORS, NS, minutes
 from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
+from test_plans.parameters import Value
 from test_plans.specimen import Specimen, ordinary
 from test_plans.suspension import HOLD_WITHIN, Suspension
-from test_plans.uncertainty import Evaluation, Measured, Readings, measured
+from test_plans.uncertainty import Evaluation, Exact, Measured, Readings, measured
 
 if TYPE_CHECKING:
     from bench_records.curves import Axis, Curve
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     from bench_records.result import Check
     from drivers.bench import Bench
     from test_plans.loads import Band
+
+
+#: Why a plain number has no uncertainty.
+PLAIN: Final = "the plan does not say"
 
 
 class PlanError(Exception):
@@ -103,6 +108,7 @@ class Run:
     operator: Operator = field(default_factory=NoOperator)
     instruments: Instruments = UNKNOWN
     suspension: Suspension = field(default_factory=Suspension)
+    values: Mapping[str, Value] = field(default_factory=dict)  #: of the plan's parameters (SI)
     held: list[tuple[int, int]] = field(default_factory=list)  #: from when to when it was held (ns)
     preconditions: list[Condition] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)  #: what whoever reads the result has to know
@@ -130,10 +136,10 @@ class Run:
     ) -> bool:
         """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
 
-        A `measured` value has an uncertainty: it passes if it conforms surely, and is *marginal* otherwise. Another one
-        is marginal within ``margin``, a fraction of the band, of a limit. ``unit`` is what people read. PlanError for a
-        unit that nobody declared, ValueError for limits that could not be broken or met. What was measured ``since`` a
-        time (ns), while the run was held, is *not available*.
+        A `measured` value has an uncertainty: it passes if it conforms surely, and is *marginal* otherwise. One without
+        is marginal within ``margin``, a fraction of the band, of a limit, unless it is `Exact`. ``unit`` is what people
+        read. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met. What was
+        measured ``since`` a time (ns), while the run was held, is *not available*.
         """
         from bench_records.result import MARGIN
         from bench_records.result import check as judged
@@ -143,7 +149,9 @@ class Run:
         if since is not None and any(begun >= since for begun, _ in self.held):
             self.lack([name], "the run was held while it was measured")
             return False
-        found = value if isinstance(value, Measured) else Measured(value)
+        found = value if isinstance(value, Measured) else Measured(value, unknown=PLAIN)
+        if margin is None:
+            margin = 0.0 if isinstance(found, Exact) else MARGIN
         one = judged(
             name,
             found.value,
@@ -151,13 +159,14 @@ class Run:
             FACTORS[unit],
             low=low,
             high=high,
-            margin=MARGIN if margin is None else margin,
+            margin=margin,
             phase=self._open[-1] if self._open else "",
             note=note,
             u=found.u,
             even=found.even,
             parts=found.parts,
             at=(self.now - self.start) / NS,
+            without=found.unknown,
         )
         self._judged(one)
         return one.passed
@@ -170,9 +179,17 @@ class Run:
         (one,) = self.measure(evaluate, *captures, **how)
         return one
 
-    def measure(self, evaluate: Evaluation, *captures: Readings, **how: Any) -> tuple[Measured, ...]:
-        """Return the several values that ``evaluate(*captures)`` computes from readings, with their uncertainties."""
-        return measured(evaluate, *captures, instruments=self.instruments, **how)
+    def measure(
+        self, evaluate: Evaluation, *captures: Readings, over: float = 0.0, **how: Any
+    ) -> tuple[Measured, ...]:
+        """Return the several values that ``evaluate(*captures)`` computes from readings, with their uncertainties.
+
+        ``over`` is how long (s) means were taken, of as many samples as came in that time.
+        """
+        came = self.bench.receiver.rates
+        if over:
+            how["averaged"] = {name: max(round(hertz * over), 1) for name, hertz in came.items()}
+        return measured(evaluate, *captures, instruments=self.instruments, came=came, **how)
 
     def can(self, *checks: str, needs: Iterable[str]) -> bool:
         """Return whether the rig has all signals that ``checks`` need; if not, these are *not available*, and why.

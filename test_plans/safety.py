@@ -1,11 +1,11 @@
 """Safety: whether the bench holds and becomes safe in time when its commander, its operator or its air fails it."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack, suppress
+from functools import partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, HOLD_AFTER
 from bench_protocol.units import NS, bar, kN, minutes, mm, ms, s
@@ -18,15 +18,21 @@ from test_plans.analysis import Samples
 from test_plans.loads import AW0
 from test_plans.operator import DONE
 from test_plans.plan import plan
+from test_plans.preconditions import load_cases, supply_for
 from test_plans.readings import HEIGHTS
 from test_plans.run import Run
+from test_plans.steps.air import AVERAGED
 from test_plans.steps.carrying import RESIDUAL_PRESSURE
+from test_plans.uncertainty import EVEN, SAMPLING, Measured, timed, yes_or_no
 
 BELLOWS: Final = tuple(f"{side}.bellows_pressure" for side in SIDES)
 FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)
 READ: Final = ("rig.state", *BELLOWS, *FORCES, *HEIGHTS)
+#: Between two set-points, and between two words of the rig's state.
+BEAT: Final = 1 / COMMAND_RATE
+OF_A_BEAT: Final = 0.5 * EVEN * BEAT
 #: A beat may have just gone, and the rig tells its state as often; what carries both takes its time.
-TELLING: Final = 2 / COMMAND_RATE + 10 * ms
+TELLING: Final = 2 * BEAT + 10 * ms
 #: The rig's own watchdog for its settings, and its word for how long the safe position takes.
 SETTINGS_AFTER: Final = 1 * s
 SAFE_AFTER: Final = 15 * s
@@ -56,7 +62,12 @@ def switch_off(run: Run) -> None:
         last_first.callback(steps.make_safe, run)
 
 
-@plan(teardown=switch_off, needs=(*steps.CARRYING, *READ), lasts=90 * s)
+@plan(
+    teardown=switch_off,
+    needs=(*steps.CARRYING, *READ),
+    lasts=90 * s,
+    requires=[load_cases(AW0), supply_for(AW0)],
+)
 def safety(run: Run) -> None:
     """Safety: loss of command, of the settings' wire, of the supply, and the emergency stop; then power off.
 
@@ -78,41 +89,50 @@ def safety(run: Run) -> None:
     _press_the_stop(run)
 
 
+Read = Mapping[str, Samples]
+
+
 class Course:
     """What the bench did since something was taken from it: ``since`` s after the capture began."""
 
     def __init__(self, capture: Capture, watched: float, since: float = 0.0) -> None:
-        self._capture, self._watched, self._since = capture, watched, since
+        self._values = {name: capture.values(name) for name in READ}
+        self._times = {name: capture.times(name) - since for name in READ}
+        self._watched = watched
 
     def until_state(self, *states: str) -> float:
         """Return how long it took to one of ``states`` (s); as long as it was watched if it never came."""
-        times, values = self._series("rig.state")
-        wanted = [STATES.index(state) for state in states]
-        return self._first(times, np.isin(values, wanted))
+        there = np.isin(self._values["rig.state"], [STATES.index(state) for state in states])
+        return float(self._times["rig.state"][np.argmax(there)]) if there.any() else self._watched
 
-    def until_small(self, names: Iterable[str], limit: float) -> float:
-        """Return from when on (s) the sizes of all ``names`` stayed within ``limit`` (SI)."""
-        latest = 0.0
-        for name in names:
-            times, values = self._series(name)
-            if not times.size:
-                return self._watched  # nothing came: nobody knows
-            large = np.flatnonzero(~(np.abs(values) <= limit))
-            if large.size:
-                after = large[-1] + 1
-                latest = max(latest, float(times[after]) if after < times.size else self._watched)
-        return latest
+    def until_small(self, names: Iterable[str], limit: float, read: Read | None = None) -> float:
+        """Return from when on (s) the sizes of all ``names`` stayed within ``limit`` (SI), by what was ``read``."""
+        return max(self._last_large(name, (read or self._values)[name], limit) for name in names)
 
-    def rise(self) -> float:
+    def rise(self, read: Read | None = None) -> float:
         """Return by how much the higher side rose (m); NaN if one was not seen all the time."""
-        heights = [values for _, values in map(self._series, HEIGHTS)]
+        heights = [(read or self._values)[name] for name in HEIGHTS]
         return float(np.max([values.max() - values[0] if values.size else np.nan for values in heights]))
 
-    def _series(self, name: str) -> tuple[Samples, Samples]:
-        return self._capture.times(name) - self._since, self._capture.values(name)
+    def measured(self, run: Run, evaluate: Callable[[Read], float]) -> Measured:
+        """Return what ``evaluate`` computes of what was read, with its uncertainty."""
+        return run.measured(evaluate, self._values, rate=self._rates)
 
-    def _first(self, times: Samples, there: npt.NDArray[np.bool_]) -> float:
-        return float(times[np.argmax(there)]) if there.any() else self._watched
+    def _last_large(self, name: str, values: Samples, limit: float) -> float:
+        times = self._times[name]
+        if not times.size:
+            return self._watched  # nothing came: nobody knows
+        large = np.flatnonzero(~(np.abs(values) <= limit))
+        after = large[-1] + 1 if large.size else 0
+        return 0.0 if not after else float(times[after]) if after < times.size else self._watched
+
+    @property
+    def _rates(self) -> dict[str, float]:
+        """How many samples a second each reading has; one where there are none."""
+        return {
+            name: (times.size - 1) / (times[-1] - times[0]) if times.size > 1 else 1.0
+            for name, times in self._times.items()
+        }
 
 
 def _charge(run: Run) -> None:
@@ -140,13 +160,12 @@ def _supervised(run: Run, names: Iterable[str]) -> bool:
 
 def _check_safe(run: Run, name: str, course: Course) -> None:
     """Check the way into the safe position."""
-    values = (
-        (course.until_small(BELLOWS, RESIDUAL_PRESSURE), "s", SAFE_AFTER),
-        (course.until_small(FORCES, LET_GO), "s", SAFE_AFTER),
-        (course.rise(), "mm", THROWN),
-    )
-    for what, (value, unit, high) in zip(SAFE, values, strict=True):
-        run.check(f"{name}: {what}", value, unit, high=high)
+    for what, names, limit in ((SAFE[0], BELLOWS, RESIDUAL_PRESSURE), (SAFE[1], FORCES, LET_GO)):
+        took = course.measured(run, partial(course.until_small, names, limit)).beside(
+            SAMPLING, OF_A_BEAT, even=True
+        )
+        run.check(f"{name}: {what}", took, "s", high=SAFE_AFTER)
+    run.check(f"{name}: {SAFE[2]}", course.measured(run, course.rise), "mm", high=THROWN)
 
 
 def _lose_the_setpoints(run: Run) -> None:
@@ -157,10 +176,12 @@ def _lose_the_setpoints(run: Run) -> None:
     _charge(run)
     with run.phase(name):
         course = _course(run, run.bench.silent("set-points"), SAFE_AFTER + LONGER)
-        run.check(holds, course.until_state(*HOLDING), "ms", high=HOLD_AFTER + TELLING, margin=0.0)
-        run.check(
-            disabled, course.until_state("FAULT_DISABLED"), "ms", high=DISABLE_AFTER + TELLING, margin=0.0
-        )
+        for what, states, after in (
+            (holds, HOLDING, HOLD_AFTER),
+            (disabled, ("FAULT_DISABLED",), DISABLE_AFTER),
+        ):
+            took = timed(course.until_state(*states), BEAT, BEAT)
+            run.check(what, took, "ms", high=after + TELLING)
         _check_safe(run, name, course)
 
 
@@ -172,8 +193,8 @@ def _lose_the_settings(run: Run) -> None:
     _charge(run)
     with run.phase(name):
         course = _course(run, run.bench.silent("settings"), SETTINGS_AFTER + LONGER)
-        run.check(holds, course.until_state(*HOLDING), "s", high=SETTINGS_AFTER + TELLING, margin=0.0)
-        run.check(rises, course.rise(), "mm", high=THROWN)
+        run.check(holds, timed(course.until_state(*HOLDING), BEAT, BEAT), "s", high=SETTINGS_AFTER + TELLING)
+        run.check(rises, course.measured(run, course.rise), "mm", high=THROWN)
         run.bench.reset()
 
 
@@ -199,7 +220,7 @@ def _lose_the_supply(run: Run) -> None:
         before = steps.weigh_the_air(run)
         bench.wait(HOLD)
         steps.check_tightness(run, load, before, at=f", {name}")
-        run.check(stays, float(bench.state == "ACTIVE"), "1", low=YES)
+        run.check(stays, yes_or_no(bench.state == "ACTIVE"), "1", low=YES)
         run.ask("Open the supply of air again", (DONE,), deed="supply_loss off")
 
 
@@ -219,7 +240,7 @@ def _press_the_stop(run: Run) -> None:
             answered = (bench.clock.now() - capture.start) / NS
             bench.wait(watched)
         pressed = Course(capture, answered + watched).until_state("ESTOP")
-        run.check(acts, max(0.0, pressed - answered), "ms", high=ESTOP_AFTER)
+        run.check(acts, timed(max(0.0, pressed - answered), BEAT), "ms", high=ESTOP_AFTER)
         _check_safe(run, name, Course(capture, watched, min(pressed, answered)))
         run.ask("Release the emergency stop", (DONE,), deed="estop off")
 
@@ -230,11 +251,12 @@ def _check_off(run: Run) -> None:
     with run.phase("power off"), bench.despite_faults():
         if bench.state in FAULT_STATES:
             bench.reset()
-        highest = max(bench.averages(*BELLOWS, over=steps.AVERAGE_OVER).values())
+        mean = bench.averages(*BELLOWS, over=steps.AVERAGE_OVER)
+        highest = run.measured(lambda read: max(read[name] for name in BELLOWS), mean, averaged=AVERAGED)
         run.check("pressure at the end", highest, "bar", high=RESIDUAL_PRESSURE)
         if not run.can("is off at the end", needs=("action.power_off",)):
             return
         bench.action.power_off()
         with suppress(BenchTimeout):
             bench.wait_for(lambda: bench.state == "OFF", within=OFF_WITHIN, what="the bench off")
-        run.check("is off at the end", float(bench.state == "OFF"), "1", low=YES)
+        run.check("is off at the end", yes_or_no(bench.state == "OFF"), "1", low=YES)

@@ -2,8 +2,6 @@
 
 from cmath import phase
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from math import hypot
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -17,6 +15,7 @@ from test_plans.geometry import POSE_SIGNALS, shear_of
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
+from test_plans.preconditions import on_the_bench
 from test_plans.readings import (
     LASER_LAG,
     LOAD_CELL_LAG,
@@ -30,7 +29,6 @@ from test_plans.spectra import SIGMAS_OF_95, Spectra, spectra
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.shaking import check_band
 from test_plans.tables import FREQUENCY, MAGNITUDE, keep
-from test_plans.uncertainty import LEAST_SHARE, Measured, measured
 from test_plans.wind import RISE, admittance, fade, random_process, side_force, spectrum
 
 #: How much a track moves springs, and how fast, goes with the speed: the limits hold for this one.
@@ -48,6 +46,13 @@ SLOWEST: Final = 0.2 * Hz
 SEGMENT: Final = 8 * s
 #: Of the springs' stiffness: where wind and track move them enough.
 BAND: Final = (0.5 * Hz, 2 * Hz)
+#: What is judged of how far springs and pressures move: its name, limit and unit.
+SWINGS: Final = (
+    ("lateral displacement, rms about its mean", "displacement_rms", "mm"),
+    ("lateral displacement, exceeded in 1 % of the time", "displacement", "mm"),
+    ("pressure, largest rms of a chamber", "pressure_rms", "mbar"),
+)
+INCOHERENT: Final = "what is not coherent"
 LINES: Final = tuple(0.25 * Hz * k for k in range(1, 13))
 #: Of the irregularity in 1/m, and its low level in rad·m, vertically and laterally (ERRI B 176).
 CORNERS: Final = (0.0206, 0.8246)
@@ -68,6 +73,7 @@ def take_up(run: Run, load: str) -> None:
     needs=(*steps.CARRYING, *READ, *FREE_SIDEWAYS, *(f"{axis}_setpoint" for axis in TRACK)),
     teardown=leave_connected,
     lasts=121 * s,
+    requires=on_the_bench("load"),
 )
 def stochastic_crosswind(
     run: Run,
@@ -98,23 +104,22 @@ def stochastic_crosswind(
             run.bench.wait(BEFORE)
             run.bench.waveform.run(times, moves)
         at, values = capture.aligned(RATE)
-    y = shear_of(values) - values["platform.lateral"]
-    y -= y[at < BEFORE].mean()
     steady = (at >= BEFORE + RISE) & (at < BEFORE + RISE + duration)
-    swing = float(np.max([values[name][steady].std() for name in PRESSURES]))  # NaN if one is
-    for name, limit, value, unit in (
-        ("lateral displacement, rms about its mean", "displacement_rms", float(y[steady].std()), "mm"),
-        (
-            "lateral displacement, exceeded in 1 % of the time",
-            "displacement",
-            float(np.percentile(np.abs(y[steady]), 99.0)),
-            "mm",
-        ),
-        ("pressure, largest rms of a chamber", "pressure_rms", swing, "mbar"),
-    ):
+    found = run.measure(lambda read: _swings(read, at < BEFORE, steady), values, rate=RATE)
+    for (name, limit, unit), value in zip(SWINGS, found, strict=True):
         check_band(run, name, value, unit, limits.band(f"stochastic_crosswind.{limit}", unit))
     _check_stiffness(run, load, "lateral", values, lambda read: _sideways(read, steady))
     _check_stiffness(run, load, "vertical", values, lambda read: _upright(read, steady))
+
+
+def _swings(
+    values: Values, calm: npt.NDArray[np.bool_], steady: npt.NDArray[np.bool_]
+) -> tuple[float, float, float]:
+    """Return the rms of the displacement (m), what it exceeds in 1 % of the time, and the rms of the pressures (Pa)."""
+    y = shear_of(values) - values["platform.lateral"]
+    y = (y - y[calm].mean())[steady]
+    swing = float(np.max([values[name][steady].std() for name in PRESSURES]))  # NaN if one is
+    return float(y.std()), float(np.percentile(np.abs(y), 99.0)), swing
 
 
 def _sideways(values: Values, steady: npt.NDArray[np.bool_]) -> Spectra:
@@ -168,18 +173,18 @@ def _check_stiffness(
         return moved.real, phase(moved)
 
     # What the instruments make uncertain, and what is not coherent.
-    stiffness, angle = measured(numbers, values, instruments=run.instruments, rate=RATE)
+    stiffness, angle = run.measure(numbers, values, rate=RATE)
     over = f"{BAND[0]:g} to {BAND[1]:g} Hz"
     band = limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
     note = f"coherence {K.coherence:.4f}, {K.averages:.0f} averages"
-    one = _with(stiffness, K.uncertainty)
+    one = stiffness.beside(INCOHERENT, K.uncertainty)
     run.check(f"{direction} stiffness K', {over}", one, "kN/m", low=band.low, high=band.high, note=note)
     if direction == "vertical":
         lost = limits.band("stochastic_crosswind.vertical_loss_angle", "deg")
         check_band(
             run,
             f"vertical loss angle, {over}",
-            _with(angle, K.uncertainty / abs(K.value)),
+            angle.beside(INCOHERENT, K.uncertainty / abs(K.value)),
             "deg",
             lost,
         )
@@ -192,13 +197,3 @@ def _check_stiffness(
     ):
         group = f"{direction.capitalize()} {MAGNITUDE[0]} from spectra"
         keep(run, name, group, FREQUENCY, MAGNITUDE, list(LINES), ys)
-
-
-def _with(value: Measured, incoherent: float) -> Measured:
-    """Return ``value`` with another independent part of its uncertainty; unknown stays unknown."""
-    if value.u is None:
-        return value
-    u, parts = hypot(value.u, incoherent), {"what is not coherent": incoherent, **value.parts}
-    return replace(
-        value, u=u, parts={cause: one for cause, one in parts.items() if one**2 > LEAST_SHARE * u**2}
-    )

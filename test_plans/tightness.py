@@ -2,12 +2,12 @@
 
 from typing import Annotated, Final
 
-from bench_protocol.units import bar, minutes, s
+from bench_protocol.units import minutes, s
 from test_plans import steps
 from test_plans.loads import AW0, AW3
 from test_plans.parameters import Range
 from test_plans.plan import plan
-from test_plans.preconditions import load_cases, supply
+from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 
 #: The gas of a fast filling cools with 13 s; meanwhile pressure and temperature tell little.
@@ -22,7 +22,7 @@ def lift(run: Run) -> None:
     steps.raise_the_air(run, load)
 
 
-@plan(setup=lift, needs=steps.CARRYING, requires=[supply(6.5 * bar), load_cases(AW0, AW3)], lasts=120 * s)
+@plan(setup=lift, needs=steps.CARRYING, requires=on_the_bench(AW0, AW3), lasts=120 * s)
 def tightness(run: Run, *, hold: Annotated[float, Range(20 * s, 30 * minutes, "s")] = 30 * s) -> None:
     """Tightness: fill the springs to two pressures, shut every valve, and weigh the air before and after.
 

@@ -9,8 +9,8 @@ correlated; pieces are independent of one another. Noise and resolution are draw
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from math import isfinite, sqrt
+from dataclasses import dataclass, field, replace
+from math import hypot, isfinite, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -30,15 +30,23 @@ EVEN: Final = 1 / sqrt(3.0)
 STEP: Final = 1 / sqrt(12.0)
 #: So many draws tell the standard deviation of what noise does to 9 %.
 NOISE_DRAWS: Final = 64
+#: A sample that was lost here and there makes no slower signal.
+SAME_RATE: Final = 1.2
 #: Parts below this share of the variance are not told.
 LEAST_SHARE: Final = 0.01
+#: A cause that is no instrument's: what happens between two samples.
+SAMPLING: Final = "time between samples"
+#: Why a value has no uncertainty, where it needs none.
+COUNTED: Final = "it was counted"
+YES_OR_NO: Final = "it is yes or no"
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
     """A value (SI) with its standard uncertainty, and what that is made of: standard uncertainty by cause.
 
-    ``u`` is None where nobody knows how good the readings are.
+    ``u`` is None where there is none, and ``unknown`` says why: nobody knows how good the readings are, or what is told
+    is no measurement (`Exact`).
     """
 
     value: float
@@ -49,6 +57,38 @@ class Measured:
 
     def __float__(self) -> float:
         return self.value
+
+    def beside(self, cause: str, u: float, *, even: bool = False) -> Measured:
+        """Return it with another independent part of its uncertainty; unknown stays unknown."""
+        if self.u is None:
+            return self
+        whole = hypot(self.u, u)
+        parts = {**self.parts, cause: hypot(self.parts.get(cause, 0.0), u)}
+        told = {one: part for one, part in parts.items() if part**2 > LEAST_SHARE * whole**2}
+        return replace(self, u=whole, even=max(self.even, u) if even else self.even, parts=told)
+
+
+@dataclass(frozen=True, slots=True)
+class Exact(Measured):
+    """A value that is no measurement and has no uncertainty: ``unknown`` says what it is."""
+
+
+def counted(number: float) -> Exact:
+    """Return a number of things that were counted, or a share of such numbers."""
+    return Exact(float(number), unknown=COUNTED)
+
+
+def yes_or_no(so: bool) -> Exact:
+    """Return 1 if it is so and 0 if not."""
+    return Exact(float(so), unknown=YES_OR_NO)
+
+
+def timed(value: float, *steps: float) -> Measured:
+    """Return a time (s) between two events, of each of which is known only in which of its ``steps`` (s) it was."""
+    found = Measured(value, 0.0)
+    for step in steps:
+        found = found.beside(SAMPLING, 0.5 * EVEN * step, even=True)
+    return found
 
 
 class _Watched(Mapping[str, Any]):
@@ -75,12 +115,16 @@ def measured(
     *captures: Readings,
     instruments: Instruments,
     rate: float | Mapping[str, float] = 200 * Hz,
-    averaged: int = 1,
+    averaged: int | Mapping[str, int] = 1,
+    came: Mapping[str, float] | None = None,
+    themselves: bool = False,
 ) -> tuple[Measured, ...]:
     """Return what ``evaluate(*captures)`` gives, a number or several, each with its uncertainty.
 
-    ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate``, one or by
-    signal, or means over ``averaged`` samples.
+    ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate``, one or by signal, or means over
+    ``averaged`` samples, of all or by signal. ``came`` is how often (Hz) a signal came from the rig: what was slower
+    than ``rate`` lies on lines between few samples, and so does its noise. Where the instruments ``themselves`` are
+    what is measured, their errors are the value and not its uncertainty: what is left is noise and resolution.
     Readings without an instrument leave the value without an uncertainty, except statuses and choices, which have no
     error. A value that is no number has none either, nor one that was computed of none of the readings.
     """
@@ -96,7 +140,7 @@ def measured(
     rates = rate if isinstance(rate, Mapping) else dict.fromkeys(used, rate)
     parts: dict[str, Samples] = {}
     even = np.zeros_like(best)
-    for name in used:
+    for name in () if themselves else used:
         for cause, moved in _ways(instruments.pieces[name], rates.get(name, 1.0)):
             up, down = (
                 np.atleast_1d(np.asarray(evaluate(*_changed(captures, name, moved, way)), float))
@@ -107,7 +151,11 @@ def measured(
             part = 0.5 * (abs(up - best) + abs(best - down))
             parts[key] = np.hypot(parts.get(key, 0.0), part)
             even = np.maximum(even, part)
-    parts["noise"] = _noise(evaluate, captures, [instruments.pieces[name] for name in used], best, averaged)
+    pieces = [instruments.pieces[name] for name in used]
+    apart = {
+        name: max(rates.get(name, 1.0) / hertz, 1.0) for name, hertz in (came or {}).items() if hertz > 0.0
+    }
+    parts["noise"] = _noise(evaluate, captures, pieces, best, averaged, apart)
     return tuple(_composed(best, parts, even, place) for place in range(best.size))
 
 
@@ -153,9 +201,17 @@ def _changed(captures: Sequence[Readings], name: str, moved: Move, way: float) -
 
 
 def _noise(
-    evaluate: Evaluation, captures: Sequence[Readings], pieces: Sequence[Piece], best: Samples, averaged: int
+    evaluate: Evaluation,
+    captures: Sequence[Readings],
+    pieces: Sequence[Piece],
+    best: Samples,
+    averaged: int | Mapping[str, int],
+    apart: Mapping[str, float],
 ) -> Samples:
-    """Return what noise and resolution of single samples do, from draws that are always the same."""
+    """Return what noise and resolution of single samples do, from draws that are always the same.
+
+    ``apart`` is how many of its places a sample of a signal lies from the next.
+    """
     generator = np.random.default_rng(1)
     away = np.zeros_like(best)
     for _ in range(NOISE_DRAWS):
@@ -165,12 +221,21 @@ def _noise(
             for piece in pieces:
                 if piece.signal in one:
                     values = np.asarray(one[piece.signal], float)
-                    changed[piece.signal] = values + _sigma(
-                        piece, values, averaged
-                    ) * generator.standard_normal(values.shape)
+                    count = averaged.get(piece.signal, 1) if isinstance(averaged, Mapping) else averaged
+                    noise = _drawn(generator, values.shape, apart.get(piece.signal, 1.0))
+                    changed[piece.signal] = values + _sigma(piece, values, count) * noise
             drawn.append(changed)
         away += (np.atleast_1d(np.asarray(evaluate(*drawn), float)) - best) ** 2
     return np.sqrt(away / NOISE_DRAWS)
+
+
+def _drawn(generator: np.random.Generator, shape: tuple[int, ...], apart: float) -> Samples:
+    """Return normal numbers; those between two that are further ``apart`` than one place lie on the line between."""
+    if not shape or apart < SAME_RATE:
+        return generator.standard_normal(shape)
+    places = np.arange(shape[0]) / apart
+    drawn = generator.standard_normal(int(places[-1]) + 2 if places.size else 0)
+    return np.interp(places, np.arange(drawn.size), drawn)
 
 
 def _sigma(piece: Piece, values: Samples, averaged: int) -> float:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import ceil, tau
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from test_plans.steps.shaking import spring_motion
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+    from test_plans.uncertainty import Measured
 
 SAMPLE_RATE: Final = 200 * Hz
 #: A wave is measured after so long at full amplitude, and for so long, but never less than whole cycles.
@@ -52,6 +53,14 @@ LATERAL_WAVES: Final = (*_LATERAL, *GENERATOR, "lateral.control", "lateral.displ
 VERTICAL_WAVES: Final = (*_VERTICAL, *GENERATOR)
 
 Values = dict[str, Samples]
+
+
+class Sine(NamedTuple):
+    """What was read during a sine: times (s), values by signal, and its frequency (Hz)."""
+
+    times: Samples
+    values: Values
+    frequency: float
 
 
 def shake(
@@ -110,6 +119,25 @@ def lateral_stiffness(times: Samples, values: Values, frequency: float) -> Stiff
         X = centre + CENTRE_HEIGHT * roll
     F = -0.5 * sum(of(cell, LOAD_CELL_LAG) for cell in SHEAR_CELLS)
     return Stiffness(F / X, frequency, abs(X))
+
+
+def measure_sines(
+    run: Run,
+    sines: Sequence[Sine],
+    stiffness: Callable[[Samples, Values, float], Stiffness],
+    evaluate: Callable[[list[Stiffness]], float],
+) -> Measured:
+    """Return what ``evaluate`` makes of the ``stiffness`` of several sines, with its uncertainty.
+
+    A piece is wrong in all of them alike: what that does to a ratio falls out.
+    """
+
+    def computed(*read: Values) -> float:
+        return evaluate(
+            [stiffness(one.times, values, one.frequency) for one, values in zip(sines, read, strict=True)]
+        )
+
+    return run.measured(computed, *(one.values for one in sines))
 
 
 def pressure_of(values: Mapping[str, Samples]) -> float:

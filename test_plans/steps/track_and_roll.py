@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
 
 from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
-from test_plans.analysis import first_harmonic
+from test_plans.analysis import Samples, first_harmonic
 from test_plans.geometry import SPRING_HALF_SPACING
 from test_plans.loads import Load
 from test_plans.readings import GENERATOR
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN
-from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, check_band, generator_cycles
+from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, Values, check_band, generator_cycles
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -22,6 +27,8 @@ TRACK_CYCLES: Final = 3
 ROLL_RATE: Final = 20 * kN / s
 ROLL_WAIT: Final = 1.5 * s
 ROLL_AVERAGE: Final = 0.5 * s
+#: So many samples such a mean has at least.
+AVERAGED: Final = 5
 
 
 def track_excitation(run: Run) -> None:
@@ -42,16 +49,22 @@ def track_excitation(run: Run) -> None:
                 cycles=TRACK_CYCLES,
             )
         times, values = capture.aligned(SAMPLE_RATE)
-        platform = values["platform.vertical"] - values["platform.vertical"][0]
-        spring = 0.5 * (values["left.height"] + values["right.height"])
-        bolster = platform + spring - spring[0]
         steady = generator_cycles(times, values, 1, TRACK_CYCLES - 1, TRACK_FREQUENCY)
-        response = first_harmonic(times[steady], bolster[steady], TRACK_FREQUENCY)
-        excitation = first_harmonic(times[steady], platform[steady], TRACK_FREQUENCY)
+        ratio, highest = run.measure(partial(_answer, times, steady), values)
         limits = run.specimen.limits
-        ratio = abs(response / excitation)
         check_band(run, passed_on, ratio, "1", limits.band("track_transmissibility"))
-        check_band(run, peak, float(bolster.max()), "mm", limits.band("track_peak"))
+        check_band(run, peak, highest, "mm", limits.band("track_peak"))
+
+
+def _answer(times: Samples, steady: npt.NDArray[np.bool_], values: Values) -> tuple[float, float]:
+    """Return the motion of the bolster over that of the platform, first harmonic, and its peak (m)."""
+    platform = values["platform.vertical"] - values["platform.vertical"][0]
+    spring = 0.5 * (values["left.height"] + values["right.height"])
+    bolster = platform + spring - spring[0]
+    response, excitation = (
+        first_harmonic(times[steady], motion[steady], TRACK_FREQUENCY) for motion in (bolster, platform)
+    )
+    return abs(response / excitation), float(bolster.max())
 
 
 def roll_by_unequal_preload(run: Run, load: Load) -> None:
@@ -64,21 +77,27 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
     with run.phase("roll"):
         names = [f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure")]
         names += [f"vertical_{side}.force" for side in SIDES]
-        # Differences between the two rolls: what a transducer is off by falls out.
-        moments, angles, differences = [], [], []
+        rolled = []
         for more in (load.roll_load, -load.roll_load):
             force = load.actuator_force
             bench.vertical.preload(force + more, force - more, rate=ROLL_RATE, within=PRELOAD_WITHIN)
             bench.wait(ROLL_WAIT)
-            mean = bench.averages(*names, over=ROLL_AVERAGE)
-            moments.append(SPRING_HALF_SPACING * (mean["vertical_right.force"] - mean["vertical_left.force"]))
-            angles.append((mean["left.height"] - mean["right.height"]) / (2 * SPRING_HALF_SPACING))
-            differences.append(mean["left.bellows_pressure"] - mean["right.bellows_pressure"])
+            rolled.append(bench.averages(*names, over=ROLL_AVERAGE))
         bench.vertical.preload(
             load.actuator_force, load.actuator_force, rate=ROLL_RATE, within=PRELOAD_WITHIN
         )
-        stiffness = (moments[1] - moments[0]) / (angles[1] - angles[0])
+        stiffness, swing = run.measure(_between, *rolled, averaged=AVERAGED)
         check_band(run, stiff, stiffness, "kN*m/rad", load.limits.band("roll_stiffness"))
-        swing = 0.5 * (differences[0] - differences[1])
         limit = run.specimen.limits.band("roll_pressure_difference")
         check_band(run, parting, swing, "bar", limit)
+
+
+def _between(one: Mapping[str, float], other: Mapping[str, float]) -> tuple[float, float]:
+    """Return roll stiffness (N·m/rad) and half the swing of the pressures (Pa) between two rolls.
+
+    What a transducer is off by falls out of the differences.
+    """
+    more = {name: other[name] - one[name] for name in one}
+    moment = SPRING_HALF_SPACING * (more["vertical_right.force"] - more["vertical_left.force"])
+    angle = (more["left.height"] - more["right.height"]) / (2 * SPRING_HALF_SPACING)
+    return moment / angle, 0.5 * (more["right.bellows_pressure"] - more["left.bellows_pressure"])

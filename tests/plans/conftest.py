@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from astb.rig_in_memory import RigInMemory
+from bench_records.result import CheckVerdict
 from bench_sim.parameters import load
 from bench_sim.parameters.effects import read_effect_text, with_effects
 from bench_sim.rig.faults.panel import PlannedFault
@@ -13,6 +14,20 @@ from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary
+from test_plans.run import PLAIN
+
+NO_VALUE = {CheckVerdict.ERROR, CheckVerdict.NOT_AVAILABLE}
+
+
+def explained(result):
+    """Insist that each value of a plan of ours has an uncertainty, or is declared as one that has none; return it."""
+    plain = [
+        str(one)
+        for one in result.checks
+        if one.verdict not in NO_VALUE and one.u is None and one.without in {"", PLAIN}
+    ]
+    assert not plain
+    return result
 
 
 @contextmanager
@@ -55,7 +70,9 @@ def bench_run(tmp_path):
         with composed(seed, faults, latency, **changes) as made:
             if at is not None:
                 After(made.clock, at[0], lambda: at[1](made))
-            result = execute(plans()[name], made.bench, tmp_path / directory, rig="virtual", seed=seed)
+            result = explained(
+                execute(plans()[name], made.bench, tmp_path / directory, rig="virtual", seed=seed)
+            )
             return SimpleNamespace(
                 result=result,
                 failed={one.name for one in result.checks if not one.passed},
@@ -81,9 +98,8 @@ def judged(tmp_path):
         for fault, values, *start in faults:
             rig.faults.plan(PlannedFault(fault, values, *(start or [0.0]), None))
         with RigInMemory(rig).bench(seed=seed) as bench:
-            result = execute(
-                plans()[name].given(dict(given)), bench, tmp_path / name, rig="virtual", seed=seed
-            )
+            chosen = plans()[name].given(dict(given))
+            result = explained(execute(chosen, bench, tmp_path / name, rig="virtual", seed=seed))
         return result, {one.name for one in result.checks if not one.passed}
 
     return run
