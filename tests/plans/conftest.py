@@ -13,7 +13,7 @@ from bench_sim.rig.faults.panel import PlannedFault
 from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.instruments import ordinary
+from test_plans.instruments import UNKNOWN, ordinary
 from test_plans.run import PLAIN
 
 NO_VALUE = {CheckVerdict.ERROR, CheckVerdict.NOT_AVAILABLE}
@@ -91,13 +91,14 @@ def judged(tmp_path):
     A fault is a name, its values, and from when on (s) if not from the beginning.
     """
 
-    def run(name, seed=1, *, given=(), effects=(), faults=(), **changes):
+    def run(name, seed=1, *, given=(), effects=(), faults=(), instruments=UNKNOWN, **changes):
         parameters = load("astb").with_values(**changes)
         effects = {effect: read_effect_text(effect, text) for effect, text in effects}
         rig = Rig(with_effects(parameters, effects), seed=seed)
         for fault, values, *start in faults:
             rig.faults.plan(PlannedFault(fault, values, *(start or [0.0]), None))
         with RigInMemory(rig).bench(seed=seed) as bench:
+            bench.instruments = instruments
             chosen = plans()[name].given(dict(given))
             result = explained(execute(chosen, bench, tmp_path / name, rig="virtual", seed=seed))
         return result, {one.name for one in result.checks if not one.passed}

@@ -3,8 +3,9 @@
 import pytest
 
 from bench_protocol.units import bar, mm
-from bench_records.result import Outcome
+from bench_records.result import CheckVerdict, Outcome
 from test_plans.discovery import plans
+from test_plans.instruments import ordinary
 
 slow = pytest.mark.slow
 SEEDS = [0, *(pytest.param(seed, marks=slow) for seed in (1, 2))]
@@ -26,7 +27,7 @@ SEEDS = [0, *(pytest.param(seed, marks=slow) for seed in (1, 2))]
     ],
 )
 def test_a_sound_bench_passes(judged, name, seed):
-    result, failed = judged(name, seed)
+    result, failed = judged(name, seed, instruments=ordinary())
     assert result.verdict is Outcome.PASS, result.reason or failed
     assert result.duration == pytest.approx(plans()[name].lasts, rel=0.1)
     last = [one.name for one in result.phases if not one.name.startswith("orifice plates")][-1]
@@ -158,7 +159,8 @@ def test_a_plan_catches_what_it_is_meant_for_and_nothing_else(judged, case):
     name, broken, expected = MEANT_FOR[case]
     result, failed = judged(name, **broken)
     assert result.verdict is Outcome.FAIL, result.reason
-    assert failed == expected
+    near = {one.name for one in result.checks if one.verdict is CheckVerdict.MARGINAL}
+    assert failed <= expected <= failed | near  # what lies on its limit may lie to either side
 
 
 @pytest.mark.parametrize(
@@ -200,7 +202,7 @@ def test_parameters_that_together_meet_the_bump_stop_are_refused_before_anything
     assert result.reason.startswith(
         "the parameters: amplitude = 15 mm about offset = 20 mm takes the bolster 33 mm"
     )
-    assert result.duration < 1.0
+    assert result.duration < 3.0  # with a look at the supply, for which the bench is armed
 
 
 def test_a_longer_hold_is_held_longer(judged):

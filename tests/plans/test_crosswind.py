@@ -224,7 +224,7 @@ def test_more_wind_than_the_bench_should_push_with_is_refused_before_anything_mo
     assert result.reason.startswith(
         "the parameters: wind = 20 m/s at train_speed = 200 km/h pushes with 17.3 kN; less"
     )
-    assert result.duration < 1.0
+    assert result.duration < 3.0  # with a look at the supply, for which the bench is armed
 
 
 def test_a_gust_with_gaps_is_not_blamed_on_the_specimens_file():
