@@ -61,6 +61,10 @@ generate: $(READY)  ## write the files that come from the table of signals and o
 notebook: $(READY)  ## run the notebook of the tutorials and keep what came out
 	$(BIN)/python -m tools.notebook
 
+.PHONY: gallery
+gallery: $(READY)  ## make the pictures of the gallery anew, and its page (ARGS=rig: one of them)
+	$(BIN)/python -m tools.gallery $(ARGS)
+
 .PHONY: bench
 bench: $(READY)  ## measure speed and lateness, each beside a control of the same minute
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -1,0 +1,41 @@
+"""Make the gallery anew: python -m tools.gallery [NAME…], all pictures unless some are named, and the page."""
+
+import argparse
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from tools.gallery.page import PAGE, page
+from tools.gallery.recipes import GALLERY, RECIPES, RUNS, Recipe
+
+
+def make(recipes: Sequence[Recipe], into: Path) -> None:
+    """Call the commands of the recipes, each once, in a folder of their own, and draw ``into`` another."""
+    with tempfile.TemporaryDirectory() as folder:
+        for command in dict.fromkeys(command for one in recipes for command in one.commands):
+            print(command, file=sys.stderr)
+            subprocess.run(
+                [sys.executable, "-m", *shlex.split(command)],
+                cwd=folder,
+                check=True,
+                stdout=subprocess.DEVNULL,
+            )
+        for one in recipes:
+            print(one.file, file=sys.stderr)
+            one.draw(Path(folder, RUNS), into / one.file)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    names = [one.name for one in RECIPES]
+    parser.add_argument("name", nargs="*", choices=[*names, []], metavar="NAME", help=", ".join(names))
+    chosen = parser.parse_args().name or names
+    make([one for one in RECIPES if one.name in chosen], GALLERY)
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

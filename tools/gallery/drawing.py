@@ -1,0 +1,35 @@
+"""What the drawings of the gallery share: a figure in the one style, and how it is written."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_records.plots import FINER_THAN_SEEN, PALETTE, SOFT
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WIDTH: Final = 9.6
+#: Left and right differ in colour, width and dash, so that both are seen where one lies on the other.
+SIDE: Final[dict[str, dict[str, Any]]] = {
+    "left": {"color": PALETTE[4], "linestyle": "solid", "linewidth": 2.4},
+    "right": {"color": PALETTE[1], "linestyle": (0, (5, 1.6)), "linewidth": 1.1},
+}
+LEGEND: Final[dict[str, Any]] = {"frameon": False, "labelcolor": SOFT, "fontsize": 8}
+
+
+def figure_of(height: float, *shape: int, **kwargs: Any) -> "tuple[Figure, Any]":
+    """Return a figure and its axes; ``height`` in inches."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, figure.subplots(*shape, **kwargs)
+
+
+def save(figure: "Figure", path: Path) -> None:
+    """Write a drawing that is the same whenever it is made anew."""
+    figure.draw_without_rendering()  # ticks depend on sizes, and sizes on ticks: the second layout has both
+    figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None}, facecolor="white")
+    text = path.read_text(encoding="utf-8")
+    text = re.sub(r' d="[^"]*"', lambda m: FINER_THAN_SEEN.sub("", m.group()).replace("\n", ""), text)
+    path.write_text(text, encoding="utf-8")

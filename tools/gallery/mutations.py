@@ -1,0 +1,77 @@
+"""The mutation matrix as a picture: faults over plans, from the table that was measured."""
+
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_records.plots import ALARM, INK, PALETTE, SOFT, style
+from campaigns.mutation_page import MOVED
+from campaigns.mutations import Cell, mutations, read_cells
+from tools.gallery.drawing import WIDTH, save
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ROW: Final = 0.145
+CAUGHT: Final[dict[str, Any]] = {"facecolor": PALETTE[0]}
+OTHER: Final[dict[str, Any]] = {"facecolor": "white", "edgecolor": PALETTE[1], "hatch": "/////"}
+MISSED: Final[dict[str, Any]] = {"marker": ".", "color": "#aab3bb", "linestyle": "none", "markersize": 2.5}
+ESCAPED: Final[dict[str, Any]] = {"marker": "<", "color": ALARM, "linestyle": "none", "markersize": 4}
+
+
+def matrix(_runs: Path, path: Path) -> None:
+    """One square a fault under a plan: caught, failed for another reason, missed by how far, or not tried."""
+    from matplotlib.figure import Figure
+
+    cells = {(one.mutation, one.plan): one for one in read_cells()}
+    plans, faults = sorted({plan for _, plan in cells}), mutations().mutation
+    with style():
+        figure = Figure(figsize=(WIDTH, ROW * len(faults) + 1.9), layout="constrained")
+        axes = figure.subplots()
+        for row, fault in enumerate(faults):
+            tried = {plan: cells[fault.name, plan] for plan in plans if (fault.name, plan) in cells}
+            for plan, cell in tried.items():
+                _square(axes, plans.index(plan), row, cell)
+            if tried and all(cell.found != "caught" for cell in tried.values()):
+                axes.plot(len(plans) - 0.3, row, clip_on=False, **ESCAPED)
+        last = -0.5
+        for _, group in groupby(faults, lambda one: one.kind):
+            last += len(list(group))
+            axes.axhline(last, color=SOFT, linewidth=0.8)
+        axes.set(xlim=(-0.6, len(plans) - 0.1), ylim=(len(faults) - 0.5, -0.5))
+        names = [plan.replace("_", " ") for plan in plans]
+        axes.set_xticks(range(len(plans)), names, rotation=55, ha="left", color=INK)
+        axes.set_yticks(range(len(faults)), [one.name for one in faults], color=INK, fontsize=7)
+        axes.xaxis.tick_top()
+        axes.grid(visible=False)
+        axes.spines[:].set_visible(False)
+        _legend(figure)
+        save(figure, path)
+
+
+def _square(axes: "Axes", column: int, row: int, cell: Cell) -> None:
+    from matplotlib.patches import Rectangle
+
+    if cell.found == "missed" and cell.used < MOVED:
+        axes.plot(column, row, **MISSED)
+        return
+    grey = 0.95 - 0.3 * min(max(cell.used, 0.0), 1.0)
+    look = {"caught": CAUGHT, "missed": {"facecolor": (grey, grey, grey)}}.get(cell.found, OTHER)
+    axes.add_patch(Rectangle((column - 0.46, row - 0.43), 0.92, 0.86, linewidth=0.6, **look))
+
+
+def _legend(figure: "Figure") -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles = [
+        Patch(label="caught by a check that is meant for it", **CAUGHT),
+        Patch(label="failed for another reason", **OTHER),
+        Patch(label="missed, but on the way to a limit", facecolor="0.82"),
+        Line2D([], [], label="missed", **MISSED),
+        Line2D([], [], label="no plan catches it", **ESCAPED),
+    ]
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=5, frameon=False, labelcolor=SOFT, fontsize=8
+    )
