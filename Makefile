@@ -81,6 +81,10 @@ soak: $(READY)  ## a rig at full rate for half an hour, with faults on and off (
 benchmark-diagnosis: $(READY)  ## hide, diagnose and judge many times (ARGS="--cases 100"); resumes where it stopped
 	$(BIN)/python -m benchmarks.diagnosis $(ARGS)
 
+.PHONY: benchmark-investigations
+benchmark-investigations: $(READY)  ## investigate sealed rigs (ARGS="--count 50"); resumes where it stopped
+	$(BIN)/python -m benchmarks.diagnosis.investigations $(ARGS)
+
 .PHONY: clean
 clean:  ## remove the environment, caches and demo runs
 	rm -rf .venv build dist *.egg-info runs .pytest_cache .mypy_cache .ruff_cache .hypothesis \

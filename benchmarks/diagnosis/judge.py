@@ -1,6 +1,5 @@
 """The judge compares a finding with what was hidden, which it reads after the diagnosis."""
 
-import math
 from collections.abc import Sequence
 from statistics import NormalDist
 from typing import Final
@@ -9,7 +8,7 @@ import msgspec
 
 from benchmarks.diagnosis.ground_truth import NEAR, GroundTruth
 from diagnosis.contracts import Simulator
-from diagnosis.finding import Estimate, Finding, Verdict
+from diagnosis.finding import Z95, Estimate, Finding, Verdict
 
 #: From this λ on, what is hidden must be seen.
 CLEAR: Final = 10.0
@@ -130,7 +129,7 @@ def judge(
         causes=list(finding.names),
         rivals=[rival.effect for rival in finding.ambiguous_with],
         strongest=max(truth.lambdas.values(), default=0.0),
-        near=sorted(kin for name in truth.effects for kin in _kin(name)),
+        near=sorted(kin for name in truth.effects for kin in kin(name)),
         errors=errors,
         deviations=deviations,
         base=base,
@@ -163,13 +162,15 @@ def covered(deviations: Sequence[float], level: float) -> int:
     return sum(abs(one) <= half for one in deviations)
 
 
-def _kin(name: str) -> list[str]:
+def kin(name: str) -> list[str]:
     """The next of kin of an effect at the same place."""
     kind, _, place = name.partition(".")
     return [f"{other}.{place}" if place else other for other in NEAR.get(kind, ())]
 
 
 def _deviation(told: Estimate, value: float) -> list[float]:
-    if told.value is None or not told.sd or not math.isfinite(told.sd):
+    """Return how far a truth is from what was told of it, in units in which its 95 % interval ends at 1.96."""
+    if told.value is None or told.low is None or told.high is None:
         return []
-    return [(told.value - value) / told.sd]
+    half = told.high - told.value if value > told.value else told.value - told.low
+    return [Z95 * (told.value - value) / half] if half > 0.0 else []

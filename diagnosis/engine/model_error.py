@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 The covariance of least squares knows of noise alone. Where the model is rougher than the noise, the numbers are off by
-what they take up of its error, however many samples there are. Three measures of that are added to the covariance:
+what they take up of its error, however many samples there are. Four measures of that are added to the covariance:
 
 * **A smooth error of the form** (`_of_form`). A simulator's surfaces stand for whatever a model may lack. Take the
   coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off
@@ -13,6 +13,10 @@ what they take up of its error, however many samples there are. Three measures o
   where a small error would not be seen, it is not denied. Asked are the directions that stand far above the noise; in
   the others, what the surface cannot say of the error would pass for a large τ. Of several surfaces, the one with the
   clearest error counts.
+* **What a cause owes to the form** (`_of_inconstancy`). A cause that is not the same in all stretches of the runs
+  (`constancy.py`) is off where it is fitted to all of them as well. A unit of χ² is one variance of the amplitude. Of
+  the excess E, half lies in the direction of the cause itself, and in the sum over all stretches a part of that
+  cancels: the variance grows by a quarter of E, and the numbers that make room for the cause go with it.
 * **The scatter between repeats** (`_of_repeats`). Where there are records enough, or at least runs, each pulls at the
   numbers with a gradient of its own. In a right model they differ as noise does; specimens, mountings and days make
   them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
@@ -20,7 +24,7 @@ what they take up of its error, however many samples there are. Three measures o
 * **Errors without a trace** (`_unseen`). A simulator may know of its inputs that an error of theirs is imitated exactly
   by its parameters, as a laser's zero is by areas and volumes. However good the fit, they are off by as much.
 
-Estimates stay what they are; only their intervals grow. With the structure right and noise alone, both add next to
+Estimates stay what they are; only their intervals grow. With the structure right and noise alone, they add next to
 nothing.
 """
 
@@ -31,7 +35,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.contracts import Array, HasUnseenErrors
-from diagnosis.engine.config import LEAST_REPEATS, SHOWN_INFORMATION, SPREADS_TRIED, WIDER_SURFACE
+from diagnosis.engine.config import (
+    LEAST_REPEATS,
+    OWED_TO_INTERVAL,
+    SHOWN_INFORMATION,
+    SPREADS_TRIED,
+    WIDER_SURFACE,
+)
+from diagnosis.engine.constancy import inconstancy
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.omnibus import Omnibus
@@ -40,7 +51,7 @@ from diagnosis.finding import Z95
 
 def widened(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
     """Return the covariance (k, k) of a fit's numbers that holds errors of the model; ``tests`` are of its surfaces."""
-    covariance = _of_form(model, tests)
+    covariance = _of_form(model, tests) + _of_inconstancy(model)
     repeats = _of_repeats(model)
     if repeats is None:
         return covariance + _unseen(model)
@@ -80,6 +91,20 @@ def _of_form(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
         return covariance
     regression = test.projection.regression
     return covariance + square * regression @ regression.T
+
+
+def _of_inconstancy(model: FittedModel) -> Array:
+    """Return the covariance (k, k) of what the causes of a model owe to its form."""
+    covariance, coordinates = model.covariance(), model.point.coordinates
+    total = np.zeros_like(covariance)
+    for effect in model.effects:
+        if effect not in model.replay.simulator.catalogue:
+            continue  # a surface is no cause
+        place = next(i for i, c in enumerate(coordinates) if c.owner == effect)
+        variance = covariance[place, place]
+        if variance > 0.0 and (excess := inconstancy(model, effect)):
+            total += OWED_TO_INTERVAL * excess / variance * np.outer(covariance[place], covariance[place])
+    return total
 
 
 def _spread(test: Omnibus, dispersion: float) -> tuple[float, float, Omnibus]:

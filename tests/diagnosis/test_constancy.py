@@ -12,6 +12,7 @@ from diagnosis.engine.config import CLEAR_OF_FORM, CONSTANCY_ALPHA, STRETCHES
 from diagnosis.engine.constancy import inconstancy, owed_to_form
 from diagnosis.engine.fitting.linear import Block, Linearisation, prior_of
 from diagnosis.engine.fitting.point import Coordinate, Point
+from diagnosis.engine.model_error import widened
 
 RUNS, SAMPLES = 3, 400
 #: Two parameters that have nothing to do with the cause, one that imitates most of it, and the cause.
@@ -102,3 +103,22 @@ def test_a_cause_must_be_clear_of_what_the_form_owes():
     assert owed_to_form(model, [SimpleNamespace(effect="cause", lambda_=0.99 * limit)]) == ("cause",)
     assert owed_to_form(model, [SimpleNamespace(effect="cause", lambda_=1.01 * limit)]) == ()
     assert owed_to_form(fitted(1)[0], [SimpleNamespace(effect="cause", lambda_=1.0)]) == ()
+
+
+def test_the_interval_of_a_cause_that_drifts_holds_what_half_of_the_data_would_say():
+    model, X, residual = fitted(1, 2.0)
+    covariance = np.linalg.inv(model.linearisation.information)
+    model.covariance, model.point, model.effects = lambda: covariance, model.linearisation.point, ("cause",)
+    model.replay = SimpleNamespace(
+        runs=[SimpleNamespace(experiment=SimpleNamespace(record="one", name="one"))] * RUNS,
+        simulator=SimpleNamespace(catalogue={"cause": None}, unseen_errors=()),
+    )
+    wide = widened(model, ())
+    half = slice(SAMPLES // 2, SAMPLES)
+    there = np.concatenate(list(X[:, :, half]), axis=1)
+    (*_, amount) = np.linalg.lstsq(there.T, residual[:, half].ravel())[0]
+    assert amount > 3.0 * np.sqrt(covariance[CAUSE, CAUSE])
+    assert amount < 1.96 * np.sqrt(wide[CAUSE, CAUSE])
+    assert wide[STRANGE, STRANGE] < 1.5 * covariance[STRANGE, STRANGE]
+    model.replay.simulator.catalogue = {}
+    assert widened(model, ()) == pytest.approx(covariance)

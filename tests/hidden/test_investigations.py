@@ -1,0 +1,75 @@
+"""Investigations that are counted: the rig has what was drawn, a count goes on, and names are judged."""
+
+import msgspec
+import pytest
+
+from astb.rig_file import read as read_rig_file
+from astb.session import build_rig
+from benchmarks.diagnosis import investigations
+from benchmarks.diagnosis.ground_truth import draw
+from benchmarks.diagnosis.investigations import Investigated, count, read, summary, write_rig
+from benchmarks.diagnosis.sealed import parameters_of
+
+
+@pytest.mark.parametrize(("seed", "kind"), [(300_000, "single"), (300_004, "pair"), (300_005, "null")])
+def test_the_rig_that_is_investigated_has_what_was_drawn(seed, kind, tmp_path):
+    truth = draw(seed, kind)
+    rig, sealed = write_rig(truth, tmp_path)
+    simulation = read_rig_file(rig).simulation
+    if truth.effects:
+        simulation = msgspec.structs.replace(simulation, sealed=str(sealed))
+    built, drawn = build_rig(simulation).plant.parameter_array[0], parameters_of(truth).record
+    for name in drawn.dtype.names:
+        if name != "sensor_bias":  # a rig draws its own
+            assert built[name] == pytest.approx(drawn[name], rel=1e-12, abs=1e-300), name
+
+
+def one(seed, hidden, causes, rivals=(), first="named", **more):
+    return Investigated(
+        seed=seed,
+        kind="single",
+        hidden=hidden,
+        weakest=50.0,
+        causes=causes,
+        rivals=list(rivals),
+        first=first,
+        verdict="named",
+        **more,
+    )
+
+
+def test_what_counts_as_right_and_as_wrong():
+    assert one(1, ["leak.left"], ["leak.left"]).right
+    assert not one(2, ["leak.left"], ["leak.left"], rivals=["heat.left"]).right
+    assert not one(3, ["leak.left"], ["leak.left"], failure="blocked").right
+    assert one(4, [], []).right
+    assert one(5, ["leak.left"], ["heat.left"]).wrong
+    assert not one(6, ["leak.left"], ["leak_laminar.left"]).wrong  # next of kin
+    assert not one(7, ["leak.left"], ["heat.left"], rivals=["leak.left"]).wrong
+
+
+def test_a_count_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    kept, told, asked = tmp_path / "deep" / "kept.jsonl", [], []
+
+    class Here:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def carried_out(_client, _function, cases):
+        asked.extend(cases)
+        for key, (seed, _) in cases.items():
+            value = None if seed == 2 else one(seed, ["leak.left"], ["leak.left"], first="ambiguous")
+            yield type("Ended", (), {"key": key, "value": value, "error": "died"})
+
+    monkeypatch.setattr(investigations, "cluster", lambda workers: Here())
+    monkeypatch.setattr(investigations, "carried_out", carried_out)
+    count([(1, "single"), (2, "single")], 1, kept, told.append)
+    count([(1, "single"), (2, "single"), (3, "single")], 1, kept, told.append)
+    assert asked == ["single 1", "single 2", "single 3"]
+    assert [known.seed for known in read(kept)] == [1, 2, 3]
+    assert "died" in told[1]
+    assert summary(read(kept))[0] == "something hidden: the right name: 2 of 2 (16 to 100 %)"
+    assert "came to no verdict: 1 of 3" in summary(read(kept))[4]
