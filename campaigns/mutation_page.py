@@ -1,19 +1,20 @@
 """The page of the mutation matrix, written from what was found: nothing is computed here but counts and an interval."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Final
 
 from campaigns.healthy import SoundRun, Tolerance, read_sound_runs, tolerances
+from campaigns.mutation_picture import BY_LUCK, CAUGHT, KINDS, MOVED, NOT_TRIED, write_picture
 from campaigns.mutations import Cell, Mutation, Mutations, mutations, read_cells
 
-PAGE: Final = Path(__file__).parent.parent / "docs" / "reference" / "mutation-matrix.md"
-CAUGHT, BY_LUCK, NOT_TRIED = "●", "○", "–"
+DOCS: Final = Path(__file__).parent.parent / "docs"
+PAGE: Final = DOCS / "reference" / "mutation-matrix.md"
+PICTURE: Final = DOCS / "gallery" / "mutation-matrix.svg"
 #: A fault, and what each plan made of it, None where it was not tried.
 Row = tuple[Mutation, list[Cell | None]]
-#: Less of the way to a limit than this counts as nothing.
-MOVED: Final = 0.1
 #: So much of what a blocked plan said, in a table.
 TOLD: Final = 110
 CONFIDENCE: Final = 0.95
@@ -24,6 +25,16 @@ WANTED: Final = 0.01
 def page() -> str:
     """Return the page, from the matrix and the sound runs that lie beside this module."""
     return "\n".join(_lines(mutations(), read_cells(), read_sound_runs())) + "\n"
+
+
+def draw() -> None:
+    """Draw the matrix anew."""
+    cells = read_cells()
+    rows = [
+        (one, {cell.plan: cell for cell in cells if cell.mutation == one.name})
+        for one in mutations().mutation
+    ]
+    write_picture(PICTURE, rows, sorted({cell.plan for cell in cells}))
 
 
 def _lines(table: Mutations, cells: Sequence[Cell], sound: Sequence[SoundRun]) -> Iterator[str]:
@@ -62,37 +73,26 @@ def _summary(rows: Sequence[Row], plans: Sequence[str], sound: Sequence[SoundRun
 
 def _matrix(rows: Sequence[Row], plans: Sequence[str]) -> Iterator[str]:
     yield "## The matrix\n"
+    yield f"![Faults by plans: what each plan made of each fault](../gallery/{PICTURE.name})\n"
     yield (
         f"* {CAUGHT} caught: the plan failed, or was blocked, by what is meant for this fault.\n"
         f"* {BY_LUCK} failed or blocked, but [for another reason](#for-the-wrong-reason).\n"
         "* A number: missed. Something that the plan judges has gone so many percent of the way from its value on the "
         "sound rig to its limit.\n"
         f"* Empty: missed. Nothing that the plan judges moves by {100 * MOVED:.0f} %.\n"
-        f"* {NOT_TRIED} not tried, for no check of the plan is meant for the fault.\n"
+        f"* {NOT_TRIED} not tried: the plan takes long, and no check of it is meant for the fault.\n"
+        "* Coloured: what [no plan catches](#what-no-plan-catches).\n"
     )
-    yield " · ".join(f"{number} `{plan}`" for number, plan in enumerate(plans, 1)) + "\n"
-    yield "| fault | what it is |" + "".join(f" {number} |" for number in range(1, len(plans) + 1))
-    yield "|---|---|" + ":-:|" * len(plans)
     for kind, group in groupby(rows, lambda row: row[0].kind):
-        yield (
-            f"| *{ {'plant': 'parts and air', 'sensor': 'sensors', 'wire': 'wires'}[kind] }* | |"
-            + " |" * len(plans)
-        )
+        yield f"| {KINDS[kind]} | what it is | caught by |\n|---|---|---|"
         for one, cells in group:
-            yield f"| {one.name} | {one.what} |" + "".join(f" {_sign(cell)} |" for cell in cells)
-    yield ""
+            by = [f"`{plan}`" for plan, cell in zip(plans, cells, strict=True) if _is_caught([cell])]
+            yield f"| {one.name} | {one.what} | {', '.join(by) or '[none](#what-no-plan-catches)'} |"
+        yield ""
 
 
 def _is_caught(cells: Iterable[Cell | None]) -> bool:
     return any(cell is not None and cell.found == "caught" for cell in cells)
-
-
-def _sign(cell: Cell | None) -> str:
-    if cell is None:
-        return NOT_TRIED
-    if cell.found != "missed":
-        return CAUGHT if cell.found == "caught" else BY_LUCK
-    return f"{100 * cell.used:.0f}" if cell.used >= MOVED else ""
 
 
 def _never_caught(rows: Sequence[Row]) -> Iterator[str]:
@@ -123,7 +123,11 @@ def _wrong_reasons(cells: Iterable[Cell]) -> Iterator[str]:
 
 def _plans(cells: Sequence[Cell], plans: Sequence[str]) -> Iterator[str]:
     yield "## Plan by plan\n"
-    yield "| plan | caught | of these by no other plan | wrong reason | missed |\n|---|--:|--:|--:|--:|"
+    yield "The version is commit and day of what was measured; plans and limits may have changed since.\n"
+    yield (
+        "| plan | caught | of these by no other plan | wrong reason | missed | version of the code |\n"
+        "|---|--:|--:|--:|--:|---|"
+    )
     by_fault: dict[str, set[str]] = {}
     for cell in cells:
         if cell.found == "caught":
@@ -132,7 +136,8 @@ def _plans(cells: Sequence[Cell], plans: Sequence[str]) -> Iterator[str]:
         found = [cell.found for cell in cells if cell.plan == plan]
         alone = sum(others == {plan} for others in by_fault.values())
         counts = (found.count("caught"), alone, found.count("wrong reason"), found.count("missed"))
-        yield f"| `{plan}` | " + " | ".join(str(count or "") for count in counts) + " |"
+        of = ", ".join(sorted({cell.version for cell in cells if cell.plan == plan}))
+        yield f"| `{plan}` | " + " | ".join(str(count or "") for count in counts) + f" | {of} |"
     yield ""
 
 
@@ -145,8 +150,11 @@ def _sound(sound: Sequence[SoundRun]) -> Iterator[str]:
     yield (
         f"{len(sound)} sound rigs, each drawn from the tolerances below and put under one of the plans in turn: "
         f"{len(rejected)} rejected, {100 * len(rejected) / len(sound):.1f} % ({100 * CONFIDENCE:.0f} % interval of "
-        f"Clopper and Pearson: {100 * interval.low:.2f} to {100 * interval.high:.1f} %).\n"
+        f"Clopper and Pearson: {100 * interval.low:.2f} to {100 * interval.high:.1f} %). Version of the code: "
+        f"{', '.join(sorted({run.version for run in sound}))}.\n"
     )
+    counts = Counter(run.plan for run in sound)
+    yield ", ".join(f"`{plan}` {count}" for plan, count in sorted(counts.items())) + ".\n"
     if interval.high > WANTED:
         yield f"This does not prove that fewer than {100 * WANTED:g} % are rejected: that takes more rigs.\n"
     for run in rejected:

@@ -1,5 +1,7 @@
 """The mutation matrix: the table of faults, who is meant for what, and the page; faults that were caught still are."""
 
+from xml.sax.saxutils import escape
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,8 @@ from bench_sim.parameters import load
 from bench_sim.rig.faults.catalogue import find_fault
 from campaigns.healthy import read_sound_runs, sound_rig, tolerances
 from campaigns.measure import cells_of, fault_cases, sound_case, sound_run
-from campaigns.mutation_page import PAGE, page
+from campaigns.mutation_page import PAGE, PICTURE, page
+from campaigns.mutation_picture import BY_LUCK, CAUGHT
 from campaigns.mutations import judge, mutations, read_cells
 from campaigns.plan_case import run_plan_case
 from test_plans.discovery import plans
@@ -89,6 +92,14 @@ def test_a_miss_tells_how_near_it_was():
 
 def test_the_page_says_what_was_measured():
     assert PAGE.read_text(encoding="utf-8") == page(), "python -m campaigns.measure page"
+
+
+def test_the_picture_shows_what_was_measured():
+    drawn, cells = PICTURE.read_text(encoding="utf-8"), read_cells()
+    for sign, found in ((CAUGHT, "caught"), (BY_LUCK, "wrong reason")):
+        assert drawn.count(f">{sign}</text>") == sum(cell.found == found for cell in cells), found
+    for name in FAULTS.keys() | {cell.plan for cell in cells}:
+        assert f">{escape(name)}</text>" in drawn, name
 
 
 def test_every_fault_that_no_plan_catches_is_explained_and_no_other():
