@@ -18,13 +18,14 @@ from campaigns.plan_case import run_plan_case
 from test_plans.discovery import plans
 
 FAULTS = {one.name: one for one in mutations().mutation}
-#: Some that each of these plans is there for.
+#: Some that each of these plans is there for, and that no other test breaks a bench with.
 STILL_CAUGHT = {
-    "tightness": ("leak 5e-11", "thermometer stuck"),
-    "lateral_stiffness": ("lateral friction doubled", "shell soft, lateral", "shear cell stuck"),
-    "dynamic_stiffness": ("orifice 14 mm", "area -5 %", "load cells 10 ms late"),
-    "differential_pressure_valve": ("dpv set high", "dpv leaks"),
+    "tightness": ("thermometer stuck",),
+    "lateral_stiffness": ("shear cell stuck",),
+    "dynamic_stiffness": ("orifice 14 mm", "load cells 10 ms late"),
+    "differential_pressure_valve": ("dpv set high",),
     "measuring_chain": ("lasers swapped", "load cells swapped"),
+    "safety": ("service valves clogged",),
 }
 
 

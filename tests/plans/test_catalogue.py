@@ -8,7 +8,8 @@ from test_plans.discovery import plans
 from test_plans.instruments import ordinary
 
 slow = pytest.mark.slow
-SEEDS = [0, *(pytest.param(seed, marks=slow) for seed in (1, 2))]
+#: Of sound rigs that differ in more than their seeds the mutation matrix counts hundreds.
+SEEDS = [0, pytest.param(1, marks=slow)]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

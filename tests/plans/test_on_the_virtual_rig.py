@@ -13,7 +13,8 @@ from bench_records.result import Outcome, read_result
 from drivers.memory import Faults
 
 slow = pytest.mark.slow
-SEEDS = [0, *(pytest.param(seed, marks=slow) for seed in (1, 2, 3, 4))]
+#: Of sound rigs that differ in more than their seeds the mutation matrix counts hundreds.
+SEEDS = [0, pytest.param(1, marks=slow)]
 #: Bench time of a whole run (s): AW0 and AW3 together stay below four minutes in real time.
 BUDGET = {"aw0": 95.0, "aw3": 115.0, "leak_down": 70.0}
 
