@@ -72,6 +72,7 @@ def examine_machine(rig: RigFile, records: Path) -> list[Finding]:
         _socketcan(),
         *_ports(rig),
         *_tools(),
+        _printing(),
         _room(records),
     ]
 
@@ -313,6 +314,24 @@ def _tools() -> Iterator[Finding]:
             purpose,
             "" if path else f"{APT} {package}",
         )
+
+
+def _printing() -> Finding:
+    from bench_records.printing import MEND, NUMBERS_PAGES, browser, browser_version
+
+    purpose = "reports as PDF (--pdf)"
+    path = browser()
+    if path is None:
+        return Finding("Chromium", "lacking", "not here", purpose, MEND)
+    number = browser_version(path)
+    right = number is not None and number >= NUMBERS_PAGES
+    return Finding(
+        "Chromium",
+        "fine" if right else "lacking",
+        f"{path}, {'of a version that it does not tell' if number is None else f'version {number}'}",
+        purpose,
+        "" if right else f"version {NUMBERS_PAGES} or newer, or pages have no numbers",
+    )
 
 
 def _room(records: Path) -> Finding:

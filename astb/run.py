@@ -39,11 +39,12 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What a run keeps beside its samples: who runs it, in which surroundings, and every CAN frame."""
+    """What a run keeps beside its samples: who runs it, in which surroundings, every CAN frame, a report to print."""
 
     operator: str = ""
     ambient: str = ""
     frames: bool = False
+    pdf: bool = False
 
 
 def run_plans(
@@ -142,13 +143,25 @@ def run_plan(
         result, stopped = read_result(directory), stop
     display.say("report")
     write_sums(directory)
-    write_report(directory)
+    report = write_report(directory)
+    if keeping.pdf:
+        _print(report, display)
     display.conclude(result, directory)
     if stopped:
         if str(stopped) not in result.reason:
             display.warn(str(stopped))
         raise stopped
     return result, directory
+
+
+def _print(report: Path, display: ProgressDisplay) -> None:
+    """Print the report; what cannot be printed now can be later, so that the run is not lost for it."""
+    from bench_records.printing import write_pdf
+
+    try:
+        display.say(f"printed: {write_pdf(report)}")
+    except RecordError as error:
+        display.warn(f"{error}; `astb report {report.parent} --pdf` prints it later")
 
 
 def _live(

@@ -41,7 +41,7 @@ def _render(record: Record, result: Result, directory: Path) -> str:
         result=result,
         record=record,
         counts={verdict.value: result.count(verdict) for verdict in CheckVerdict},
-        paragraphs=_paragraphs(result.instruction),
+        paragraphs=_paragraphs(result.instruction, result.title),
         rows=check_rows(result.checks),
         headline=headline(result),
         circumstances=circumstances(record.meta),
@@ -82,8 +82,11 @@ class Paragraph(NamedTuple):
     items: list[Any]
 
 
-def _paragraphs(docstring: str) -> list[Paragraph]:
-    """The plan's own docstring as paragraphs; lines that begin with an asterisk or a dash make a list."""
+def _paragraphs(docstring: str, title: str) -> list[Paragraph]:
+    """The plan's own docstring as paragraphs, without the title, which stands above them.
+
+    Lines that begin with an asterisk or a dash make a list.
+    """
     result: list[Paragraph] = []
     for block in inspect.cleandoc(docstring).split("\n\n"):
         text: list[str] = []
@@ -95,7 +98,7 @@ def _paragraphs(docstring: str) -> list[Paragraph]:
                 items[-1] += " " + line.strip()
             else:
                 text.append(line.strip())
-        if text or items:
+        if (text and " ".join(text) != title) or items:
             result.append(Paragraph(_prose(" ".join(text)), [_prose(item) for item in items]))
     return result
 

@@ -28,6 +28,7 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
     is_flag=True,
     help="Also keep every CAN frame, in can.blf; `astb export` makes other formats of it.",
 )
+@click.option("--pdf", is_flag=True, help="Also print the report as PDF, to be signed; by Chromium.")
 @click.option(
     "--operator",
     "run_by",
@@ -54,6 +55,7 @@ def run_command(
     settings: tuple[str, ...],
     values_path: Path | None,
     keep_frames: bool,
+    pdf: bool,
     run_by: str,
     ambient: str,
     out: Path,
@@ -90,7 +92,7 @@ def run_command(
             out=out,
             specimen=specimen,
             operator=operator_for(answers, get_console()),
-            keeping=Keeping(run_by, ambient, keep_frames),
+            keeping=Keeping(run_by, ambient, keep_frames, pdf),
         )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
@@ -119,15 +121,20 @@ def _hung_up(number: int, _: object) -> None:
 
 @click.command("report")
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
-def report_command(directory: Path) -> None:
+@click.option("--pdf", is_flag=True, help="Also print it as report.pdf, to be signed; by Chromium.")
+def report_command(directory: Path, pdf: bool) -> None:
     """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
     from bench_records.conversion import recover
     from bench_records.layout import STREAM, RecordError
+    from bench_records.printing import write_pdf
     from bench_records.report import write_report
 
     try:
         if (directory / STREAM).exists():
             click.echo(recover(directory))
-        click.echo(write_report(directory))
+        report = write_report(directory)
+        click.echo(report)
+        if pdf:
+            click.echo(write_pdf(report))
     except RecordError as error:
         misuse(error)

@@ -1,0 +1,78 @@
+"""A report on paper: the page as PDF, printed by a Chromium that this machine has."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from bench_records.layout import RecordError
+
+#: Programs that print alike, and the variable of the environment that names another one.
+BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
+CHOSEN: Final = "ASTB_CHROMIUM"
+#: From this version on page numbers are printed.
+NUMBERS_PAGES: Final = 131
+MEND: Final = f"apt install chromium, or name one in the variable {CHOSEN}"
+_WITHIN: Final = 120.0  # s
+
+
+def browser() -> str | None:
+    """Return the path of the browser that prints, None where there is none."""
+    chosen = os.environ.get(CHOSEN)
+    return next(filter(None, map(shutil.which, [chosen] if chosen else BROWSERS)), None)
+
+
+def browser_version(path: str) -> int | None:
+    """Return the main version of a browser; None if it does not tell."""
+    try:
+        told = subprocess.run([path, "--version"], check=False, capture_output=True, text=True, timeout=30.0)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    found = re.search(r"\b(\d+)\.\d", told.stdout)
+    return int(found[1]) if found else None
+
+
+def write_pdf(page: Path) -> Path:
+    """Print a page of ours as PDF beside it; return its path. RecordError if that fails, and what would help."""
+    program = browser()
+    if program is None:
+        looked_for = os.environ.get(CHOSEN) or ", ".join(BROWSERS)
+        raise RecordError(f"a PDF is printed by Chromium, and this machine has none ({looked_for}): {MEND}")
+    target = page.with_suffix(".pdf")
+    with tempfile.TemporaryDirectory(prefix="astb-print-") as home:
+        new = Path(home) / target.name
+        command = [
+            program,
+            "--headless=new",
+            "--disable-gpu",
+            "--no-first-run",
+            "--no-pdf-header-footer",
+            f"--user-data-dir={home}",
+            f"--print-to-pdf={new}",
+            # Chromium refuses its sandbox to root, as whom containers run; the page is our own.
+            *(["--no-sandbox"] if os.geteuid() == 0 else []),
+            page.resolve().as_uri(),
+        ]
+        try:
+            done = subprocess.run(
+                command, check=False, capture_output=True, text=True, timeout=_WITHIN, errors="replace"
+            )
+        except subprocess.TimeoutExpired:
+            raise RecordError(f"{program} did not print {page} within {_WITHIN:.0f} s") from None
+        except OSError as error:
+            raise RecordError(f"{program} cannot be started: {error.strerror}; {MEND}") from None
+        if not new.is_file():
+            said = done.stderr.strip().splitlines()
+            raise RecordError(
+                f"{program} did not print {page}: {said[-1] if said else f'exit {done.returncode}'}"
+            )
+        try:
+            shutil.copyfile(new, target)
+        except OSError as error:
+            raise RecordError(f"{target} cannot be written: {error.strerror}") from None
+    return target

@@ -1,0 +1,109 @@
+"""In a real browser the plots of a report zoom and show values; on paper its pages have numbers and pictures."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench_records.layout import RecordError
+from bench_records.printing import CHOSEN, browser, write_pdf
+from bench_records.report import write_report
+
+
+@pytest.fixture(scope="module")
+def program() -> str:
+    found = browser()
+    if found is None:
+        pytest.skip("needs Chromium")
+    return found
+
+
+@pytest.fixture(scope="module")
+def page(program: str, passed_run: Path) -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    source = write_report(passed_run)
+    with sync_playwright() as tool:
+        window = tool.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        page = window.new_page(viewport={"width": 1100, "height": 900})
+        page.route("**", lambda route: route.continue_() if "file:" in route.request.url else route.abort())
+        page.faults = []
+        page.on("pageerror", lambda error: page.faults.append(str(error)))
+        page.on("requestfailed", lambda request: page.faults.append(request.url))
+        page.goto(source.as_uri())
+        page.wait_for_selector("[data-plots=live]", timeout=30_000)
+        yield page
+        window.close()
+
+
+@pytest.mark.slow
+def test_plots_zoom_together_and_show_values(page: Any) -> None:
+    scale = """place => [place.plot.scales.x.min, place.plot.scales.x.max]"""
+    heights, supply = (
+        page.locator(f".zoom:has(.u-title:text-is('{title}'))") for title in ("Heights", "Supply (gauge)")
+    )
+    whole = heights.evaluate(scale)
+    area = heights.locator(".u-over")
+    area.scroll_into_view_if_needed()
+    box = area.bounding_box()
+    at = [(box["x"] + part * box["width"], box["y"] + box["height"] / 2) for part in (0.35, 0.55, 0.45)]
+    page.mouse.move(*at[0])
+    page.mouse.down()
+    page.mouse.move(*at[1], steps=4)
+    page.mouse.up()
+    zoomed = heights.evaluate(scale)
+    assert zoomed[1] - zoomed[0] == pytest.approx(0.2 * (whole[1] - whole[0]), rel=0.02)
+    assert supply.evaluate(scale) == pytest.approx(zoomed)
+    page.mouse.move(*at[2])
+    pointed = [float(text.replace("−", "-")) for text in heights.locator(".u-value").all_inner_texts()]
+    assert pointed[0] == pytest.approx(zoomed[0] + 0.45 * (zoomed[1] - zoomed[0]), abs=0.5)
+    # Between 35 and 67 s both springs move by 5 mm about their rest, as they were told.
+    assert all(-6.0 <= height <= 6.0 for height in pointed[1:])
+    page.mouse.dblclick(*at[2])
+    assert heights.evaluate(scale) == pytest.approx(whole)
+    assert page.faults == []
+
+
+@pytest.mark.slow
+def test_in_print_there_are_pictures_instead(page: Any) -> None:
+    picture, plot = page.locator(".zoom > svg").first, page.locator(".zoom > .uplot").first
+    assert (picture.is_visible(), plot.is_visible()) == (False, True)
+    page.emulate_media(media="print")
+    assert (picture.is_visible(), plot.is_visible()) == (True, False)
+    page.emulate_media(media="screen")
+
+
+@pytest.mark.slow
+def test_a_pdf_has_page_numbers_and_says_on_each_page_which_record_it_is_of(
+    program: str, passed_run: Path, tmp_path: Path
+) -> None:
+    pypdf = pytest.importorskip("pypdf")
+    for name in ("record.parquet", "result.json"):
+        shutil.copy(passed_run / name, tmp_path)
+    pages = pypdf.PdfReader(write_pdf(write_report(tmp_path))).pages
+    texts = [page.extract_text() for page in pages]
+    assert len(texts) > 2
+    for number, text in enumerate(texts, 1):
+        assert f"page {number} of {len(texts)}" in text and "record " in text
+    assert "operator\nnot recorded" in texts[0]
+    assert "signature" in texts[-1] and "SHA-256 of record.parquet" in texts[-1]
+    assert [float(side) for side in pages[0].mediabox[2:]] == pytest.approx([595, 842], abs=1.5)  # A4
+
+
+def test_without_a_browser_the_error_says_what_would_help(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(CHOSEN, str(tmp_path / "nothing"))
+    with pytest.raises(RecordError, match=f"this machine has none .*apt install chromium, or .*{CHOSEN}"):
+        write_pdf(tmp_path / "report.html")
+
+
+def test_a_browser_that_prints_nothing_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = tmp_path / "broken"
+    broken.write_text("#!/bin/sh\necho no display >&2\nexit 5\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv(CHOSEN, str(broken))
+    with pytest.raises(RecordError, match=r"broken did not print .*report\.html: no display"):
+        write_pdf(tmp_path / "report.html")
