@@ -246,26 +246,31 @@ class ColumnsInWork:
 
     def __init__(self, packing: Packing, size: int) -> None:
         self._packing, self._size = packing, size
-        self._rows: list[dict[int, Floats]] = [{} for _ in range(packing.counted.shape[1])]
+        # There is room for all, but a row that is never written takes no memory.
+        self._values = [
+            np.empty((size, stop - start), np.float32) for start, stop in pairwise(packing.bounds)
+        ]
+        self._moved = np.zeros((size, len(self._values)), bool)
 
     def put(self, place: int, outputs: Array, predictions: Array, distance: float = 1.0) -> None:
         """Keep the column at a place: how far outputs (n, c) are from predictions per distance, in single precision."""
-        packed, moved = np.empty(self._packing.size, np.float32), np.empty(len(self._rows), bool)
+        packed, moved = np.empty(self._packing.size, np.float32), self._moved[place]
         bounds = np.array(self._packing.bounds)
         places = self._packing.places
         quotients(outputs.ravel(), predictions.ravel(), distance, places, bounds, packed, moved)
         for c in np.flatnonzero(moved).tolist():
-            self._rows[c][place] = packed[self._packing.channel(c)].copy()
+            self._values[c][place] = packed[self._packing.channel(c)]
 
     def done(self) -> Columns:
-        """Return the columns, all of which have been put."""
+        """Return the columns, all of which have been put, and keep nothing."""
         traces = []
-        for c, rows in enumerate(self._rows):
-            inside, places = self._packing.channel(c), sorted(rows)
-            values = np.empty((len(places), inside.stop - inside.start), np.float32)
-            for to, place in zip(values, places, strict=True):
-                to[:] = rows.pop(place)
-            traces.append(Trace(np.array(places, dtype=np.intp), values))
+        for c, rows in enumerate(map(np.flatnonzero, self._moved.T)):
+            values, self._values[c] = self._values[c], np.empty((0, 0), np.float32)
+            for to, row in enumerate(rows.tolist()):
+                if to < row:
+                    values[to] = values[row]
+            values.resize((len(rows), values.shape[1]), refcheck=False)
+            traces.append(Trace(rows, values))
         return Columns(self._size, traces)
 
 

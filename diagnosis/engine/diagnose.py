@@ -77,6 +77,7 @@ def diagnose(
     found = search(problem, tell)  # steps 2 to 6
     tell("looking for what has no name", 0.91)
     judgement = judge(problem, found)  # steps 7 and 8
+    del found  # The columns of all candidates are large, and no more is asked of them.
     tell("measuring the gain", 0.92)
     return _finding(data, judgement, hypotheses, config, menu)  # steps 1 and 9
 

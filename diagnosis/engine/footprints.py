@@ -67,6 +67,10 @@ class Footprints:
         """Return for each run the columns of everything that may be missing: candidates, then the surfaces."""
         return tuple(zip(self.candidate_columns, *self.surface_columns, strict=True))
 
+    def without_columns(self) -> Footprints:
+        """Return what was looked for and where, without what came of it."""
+        return Footprints(self.point, (), (), self.candidates, ())
+
 
 def candidates(effects: Sequence[Hypothesis]) -> tuple[Candidate, ...]:
     """Return every effect at every point of its grid."""

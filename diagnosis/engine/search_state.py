@@ -136,6 +136,11 @@ class SearchResult:
         """What noise alone leaves in each channel (c,), as a standard deviation."""
         return self.state.floors
 
+    def without_footprints(self) -> SearchResult:
+        """Return the result without the columns of all candidates, which are large."""
+        bare = replace(self.state.current, footprints=self.state.current.footprints.without_columns())
+        return replace(self, state=replace(self.state, current=bare))
+
     def ambiguous(self, gap: float) -> list[tuple[Accepted, Trial]]:
         """Return accepted effects with each rival that comes within a BIC gap of them."""
         return [(a, r) for a in self.accepted for r in a.rivals if r.bic - self.model.bic < gap]

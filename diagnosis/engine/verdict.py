@@ -77,7 +77,7 @@ def judge(problem: Problem, found: SearchResult) -> Judgement:
         model, unknown = explain(model, clear[0], screened.screening, problem.select)
         unknowns = (unknown,) if unknown.kept or clear[0].p < UNKEPT_SURFACE_P else ()
     verdict = _verdict(found, screened.screening, unknowns, problem.config)
-    return Judgement(verdict, found, screened, model, unknowns)
+    return Judgement(verdict, found.without_footprints(), screened, model, unknowns)
 
 
 def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[Omnibus]]:

@@ -9,7 +9,7 @@ bought only when they are needed, in the order of their price (`ColumnSource`):
 * the columns of the nuisances are borrowed from a fit under the same noise, for they hardly change from model to model;
 * those of the effects follow each step by Broyden's rule: corrected so that they explain the change just seen;
 * a step that gains clearly less than the linear model predicts has new columns of the effects computed, a step that
-  fails has all, a further one has central differences of the effects' own;
+  fails has central differences of them, and only a further one has the columns of the nuisances, too;
 * a fit that is to be compared with others, and even by its linear model stays above a ``ceiling``, buys no columns of
   the nuisances: they are the dearest, and nothing depends on how far above it ends;
 * only where these fail too is the step shortened, by damping. Along a narrow curved valley good steps are short: the
@@ -53,8 +53,8 @@ class ColumnSource(IntEnum):
 
     BORROWED = 0  #: an earlier point
     OWN = 1  #: differences at this point for the effects' own numbers
-    FRESH = 2  #: differences at this point for all numbers
-    CENTRAL = 3  #: central differences of the effects' own numbers
+    CENTRAL = 2  #: central differences of these
+    FRESH = 3  #: and differences at this point for all other numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +147,7 @@ def fit(
             descent.linearise(ColumnSource.FRESH)
         else:
             hopeless = at.penalised_chi2 - decrease > noise.dispersion * ceiling
-            if not descent.attempt(trial, decrease, ColumnSource.OWN if hopeless else ColumnSource.CENTRAL):
+            if not descent.attempt(trial, decrease, ColumnSource.OWN if hopeless else ColumnSource.FRESH):
                 converged = not hopeless
                 break
     return FittedModel(replay, noise, descent.at, tuple(descent.predictions), converged)
@@ -186,9 +186,9 @@ class _Descent:
             return False
         elif self.trusted:
             self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
-        elif dearest <= self.source < self._dearest:
+        elif dearest <= self.source < ColumnSource.FRESH:
             return False
-        elif self.source < self._dearest:
+        elif self.source < ColumnSource.FRESH:
             self.linearise(max(ColumnSource(self.source + 1), self._cheapest))
         else:
             self.damping = max(10.0 * self.damping, 1e-3)
@@ -196,13 +196,16 @@ class _Descent:
 
     def linearise(self, source: ColumnSource) -> None:
         """Compute columns anew where the fit is; those of the nuisances stay unless all are asked for."""
-        point = self.at.point
-        known = self.at if self._has_own and source != ColumnSource.FRESH else None
-        central = source == ColumnSource.CENTRAL
-        self.at = linearise(
-            self.replay, self.whiten, point, self.predictions, self.prior, known, central=central
-        )
+        if source == ColumnSource.FRESH:
+            self._compute(None)
+        if self._has_own:
+            self._compute(self.at, central=source >= ColumnSource.CENTRAL)
         self.source = source
+
+    def _compute(self, known: Linearisation | None, *, central: bool = False) -> None:
+        self.at = linearise(
+            self.replay, self.whiten, self.at.point, self.predictions, self.prior, known, central=central
+        )
 
     @property
     def _has_own(self) -> bool:
@@ -213,11 +216,6 @@ class _Descent:
     def _cheapest(self) -> ColumnSource:
         """The cheapest columns that are new."""
         return ColumnSource.OWN if self._has_own else ColumnSource.FRESH
-
-    @property
-    def _dearest(self) -> ColumnSource:
-        """The dearest columns that are better than others."""
-        return ColumnSource.CENTRAL if self._has_own else ColumnSource.FRESH
 
 
 def _follow(
