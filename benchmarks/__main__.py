@@ -24,6 +24,7 @@ NAMES: Final = (
     "time_to_safe",
     "campaigns",
     "diagnosis_duration",
+    "panel",
 )
 
 

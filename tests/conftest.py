@@ -13,9 +13,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 #: What gives a test away that has deadlines; others say it themselves.
 HERE = Path(__file__).parent
 WIRES = HERE / "wires"
-RIGS = {"site", "start_rig", "shared_rig"}
+RIGS = {"site", "start_rig", "shared_rig", "bench_panel"}
 #: Where such tests are. The choice of them alone reads no other directory, which would take longer than some of them.
-TIMED, TIMED_ROOMS = " and real_time", {"drivers", "foreign", "protocol", "records", "rig", "system", "wires"}
+TIMED, TIMED_ROOMS = (
+    " and real_time",
+    {"drivers", "foreign", "panel", "protocol", "records", "rig", "system", "wires"},
+)
 #: The directories with the longest files, which begin first, so that no processor waits for them in the end.
 LONG_ROOMS = ("system", "diagnosis", "plans", "hidden", "paper", "model")
 

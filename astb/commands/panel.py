@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from starlette.types import ASGIApp
 
-    from astb.panel.open_rig import OpenRig
 
 _LOCAL: Final = "127.0.0.1"
 
@@ -40,14 +39,14 @@ def panel_command(rig_path: Path | None, host: str, port: int, seed: int | None,
     """
     try:
         import starlette  # noqa: F401
-        import uvicorn
+        import uvicorn  # noqa: F401
         import websockets  # noqa: F401
     except ImportError as error:
         misuse(f"the panel needs {error.name}: pip install 'astb[panel]'")
     from contextlib import ExitStack
 
     from astb.panel.access import Access, kept_token
-    from astb.panel.open_rig import open_rig
+    from astb.panel.kept_rig import KeptRig
     from astb.panel.runs import Runs
     from astb.panel.server import application
     from astb.panel.views import Parts
@@ -67,30 +66,43 @@ def panel_command(rig_path: Path | None, host: str, port: int, seed: int | None,
     port = sockets[0].getsockname()[1]
     with ExitStack() as stack:
         stack.callback(sockets[0].close)
+        kept = KeptRig(rig, path, seed, click.echo)
+        stack.callback(kept.close)
         try:
-            opened: OpenRig = stack.enter_context(open_rig(rig, path, seed, click.echo))
+            kept.ensure()
             watch = Watch(rig, path)
         except ValueError as error:
             misuse(error)
         except BenchError as error:
             blocked(error)
-        runs = Runs(watch, out, lifeline=opened.lifeline)
+        runs = Runs(watch, out, kept)
+        watch.revive = lambda: None if runs.going else kept.ensure()
         access = Access(kept_token(path), port, RealClock())
-        parts: Parts = Parts(watch, runs, access, out)
+        parts = Parts(watch, runs, access, out)
         watch.start()
         stack.callback(watch.close)
         _tell(host, port, access.token)
-        app: ASGIApp = application(parts, host=host)
-        config = uvicorn.Config(
-            app,
-            log_level="warning",
-            access_log=False,
-            ws_per_message_deflate=False,
-            timeout_graceful_shutdown=1,
-        )
-        uvicorn.Server(config).run(sockets=sockets)
+        _serve(application(parts, host=host), sockets)
         if runs.going:
             click.echo("the run goes on; `astb panel` finds it again")
+
+
+def _serve(app: "ASGIApp", sockets: "list[socket.socket]") -> None:
+    """Serve until somebody ends it."""
+    import uvicorn
+
+    from astb.panel.stream import PING
+
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        ws_per_message_deflate=False,
+        ws_ping_interval=PING,
+        ws_ping_timeout=PING,
+        timeout_graceful_shutdown=1,
+    )
+    uvicorn.Server(config).run(sockets=sockets)
 
 
 def _listening(host: str, port: int) -> "socket.socket":

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 #: What brings the bench to its safe position: the actuators hold, the air is let off, then what hangs is set down.
 SAFE: Final = "action.disable"
 _PATIENCE: Final = 2.0  # s, for a line to come
+_LOOK_UP: Final = 0.1  # s, until the end is noticed
 
 
 class NoRun(Exception):
@@ -125,7 +126,9 @@ def opened_door(rig_file: Path, door: Door) -> Iterator[None]:
         return
     server.daemon_threads = True
     path.chmod(0o600)
-    threading.Thread(target=server.serve_forever, name="the run's door", daemon=True).start()
+    threading.Thread(
+        target=server.serve_forever, args=(_LOOK_UP,), name="the run's door", daemon=True
+    ).start()
     try:
         yield
     finally:

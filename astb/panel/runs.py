@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from astb.live.door import SAFE, NoRun, knock
 from astb.operators import PANEL
+from astb.panel.kept_rig import KeptRig
 from astb.panel.watch import Watch
 from bench_protocol.units import s
 from bench_records.layout import RESULT, RecordError
@@ -29,8 +30,8 @@ class CannotDo(Exception):
 class Runs:
     """The runs on one rig: what was started here, and what the panel found going on."""
 
-    def __init__(self, watch: Watch, out: Path, *, lifeline: int | None = None) -> None:
-        self._watch, self.out, self._lifeline = watch, out, lifeline
+    def __init__(self, watch: Watch, out: Path, kept: KeptRig | None = None) -> None:
+        self._watch, self.out, self._kept = watch, out, kept
         self._process: subprocess.Popen[bytes] | None = None
         self._log: Path | None = None
         self._record = ""  # of the last run that was seen
@@ -53,11 +54,14 @@ class Runs:
             raise CannotDo(str(error)) from None
         if self.going:
             raise CannotDo("a run goes on already: stop it, or wait for its end")
+        if link := self._watch.status.link:
+            raise CannotDo(f"the rig is not heard: {link}")
         command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(self._watch.path)]
         command += ["--out", str(self.out), "--answers", PANEL]
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
         command += ["--specimen", specimen] if specimen else []
         command += ["--operator", operator] if operator else []
+        lifeline = None if self._kept is None else self._kept.lifeline
         with tempfile.NamedTemporaryFile(prefix="astb-run-", suffix=".log", delete=False) as log:
             self._log, self._record, self.stopped = Path(log.name), "", ""
             self._process = subprocess.Popen(
@@ -66,7 +70,7 @@ class Runs:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # Ctrl-C and the end of the panel's terminal are not for the run
-                pass_fds=() if self._lifeline is None else (self._lifeline,),
+                pass_fds=() if lifeline is None else (lifeline,),
             )
 
     @property

@@ -9,6 +9,7 @@ as f32, signal by signal; NaN where there is nothing.
 
 import asyncio
 import struct
+from contextlib import suppress
 from math import ceil
 from typing import Annotated, Any, Final
 
@@ -22,12 +23,12 @@ from astb.panel.runs import Runs
 from astb.panel.watch import Watch
 from bench_protocol.units import hours, ms, s
 
-PERIOD: Final = 50 * ms
-STATUS_EVERY: Final = 4  # pictures
+PERIOD: Final = 66 * ms
+STATUS_EVERY: Final = 3  # pictures
 #: Stretches that are sent again, for samples that come late.
 _AGAIN: Final = 150 * ms
-#: A page that takes nothing for so long is given up.
-PATIENCE: Final = 20 * s
+#: A page that does not answer is asked every `PING` s, and given up after twice that.
+PING: Final = 5 * s
 HEAD: Final = struct.Struct("<IIIIdd")
 _TRACES_MAX: Final = 12
 
@@ -101,19 +102,15 @@ class Stream:
 
     async def _send(self, socket: WebSocket, page: str, traces: list[Trace]) -> None:
         count = 0
-        try:
+        with suppress(RuntimeError, WebSocketDisconnect):  # gone
             while True:
-                async with asyncio.timeout(PATIENCE):
-                    if count % STATUS_EVERY == 0:
-                        await socket.send_text(self._status(socket, page))
-                    for trace in tuple(traces):
-                        if picture := trace.picture():
-                            await socket.send_bytes(picture)
+                if count % STATUS_EVERY == 0:
+                    await socket.send_text(self._status(socket, page))
+                for trace in tuple(traces):
+                    if picture := trace.picture():
+                        await socket.send_bytes(picture)
                 count += 1
                 await asyncio.sleep(PERIOD)
-        except (TimeoutError, RuntimeError, WebSocketDisconnect):  # gone, or as good as gone
-            transport_close = asyncio.shield(socket.close())
-            transport_close.add_done_callback(lambda done: done.exception())
 
     def _status(self, socket: WebSocket, page: str) -> str:
         may = self._access.may_command(socket)

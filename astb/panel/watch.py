@@ -1,7 +1,7 @@
 """Watches a rig as any client may: listens on its wires, asks for its contacts, and never becomes its commander."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -132,6 +132,7 @@ class Watch:
         self.row = {one.name: place for place, one in enumerate(self.shown)}
         self.envelope = Envelope(len(rows))
         self.status = Status(link="not connected yet")
+        self.revive: Callable[[], None] = lambda: None  #: called when the rig cannot be reached
         self._waiting: list[tuple[Ints, Ints, Floats]] = []
         self._contacts: dict[str, bool] = {}
         self._listening: Listening | None = None
@@ -171,6 +172,7 @@ class Watch:
                 listening.start(self.clock)
             except (BenchError, RigFileError, ValueError, OSError) as error:
                 self.status = self._alone(str(error))
+                self._revive()
                 self._end.wait(AGAIN)
                 continue
             listening.receiver.sink = self._take
@@ -183,6 +185,12 @@ class Watch:
             finally:
                 self._listening = None
                 listening.close()
+
+    def _revive(self) -> None:
+        try:
+            self.revive()
+        except (BenchError, RigFileError, OSError) as error:
+            self.status = self._alone(str(error))
 
     def _follow(self, listening: Listening) -> None:
         """Watch until the link is lost, or it is the end."""

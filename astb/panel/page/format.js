@@ -8,6 +8,9 @@ export function fixed(value, decimals) {
   return (value < 0 && !zero ? "\u2212" : "") + grouped + (fraction ? "." + fraction : "");
 }
 
+/** A round number without the decimals that it does not need. */
+export const plain = (value) => fixed(value, 3).replace(/\.?0+$/, "");
+
 /** A duration in s as people say it: 42 s, 3:05 min, 1:02:00 h. */
 export function duration(seconds) {
   const whole = Math.max(0, Math.round(seconds));

@@ -1,6 +1,6 @@
 /** The live view: key readings with their limits, plots, the run, the interlocks. */
 
-import { fixed, make } from "/page/format.js";
+import { fixed, make, plain } from "/page/format.js";
 import { OverSignal, OverTime } from "/page/plots.js";
 import { runCard } from "/page/run.js";
 
@@ -11,7 +11,7 @@ const LOOPS = [
   ["lateral.displacement", "lateral.force", "Lateral force over displacement"],
   ["left.height", "left.bellows_pressure", "Pressure over height, left"],
 ];
-const NEAR = 0.06; // of the way between two limits: so close is near
+const NEAR = 0.04; // of the way between two limits: so close is near
 const ALARMS = { estop: true, pneumatic: true, program: true, limits: true, fault: true };
 
 export function show(element, panel) {
@@ -49,14 +49,12 @@ function reading(signal) {
   const number = make("span", { class: "number" }, "–");
   const mark = make("i", { hidden: true });
   const limited = signal.low !== null && signal.high !== null;
-  const ends = limited && make("div", { class: "ends" }, make("span", {}, fixed(signal.low, 0)), make("span", {}, fixed(signal.high, 0)));
   const one = !limited && (signal.low ?? signal.high);
   const element = make("div", { class: "reading", "data-signal": signal.name },
     make("span", { class: "label" }, signal.label + (typeof one === "number" ? `, ${signal.low === null ? "at most" : "at least"} ${fixed(one, signal.decimals)}` : "")),
     number,
     make("span", { class: "unit" }, signal.unit),
-    limited ? make("div", { class: "bar" }, mark) : null,
-    limited ? ends : null);
+    limited ? make("div", { class: "scale" }, plain(signal.low), make("div", { class: "bar" }, mark), plain(signal.high)) : null);
   return {
     name: signal.name,
     element,

@@ -81,7 +81,7 @@ function tell() {
 }
 
 function say(stale, status) {
-  const since = link.heard && new Date(link.heard).toLocaleTimeString();
+  const since = link.heard && new Date(link.heard).toLocaleTimeString([], { hour12: false });
   const text = stopped
     || (stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
       : status?.rig.link ? `The rig is not heard: ${status.rig.link}` : "");

@@ -1,6 +1,6 @@
 /** Live plots: signals over time, and one signal over another. */
 
-import { fixed } from "/page/format.js";
+import { fixed, plain } from "/page/format.js";
 
 const FRAME = 1000 / 30; // ms; a screen needs no more
 const BRIDGED = 0.35; // s: a gap up to this long is only a slow signal
@@ -186,10 +186,8 @@ const axis = (words = null) => ({
   font: "12px sans-serif",
   grid: { stroke: () => colour("--hair"), width: 1 },
   ticks: { show: false },
-  values: (_, values) => values.map((value) => (value === null ? "" : words ? words(value) : plainly(value))),
+  values: (_, values) => values.map((value) => (value === null ? "" : words ? words(value) : plain(value))),
 });
-
-const plainly = (value) => fixed(value, 3).replace(/\.?0+$/, "") || "0";
 
 /** A range that noise does not fill: at least some forty steps of the last decimal. */
 function roomy(low, high, signal) {

@@ -64,7 +64,7 @@ function starting(panel, order) {
       make("div", { class: "buttons" }, begin), make("div", { class: "buttons" }, reset, vent)),
     tell(rig, runs, access) {
       const lost = rig.link !== "";
-      begin.disabled = !access.seat;
+      begin.disabled = !access.seat || lost;
       reset.disabled = vent.disabled = !access.seat || lost;
       const key = JSON.stringify([runs.last, runs.stopped]);
       if (last.dataset.key !== key) {
@@ -119,7 +119,7 @@ function running(order) {
       bar.value = run.fraction;
       times.textContent = `${duration(run.time)}${run.left === null ? "" : `, ${duration(run.left)} to go`}`;
       checks.textContent = [...Object.entries(run.checks).map(([verdict, count]) => `${count} ${verdict}`)].join(", ") + (run.last_check ? `; last: ${run.last_check}` : "");
-      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it" : run.said;
+      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it" : run.question ? "" : run.said;
       hold.textContent = held ? "Go on" : "Hold";
       if (question.dataset.text !== run.question) {
         question.dataset.text = run.question;

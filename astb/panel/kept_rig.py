@@ -1,0 +1,47 @@
+"""A simulated rig that is there as long as a panel or a run needs it: found running, or started on a lifeline."""
+
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+from astb.rig_file import RigFile
+from astb.session import answers, ready_line, start_rig
+
+
+class KeptRig:
+    """Starts the rig of a file if it is a simulated one and does not answer; any other rig is left to itself.
+
+    ``lifeline`` is one end of a pipe, None unless a rig was started here: it runs until nobody holds this end any more.
+    A run that inherits it keeps the rig when the panel ends, or is killed.
+    """
+
+    def __init__(self, rig: RigFile, path: Path, seed: int | None, say: Callable[[str], None]) -> None:
+        self._rig, self._path, self._seed, self._say = rig, path, seed, say
+        self._process: subprocess.Popen[str] | None = None
+        self.lifeline: int | None = None
+
+    def ensure(self) -> None:
+        """Start the rig unless it answers. RigFileError or LinkLost if it cannot be started."""
+        rig, running = self._rig, self._process is not None and self._process.poll() is None
+        if rig.simulation is None or rig.wiring or running or answers(rig):
+            return
+        self.close()
+        self._say(f"no rig answers at {rig.modbus.host}:{rig.modbus.port}: starting one")
+        theirs, self.lifeline = os.pipe()
+        try:
+            self._process = start_rig(rig.simulation, self._path, self._seed, theirs)
+        finally:
+            os.close(theirs)
+        self._say(ready_line(self._process))
+
+    def close(self) -> None:
+        """Let go of the rig; it ends if no run holds it."""
+        if self.lifeline is not None:
+            os.close(self.lifeline)
+            self.lifeline = None
+        if self._process is not None:
+            for pipe in (self._process.stdout, self._process.stderr):
+                assert pipe is not None
+                pipe.close()
+            self._process = None

@@ -1,0 +1,176 @@
+"""A panel on a simulated rig with a short plan of its own, and a browser in front of it."""
+
+import os
+import re
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+#: Where pictures for the documentation go, if anybody wants them: ASTB_GALLERY=docs/gallery.
+GALLERY = os.environ.get("ASTB_GALLERY", "")
+
+PLAN = '''"""A short plan that asks, and can be held."""
+
+from typing import Annotated
+
+from bench_protocol.units import mm, s
+from test_plans.parameters import Range
+from test_plans.plan import plan
+
+
+@plan(lasts=8 * s)
+def shift(run, amplitude: Annotated[float, Range(5 * mm, 30 * mm, "mm")] = 20 * mm) -> None:
+    """Shift: the bolster goes to the side and back."""
+    run.bench.lateral.control = "displacement"
+    with run.phase("out"):
+        run.bench.lateral.move_to(-amplitude, rate=60 * mm / s)
+        run.bench.lateral.move_to(amplitude, rate=60 * mm / s)
+        run.check("place", run.bench.average("lateral.displacement", over=0.3 * s), "mm", low=4 * mm, high=31 * mm)
+    if run.ask("Has the bolster moved?", ("yes", "no"), within=90 * s) != "no":
+        for look in range(15):
+            run.hold_point(f"before look {look}")
+            run.bench.wait(0.1 * s)
+    run.bench.lateral.move_to(0.0, rate=40 * mm / s)
+'''
+
+
+def free_ports(count: int) -> list[int]:
+    sockets = [socket.socket() for _ in range(count)]
+    try:
+        for one in sockets:
+            one.bind(("127.0.0.1", 0))
+        return [one.getsockname()[1] for one in sockets]
+    finally:
+        for one in sockets:
+            one.close()
+
+
+class PanelProcess:
+    """``astb panel`` in a process of its own, which can be killed and started again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        can, modbus, self.port = free_ports(3)
+        self.rig_file, self.out = folder / "rig.toml", folder / "runs"
+        self.rig_file.write_text(
+            f'name = "test"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n[simulation]\nseed = 1\n'
+        )
+        package = folder / "plans" / "short_plans-1.0.dist-info"
+        package.mkdir(parents=True)
+        (package / "METADATA").write_text("Metadata-Version: 2.1\nName: short-plans\nVersion: 1.0\n")
+        (package / "entry_points.txt").write_text("[astb.plans]\nours = short_plans\n")
+        (package.parent / "short_plans.py").write_text(PLAN)
+        self.start()
+
+    def start(self) -> None:
+        """Start it, and wait until it serves."""
+        paths = os.pathsep.join(filter(None, (str(self.folder / "plans"), os.environ.get("PYTHONPATH"))))
+        command = [sys.executable, "-m", "astb", "panel", "--rig", str(self.rig_file), "--out", str(self.out)]
+        self.process = subprocess.Popen(
+            [*command, "--port", str(self.port)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            cwd=ROOT,
+            env=os.environ | {"PYTHONPATH": paths},
+        )
+        self.address = self._told("to command:")
+
+    def _told(self, what: str) -> str:
+        out, said = self.process.stdout, b""
+        assert out is not None
+        deadline = time.monotonic() + 200
+        # Not by lines: of two that come at once, nobody would be told of the second.
+        while select.select([out], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            said += (part := os.read(out.fileno(), 4096))
+            if found := re.search(rf"{what}\s+(\S+)\n", said.decode()):
+                return found[1]
+            if not part:
+                break
+        self.process.kill()
+        raise AssertionError(f"the panel said {said.decode()}")
+
+    @property
+    def watching(self) -> str:
+        """The address without the token."""
+        return self.address.partition("#")[0]
+
+    def kill(self) -> None:
+        """End it as nobody would wish."""
+        self.process.kill()
+        self.process.communicate()
+
+    def stop(self) -> None:
+        """End it in order."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            self.process.communicate(timeout=20)
+
+
+@pytest.fixture(scope="package")
+def bench_panel(tmp_path_factory) -> Iterator[PanelProcess]:
+    """A panel with a rig of its own, for all tests of this directory."""
+    panel = PanelProcess(tmp_path_factory.mktemp("panel"))
+    try:
+        yield panel
+    finally:
+        panel.stop()
+
+
+@pytest.fixture(scope="package")
+def browser():
+    """A real browser; skipped where there is none."""
+    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if found is None:
+        pytest.skip("this machine has no chromium; `apt-get install chromium` brings it")
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as playwright:
+        one = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        try:
+            yield one
+        finally:
+            one.close()
+
+
+@pytest.fixture
+def open_page(browser, bench_panel) -> Iterator[Callable]:
+    """Open the panel as somebody else each time, with the token or without; no script may fail meanwhile."""
+    contexts, failures = [], []
+
+    def opened(*, command: bool = True, dark: bool = False, size: tuple[int, int] = (1024, 768)):
+        width, height = size
+        contexts.append(
+            browser.new_context(
+                viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light"
+            )
+        )
+        contexts[-1].set_default_timeout(60_000)
+        page = contexts[-1].new_page()
+        page.on("pageerror", lambda error: failures.append(str(error)))
+        page.goto(bench_panel.address if command else bench_panel.watching)
+        page.wait_for_selector(".readings")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert not failures
+
+
+@pytest.fixture(scope="session")
+def picture() -> Callable:
+    """Keep a picture of a page for the documentation, where somebody asks for them."""
+
+    def taken(page, name: str) -> None:
+        if GALLERY:
+            page.screenshot(path=Path(GALLERY) / f"panel-{name}.png")
+
+    return taken

@@ -1,0 +1,65 @@
+"""The door of a run: what is said at it arrives, and what cannot be done is told."""
+
+import pytest
+
+from astb.live.door import Door, NoRun, door_path, knock, opened_door
+from bench_sim.rig.control_socket import ask
+from test_plans.operator import Answer, Question, QuestionBox
+from test_plans.suspension import Suspension
+
+
+@pytest.fixture
+def rig_file(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "rig.toml"
+
+
+@pytest.fixture
+def run(rig_file):
+    """A run's side of the door: what holds it, and where its questions wait."""
+    suspension, box = Suspension(), QuestionBox()
+    with opened_door(rig_file, Door(lambda: None, suspension, box)):
+        yield suspension, box
+
+
+def test_a_run_is_held_and_goes_on(run, rig_file):
+    suspension, _ = run
+    knock(rig_file, {"do": "hold", "by": "A. Miller"})
+    assert suspension.wanted_by == "A. Miller"
+    knock(rig_file, {"do": "resume"})
+    assert suspension.wanted_by == ""
+
+
+def test_a_question_is_answered_and_a_wrong_answer_is_told(run, rig_file):
+    _, box = run
+    assert "nothing is being asked" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
+    box.ask(Question("well?", ("yes", "no")))
+    assert "yes, no, abort would be" in knock(rig_file, {"do": "answer", "text": "perhaps"})["error"]
+    knock(rig_file, {"do": "answer", "text": "yes", "by": "A. Miller"})
+    assert box.answer() == Answer("yes", "A. Miller")
+
+
+@pytest.mark.parametrize("line", [b"{}", b"[]", b"nonsense", b'{"do":"explode"}', b'{"do":3}', b"\xff", b""])
+def test_what_nobody_understands_is_told_and_the_door_stays_open(run, rig_file, line):
+    assert b"error" in ask(door_path(rig_file), line)
+    assert knock(rig_file, {"do": "look"})["snapshot"] is None
+
+
+def test_a_door_is_its_users_alone_and_is_gone_with_its_run(rig_file):
+    door = Door(lambda: None, Suspension(), None)
+    with opened_door(rig_file, door):
+        assert door_path(rig_file).stat().st_mode & 0o077 == 0
+        with opened_door(rig_file, Door(lambda: None, Suspension(), None)):
+            pass  # another run on the same rig has no door, and does not take this one away
+        assert "answers from elsewhere" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
+    with pytest.raises(NoRun):
+        knock(rig_file, {"do": "look"})
+    assert not door_path(rig_file).exists()
+
+
+def test_a_door_that_a_killed_run_left_is_taken_over(rig_file):
+    path = door_path(rig_file)
+    path.parent.mkdir(mode=0o700)
+    path.touch()
+    with opened_door(rig_file, Door(lambda: None, Suspension(), None)):
+        assert "pid" in knock(rig_file, {"do": "look"})
