@@ -7,25 +7,29 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from tools.gallery.page import PAGE, page
 from tools.gallery.recipes import GALLERY, RECIPES, RUNS, Recipe
 
+#: Where the commands find the files of rigs.
+ROOT: Final = Path(__file__).parents[2]
+
 
 def make(recipes: Sequence[Recipe], into: Path) -> None:
-    """Call the commands of the recipes, each once, in a folder of their own, and draw ``into`` another."""
+    """Call the commands of the recipes, each once and with a new folder for its runs, and draw ``into`` another."""
     with tempfile.TemporaryDirectory() as folder:
         for command in dict.fromkeys(command for one in recipes for command in one.commands):
             print(command, file=sys.stderr)
             subprocess.run(
-                [sys.executable, "-m", *shlex.split(command)],
-                cwd=folder,
+                [sys.executable, "-m", *shlex.split(command.replace(RUNS, folder))],
+                cwd=ROOT,
                 check=True,
                 stdout=subprocess.DEVNULL,
             )
         for one in recipes:
             print(one.file, file=sys.stderr)
-            one.draw(Path(folder, RUNS), into / one.file)
+            one.draw(Path(folder), into / one.file)
 
 
 def main() -> None:

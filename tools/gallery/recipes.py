@@ -14,7 +14,7 @@ from tools.gallery.safety import time_to_safe
 from tools.gallery.sketch import sketch
 
 GALLERY: Final = Path(__file__).parents[2] / "docs" / "gallery"
-#: Where the commands put their runs, seen from the folder in which they are called.
+#: Where the commands put their runs, as a reader types them.
 RUNS: Final = "runs/gallery"
 
 
