@@ -9,6 +9,7 @@ from typing import Final
 from campaigns.healthy import SoundRun, Tolerance, read_sound_runs, tolerances
 from campaigns.mutation_picture import BY_LUCK, CAUGHT, KINDS, MOVED, NOT_TRIED, write_picture
 from campaigns.mutations import Cell, Mutation, Mutations, mutations, read_cells
+from test_plans.discovery import plans as all_plans
 
 DOCS: Final = Path(__file__).parent.parent / "docs"
 PAGE: Final = DOCS / "reference" / "mutation-matrix.md"
@@ -80,7 +81,8 @@ def _matrix(rows: Sequence[Row], plans: Sequence[str]) -> Iterator[str]:
         "* A number: missed. Something that the plan judges has gone so many percent of the way from its value on the "
         "sound rig to its limit.\n"
         f"* Empty: missed. Nothing that the plan judges moves by {100 * MOVED:.0f} %.\n"
-        f"* {NOT_TRIED} not tried: the plan takes long, and no check of it is meant for the fault.\n"
+        f"* {NOT_TRIED} not tried: no check of the plan is meant for the fault, or the fault is younger than the "
+        "column.\n"
         "* Coloured: what [no plan catches](#what-no-plan-catches).\n"
     )
     for kind, group in groupby(rows, lambda row: row[0].kind):
@@ -124,6 +126,8 @@ def _wrong_reasons(cells: Iterable[Cell]) -> Iterator[str]:
 def _plans(cells: Sequence[Cell], plans: Sequence[str]) -> Iterator[str]:
     yield "## Plan by plan\n"
     yield "The version is commit and day of what was measured; plans and limits may have changed since.\n"
+    if untried := sorted(name for name, one in all_plans().items() if one.judges and name not in plans):
+        yield f"Not tried yet: {', '.join(f'`{plan}`' for plan in untried)}.\n"
     yield (
         "| plan | caught | of these by no other plan | wrong reason | missed | version of the code |\n"
         "|---|--:|--:|--:|--:|---|"

@@ -4,6 +4,7 @@ Every story starts from a bench that was prepared once, and ends once with each 
 its lines tell what happened.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -221,9 +222,10 @@ def test_every_story_ends_well(start: str, story: list[Deed]) -> None:
     live_through(start, story)
 
 
-#: Stories from each start; each is told to the end once for every loss.
-STORIES = 560
-assert STORIES * len(STARTS) * len(LOSSES) >= 20_000
+#: Stories from each start; each is told to the end once for every loss: thousands of ends. They are the same ones every
+#: time; whoever changes states or limits asks for more of them.
+STORIES = int(os.environ.get("ASTB_STORIES", "140"))
+assert STORIES * len(STARTS) * len(LOSSES) >= 5_000
 
 
 @pytest.mark.slow
