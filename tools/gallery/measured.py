@@ -33,7 +33,7 @@ def stiffness(runs: Path, path: Path) -> None:
         figure, (loops, storage, loss) = figure_of(3.3, 1, 3, width_ratios=(1.1, 1.0, 1.0))
         _loops(loops, read(directory))
         _over_frequency(storage, checks, "K'", lambda _: 1.0)
-        heading(storage, "Storage K', both springs", "kN/m")
+        heading(storage, "Storage K' of a spring", "kN/m")
         _over_frequency(loss, checks, "c", lambda f: tau * f)
         heading(loss, "Loss K'' = c ω", "kN/m")
         save(figure, path)

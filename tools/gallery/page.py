@@ -15,6 +15,10 @@ What this project does, in ten pictures, all made by the program. `make gallery`
 """
 TAIL: Final = """## More
 
+The [panel in a browser](how-to/watch-and-command-in-a-browser.md), as its tests saw it: [a run that is
+held](gallery/panel-held-dark.png), [one that asks](gallery/panel-question.png), [after the
+stop](gallery/panel-stopped.png), [without its server](gallery/panel-lost.png).
+
 Other figures of the paper are made by the same [command](how-to/reproduce-the-paper.md) and explained [beside its
 text](explanation/the-paper.md): [areas and volumes](gallery/figure-07.svg), [stiffness over the roll
 angle](gallery/figure-10.svg), [comfort in the crosswind](gallery/comfort.svg). How the diagnosis comes to a
