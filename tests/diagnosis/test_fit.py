@@ -231,6 +231,31 @@ def test_parts_of_one_record_share_its_nuisances_whatever_they_are_for(laborator
     assert np.array_equal(there.numbers, first.point.numbers)
 
 
+def test_an_effect_that_is_rough_has_central_differences_before_the_base_model_is_differentiated_anew():
+    """A ripple of one difference step turns the one-sided slope round; on both sides of the start it is the same."""
+    asked = []
+
+    class Rippled(Straight):
+        def run(self, experiment, parameters, effects):
+            amplitude = effects["bend"]["amplitude"]
+            asked.append((amplitude, parameters["slope"], parameters["offset"]))
+            step = self.catalogue["bend"].amplitude.difference
+            ripple = step * (1.0 - math.cos(math.pi * amplitude / step))
+            return super().run(experiment, parameters, {"bend": {"amplitude": amplitude - ripple}})
+
+    runs, noise = (measured("one", 1, 3.0),), white(SD)
+    bend = effect_coordinates(Straight().catalogue["bend"])
+    base = fit(Replay(Straight(), runs, 1), noise, base_point(Straight().nuisances, ["one"]))
+    start = base.point.extended(bend, (0.0,))
+    smooth = fit(Replay(Straight(), runs, 1), noise, start, base.linearisation)
+    rippled = fit(Replay(Rippled(), runs, 1), noise, start, base.linearisation)
+    at_start = {one for one in asked if one[0] == 0.0}
+    assert len(at_start) == 1
+    assert rippled.point.values()[-1] == pytest.approx(
+        smooth.point.values()[-1], abs=smooth.deviation(bend[0])
+    )
+
+
 def test_a_model_that_fails_at_its_start_is_named():
     class Broken(Straight):
         def run(self, experiment, parameters, effects):
