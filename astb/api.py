@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from drivers.bench import Bench
     from test_plans.operator import Operator, Reply
     from test_plans.plan import Plan
+    from test_plans.suspension import Suspension
 
 #: The rig that needs no file: the simulated one in the memory of this process.
 VIRTUAL: Final = "virtual"
@@ -75,11 +76,12 @@ def run_plan(
     seed: int | None = None,
     report: bool = True,
     answers: "Operator | Mapping[str, Reply] | None" = None,
+    suspension: "Suspension | None" = None,
 ) -> "tuple[Result, Path]":
     """Run a plan, by its name or itself, on a bench or a rig as `open_bench` knows it; return result and record.
 
     ``answers`` are those to what the plan asks its operator: by the text of the question or its deed, with ``*`` for
-    anything, or somebody who can be asked.
+    anything, or somebody who can be asked. ``suspension`` is how another thread holds the run and lets it go on.
 
     The record is a new directory in ``out``, with a report unless that is not wanted; what lies there already is not
     touched. PlanError for a plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises
@@ -107,6 +109,7 @@ def run_plan(
             rig=about.get("rig", ""),
             seed=about.get("seed"),
             operator=with_hand(operator, bench.hand),
+            suspension=suspension,
         )
     write_sums(directory)
     if report:

@@ -1,5 +1,6 @@
 """Who answers a plan's questions: a terminal, a file of answers, or a simulated rig that does what it can by itself."""
 
+import os
 import sys
 import threading
 import tomllib
@@ -79,6 +80,9 @@ class Terminal(QuestionBox):
     def ask(self, question: Question) -> None:
         if self._ended:
             raise Unanswered("the terminal is closed")
+        if self._lines.isatty() and not in_the_foreground(self._lines):
+            # To read would stop this process, and with it the set-points of a bench under air.
+            raise Unanswered("this runs in the background of its terminal, where nobody can type")
         self._forget_what_was_typed()
         super().ask(question)
         self._wanted.set()
@@ -132,6 +136,14 @@ class Terminal(QuestionBox):
 
     def _print(self, text: str, style: str) -> None:
         self._console.print(Text(text, style), soft_wrap=True)
+
+
+def in_the_foreground(lines: TextIO) -> bool:
+    """Return whether what is typed into the terminal behind ``lines`` comes to this process."""
+    try:
+        return os.tcgetpgrp(lines.fileno()) == os.getpgrp()
+    except OSError:  # a terminal that is not this session's has no jobs, and stops nobody
+        return True
 
 
 def read_answers(path: Path) -> Script:

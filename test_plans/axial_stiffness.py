@@ -54,7 +54,8 @@ def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     with run.phase("isobaric"):
         for side, stiffness in _isobaric(run, home).items():
             check_band(run, f"{side} vertical stiffness, isobaric", stiffness, "kN/m", isobaric)
-    run.hold_point("before the volumes are shut off")
+    if run.hold_point("before the volumes are shut off"):
+        steps.stand_again(run, case, go_home, COOL)
     steps.lock_the_air(run)
     run.bench.air.isolate_reservoirs()
     steps.vertical_loop(run, case, "closed")

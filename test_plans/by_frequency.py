@@ -197,6 +197,7 @@ def frequency_sweep(run: Run, load: Load) -> None:
     home_made.shake_vertically(run, load, ALL_FREQUENCIES)
     home_made.keep(run, load, "orifice")
 
+    run.hold_point("before the pipe is fitted")
     put_down(run)
     fit_pipe(run, "on")
     fit_plate(run, PIPE_PLATE)

@@ -96,6 +96,7 @@ def lateral_stiffness_over_pressure(run: Run, name: str, preloads: Sequence[floa
     for load in loads:
         with run.phase(load.name):
             if load is not loads[0]:
+                run.hold_point(f"before {load.name}")
                 put_down(run)
                 steps.carry(load)(run)
             go_home(run)

@@ -41,6 +41,7 @@ def damping_ratio(run: Run) -> None:
     load, found = run.specimen.load(AW0), {}
     for plate in PLATES:
         if plate != PLATES[0]:
+            run.hold_point(f"before the plates of {plate / mm:g} mm are fitted")
             put_down(run)
             fit_plate(run, plate)
             steps.carry(AW0)(run)

@@ -62,6 +62,7 @@ def differential_pressure_valve(
     run.bench.air.connect_dpv()
     rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
     for way, higher in ((-1.0, "left"), (1.0, "right")):
+        run.hold_point(f"before the {higher} side is higher")
         with run.phase(f"{higher} higher"):
             _roll(run, home, way * HALF, ROLL_RATE)
             run.bench.wait(SETTLE)

@@ -8,7 +8,7 @@ from bench_protocol.units import Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.fittings import leave_connected
-from test_plans.loads import Band
+from test_plans.loads import Band, Load
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
 from test_plans.preconditions import on_the_bench
@@ -44,7 +44,8 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     Good is what the specimen's file says: stiffness, damping c = K''/ω and loss angle over frequency, stiffness and
     damping over amplitude.
     """
-    limits = run.specimen.load(load).limits
+    case = run.specimen.load(load)
+    limits = case.limits
     angles = limits.curve("vertical_loss_angle")
     stiffness, damping = (limits.curve(f"vertical_{what}_by_amplitude") for what in ("stiffness", "damping"))
     go_home(run)
@@ -53,14 +54,14 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
 
     over_frequency, sweep = [], list(run.specimen.load(load).sweep("vertical"))
     for frequency, storage, loss in sweep:
-        K, found = _sine(run, frequency, OF_FREQUENCIES)
+        K, found = _sine(run, case, frequency, OF_FREQUENCIES)
         check_band(run, f"K' at {frequency:g} Hz", found[0], "kN/m", storage)
         check_band(run, f"c at {frequency:g} Hz", found[1], "kN*s/m", loss)
         check_band(run, f"loss angle at {frequency:g} Hz", found[2], "deg", angles[frequency])
         over_frequency.append(K)
     over_amplitude = []
     for amplitude in stiffness:
-        K, found = _sine(run, OF_AMPLITUDES, amplitude)
+        K, found = _sine(run, case, OF_AMPLITUDES, amplitude)
         check_band(run, f"K' at {amplitude / mm:g} mm", found[0], "kN/m", stiffness[amplitude])
         check_band(run, f"c at {amplitude / mm:g} mm", found[1], "kN*s/m", damping[amplitude])
         over_amplitude.append(K)
@@ -70,10 +71,11 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     _keep(run, load, AMPLITUDE, [K.amplitude for K in over_amplitude], over_amplitude, of_amplitude)
 
 
-def _sine(run: Run, frequency: float, amplitude: float) -> tuple[Stiffness, tuple[Measured, ...]]:
+def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Stiffness, tuple[Measured, ...]]:
     """Return the stiffness, and with their uncertainties K', c and loss angle."""
     what = f"vertical sine {frequency:g} Hz, {amplitude / mm:g} mm"
-    run.hold_point(f"before the {what}")
+    if run.hold_point(f"before the {what}"):
+        steps.stand_again(run, case, go_home, COOL)
     with run.phase(what):
         times, values = shake(run, "vertical", frequency, amplitude, lead=LEAD)
 

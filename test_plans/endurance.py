@@ -170,12 +170,15 @@ def endurance(
     steps.lock_the_air(run)
     with run.phase("run in"):
         _look(run, case, axis, home, Looks())  # friction remembers a look, too
-        _cycle(run, axis, amplitude, frequency, ceil(RUN_IN * frequency), Looks())
+        _run_in(run, axis, amplitude, frequency)
     looks = Looks()
     try:
         before = _look(run, case, axis, home, looks)
         for number in range(1, intervals + 1):
             until = cycles * number // intervals
+            if run.hold_point(f"before the cycles to {until}"):
+                with run.phase("run in again"):
+                    _run_in(run, axis, amplitude, frequency)
             with run.phase(f"cycles to {until}"):
                 _cycle(run, axis, amplitude, frequency, until - looks.made, looks)
             _look(run, case, axis, home, looks)
@@ -183,6 +186,11 @@ def endurance(
         run.check("cycles", counted(looks.made), "1", low=cycles)
         looks.judge(run)
     steps.check_tightness(run, case, before)
+
+
+def _run_in(run: Run, axis: Literal["vertical", "lateral"], amplitude: float, frequency: float) -> None:
+    """Run cycles that do not count, until the gas is as warm as it will be."""
+    _cycle(run, axis, amplitude, frequency, ceil(RUN_IN * frequency), Looks())
 
 
 def _cycle(

@@ -35,6 +35,7 @@ def lateral_offset(run: Run) -> None:
     """
     for load in (AW0, AW3):
         if load is not AW0:
+            run.hold_point(f"before {load}")
             put_down(run)
             steps.carry(load)(run)
         lateral_offsets(run, run.specimen.load(load))

@@ -111,6 +111,7 @@ def leveling(
             run.bench.wait(STAIR_WAIT)
     for side in SIDES:
         check_band(run, f"{side} valve, dead band", _dead_band(run, side, read[side]), "mm", dead_band)
+    run.hold_point("before the other load")
     empty = run.specimen.load(AW0).fill_pressure
     restore_the_air(run, {f"{side}.auxiliary_pressure": empty for side in SIDES})
     for way, verb, name, band in ((-1.0, "fill", AW3, fill), (1.0, "exhaust", AW0, exhaust)):

@@ -142,6 +142,7 @@ def measuring_chain(
             felt = run.measured(partial(_crosstalk, cell), *pressed, over=READ_OVER, themselves=True)
             check_band(run, name, felt, "%", CROSSTALK)
     if run.can("lateral cells over actuator", needs=(*FREE_SIDEWAYS, *SHEAR_CELLS)):
+        run.hold_point("before the push")
         with run.phase("push"):
             pushed = _steps(run, ("lateral.force", *SHEAR_CELLS), PUSH_STEPS, _push)
         _check_line(run, "lateral cells over actuator", pushed, _sideways, LATERAL_GAIN)

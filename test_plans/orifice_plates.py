@@ -55,6 +55,7 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     for plate in stiffness:
         names = {side: [f"{side} {what} with {plate / mm:g} mm" for what in ("K'", "c")] for side in SIDES}
         if found:
+            run.hold_point(f"before the plates of {plate / mm:g} mm are fitted")
             put_down(run)
         if not _fit(run, plate, *names["left"], *names["right"]):
             continue

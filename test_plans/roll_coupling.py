@@ -71,6 +71,8 @@ def roll_coupling(
         storage = run.measured(lambda read: _roll_stiffness(times, read).storage, values)
         run.check("roll stiffness", storage, "kN*m/rad", low=stiffness.low, high=stiffness.high, note=lost)
         take_pose(run, home)
+    if run.hold_point("before the coupling"):
+        home = steps.stand_again(run, run.specimen.load(load), go_home, COOL)
     with run.phase("coupling"):
         seen = RollAngle()
         seen.measure(run, home, (0.5 * roll, roll))  # half way the gas gives its heat off

@@ -201,13 +201,14 @@ class Run:
             self.lack(checks, lacking)
         return not lacking
 
-    def hold_point(self, where: str) -> None:
-        """Say that the run can be held here, between two measurements; it is, if somebody has asked for it.
+    def hold_point(self, where: str) -> bool:
+        """Say that the run can be held here, between two measurements; return whether it was.
 
-        All valves are shut meanwhile and set-points go on being sent. HeldTooLong if nobody lets it go on.
+        It is, if somebody has asked for it. All valves are shut meanwhile and set-points go on being sent; what the gas
+        does in that time is the plan's to undo (`steps.stand_again`). HeldTooLong if nobody lets it go on.
         """
         if not (by := self.suspension.wanted_by):
-            return
+            return False
         start, self._told = self.now, by
         with self.phase(f"held {where}"):
             self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
@@ -215,6 +216,7 @@ class Run:
             self.say(f"goes on after {(self.now - start) / NS:.0f} s")
         self.held.append((start, self.now))
         self._told = ""
+        return True
 
     def lack(self, checks: Iterable[str], reason: str) -> None:
         """Record ``checks`` as *not available*, with the ``reason``."""

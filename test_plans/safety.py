@@ -1,7 +1,7 @@
 """Safety: whether the bench holds and becomes safe in time when its commander, its operator or its air fails it."""
 
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, ExitStack, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from functools import partial
 from typing import Final
 
@@ -16,7 +16,7 @@ from drivers.wiring.contract import Supervised
 from test_plans import steps
 from test_plans.analysis import Samples
 from test_plans.loads import AW0
-from test_plans.operator import DONE
+from test_plans.operator import DONE, Question, Unanswered
 from test_plans.plan import plan
 from test_plans.preconditions import load_cases, supply_for
 from test_plans.readings import HEIGHTS
@@ -47,6 +47,7 @@ COOL: Final = 20 * s
 HOLD: Final = 15 * s
 NO_SUPPLY: Final = 1 * bar
 SUPPLY_WITHIN: Final = 1 * minutes
+UNDO_WITHIN: Final = 5 * s
 OFF_WITHIN: Final = 5 * s
 #: What is 1 where it is so, and 0 where it is not.
 YES: Final = 0.5
@@ -210,18 +211,34 @@ def _lose_the_supply(run: Run) -> None:
     with run.phase(name):
         bench = run.bench
         bench.wait(COOL)
-        if not run.confirm(
-            "Shut the supply of air and let the line off", stays, *lost, deed="supply_loss on"
-        ):
-            return
-        bench.wait_for(
-            lambda: bench.supply.pressure < NO_SUPPLY, within=SUPPLY_WITHIN, what="supply without pressure"
-        )
-        before = steps.weigh_the_air(run)
-        bench.wait(HOLD)
-        steps.check_tightness(run, load, before, at=f", {name}")
-        run.check(stays, yes_or_no(bench.state == "ACTIVE"), "1", low=YES)
-        run.ask("Open the supply of air again", (DONE,), deed="supply_loss off")
+        with _undone(run, "Open the supply of air again", "supply_loss off"):
+            if not run.confirm(
+                "Shut the supply of air and let the line off", stays, *lost, deed="supply_loss on"
+            ):
+                return
+            bench.wait_for(
+                lambda: bench.supply.pressure < NO_SUPPLY,
+                within=SUPPLY_WITHIN,
+                what="supply without pressure",
+            )
+            before = steps.weigh_the_air(run)
+            bench.wait(HOLD)
+            steps.check_tightness(run, load, before, at=f", {name}")
+            run.check(stays, yes_or_no(bench.state == "ACTIVE"), "1", low=YES)
+            run.ask("Open the supply of air again", (DONE,), deed="supply_loss off")
+
+
+@contextmanager
+def _undone(run: Run, what: str, deed: str) -> Iterator[None]:
+    """Let a simulated rig undo what it was told, if the block ends before it was asked to: the rig runs on."""
+    try:
+        yield
+    except BaseException:
+        if run.bench.hand is not None:
+            with suppress(Unanswered):
+                run.bench.hand.ask(Question(what, (DONE,), UNDO_WITHIN, deed))
+                run.bench.hand.withdraw()
+        raise
 
 
 def _press_the_stop(run: Run) -> None:
@@ -232,7 +249,8 @@ def _press_the_stop(run: Run) -> None:
         return
     _charge(run)
     bench, watched = run.bench, SAFE_AFTER + LONGER
-    with run.phase(name), bench.despite_faults():
+    released = _undone(run, "Release the emergency stop", "estop off")
+    with run.phase(name), bench.despite_faults(), released:
         # Whoever presses says so some time afterwards, when the springs may be empty already.
         with bench.capture(*READ) as capture:
             if not run.confirm("Press the emergency stop", *names, deed="estop on"):

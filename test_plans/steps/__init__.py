@@ -14,6 +14,7 @@ from test_plans.steps.carrying import (
     power_up,
     raise_the_air,
     shim,
+    stand_again,
 )
 from test_plans.steps.stiffness import lateral_loop, lateral_sweep, vertical_loop, vertical_sweep
 from test_plans.steps.track_and_roll import roll_by_unequal_preload, track_excitation
@@ -38,6 +39,7 @@ __all__ = [
     "raise_the_air",
     "roll_by_unequal_preload",
     "shim",
+    "stand_again",
     "track_excitation",
     "vertical_loop",
     "vertical_sweep",

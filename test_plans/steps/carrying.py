@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
@@ -13,6 +13,8 @@ from test_plans.readings import CHAMBERS, HEIGHTS
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+
+T = TypeVar("T")
 
 #: What a load is taken up, carried and let off with: without one of these the steps cannot begin.
 CARRYING: Final = (
@@ -175,6 +177,22 @@ def hold_the_height(run: Run) -> None:
             names = [f"{side}.bellows_pressure" for side in SIDES]
         left, right = bench.averages(*names, over=KEEP_AVERAGE).values()
         bench.air.fill(left=left, right=right, tolerance=KEEP_TOLERANCE)
+
+
+def stand_again(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.0) -> T:
+    """Bring springs that were held for a while to where they were: leveled, settled, and shut in if they were.
+
+    ``hold`` is how the plan holds the height afterwards, whose result is returned, and ``cool`` how long (s) it then
+    lets the gas cool.
+    """
+    locked = run.bench.air.left_mode == "hold"
+    with run.phase("stand again"):
+        level_to_the_preload(run, load)
+        found = hold(run)
+        run.bench.wait(cool)
+        if locked:
+            lock_the_air(run)
+    return found
 
 
 def lock_the_air(run: Run) -> None:

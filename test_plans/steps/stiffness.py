@@ -14,6 +14,7 @@ from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_har
 from test_plans.geometry import BOLSTER_MASS
 from test_plans.loads import Load
 from test_plans.readings import LASER_LAG, LOAD_CELL_LAG, TRANSDUCER_LAG, VERTICAL_CELLS
+from test_plans.steps.carrying import hold_the_height, stand_again
 from test_plans.steps.shaking import (
     LATERAL,
     LATERAL_NEEDS,
@@ -70,7 +71,8 @@ def vertical_sweep(run: Run, load: Load) -> None:
         return
     found: dict[str, list[Stiffness]] = {side: [] for side in sides}
     for frequency, storage, damping in sweep:
-        run.hold_point(f"before the vertical sine of {frequency:g} Hz")
+        if run.hold_point(f"before the vertical sine of {frequency:g} Hz"):
+            stand_again(run, load, hold_the_height)
         with run.phase(f"vertical sine {frequency:g} Hz"):
             times, values = shake(run, "vertical", frequency, VERTICAL)
             for side in sides:
@@ -138,7 +140,8 @@ def lateral_sweep(run: Run, load: Load) -> None:
         return
     found: list[Stiffness] = []
     for frequency, storage, damping in sweep:
-        run.hold_point(f"before the lateral sine of {frequency:g} Hz")
+        if run.hold_point(f"before the lateral sine of {frequency:g} Hz"):
+            stand_again(run, load, hold_the_height)
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
             stiffness = partial(_lateral, times, frequency)

@@ -3,6 +3,7 @@
 import threading
 from datetime import date
 from types import SimpleNamespace
+from typing import Literal
 
 import pytest
 
@@ -14,6 +15,7 @@ from bench_records.result import CheckVerdict, Outcome, read_result
 from drivers.bench import Bench
 from drivers.errors import RigFault
 from test_plans import preconditions as pre
+from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import UNKNOWN, Instrument, Instruments, Piece
 from test_plans.operator import Script
@@ -222,3 +224,55 @@ def test_a_run_that_nobody_lets_go_on_is_given_up(ran, monkeypatch):
     assert result.verdict is Outcome.BLOCKED
     assert "stopped by the operator: held here for 0.05 s, and nobody let it go on" in result.reason
     assert suspension.wanted_by == ""
+
+
+@pytest.mark.slow
+def test_springs_that_were_held_stand_again_before_the_next_sine(bench_composed, tmp_path):
+    suspension = Suspension()
+    suspension.request("the panel")
+    thread, places = resume_when_held(suspension)
+    with bench_composed(1) as made:
+        result = execute(plans()["axial_stiffness"], made.bench, tmp_path, suspension=suspension)
+    thread.join(10)
+    names = [phase.name for phase in result.phases]
+    assert places == ["before the volumes are shut off"]
+    after = names[names.index("held before the volumes are shut off") :]
+    assert after[1:4] == ["stand again", "level to the preload", "settle"]
+    assert "vertical triangle" in after
+    assert result.verdict is Outcome.PASS, result.reason
+
+
+def test_every_plan_that_judges_says_what_it_requires():
+    assert {name for name, one in plans().items() if one.judges and not one.requires} == set()
+
+
+def test_what_carries_the_load_that_is_chosen_needs_so_much_supply(bench_composed, tmp_path):
+    for load, verdict in (("AW0", Outcome.PASS), ("AW3", Outcome.BLOCKED)):
+        one = plan(requires=[pre.supply_for("load")], setup=nothing, teardown=nothing)(carrying)
+        with bench_composed(supply_pressure=5 * bar) as made:
+            result = execute(one.given({"load": load}), made.bench, tmp_path / load)
+        assert result.verdict is verdict, result.reason
+    assert "open the supply until it has 6.5" in result.reason
+
+
+def carrying(run, *, load: Literal["AW0", "AW3"] = "AW0"):
+    """Carry a load."""
+    run.check("something", 1.0, "1", low=0.0)
+
+
+def test_an_overdue_instrument_blocks_and_one_of_which_nobody_knows_anything_does_not(ran, monkeypatch):
+    day = date(2026, 6, 1)
+    monkeypatch.setattr(pre, "today", lambda run: day)
+    over = ran(requires=[pre.not_overdue()], instruments=Instruments("ours.toml", "", {"left.height": PIECE}))
+    assert over.result.verdict is Outcome.BLOCKED
+    assert "was due on 2026-03-01; a new calibration would be right" in over.result.reason
+
+
+def test_a_calibration_without_a_due_date_holds_a_year_and_one_without_any_date_is_doubted():
+    laser = Instrument("laser", "laser")
+    dated = Piece("left.height", laser, "L-7", "C1", calibrated=date(2025, 3, 1))
+    assert dated.trouble(date(2026, 3, 1)) == ""
+    assert "C1 is of 2025-03-01, 365 days are assumed" in dated.trouble(date(2026, 3, 2))
+    assert "says neither when it was nor when it is due" in Piece("left.height", laser, "L-7", "C1").trouble(
+        None
+    )

@@ -23,7 +23,16 @@ from test_plans.instruments import (
     read_instruments,
 )
 from test_plans.run import Run
-from test_plans.uncertainty import EVEN, Measured, measured, repeated
+from test_plans.uncertainty import (
+    COUNTED,
+    EVEN,
+    Measured,
+    counted,
+    measured,
+    repeated,
+    timed,
+    yes_or_no,
+)
 
 LASER = Instrument("laser", "laser", offset=0.05 * mm, gain=0.001)
 CELL = Instrument("cell", "cell", offset=200.0, gain=0.002)
@@ -170,6 +179,33 @@ def test_what_is_computed_of_no_reading_is_not_certain():
 def test_a_size_near_zero_is_as_uncertain_as_what_it_is_the_size_of():
     (found,) = measured(lambda m: abs(m["left.height"]), {"left.height": 0.0}, instruments=instruments())
     assert found.u == pytest.approx(0.05 * mm * EVEN)
+
+
+def test_the_noise_of_a_slow_signal_is_that_of_its_few_samples():
+    """Of 400 places on lines between 20 samples, the mean is as uncertain as that of 20, and a little more."""
+    values = {"left.height": np.zeros(400)}
+    noisy = instruments(offset=0.0, gain=0.0, noise=1e-3)
+    fast, slow = (
+        measured(lambda m: m["left.height"].mean(), values, instruments=noisy, rate=200.0, came=came)[0].u
+        for came in ({"left.height": 200.0}, {"left.height": 10.0})
+    )
+    assert fast == pytest.approx(1e-3 / sqrt(400), rel=0.3)
+    assert slow == pytest.approx(1e-3 / sqrt(20), rel=0.3)
+
+
+def test_the_instruments_themselves_are_uncertain_by_noise_alone():
+    means = {"left.height": 0.02 * mm}
+    noisy = instruments(noise=0.01 * mm)
+    (zero,) = measured(lambda m: m["left.height"], means, instruments=noisy, averaged=100, themselves=True)
+    assert zero.u == pytest.approx(0.001 * mm, rel=0.3)
+
+
+def test_what_is_counted_has_no_uncertainty_and_no_marginal_zone():
+    assert (counted(300).u, counted(300).unknown) == (None, COUNTED)
+    assert (yes_or_no(True).value, yes_or_no(False).value) == (1.0, 0.0)
+    took = timed(0.12, 0.02, 0.02)
+    assert took.u == pytest.approx(0.01 * sqrt(2 / 3))
+    assert took.even == pytest.approx(0.01 / sqrt(3))
 
 
 def test_repeats_keep_what_the_instruments_do_and_add_their_scatter():
