@@ -35,6 +35,7 @@ class Runs:
         self._process: subprocess.Popen[bytes] | None = None
         self._log: Path | None = None
         self._record = ""  # of the last run that was seen
+        self._concluded: tuple[str, dict[str, str]] | None = None  # what that came to
         self.stopped = ""  #: what the last emergency stop did
 
     # -- start and end ---------------------------------------------------------------------------------------------
@@ -61,6 +62,8 @@ class Runs:
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
         command += ["--specimen", specimen] if specimen else []
         command += ["--operator", operator] if operator else []
+        if self._log is not None:  # nobody asks for that of the run before
+            self._log.unlink(missing_ok=True)
         lifeline = None if self._kept is None else self._kept.lifeline
         with tempfile.NamedTemporaryFile(prefix="astb-run-", suffix=".log", delete=False) as log:
             self._log, self._record, self.stopped = Path(log.name), "", ""
@@ -166,19 +169,25 @@ class Runs:
 
     def _last(self) -> dict[str, str] | None:
         if self._record and (Path(self._record) / RESULT).exists():
-            try:
-                result = read_result(Path(self._record))
-            except RecordError as error:
-                return {"plan": "", "verdict": "", "reason": str(error), "record": ""}
-            name = Path(self._record).name
-            return {
-                "plan": result.plan,
-                "verdict": result.verdict.value,
-                "reason": result.reason,
-                "record": name,
-            }
+            if self._concluded is None or self._concluded[0] != self._record:  # read once, and shown often
+                self._concluded = self._record, _conclusion(Path(self._record))
+            return self._concluded[1]
         if self._process is not None and self._log is not None and self._log.exists():
             tail = self._log.read_bytes()[-_LOG_TAIL:].decode(errors="replace").strip().splitlines()
             if tail:
                 return {"plan": "", "verdict": "blocked", "reason": tail[-1], "record": ""}
         return None
+
+
+def _conclusion(record: Path) -> dict[str, str]:
+    """What the page shows of a run that is over."""
+    try:
+        result = read_result(record)
+    except RecordError as error:
+        return {"plan": "", "verdict": "", "reason": str(error), "record": ""}
+    return {
+        "plan": result.plan,
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "record": record.name,
+    }

@@ -20,6 +20,7 @@ from astb.panel.runs import CannotDo
 from astb.panel.stream import Stream
 from astb.panel.views import VIEWS, Parts
 from astb.panel.watch import CONTACTS
+from astb.rig_limits import ASSUMED
 
 _PAGE: Final = Path(__file__).parent / "page"
 _ASSETS: Final = Path(bench_records.__file__).parent / "assets"
@@ -114,16 +115,17 @@ def _about(parts: Parts) -> dict[str, Any]:
         "file": str(parts.watch.path),
         "out": str(parts.out),
         "signals": parts.watch.shown,
+        "assumed": any(one.source == ASSUMED for one in parts.watch.limits),
         "contacts": CONTACTS,
         "views": [{"name": view.name, "title": view.title} for view in VIEWS],
     }
 
 
-def _plans() -> list[dict[str, Any]]:
+def _plans() -> dict[str, Any]:
     from test_plans.discovery import plans
     from test_plans.specimen import packaged
 
-    return {  # type: ignore[return-value]
+    return {
         "specimens": list(packaged()),
         "plans": [
             {

@@ -28,6 +28,8 @@ from drivers.settings import UNKNOWN, Settings
 if TYPE_CHECKING:
     from drivers.wiring.contract import Floats, Wiring
 
+#: What each contact says, by name.
+CONTACTS: Final = {signal.name: signal.description for signal in TABLE.of_kind(Kind.INTERLOCK)}
 #: How often samples are sorted into the envelope, and what is slow is asked for.
 PUMP: Final = 25 * ms
 LOOK: Final = 200 * ms
@@ -36,6 +38,8 @@ AGAIN: Final = 1 * s  # until another attempt to reach the rig
 #: Samples that wait to be sorted; more of them means that nobody sorts, and the oldest go.
 _WAITING_MAX: Final = 2000
 _CONNECT: Final = 5 * s
+#: Kinds of limit that judge the reading itself, and tell it in its steps.
+_IN_STEPS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
 
 class Reading(msgspec.Struct, frozen=True):
@@ -242,7 +246,7 @@ class Watch:
             link=silent,
             state=state,
             reason=_choice(readings, "rig.reason") if state in FAULT_STATES else "",
-            first_out=_first_out(readings),
+            first_out=first_out(readings),
             program=_choice(readings, "rig.program"),
             contacts=self._contacts,
             readings=tuple(self._reading(readings, one) for one in self.shown if one.key),
@@ -271,14 +275,13 @@ def _choice(readings: Readings, name: str) -> str:
     return choices[round(value)] if 0 <= value < len(choices) else UNKNOWN
 
 
-def _first_out(readings: Readings) -> str:
+def first_out(readings: Readings) -> str:
     """The limit that tripped first since the last reset, in words."""
     tripped = TABLE.tripped(readings.glimpse("rig.tripped"))
     if tripped is None:
         return ""
-    kind = readings.glimpse("rig.tripped_kind")
-    words = LimitKind(round(kind)).name.lower() if kind > 0 else ""
-    return " ".join(filter(None, (tripped.name, words, "limit")))
-
-
-CONTACTS: Final = {signal.name: signal.description for signal in TABLE.of_kind(Kind.INTERLOCK)}
+    kind, steps = readings.glimpse("rig.tripped_kind"), readings.glimpse("rig.tripped_value")
+    limit = LimitKind(round(kind)) if kind > 0 else LimitKind.NONE
+    where = f"at {tripped.show(steps * tripped.step)}" if limit in _IN_STEPS and not np.isnan(steps) else ""
+    name = limit.name.lower() if limit else ""
+    return " ".join(filter(None, (tripped.name.replace(".", " ").replace("_", " "), name, "limit", where)))

@@ -1,16 +1,17 @@
 """The panel's server by itself: who may see and command, what is refused, and a page that does not read."""
 
+import math
 import socket
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 import uvicorn
 from click.testing import CliRunner
-from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from websockets.sync.client import connect
 
@@ -22,11 +23,15 @@ from astb.panel.runs import Runs
 from astb.panel.server import application
 from astb.panel.stream import HEAD
 from astb.panel.views import Parts
-from astb.panel.watch import Status, Watch
+from astb.panel.watch import Status, Watch, first_out
 from astb.rig_file import RigFile, Simulation
 from bench_protocol.clock import VirtualClock
+from bench_protocol.table import TABLE
 from bench_protocol.units import NS
 from drivers.errors import Refused
+
+pytest.importorskip("httpx2", reason="starlette's test client needs httpx2, which `make` installs")
+from starlette.testclient import TestClient
 
 RIG = RigFile("test", simulation=Simulation())
 TOKEN = "a token"
@@ -296,6 +301,23 @@ def test_what_a_page_cannot_want_is_refused(served, parts):
                     break
             else:
                 raise AssertionError("nobody refused it")
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({}, ""),
+        ({"rig.tripped": 0.0}, ""),
+        (("left.height", 2.0, 9120.0), "left height upper limit at 91.2 mm"),
+        (("left.bellows_pressure", 1.0, -1100.0), "left bellows pressure lower limit at -0.55 bar"),
+        (("lateral.force", 5.0, 20.0), "lateral force timeout limit"),
+    ],
+)
+def test_the_first_limit_that_tripped_is_told_in_words(told, words):
+    if isinstance(told, tuple):
+        name, kind, value = told
+        told = {"rig.tripped": TABLE.trip_number(name), "rig.tripped_kind": kind, "rig.tripped_value": value}
+    assert first_out(SimpleNamespace(glimpse=lambda name: told.get(name, math.nan))) == words
 
 
 def test_a_rig_in_virtual_time_has_no_panel(tmp_path):

@@ -26,7 +26,9 @@ export function show(element, panel) {
   ];
   element.append(
     make("div", { class: "live" },
-      make("section", { class: "card readings", "aria-label": "readings" }, ...readings.map((one) => one.element)),
+      make("section", { class: "card readings", "aria-label": "readings" },
+        ...readings.map((one) => one.element),
+        panel.about.assumed ? make("p", { class: "said" }, "Limits that the rig's file does not tell are assumed.") : null),
       make("section", { class: "plots" }, ...charts.map((one) => one.element)),
       make("section", { class: "side" }, run.element, locks.element)),
   );
