@@ -65,6 +65,7 @@ def test_a_run_is_started_watched_held_answered_and_passes(commander, open_page,
     assert refused == "shift: amplitude = 40 mm is outside 5 to 30 mm", "in the words of the command line"
     commander.select_option("select[aria-label='what is plotted'] >> nth=1", "Actuator displacements")
     commander.select_option("select[aria-label='which loop']", label="Lateral force over displacement")
+    commander.select_option("select[aria-label='how long'] >> nth=2", "20 s")
     start(commander, amplitude="12 mm")
     viewer = open_page(command=False, dark=True, size=(1600, 900))
     until(commander, "#question", "Has the bolster moved")
