@@ -73,3 +73,10 @@ def test_a_count_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert "died" in told[1]
     assert summary(read(kept))[0] == "something hidden: the right name: 2 of 2 (16 to 100 %)"
     assert "came to no verdict: 1 of 3" in summary(read(kept))[4]
+
+
+@pytest.mark.slow
+def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason():
+    known = investigations.investigated((300_000, "single"), budget="1 min")
+    assert "budget = 1 min: screening alone takes" in known.failure
+    assert known.hidden and not known.right
