@@ -6,8 +6,8 @@ A covariance is the curvature of χ² at its lowest point. Three things it does 
 
 * **A valley may bend.** So each number of a cause is held at both ends of its 95 % interval, all others are fitted
   again, and the penalised χ² must have risen by 1.96². Where it has not, within a fifth, the end is moved to where it
-  has (`profiled`): the interval of the likelihood's profile, which need not be symmetric. What widens the covariance
-  (`model_error.py`) widens this one by as much.
+  has (`profiled`): the interval of the likelihood's profile, which need not be symmetric. Where errors of the model
+  (`model_error.py`) make the interval so many times wider, the rise is asked for there, and is larger by the square.
 * **A range ends.** No interval goes beyond what is possible: no friction drives its piston.
 * **Samples lie apart.** A length over which a friction turns over is seen if several samples fall into it. A parameter
   says along which input it is a length or a time (`Parameter.along`). How far that goes from one sample to the next is
@@ -41,10 +41,9 @@ def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list
         place = model.point.place(coordinate)
         plain = model.covariance()[place, place]
         wider = float(np.sqrt(covariance[place, place] / plain)) if plain > 0.0 else 1.0
-        number = model.point.numbers[place]
-        ends = [coordinate.to_value(number + wider * (end - number)) for end in profiled(model, place)]
+        ends = [coordinate.to_value(end) for end in profiled(model, place, wider)]
         deviation = float(np.sqrt(max(covariance[place, place], 0.0))) * coordinate.scale
-        value = coordinate.to_value(number)
+        value = coordinate.to_value(float(model.point.numbers[place]))
         told = estimate(coordinate.parameter, value, deviation, (min(ends), max(ends)))
         finest = resolution(model, place)
         if abs(value) < finest:
@@ -91,17 +90,21 @@ def below_resolution(model: FittedModel, effect: Hypothesis) -> list[str]:
     return [name for name, place in places.items() if abs(values[place]) < resolution(model, place)]
 
 
-def profiled(model: FittedModel, place: int) -> tuple[float, float]:
-    """Return the ends of the 95 % interval of a number of a fit by the profile of χ², in engine units."""
-    return _end(model, place, -1.0), _end(model, place, 1.0)
+def profiled(model: FittedModel, place: int, wider: float = 1.0) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of a number of a fit by the profile of χ², in engine units.
+
+    They are ``wider`` than noise makes them by so much.
+    """
+    return _end(model, place, -1.0, wider), _end(model, place, 1.0, wider)
 
 
-def _end(model: FittedModel, place: int, side: float) -> float:
+def _end(model: FittedModel, place: int, side: float, wider: float) -> float:
     """Return the end of the interval on one side: that of the covariance, if χ² agrees with it within a fifth."""
     number = float(model.point.numbers[place])
     low, high = model.point.coordinates[place].range
     reach = max(side * ((low if side < 0.0 else high) - number), 0.0)
-    plain = distance = min(Z95 * float(np.sqrt(max(model.covariance()[place, place], 0.0))), reach)
+    deviation = float(np.sqrt(max(model.covariance()[place, place], 0.0)))
+    plain = distance = min(Z95 * wider * deviation, reach)
     inside, outside = (
         (0.0, 0.0),
         None,
@@ -109,7 +112,7 @@ def _end(model: FittedModel, place: int, side: float) -> float:
     for _ in range(PROFILE_STEPS):
         if not 0.0 < distance < np.inf:
             break
-        rise = _rise(model, place, number + side * distance) / Z95**2
+        rise = _rise(model, place, number + side * distance) / (Z95 * wider) ** 2
         if np.isnan(rise):
             return number + side * plain
         if abs(rise - 1.0) < BENT or (rise < 1.0 and distance == reach):
