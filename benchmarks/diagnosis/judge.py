@@ -129,7 +129,7 @@ def judge(
         causes=list(finding.names),
         rivals=[rival.effect for rival in finding.ambiguous_with],
         strongest=max(truth.lambdas.values(), default=0.0),
-        near=sorted(kin for name in truth.effects for kin in kin(name)),
+        near=sorted(other for name in truth.effects for other in kin(name)),
         errors=errors,
         deviations=deviations,
         base=base,
