@@ -13,8 +13,8 @@ CAUGHT, BY_LUCK, NOT_TRIED = "●", "○", "·"
 #: Less of the way to a limit than this counts as nothing.
 MOVED: Final = 0.1
 KINDS: Final = {"plant": "parts and air", "sensor": "sensors", "wire": "wires"}
-#: Of a row and of a column (mm), and of what stands left of them and above them: with up to 65 faults it is an A4 page.
-ROW, COLUMN, LEFT, TOP = 3.9, 5.0, 55.0, 42.0
+#: A row, a column, and what stands left of them, above and right (mm): with up to 65 faults it is an A4 page.
+ROW, COLUMN, LEFT, TOP, RIGHT = 3.9, 5.0, 52.0, 42.0, 14.0
 INK, PALE, WARNING = "#1c2a3a", "#8a94a0", "#b45309"
 _INCH: Final = 25.4
 
@@ -43,7 +43,7 @@ def _drawn(rows: Sequence[tuple[Mutation, Mapping[str, Cell]]], plans: Sequence[
 
     kinds = list(dict.fromkeys(one.kind for one, _ in rows))
     height, width = len(rows) + len(kinds), len(plans)
-    size = (LEFT + COLUMN * width + 2, TOP + ROW * height + 2)
+    size = (LEFT + COLUMN * width + RIGHT, TOP + ROW * height + 2)
     figure = Figure(figsize=(size[0] / _INCH, size[1] / _INCH), facecolor="white")
     axes = figure.add_axes(
         (LEFT / size[0], 2 / size[1], COLUMN * width / size[0], ROW * height / size[1]),
