@@ -28,8 +28,8 @@ Evaluation = Callable[..., Any]
 #: An even distribution of half-width a has the standard deviation a/√3 (JCGM 100, 4.3.7), a step q has q/√12.
 EVEN: Final = 1 / sqrt(3.0)
 STEP: Final = 1 / sqrt(12.0)
-#: So many draws tell the standard deviation of what noise does to 9 %.
-NOISE_DRAWS: Final = 64
+#: So many draws tell the standard deviation of what noise does to 6 %.
+NOISE_DRAWS: Final = 128
 #: A sample that was lost here and there makes no slower signal.
 SAME_RATE: Final = 1.2
 #: Parts below this share of the variance are not told.
