@@ -17,7 +17,7 @@ from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
-from test_plans.instruments import UNKNOWN
+from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.loads import SpecimenError
 from test_plans.operator import NoOperator, Operator
 from test_plans.parameters import ParameterRefused
@@ -72,16 +72,7 @@ def execute(
     ``bench_records.report``.
     """
     spring, instruments = specimen or ordinary(), bench.instruments or UNKNOWN
-    facts = {
-        "plan": plan.name,
-        "title": plan.title,
-        "instruction": plan.instruction,
-        "set": plan.written,
-        "specimen": spring.facts,
-        **(meta or {}),
-    }
-    if instruments.file:
-        facts["instruments"] = instruments.facts
+    facts = _facts(plan, spring, instruments) | dict(meta or {})
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()
     wanted = suspension or Suspension()
@@ -113,12 +104,24 @@ def execute(
     reason = _reason(run, first, last, left, strangers)
     if last and not reason:  # the product failed all the same, but whoever goes on has to know
         run.warnings.append("; ".join(filter(None, (f"{IN_TEAR_DOWN}{last}", left))))
-    began = str(facts.get("date", ""))
-    result = _concluded(run, plan, reason, began, rig=rig, seed=seed, timing=punctuality)
+    result = _concluded(run, plan, reason, facts.get("date", ""), rig=rig, seed=seed, timing=punctuality)
     _write(result, incident, directory)
     if interrupted:
         raise KeyboardInterrupt(left)
     return result
+
+
+def _facts(plan: Plan, spring: Specimen, instruments: Instruments) -> dict[str, Any]:
+    """Return what a record says of a run before it begins."""
+    told = {"instruments": instruments.facts} if instruments.file else {}
+    return {
+        "plan": plan.name,
+        "title": plan.title,
+        "instruction": plan.instruction,
+        "set": plan.written,
+        "specimen": spring.facts,
+        **told,
+    }
 
 
 def _concluded(run: Run, plan: Plan, reason: str, began: str, **rest: Any) -> Result:

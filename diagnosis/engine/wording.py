@@ -15,7 +15,7 @@ from diagnosis.engine.model_error import widened
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.search_state import Accepted, SearchResult
 from diagnosis.engine.undecided import Undecided
-from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, estimate, number
+from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, decimals, estimate, number
 
 SENTENCES: Final = {
     Verdict.NO_EFFECT: "Nothing in these runs speaks against the simulation.",
@@ -193,7 +193,8 @@ def _size(parameters: Sequence[Estimate]) -> str:
     half = 0.5 * (first.high - first.low)
     if abs(first.value - first.low - half) > 0.1 * half:  # a valley that bends, or a range that ends
         return f"{first.value:.4g} {first.unit}, 95 %: {first.low:.3g} to {first.high:.3g}"
-    return f"{first.value:.4g} ± {half:.2g} {first.unit}"
+    places = decimals(first.low, first.high)
+    return f"{first.value:.{places}f} ± {half:.{places}f} {first.unit}"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

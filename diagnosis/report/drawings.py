@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,9 @@ from diagnosis.finding import Confusability, Figure, Gain, PanelRow, Score, Seri
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
-BEFORE, AFTER, MEASURED = PALETTE[1], PALETTE[0], INK
+BEFORE, AFTER, MEASURED = PALETTE[1], PALETTE[0], "#c3cad0"
 #: Rows and columns that a drawing has room for.
 MOST_SCORES = 24
 
@@ -29,9 +31,10 @@ def trace_curves(name: str, trace: Trace) -> str:
     with style():
         figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
         times = np.array(trace.times)
-        axes.plot(times, values(trace.measured), color=MEASURED, linewidth=2.2, alpha=0.35, label="measured")
+        # A wide pale band: it shows on both sides of a line that runs along it.
+        axes.plot(times, values(trace.measured), color=MEASURED, linewidth=4.0, label="measured")
         axes.plot(times, values(trace.before), color=BEFORE, linewidth=1.1, dashes=(4, 1.6), label="before")
-        axes.plot(times, values(trace.after), color=AFTER, linewidth=1.0, label="after")
+        axes.plot(times, values(trace.after), color=AFTER, linewidth=0.9, label="after")
         axes.margins(x=0.0, y=0.06)
         heading(axes, trace.channel, trace.unit)
         _foot(axes, "s")
@@ -80,7 +83,7 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
         return _sized(svg(figure, name), 6.4)
 
 
-def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
+def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
     """The score of every effect against the base model, and the threshold that chance keeps under."""
     shown = sorted((s for s in scores if s.score is not None), key=lambda s: -(s.score or 0.0))[:MOST_SCORES]
     if not shown:
@@ -93,14 +96,19 @@ def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
         for place, score in enumerate(shown):
             value = score.score or 0.0
             accepted, beyond = score.outcome == "accepted", value > threshold
-            color = AFTER if accepted else "#9db8cb" if beyond else "#d3dae0"
-            axes.barh(place, max(value, least) - least, left=least, height=0.72, color=color, linewidth=0)
+            look: dict[str, Any] = {"color": AFTER if accepted or beyond else "#9aa3ab", "markersize": 6}
+            if not accepted:
+                look["markerfacecolor"] = "white"
+            axes.plot(max(value, least), place, "o", **look)
             label = f"{value:.3g}".replace("-", "\u2212")
+            # Beside the point, on the side where the threshold is not.
+            left = 2.0 * least < value < threshold
             axes.annotate(
                 label,
                 (max(value, least), place),
-                (3, 0),
+                (-6 if left else 6, 0),
                 textcoords="offset points",
+                ha="right" if left else "left",
                 va="center",
                 fontsize=7.5,
                 color=SOFT,
@@ -112,21 +120,15 @@ def score_bars(name: str, scores: Sequence[Score], threshold: float) -> str:
         _plain_log(axes, "x")
         axes.set_yticks(range(len(shown)), [s.title for s in shown], color=INK)
         axes.set_ylim(len(shown) - 0.4, -0.6)
-        axes.grid(visible=False, axis="y")
-        heading(axes, "Scores", "", what="z")
-        axes.annotate(
-            f"threshold {threshold:.2f}",
-            (threshold, len(shown) - 0.4),
-            (3, 4),
-            textcoords="offset points",
-            fontsize=7.5,
-            color=ALARM,
-        )
+        heading(axes, "Scores", "", what=f"z; filled: named; dashed: threshold {threshold:.2f}")
         return _sized(svg(figure, name), labels + 4.15)
 
 
 def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
-    """All tests over all channels: the darker, the less chance explains it; a dot where a test does not apply."""
+    """All tests over all channels with their statistics, where they cannot be chance; a dot where one does not apply.
+
+    Chance itself would not tell them apart: in long runs it is 0 for whatever is wrong.
+    """
     tests = list(dict.fromkeys(row.title for row in rows if row.test != "parity"))
     channels = list(dict.fromkeys(row.channel for row in rows if row.test != "parity"))
     if not tests or not channels:
@@ -140,6 +142,7 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
         # The last of the slanted labels needs room at its right.
         width, right = min(8.5, 2.5 + 0.52 * len(channels)), 0.6 * labels
         figure, axes = panel(height, width=width + right, left=2.5, right=right, bottom=0.08, top=labels)
+        largest = max((row.statistic or 0.0 for row in rows if row.significant), default=1.0)
         for row in rows:
             if row.test == "parity":
                 continue
@@ -147,12 +150,13 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
             if row.q is None:
                 axes.plot(x, y, ".", color="#c3cad0", markersize=3)
                 continue
-            depth = min(-np.log10(max(row.q, 1e-12)), 12.0) / 12.0 if row.significant else 0.0
+            size = row.statistic or 0.0
+            depth = math.log1p(size) / math.log1p(largest) if row.significant else 0.0
             axes.add_patch(_cell(x, y, colors(depth)))
             if row.significant:
-                axes.text(
-                    x, y, "×", ha="center", va="center", fontsize=8.5, color="white" if depth > 0.4 else INK
-                )
+                ink = "white" if depth > 0.6 else INK
+                text = f"{size:.3g}" if size < 1000.0 else f"{size / 1000.0:.3g}k"
+                axes.text(x, y, text, ha="center", va="center", fontsize=6.5, color=ink)
         axes.set_xlim(-0.5, len(channels) - 0.5)
         axes.set_ylim(len(tests) - 0.5, -0.5)
         axes.set_yticks(range(len(tests)), tests, color=INK)
@@ -228,8 +232,10 @@ def panel_figure(name: str, title: str, figure: Figure) -> str:
 def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
     x, y = values(series.x), values(series.y)
     if figure.kind == "bars":
-        base = 1.0 if figure.logarithmic else 0.0
-        axes.bar(np.arange(x.size), y - base, bottom=base, width=0.8, color=color)
+        if figure.logarithmic:  # a bar would begin somewhere on a scale that has no zero
+            axes.plot(np.arange(x.size), y, "o-", color=color, linewidth=0.9, markersize=4.5)
+        else:
+            axes.bar(np.arange(x.size), y, width=0.8, color=color)
         step = max(1, x.size // 10)
         axes.set_xticks(np.arange(x.size)[::step], [f"{n:.3g}" for n in x[::step]])
     elif figure.kind == "lines":
@@ -238,6 +244,7 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
         axes.plot(x, y, ".", color=color, markersize=2.2, alpha=0.5, markeredgewidth=0)
     elif figure.kind == "map":
         z = values(series.z)
+        x, y = _even(axes.xaxis, x), _even(axes.yaxis, y)
         reach = float(np.nanmax(np.abs(z))) if z.size else 1.0
         shown = axes.scatter(
             x,
@@ -258,6 +265,14 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
         axes.plot(x, y, "o", color=color, markersize=4.5, markeredgecolor="white", label=series.name)
 
 
+def _even(axis: Axis, places: Array) -> Array:
+    """Places of a map one beside the other, with their values at the ticks: those of a speed are not equidistant."""
+    known = np.unique(places[np.isfinite(places)])
+    step = max(1, known.size // 6)
+    axis.set_ticks(np.arange(known.size)[::step], [f"{n:.3g}".replace("-", "\u2212") for n in known[::step]])
+    return np.searchsorted(known, places).astype(np.float64)
+
+
 def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
     """How far parameters of the base model move, in standard deviations that it claimed for itself."""
     with style():
@@ -276,7 +291,7 @@ def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
         axes.set_yticks(range(len(rows)), [label for label, _ in rows], color=INK)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
-        heading(axes, "Shift of the base parameters", "", what="σ that the base model claimed")
+        heading(axes, "Shift of the base parameters", "", what="σ")
         return _sized(svg(figure, name), 6.4)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
 from diagnosis.report import drawings
-from diagnosis.report.words import chance, percent, prose, shown, typeset, unit
+from diagnosis.report.words import chance, pair, percent, percents, prose, shown, typeset, unit
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -74,7 +74,9 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
         "prose": prose,
         "typeset": typeset,
         "unit": unit,
+        "pair": pair,
         "percent": percent,
+        "percents": percents,
         "chance": chance,
     }
     page = _environment().get_template("report.html.j2")
@@ -99,7 +101,7 @@ def _summary(finding: Finding) -> dict[str, Any]:
 def _causes(finding: Finding) -> dict[str, Any]:
     """The scores of all candidates, those that were rejected, and the terms without a name."""
     return {
-        "score_drawing": drawings.score_bars("scores", finding.scores, finding.threshold),
+        "score_drawing": drawings.score_points("scores", finding.scores, finding.threshold),
         "rejected": [
             s for s in finding.scores if (s.score or 0.0) > finding.threshold and s.outcome != "accepted"
         ],
@@ -170,7 +172,8 @@ def interval(estimate: Estimate) -> str:
         return f"not resolved: below {shown(estimate.below, 2)}"
     if estimate.low is None or estimate.high is None:
         return "not known"
-    return f"{shown(estimate.low, 4)} to {shown(estimate.high, 4)}"
+    half = 0.5 * (estimate.high - estimate.low)
+    return " to ".join(pair(end, half)[0] for end in (estimate.low, estimate.high))
 
 
 def _one_of_each_test_first(rows: Sequence[PanelRow]) -> list[PanelRow]:

@@ -5,28 +5,40 @@ from __future__ import annotations
 import math
 import re
 
-from bench_records.typography import MINUS, SUPERSCRIPT, THIN_SPACE
+from bench_records.typography import MINUS, SUPERSCRIPT, THIN_SPACE, fixed, significant, with_uncertainty
 
 DASH = "\u2013"
 
 
 def shown(value: float | None, digits: int = 3) -> str:
     """A number in so many significant digits; far from 1 as a power of ten."""
-    if value is None or not math.isfinite(value):
-        return DASH
-    if value == 0.0:
-        return "0"
-    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    if not -4 < exponent < 6:
-        mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
-        return f"{mantissa}·10{str(exponent).translate(SUPERSCRIPT)}".replace("-", MINUS)
-    text = f"{value:,.{max(digits - 1 - exponent, 0)}f}"
-    return text.replace(",", THIN_SPACE).replace("-", MINUS)
+    return DASH if value is None else significant(value, digits)
 
 
 def percent(value: float | None) -> str:
     """A part of 1 as a percentage."""
     return DASH if value is None else f"{100.0 * value:.3g}{THIN_SPACE}%".replace("-", MINUS)
+
+
+def percents(low: float | None, high: float | None) -> str:
+    """An interval of parts of 1, as fine as it is narrow; at its upper end no surer than anybody can be."""
+    if low is None or high is None:
+        return ""
+    half = 50.0 * (min(high, 1.0) - low)
+    if low > 0.999:
+        return f"> 99.9{THIN_SPACE}%"
+    places = min(max(1 - math.floor(math.log10(half)), 0), 2) if half > 0.0 else 1
+    ends = [fixed(100.0 * end, places) for end in (low, min(high, 1.0))]
+    if ends[1] == fixed(100.0, places) and high < 1.0:
+        ends[1] = f"> {fixed(100.0 - 10.0**-places, places)}"
+    return f"{ends[0]} to {ends[1]}{THIN_SPACE}%" if ends[0] != ends[1] else f"{ends[0]}{THIN_SPACE}%"
+
+
+def pair(value: float | None, half: float | None) -> tuple[str, str]:
+    """A number and what it may be off by, written to the same digit."""
+    if value is None:
+        return DASH, DASH
+    return with_uncertainty(value, math.nan if half is None else half)
 
 
 def chance(p: float | None) -> str:

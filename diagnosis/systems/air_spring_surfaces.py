@@ -34,7 +34,7 @@ class Span:
             ends = np.arcsinh(ends / _UNIT_SPEED)
         cell = (ends[1] - ends[0]) / (count - 2)
         places = np.clip(ends[0] + cell * (np.arange(count) - 0.5), *ends)
-        return places if self.compressed else places / self.scale
+        return (_UNIT_SPEED * np.sinh(places) if self.compressed else places) / self.scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ _TERMS: Final = (
         "N",
         50.0,
         Span("force_surface_displacement", -20 * mm, 20 * mm, "displacement in mm", mm),
-        Span("force_surface_speed", -200 * mm, 200 * mm, "asinh of the speed over 10 mm/s", 1.0, True),
+        Span("force_surface_speed", -200 * mm, 200 * mm, "speed in mm/s", mm, True),
         frozenset({"force"}),
     ),
     Term(

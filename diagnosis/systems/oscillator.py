@@ -99,9 +99,9 @@ def force_surface() -> Surface:
     return Surface(
         "force",
         "a force",
-        ("displacement in m", "asinh of speed in 0.1 m/s"),
+        ("displacement in m", "speed in m/s"),
         coefficients,
-        centres=tuple((float(a), float(b)) for a in x for b in v),
+        centres=tuple((float(a), UNIT_SPEED * float(np.sinh(b))) for a in x for b in v),
     )
 
 

@@ -95,7 +95,7 @@ class Piston:
 def _surfaces(low: float, high: float) -> tuple[TensorSplines, ...]:
     """Return the surfaces of unknown force, for a stroke from ``low`` to ``high`` in m."""
     x = SplineAxis("displacement", "displacement in mm", tuple(np.linspace(low, high, 6)), 1e-3)
-    v = SplineAxis("speed", "asinh of the speed in mm/s", tuple(np.linspace(-3.6, 3.6, 5)))
+    v = SplineAxis("speed", "speed in mm/s", tuple(np.linspace(-3.6, 3.6, 5)), 1e-3, _SLOW)
     p = SplineAxis("pressure", "gauge pressure in bar", tuple(np.linspace(0.0, 8e5, 4)), 1e5)
     force = frozenset({"force"})
     return (

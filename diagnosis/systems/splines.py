@@ -18,12 +18,22 @@ from diagnosis.contracts import Array, Parameter, Surface
 
 @dataclass(frozen=True, slots=True)
 class SplineAxis:
-    """One state: its name, a title with the unit that people read (``scale`` SI), and equidistant knots in SI."""
+    """One state: its name, a title with the unit that people read (``scale`` SI), and equidistant knots in SI.
+
+    Of a state that is asinh(x/x₀) the title names x, and ``compressed_from`` is x₀ (SI).
+    """
 
     state: str
     title: str
     knots: tuple[float, ...]
     scale: float = 1.0
+    compressed_from: float = 0.0
+
+    @property
+    def shown_centres(self) -> Array:
+        """Where the B-splines are largest, in the unit of the title."""
+        x_0 = self.compressed_from
+        return (x_0 * np.sinh(self.centres) if x_0 else self.centres) / self.scale
 
     @property
     def centres(self) -> Array:
@@ -99,9 +109,7 @@ class TensorSplines:
             Parameter(f"c_{i}_{j}", self.unit, 0.0, self.spread, step=1e-3 * self.spread)
             for i, j in product(*sizes)
         )
-        centres = tuple(
-            (float(a), float(b)) for a, b in product(*(axis.centres / axis.scale for axis in axes))
-        )
+        centres = tuple((float(a), float(b)) for a, b in product(*(axis.shown_centres for axis in axes)))
         titles = (self.first.title, self.second.title)
         return Surface(self.name, self.title, titles, coefficients, self.touches, centres)
 

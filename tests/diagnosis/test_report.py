@@ -13,7 +13,8 @@ import pytest
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Finding, Verdict
 from diagnosis.report.page import HEADLINES, TONES, render, write_report
-from diagnosis.report.words import chance, percent, prose, shown
+from diagnosis.report.words import chance, pair, percent, percents, prose, shown
+from diagnosis.systems.oscillator import REACH, UNIT_SPEED
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 
@@ -131,3 +132,33 @@ def test_sentences_are_typeset():
     assert prose("falls by -1.5e-07 bar") == "Falls by −1.5·10⁻⁷ bar"
     assert prose("left.force is off; AW-3 is not") == "left.force is off; AW-3 is not"
     assert percent(0.1234) == "12.3\u2009%" and chance(0.0) == "<\u200910⁻⁹"
+
+
+def test_an_interval_of_per_cents_is_as_fine_as_it_is_narrow_and_never_sure():
+    assert percents(0.9797, 0.9826).replace("\u2009", " ") == "97.97 to 98.26 %"
+    assert percents(0.4, 0.8).replace("\u2009", " ") == "40 to 80 %"
+    assert percents(0.99995, 0.99999).replace("\u2009", " ") == "> 99.9 %"
+    assert percents(0.5, 1.7).replace("\u2009", " ") == "50 to 100 %"
+    assert percents(None, 0.5) == ""
+
+
+def test_value_and_error_of_a_fitted_number_end_with_the_same_digit(found):
+    estimate = found.causes[0].parameters[0]
+    value, error = pair(estimate.value, estimate.sd)
+    assert len(value.partition(".")[2]) == len(error.partition(".")[2]) > 0
+    told = re.search(r"\(([\d.]+) ± ([\d.]+) ", found.sentence)
+    assert told and len(told[1].partition(".")[2]) == len(told[2].partition(".")[2])
+    assert pair(None, 1.0) == ("–", "–")
+
+
+def test_no_bar_stands_on_a_logarithmic_scale(found):
+    """A bar is a patch; beside background, axes and two spines there is none."""
+    scores = re.search(r'<svg class="plot"(?:(?!</svg>).)*id="scores-.*?</svg>', render(found), re.DOTALL)[0]
+    assert 'id="scores-patch_5"' not in scores and 'id="scores-line2d' in scores
+
+
+def test_the_surface_of_a_speed_is_told_in_its_own_unit(force_surface):
+    assert not any("asinh" in one for one in force_surface.coordinates)
+    speeds = sorted({speed for _, speed in force_surface.centres})
+    assert speeds[0] == -speeds[-1]
+    assert np.arcsinh(speeds[-1] / UNIT_SPEED) == pytest.approx(REACH[1])
