@@ -270,17 +270,17 @@ def test_a_page_that_does_not_read_loses_pictures_and_keeps_nobody_waiting(serve
         deaf.send(wanted(parts, 12, 60.0))  # half a megabyte with each picture
         with connect(f"ws://127.0.0.1:{port}/api/stream?page=good") as good:
             good.send(wanted(parts, 1, 10.0))
-            pictures, deadline = [], time.monotonic() + 3.0
+            pictures, deadline = [], time.monotonic() + 1.5
             while time.monotonic() < deadline:
                 told = good.recv(5)
                 if isinstance(told, bytes):
                     pictures.append(HEAD.unpack_from(told))
         held = [one.transport.get_write_buffer_size() for one in server.server_state.connections]
-        assert len(pictures) >= 20, "ten a second for who reads"
+        assert len(pictures) >= 15, "ten a second for who reads"
         assert max(held) < 2_000_000
         ends = [int(first) + count for _, _, count, _, first, _ in pictures]
         assert ends == sorted(ends)
-        assert ends[-1] > ends[0] + 200, "and they go on with time"
+        assert ends[-1] > ends[0] + 100, "and they go on with time"
 
 
 @pytest.mark.real_time
