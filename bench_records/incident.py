@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from bench_records.layout import RecordError
+from bench_records.layout import RecordError, put
 from bench_records.record import Record
 
 if TYPE_CHECKING:
@@ -33,8 +33,10 @@ def write_incident(
     import pyarrow.parquet as pq
 
     try:
-        (Path(directory) / STORY).write_text(story, encoding="utf-8")
-        pq.write_table(pa.table({_TIME: times, **channels}), Path(directory) / SAMPLES)
+        samples = pa.BufferOutputStream()
+        pq.write_table(pa.table({_TIME: times, **channels}), samples)
+        put(Path(directory) / SAMPLES, samples.getvalue().to_pybytes())
+        put(Path(directory) / STORY, story.encode())  # last: whoever finds it finds the samples
     except OSError as error:
         raise RecordError(f"{directory} cannot take the black box: {error.strerror}") from None
 

@@ -27,9 +27,15 @@ def write_report(directory: Path | str) -> Path:
     A run that was cut off has no result: its report says so and shows what was recorded.  The bytes depend on
     the two files alone.  Raises ``RecordError`` if the record cannot be read.
     """
-    path, record = Path(directory) / REPORT, read(directory)
-    path.write_text(_render(record, _result_of(record, Path(directory)), Path(directory)), encoding="utf-8")
+    path = Path(directory) / REPORT
+    path.write_text(report_page(directory), encoding="utf-8")
     return path
+
+
+def report_page(directory: Path | str) -> str:
+    """Return what `write_report` writes, and write nothing."""
+    record = read(directory)
+    return _render(record, _result_of(record, Path(directory)), Path(directory))
 
 
 def _render(record: Record, result: Result, directory: Path) -> str:

@@ -30,7 +30,7 @@ from bench_records.exchange import write_csv
 from bench_records.index import RunIndex
 from bench_records.layout import RESULT, RecordError
 from bench_records.record import read
-from bench_records.report import render
+from bench_records.report import report_page
 from bench_records.run_folder import SIGNS, open_run
 from benchmarks.soak import running_rig
 from drivers.bench import Bench
@@ -149,7 +149,7 @@ class Killer:
             )
             if len(record):
                 write_csv(record, self._directory / "record.csv", 10.0, ["left.height"])
-            if run.result.title not in render(record, run.result):
+            if run.result.title not in report_page(folder):
                 found.wrong.append("the report does not tell the title")
         except RecordError as error:
             found.wrong.append(str(error))

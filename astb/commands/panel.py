@@ -47,9 +47,9 @@ def panel_command(rig_path: Path | None, host: str, port: int, seed: int | None,
 
     from astb.panel.access import Access, kept_token
     from astb.panel.kept_rig import KeptRig
+    from astb.panel.parts import Parts
     from astb.panel.runs import Runs
     from astb.panel.server import application
-    from astb.panel.views import Parts
     from astb.panel.watch import Watch
     from bench_protocol.clock import RealClock
     from drivers.errors import BenchError

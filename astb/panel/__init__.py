@@ -9,5 +9,5 @@ which the panel starts and talks to through its door (`astb.live.door`). When th
 A view beside the live one is a file in ``page/``, say ``page/faults.js``, and a line in `views.VIEWS`. The file exports
 ``show(element, panel)``, which fills an empty element and returns a function that takes it down again. What it needs
 of the server is a list of routes in a module of its own, say `faults.py`, which the same line names; whatever changes
-something goes through `access.commands`, so that only the one commander may do it.
+something goes through `commands.command`, so that only the one commander may do it.
 """

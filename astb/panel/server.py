@@ -1,11 +1,9 @@
 """The server of the panel: its page, what the page asks once, what it commands, and the stream that it follows."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, Final
 
-import msgspec
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -16,21 +14,19 @@ from starlette.types import ASGIApp
 
 import bench_records
 from astb.panel.access import Doorkeeper, NotAllowed
-from astb.panel.runs import CannotDo
+from astb.panel.commands import command, json_answer, json_body
+from astb.panel.parts import Parts
 from astb.panel.stream import Stream
-from astb.panel.views import VIEWS, Parts
+from astb.panel.views import VIEWS
 from astb.panel.watch import CONTACTS
 from astb.rig_limits import ASSUMED
 
 _PAGE: Final = Path(__file__).parent / "page"
 _ASSETS: Final = Path(bench_records.__file__).parent / "assets"
-_BODY_MAX: Final = 64 * 1024
 #: Everything comes from here; a report that was made of a record has its script and style inside.
 _POLICY: Final = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
 )
-
-Command = Callable[[Request, dict[str, Any]], object]
 
 
 def application(parts: Parts, *, host: str) -> Starlette:
@@ -39,8 +35,8 @@ def application(parts: Parts, *, host: str) -> Starlette:
     runs = parts.runs
     routes = [
         Route("/", _page),
-        Route("/api/rig", lambda request: _json(_about(parts))),
-        Route("/api/plans", lambda request: _json(_plans())),
+        Route("/api/rig", lambda request: json_answer(_about(parts))),
+        Route("/api/plans", lambda request: json_answer(_plans())),
         Route("/api/enter", _entrance(parts), methods=["POST"]),
         command(parts, "/api/seat", lambda request, body: _seat(parts, request), seat=False),
         command(parts, "/api/estop", lambda request, body: runs.emergency_stop(), seat=False),
@@ -62,28 +58,6 @@ def application(parts: Parts, *, host: str) -> Starlette:
     return Starlette(routes=routes, middleware=[Middleware(Doorkeeper, host=host), Middleware(_Fresh)])
 
 
-def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route:
-    """Return the route of a command, which only the page that commands may give; without ``seat`` any with the token.
-
-    ``do(request, body)`` runs in a thread; what it returns goes to the page. NotAllowed and CannotDo are told there.
-    """
-
-    async def endpoint(request: Request) -> Response:
-        try:
-            if seat:
-                parts.access.require_seat(request)
-            else:
-                parts.access.require_token(request)
-            body = await _body(request)
-            return _json({"done": await asyncio.to_thread(do, request, body)})
-        except NotAllowed as error:
-            return _json({"error": str(error)}, error.status)
-        except CannotDo as error:
-            return _json({"error": str(error)}, 409)
-
-    return Route(path, endpoint, methods=["POST"])
-
-
 async def _page(request: Request) -> Response:
     del request
     return Response(
@@ -96,10 +70,10 @@ async def _page(request: Request) -> Response:
 def _entrance(parts: Parts) -> Callable[[Request], Awaitable[Response]]:
     async def enter(request: Request) -> Response:
         try:
-            cookie = parts.access.enter(str((await _body(request)).get("token", "")))
+            cookie = parts.access.enter(str((await json_body(request)).get("token", "")))
         except NotAllowed as error:
-            return _json({"error": str(error)}, error.status)
-        response = _json({"done": None})
+            return json_answer({"error": str(error)}, error.status)
+        response = json_answer({"done": None})
         response.set_cookie(**cookie)  # type: ignore[arg-type]
         return response
 
@@ -171,19 +145,6 @@ def _text(body: dict[str, Any], key: str) -> str:
     if not isinstance(value, str):
         raise NotAllowed(f"{key} = {value!r} is no text", 400)
     return value
-
-
-async def _body(request: Request) -> dict[str, Any]:
-    if int(request.headers.get("content-length") or 0) > _BODY_MAX:
-        raise NotAllowed("too much to read", 413)
-    try:
-        return msgspec.json.decode(await request.body() or b"{}", type=dict[str, Any])
-    except msgspec.MsgspecError as error:
-        raise NotAllowed(f"not understood: {error}", 400) from None
-
-
-def _json(content: object, status: int = 200) -> Response:
-    return Response(msgspec.json.encode(content), status, media_type="application/json")
 
 
 class _Fresh:

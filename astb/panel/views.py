@@ -2,25 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
+
+from astb.panel import bus, faults, kept
+from astb.panel.parts import Parts
 
 if TYPE_CHECKING:
     from starlette.routing import BaseRoute
-
-    from astb.panel.access import Access
-    from astb.panel.runs import Runs
-    from astb.panel.watch import Watch
-
-
-@dataclass(frozen=True, slots=True)
-class Parts:
-    """What routes are made of: the rig as it is watched, its runs, who may do what, where records go."""
-
-    watch: "Watch"
-    runs: "Runs"
-    access: "Access"
-    out: Path
 
 
 def _nothing(parts: Parts) -> "Sequence[BaseRoute]":
@@ -37,4 +25,10 @@ class View:
     routes: "Callable[[Parts], Sequence[BaseRoute]]" = _nothing
 
 
-VIEWS: Final = (View("live", "Live"),)
+VIEWS: Final = (
+    View("live", "Live"),
+    View("runs", "Runs", kept.routes),
+    View("diagnoses", "Diagnoses"),
+    View("faults", "Faults", faults.routes),
+    View("bus", "Bus", bus.routes),
+)

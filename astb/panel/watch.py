@@ -1,7 +1,7 @@
 """Watches a rig as any client may: listens on its wires, asks for its contacts, and never becomes its commander."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -155,6 +155,11 @@ class Watch:
     def act(self, name: str) -> None:
         """Trigger an action of the rig while nobody commands it; BenchError if it refuses."""
         self._connected().settings.act(name)
+
+    def glimpses(self, names: Iterable[str]) -> dict[str, float]:
+        """Return what is known of signals that come by themselves (SI), NaN where nothing is; the rig is not asked."""
+        listening = self._listening
+        return {name: np.nan if listening is None else listening.readings.glimpse(name) for name in names}
 
     def write(self, values: Mapping[str, float | str]) -> None:
         """Bring settings to the rig while nobody commands it; BenchError if it refuses."""

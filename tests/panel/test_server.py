@@ -19,10 +19,10 @@ from astb.cli import commands
 from astb.live.door import NoRun
 from astb.panel import runs as runs_module
 from astb.panel.access import SEAT_KEPT, Access, kept_token
+from astb.panel.parts import Parts
 from astb.panel.runs import Runs
 from astb.panel.server import application
 from astb.panel.stream import HEAD
-from astb.panel.views import Parts
 from astb.panel.watch import Status, Watch, first_out
 from astb.rig_file import RigFile, Simulation
 from bench_protocol.clock import VirtualClock

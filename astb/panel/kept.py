@@ -1,0 +1,185 @@
+"""Past runs and diagnoses for the page: the index of the folder that the panel writes into, and pages made of it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+from bench_records.index import RunIndex
+from bench_records.layout import REPORT, RecordError
+
+if TYPE_CHECKING:
+    from astb.panel.parts import Parts
+
+FINDING: Final = "finding.json"
+#: A page that was made of a record has its script and style inside, and needs nothing from anywhere.
+_ALONE: Final = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+    "font-src data:; frame-ancestors 'none'"
+)
+
+
+class Diagnosis(msgspec.Struct, frozen=True, kw_only=True):
+    """A diagnosis that lies in the folder. ``written`` is ISO 8601 in UTC."""
+
+    directory: str
+    written: str
+    verdict: str
+    sentence: str
+    simulator: str
+
+
+def routes(parts: Parts) -> Sequence[Route]:
+    """Return the routes of the views *runs* and *diagnoses*."""
+    kept = Kept(parts.out)
+    return [
+        Route("/api/kept", _answered(lambda request: kept.runs())),
+        Route("/api/kept/checks", _answered(lambda request: kept.checks(request.query_params["run"]))),
+        Route("/api/diagnoses", _answered(lambda request: kept.diagnoses())),
+        Route("/kept/report", _answered(lambda request: kept.report(request.query_params["run"]))),
+        Route(
+            "/kept/compare",
+            _answered(lambda request: kept.comparison(request.query_params["a"], request.query_params["b"])),
+        ),
+        Route(
+            "/kept/trend",
+            _answered(
+                lambda request: kept.trend(request.query_params["run"], int(request.query_params["place"]))
+            ),
+        ),
+        Route("/kept/diagnosis", _answered(lambda request: kept.diagnosis(request.query_params["of"]))),
+    ]
+
+
+class Kept:
+    """What lies in a folder of runs, as it is when somebody asks. RecordError for what is not there or unreadable."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def runs(self) -> dict[str, Any]:
+        """Return all runs, the newest first, and what cannot be read."""
+        if not self._folder.is_dir():
+            return {"folder": str(self._folder), "runs": [], "unreadable": {}}
+        index = RunIndex(self._folder)
+        return {
+            "folder": str(self._folder),
+            "runs": index.runs()[::-1],
+            "unreadable": index.unreadable,
+        }
+
+    def checks(self, run: str) -> list[dict[str, Any]]:
+        """Return the checks of a run with their places, for `trend`."""
+        from bench_records.run_folder import open_run
+
+        return [
+            {"place": place, "phase": one.phase, "text": str(one), "verdict": one.verdict.value}
+            for place, one in enumerate(open_run(self._known(run)).result.checks)
+        ]
+
+    def report(self, run: str) -> str:
+        """Return the report of a run: the one that lies there, or one made now; nothing is written."""
+        from bench_records.report import report_page
+
+        directory = self._known(run)
+        if (path := directory / REPORT).exists():
+            return path.read_text(encoding="utf-8")
+        return report_page(directory)
+
+    def comparison(self, a: str, b: str) -> str:
+        """Return the page of two runs beside each other."""
+        from bench_records.comparison import compare_runs
+        from bench_records.kept_pages import write_comparison
+
+        found = compare_runs(self._known(a), self._known(b))
+        return _page(lambda path: write_comparison(found, path))
+
+    def trend(self, run: str, place: int) -> str:
+        """Return the page of one check of a run over all runs that were made as this one, of its specimen."""
+        from bench_records.kept_pages import write_trend
+        from bench_records.run_folder import open_run
+        from bench_records.trend import trend_of
+
+        index = RunIndex(self._folder)
+        (known,) = (one for one in index.runs() if self._folder / one.directory == self._known(run))
+        checks = open_run(self._folder / run).result.checks
+        if not 0 <= place < len(checks):
+            raise RecordError(f"{run} has no check {place}; it has {len(checks)}")
+        like = {name: getattr(known, name) for name in ("plan", "rig", "circumstances", "serial_number")}
+        found = [
+            one
+            for one in index.checks(checks[place].name, **like)
+            if one.phase == checks[place].phase and one.run.parameters == known.parameters
+        ]
+        trend = trend_of(checks[place].name, found)
+        return _page(lambda path: write_trend(trend, known.serial_number, path))
+
+    def diagnoses(self) -> list[Diagnosis]:
+        """Return the diagnoses in the folder, the newest first; what is none is left out."""
+        from diagnosis.report.words import prose
+
+        found = []
+        for path in self._folder.rglob(FINDING):
+            try:
+                told = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+                written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+                found.append(
+                    Diagnosis(
+                        directory=str(path.parent.relative_to(self._folder)),
+                        written=written.strftime("%Y-%m-%dT%H:%M:%SZ"),
+                        verdict=str(told["verdict"]),
+                        sentence=prose(str(told["sentence"])),
+                        simulator=str(told["provenance"]["simulator"]),
+                    )
+                )
+            except (OSError, msgspec.MsgspecError, KeyError, TypeError):
+                continue
+        return sorted(found, key=lambda one: one.written, reverse=True)
+
+    def diagnosis(self, of: str) -> str:
+        """Return the report of a diagnosis."""
+        if of not in [one.directory for one in self.diagnoses()]:
+            raise RecordError(f"{self._folder} holds no diagnosis {of}")
+        try:
+            return (self._folder / of / REPORT).read_text(encoding="utf-8")
+        except OSError as error:
+            raise RecordError(f"{of} has no readable {REPORT}: {error.strerror}") from None
+
+    def _known(self, run: str) -> Path:
+        """Return the directory of a run; only what the index lists is opened."""
+        if run not in [one.directory for one in RunIndex(self._folder).runs()]:
+            raise RecordError(f"{self._folder} holds no run {run}")
+        return self._folder / run
+
+
+def _page(write: Callable[[Path], None]) -> str:
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "page.html"
+        write(path)
+        return path.read_text(encoding="utf-8")
+
+
+def _answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
+    """Return the endpoint that answers in a thread: text is a page, anything else JSON."""
+
+    async def endpoint(request: Request) -> Response:
+        try:
+            found = await run_in_threadpool(answer, request)
+        except RecordError as error:
+            return PlainTextResponse(f"{error}\n", 404)
+        except (KeyError, ValueError) as error:
+            return PlainTextResponse(f"this address asks for {error}\n", 400)
+        if isinstance(found, str):
+            return Response(found, media_type="text/html", headers={"Content-Security-Policy": _ALONE})
+        return Response(msgspec.json.encode(found), media_type="application/json")
+
+    return endpoint

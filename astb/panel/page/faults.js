@@ -1,0 +1,87 @@
+/** The view of faults on purpose: what is on, and what can be broken on a simulated rig. */
+
+import { make } from "/page/format.js";
+import { asked } from "/page/tables.js";
+
+const AGAIN = 1000; // ms
+
+export function show(element, panel) {
+  const wrong = make("p", { class: "wrong", role: "alert" });
+  const active = make("section", { class: "card", "aria-label": "faults that are on" });
+  const groups = make("div", { class: "faults" });
+  element.append(make("div", { class: "view" }, wrong, active, groups));
+  let drawn = false;
+  let buttons = [];
+  load();
+  const timer = setInterval(load, AGAIN);
+  const leave = panel.link.listen(allow);
+  return () => {
+    clearInterval(timer);
+    leave();
+  };
+
+  async function load() {
+    const { found, error } = await asked("/api/faults");
+    if (error) return void active.replaceChildren(make("p", { class: "said" }, error));
+    if (!drawn) {
+      drawn = true;
+      const places = [...new Set(found.faults.map((one) => one.place))];
+      groups.append(...places.map((place) => make("section", { class: "card" }, make("h2", {}, place), ...found.faults.filter((one) => one.place === place).map(fault))));
+    }
+    tell(found.on);
+    allow();
+  }
+
+  function tell(on) {
+    const key = JSON.stringify(on);
+    if (active.dataset.key === key) return;
+    active.dataset.key = key;
+    const list = on.map((one) =>
+      make("p", { class: "fault on" }, make("b", {}, one.label), ` ${Object.entries(one.values).map(([name, value]) => `${name} ${value}`).join(", ")} `,
+        button("Mend", () => order("/api/faults/off", { name: one.label }))));
+    active.replaceChildren(make("h2", {}, "On now"), ...(list.length ? [...list, list.length > 1 ? button("Mend all", () => order("/api/faults/off", { name: "all" })) : ""] : [make("p", { class: "said" }, "Nothing is broken on purpose.")]));
+    buttons = buttons.filter((one) => one.isConnected);
+    allow();
+  }
+
+  function fault(one) {
+    const inputs = one.parameters.map((each) => {
+      const choices = each.span.split(" or ");
+      const attributes = { name: each.name, "aria-label": `${one.name} ${each.name}`, title: each.text };
+      return choices.length > 1 || !/\d/.test(each.span)
+        ? make("select", attributes, ...choices.map((text) => make("option", { selected: text === each.usual }, text)))
+        : make("input", { ...attributes, value: each.usual ?? "", placeholder: each.span });
+    });
+    const lasting = make("input", { class: "lasting", placeholder: "until mended", "aria-label": `${one.name} for`, title: "how long, such as 3 s" });
+    const go = () => order("/api/faults/on", { name: one.name, values: Object.fromEntries(inputs.filter((input) => input.value).map((input) => [input.name, input.value])), for: lasting.value });
+    return make("details", { class: "fault", "data-fault": one.name },
+      make("summary", {}, make("b", {}, one.name), ` ${one.title}`),
+      make("p", { class: "said" }, `What a driver sees: ${one.seen}`),
+      make("div", { class: "fields" }, ...inputs.map((input, k) => make("label", {}, one.parameters[k].name.replaceAll("_", " "), make("small", {}, input.tagName === "INPUT" ? one.parameters[k].span : ""), input)), make("label", {}, "for", lasting)),
+      button("Break it", go, "main"));
+  }
+
+  function button(text, act, kind = "") {
+    const element = make("button", { class: kind, onclick: act }, text);
+    buttons.push(element);
+    return element;
+  }
+
+  function allow() {
+    const seat = panel.link.status?.access.seat;
+    buttons.forEach((one) => {
+      one.disabled = !seat;
+      one.title = seat ? "" : "only the page that commands may do this";
+    });
+  }
+
+  async function order(path, body) {
+    wrong.textContent = "";
+    try {
+      await panel.link.order(path, body);
+      await load();
+    } catch (error) {
+      wrong.textContent = error.message;
+    }
+  }
+}

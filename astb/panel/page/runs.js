@@ -1,0 +1,94 @@
+/** The view of past runs: choose by plan, verdict and specimen, open reports, compare two, follow a check. */
+
+import { duration, make } from "/page/format.js";
+import { asked, choice, name, table, when } from "/page/tables.js";
+
+const AGAIN = 5000; // ms until the list is looked at anew
+
+export function show(element, panel) {
+  const said = make("p", { class: "said" });
+  const filters = {
+    plan: choice("plan", "any plan", fill),
+    verdict: choice("verdict", "any verdict", fill),
+    serial_number: choice("specimen", "any specimen", fill),
+    rig: choice("rig", "any rig", fill),
+  };
+  const compare = make("a", { class: "button", target: "_blank", "aria-disabled": "true" }, "Compare two");
+  const list = make("div", { class: "rows" });
+  const checks = make("section", { class: "card checks", "aria-label": "checks", hidden: true });
+  const marked = new Set();
+  let runs = [];
+  let seen = "";
+  element.append(
+    make("div", { class: "view" },
+      make("div", { class: "filters" }, ...Object.values(filters).map((one) => one.element), compare),
+      said, make("div", { class: "beside" }, make("section", { class: "card", "aria-label": "runs" }, list), checks)),
+  );
+  load();
+  const timer = setInterval(load, AGAIN);
+  return () => clearInterval(timer);
+
+  async function load() {
+    const { found, error } = await asked("/api/kept");
+    if (error) return void (said.textContent = error);
+    const text = JSON.stringify(found);
+    if (text === seen) return;
+    seen = text;
+    runs = found.runs;
+    const left = Object.keys(found.unreadable);
+    said.textContent = `${runs.length} runs in ${found.folder}${left.length ? `; not readable: ${left.join(", ")}` : ""}`;
+    for (const [column, one] of Object.entries(filters)) one.offer([...new Set(runs.map((run) => run[column]).filter(Boolean))].sort());
+    fill();
+  }
+
+  function fill() {
+    const shown = runs.filter((run) => Object.entries(filters).every(([column, one]) => !one.value || run[column] === one.value));
+    for (const one of marked) if (!shown.some((run) => run.directory === one)) marked.delete(one);
+    list.replaceChildren(table(["", "verdict", "run", "when", "plan", "specimen", "took"], shown.map(row)));
+    pair();
+  }
+
+  function row(run) {
+    const mark = make("input", { type: "checkbox", "aria-label": `compare ${run.directory}`, checked: marked.has(run.directory) });
+    mark.addEventListener("change", () => {
+      mark.checked ? marked.add(run.directory) : marked.delete(run.directory);
+      pair();
+    });
+    const set = Object.entries(run.parameters).map(([parameter, value]) => `${parameter} ${value}`).join(", ");
+    const open = run.verdict === "running" ? name(run.directory) : make("a", { href: `/kept/report?run=${encodeURIComponent(run.directory)}`, target: "_blank" }, name(run.directory));
+    return {
+      cells: [
+        make("label", { class: "mark" }, mark),
+        make("b", { class: `verdict-word ${run.verdict}`, title: run.reason }, run.verdict),
+        open,
+        when(run.began),
+        make("span", { title: run.title }, name(run.plan), set ? make("small", {}, set) : null),
+        make("span", {}, run.serial_number, run.operator ? make("small", {}, run.operator) : null), make("span", { class: "nowrap" }, run.duration ? duration(run.duration) : ""),
+      ],
+      choose: run.verdict === "running" ? null : () => told(run),
+    };
+  }
+
+  function pair() {
+    const [a, b] = runs.filter((run) => marked.has(run.directory)).map((run) => run.directory).reverse();
+    const two = marked.size === 2;
+    compare.setAttribute("aria-disabled", String(!two));
+    two ? compare.setAttribute("href", `/kept/compare?a=${encodeURIComponent(a)}&b=${encodeURIComponent(b)}`) : compare.removeAttribute("href");
+    compare.textContent = two ? "Compare these two" : "Mark two to compare";
+  }
+
+  async function told(run) {
+    const { found, error } = await asked(`/api/kept/checks?run=${encodeURIComponent(run.directory)}`);
+    checks.hidden = false;
+    checks.replaceChildren(
+      make("h3", {}, run.directory),
+      run.reason ? make("p", { class: "said" }, run.reason) : "",
+      error ? make("p", { class: "wrong" }, error) : "",
+      ...(found ?? []).map((one) =>
+        make("p", { class: "check" },
+          make("b", { class: `verdict-word ${one.verdict}` }, one.verdict), ` ${one.text.replace(/: [^:]*$/, "")} `,
+          make("a", { href: `/kept/trend?run=${encodeURIComponent(run.directory)}&place=${one.place}`, target: "_blank", title: "This check in all runs that were made as this one, of the same specimen" }, "trend"))),
+      found && !found.length ? make("p", { class: "said" }, "This run judged nothing.") : "",
+    );
+  }
+}
