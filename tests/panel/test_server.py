@@ -265,7 +265,7 @@ def wanted(parts: Parts, traces: int, span: float) -> str:
 def test_a_page_that_does_not_read_loses_pictures_and_keeps_nobody_waiting(served, parts):
     """What waits for it is what the sockets hold; others get their pictures; they tell of the present moment."""
     port, server = served
-    with connect(f"ws://127.0.0.1:{port}/api/stream?page=deaf", max_queue=1) as deaf:
+    with connect(f"ws://127.0.0.1:{port}/api/stream?page=deaf", max_queue=1, close_timeout=0.1) as deaf:
         deaf.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.send(wanted(parts, 12, 60.0))  # half a megabyte with each picture
         with connect(f"ws://127.0.0.1:{port}/api/stream?page=good") as good:
