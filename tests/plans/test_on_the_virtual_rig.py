@@ -90,6 +90,13 @@ def test_the_same_seed_gives_the_same_bytes(bench_run):
 def test_a_supply_that_is_too_weak_blocks_and_says_so(bench_run):
     run = bench_run("aw0", supply_pressure=1.5 * bar)
     assert run.result.verdict is Outcome.BLOCKED
+    assert "1.51 bar; open the supply until it has 3.058 bar" in run.result.reason
+    assert [phase.name for phase in run.result.phases] == ["preconditions"], "nothing moves"
+
+
+def test_a_supply_that_is_lost_while_the_springs_fill_blocks_and_says_so(bench_run):
+    run = bench_run("aw0", at=(3.0, lambda made: made.rig.faults.on("supply_loss", {"pressure": "1.5 bar"})))
+    assert run.result.verdict is Outcome.BLOCKED
     assert "left filled to 2.208 bar" in run.result.reason
     assert "not reached within" in run.result.reason
     assert run.pressure < 0.5 * bar  # the tear-down has let off what was there
@@ -100,7 +107,12 @@ def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
     assert run.result.verdict is Outcome.BLOCKED
     assert "emergency stop" in run.result.reason
     assert run.result.reason.startswith("the rig: ")
-    assert [p.name for p in run.result.phases if p.level == 0] == ["set-up", "main", "tear-down"]
+    assert [p.name for p in run.result.phases if p.level == 0] == [
+        "preconditions",
+        "set-up",
+        "main",
+        "tear-down",
+    ]
     assert run.pressure < 0.5 * bar  # the stop itself has let the air off
     told = [(event.kind, event.text) for event in read(run.directory).events]
     assert ("state", "rig.state: ESTOP") in told
