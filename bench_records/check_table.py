@@ -112,7 +112,9 @@ def _detail(one: Check) -> str:
 
 
 def certainty(one: Check) -> str:
-    """What there is to say of a check's uncertainty: the probability of conformity, and its two largest causes."""
+    """How surely a check conforms, and the two largest causes of its uncertainty, or why it has none."""
+    if one.without and math.isfinite(one.number):
+        return f"no uncertainty: {one.without}"
     if not one.u or one.conformity is None:
         return ""
     shares = [

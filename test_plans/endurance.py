@@ -30,7 +30,8 @@ from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, s
 
 #: The generator counts no further in one program.
 PROGRAM: Final = 1000
-#: The gas that the cycles warm is as warm from here on: four times what it takes to give its heat off.
+#: The gas that the cycles warm is as warm from here on: four times what it takes to give its heat off. Where there are
+#: shorter intervals between looks it never gets there, and is run in for one of these.
 RUN_IN: Final = 60 * s
 REST: Final = 30 * s
 LOOK_FREQUENCY: Final = 1 * Hz
@@ -154,9 +155,10 @@ def endurance(
     """Endurance: what many cycles change of stiffness, damping, height and tightness.
 
     The springs carry the `load` on their leveling valves and stand at design height; all valves are shut. They are run
-    in for a minute, until the gas is as warm as it will be. Then come the `cycles` along one `axis`, in some
-    `intervals`. Before them and after each interval the bench rests for half a minute and looks: stiffness and damping
-    (5 mm, 1 Hz), the height at which each spring carries its load, and the mass of its air.
+    in for a minute, until the gas is as warm as it will be, or for one interval if that is shorter. Then come the
+    `cycles` along one `axis`, in some `intervals`. Before them and after each interval the bench rests for half a
+    minute and looks: stiffness and damping (5 mm, 1 Hz), the height at which each spring carries its load, and the mass
+    of its air.
 
     Good is what the specimen's file allows to change in 1000 cycles, along the straight line through all looks, and of
     air to be lost in a minute. The more cycles, the less a look's own scatter matters: 0.1 % over 300 cycles is a third
@@ -165,12 +167,13 @@ def endurance(
     case = run.specimen.load(load)
     for _, _, limit, unit in JUDGED:
         run.specimen.limits.band(f"endurance.{limit}", unit)
+    run_in = min(ceil(RUN_IN * frequency), cycles // intervals)
     home = go_home(run)
     run.bench.wait(COOL)
     steps.lock_the_air(run)
     with run.phase("run in"):
         _look(run, case, axis, home, Looks())  # friction remembers a look, too
-        _run_in(run, axis, amplitude, frequency)
+        _cycle(run, axis, amplitude, frequency, run_in, Looks())
     looks = Looks()
     try:
         before = _look(run, case, axis, home, looks)
@@ -178,7 +181,8 @@ def endurance(
             until = cycles * number // intervals
             if run.hold_point(f"before the cycles to {until}"):
                 with run.phase("run in again"):
-                    _run_in(run, axis, amplitude, frequency)
+                    _cycle(run, axis, amplitude, frequency, run_in, Looks())
+                    _look(run, case, axis, home, Looks())  # as before any other interval
             with run.phase(f"cycles to {until}"):
                 _cycle(run, axis, amplitude, frequency, until - looks.made, looks)
             _look(run, case, axis, home, looks)
@@ -186,11 +190,6 @@ def endurance(
         run.check("cycles", counted(looks.made), "1", low=cycles)
         looks.judge(run)
     steps.check_tightness(run, case, before)
-
-
-def _run_in(run: Run, axis: Literal["vertical", "lateral"], amplitude: float, frequency: float) -> None:
-    """Run cycles that do not count, until the gas is as warm as it will be."""
-    _cycle(run, axis, amplitude, frequency, ceil(RUN_IN * frequency), Looks())
 
 
 def _cycle(

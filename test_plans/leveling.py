@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from math import nan
+from math import inf, nan
 from typing import Annotated, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from drivers.errors import BenchTimeout
 from test_plans import steps
 from test_plans.analysis import Samples, straight_line
 from test_plans.fittings import leave_connected
-from test_plans.loads import AW0, AW3
+from test_plans.loads import AW0, AW3, Limits, SpecimenError
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.poses import Home, go_home, restore_the_air
@@ -29,7 +29,6 @@ PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in SIDES)
 STAIRS: Final = tuple(z * mm for z in np.arange(2.0, 8.25, 0.5))
 #: The valve opens somewhere between two of them.
 STAIR: Final = "between two stairs"
-HALF_A_STAIR: Final = 0.25 * mm * EVEN
 NOT_OPENED: Final = "the valve did not open up to the last stair"
 #: So many samples the mean height on a stair has at least.
 STAIR_SAMPLES: Final = 15
@@ -53,9 +52,11 @@ MOVED: Final = 1 * mm
 def lift(run: Run, within: float) -> None:
     """Lift the bolster to design height and fill both springs to the pressure of the empty car.
 
-    ParameterRefused if a valve that is too slow would not be waited for.
+    ParameterRefused if a valve that is too slow would not be waited for, SpecimenError if one that does not open could
+    pass.
     """
     load, limits = run.specimen.load(AW0), run.specimen.limits
+    _refuse_limits_that_pass_anything(limits)
     allowed = max(limits.band(f"leveling_{verb}_time").high or 0.0 for verb in ("fill", "exhaust"))
     if within <= allowed:
         raise ParameterRefused(
@@ -64,6 +65,21 @@ def lift(run: Run, within: float) -> None:
     steps.shim(run, load)
     steps.power_up(run)
     steps.raise_the_air(run, load)
+
+
+def _refuse_limits_that_pass_anything(limits: Limits) -> None:
+    for limit, unit, most in (
+        ("leveling_opening", "", STAIRS[-1]),
+        ("leveling.dead_band", "mm", 2 * STAIRS[-1]),
+        ("leveling_fill_time", "", inf),
+        ("leveling_exhaust_time", "", inf),
+    ):
+        high = limits.band(limit, unit).high
+        if high is None or high > most:
+            right = "an upper limit" if most == inf else f"an upper limit of {most / mm:g} mm at most"
+            raise SpecimenError(
+                f"{limits.where}.{limit} would pass a valve that does not open; {right} would be right"
+            )
 
 
 @plan(
@@ -159,7 +175,7 @@ def _opened(run: Run, side: str, way: float, around: list[dict[str, float]]) -> 
     if len(around) < 2:
         return Measured(STAIRS[-1] + 1 * mm, unknown=NOT_OPENED)
     height = run.measured(lambda *read: way * _middle(side, read), *around, averaged=STAIR_SAMPLES)
-    return height.beside(STAIR, HALF_A_STAIR, even=True)
+    return height.beside(STAIR, _half(side, around), even=True)
 
 
 def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
@@ -169,7 +185,15 @@ def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
     width = run.measured(
         lambda *read: _middle(side, read[:2]) - _middle(side, read[2:]), *around, averaged=STAIR_SAMPLES
     )
-    return width.beside(STAIR, HALF_A_STAIR, even=True).beside(STAIR, HALF_A_STAIR)
+    for two in (around[:2], around[2:]):
+        width = width.beside(STAIR, _half(side, two), even=True)
+    return width
+
+
+def _half(side: str, stairs: Sequence[Mapping[str, float]]) -> float:
+    """Return the standard uncertainty (m) of a height of which only the stairs below and above are known."""
+    below, above = (stair[f"{side}.height"] for stair in stairs)
+    return 0.5 * EVEN * abs(above - below)
 
 
 def _middle(side: str, stairs: Sequence[Mapping[str, float]]) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date
-from math import inf
+from math import inf, isnan
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.clock import VirtualClock, utc_date
@@ -106,6 +106,8 @@ def gas(low: float, high: float) -> Precondition:
         with suppress(BenchTimeout):
             run.bench.wait_for(within, within=COME_BACK, what="gas at the temperature of the hall")
         found = [run.bench.readings.value(name) for name in names]
+        if silent := [name for name, one in zip(names, found, strict=True) if isnan(one)]:
+            return Finding(False, f"nothing comes of {' and '.join(silent)}")
         told = " and ".join(f"{one - ICE:.1f} °C" for one in found)
         good = all(low <= one <= high for one in found)
         return Finding(good, told if good else f"{told}; wait until the hall has {span}")

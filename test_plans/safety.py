@@ -40,6 +40,8 @@ SAFE_AFTER: Final = 15 * s
 ESTOP_AFTER: Final = 0.1 * s
 #: Beyond the time that is allowed, to see by how much it is missed.
 LONGER: Final = 3 * s
+#: What is silent for so long may have done anything meanwhile.
+UNSEEN: Final = 1 * s
 LET_GO: Final = 2 * kN
 THROWN: Final = 8 * mm
 #: The gas of a filling cools before it is weighed.
@@ -99,7 +101,7 @@ class Course:
     def __init__(self, capture: Capture, watched: float, since: float = 0.0) -> None:
         self._values = {name: capture.values(name) for name in READ}
         self._times = {name: capture.times(name) - since for name in READ}
-        self._watched = watched
+        self._since, self._watched = since, watched
 
     def until_state(self, *states: str) -> float:
         """Return how long it took to one of ``states`` (s); as long as it was watched if it never came."""
@@ -112,20 +114,28 @@ class Course:
 
     def rise(self, read: Read | None = None) -> float:
         """Return by how much the higher side rose (m); NaN if one was not seen all the time."""
-        heights = [(read or self._values)[name] for name in HEIGHTS]
-        return float(np.max([values.max() - values[0] if values.size else np.nan for values in heights]))
+        rises = []
+        for name in HEIGHTS:
+            values = (read or self._values)[name]
+            rises.append(values.max() - values[0] if self._seen(name) else np.nan)
+        return float(np.max(rises))
 
     def measured(self, run: Run, evaluate: Callable[[Read], float]) -> Measured:
         """Return what ``evaluate`` computes of what was read, with its uncertainty."""
         return run.measured(evaluate, self._values, rate=self._rates)
 
     def _last_large(self, name: str, values: Samples, limit: float) -> float:
+        if not self._seen(name):
+            return self._watched  # nobody knows
         times = self._times[name]
-        if not times.size:
-            return self._watched  # nothing came: nobody knows
         large = np.flatnonzero(~(np.abs(values) <= limit))
         after = large[-1] + 1 if large.size else 0
         return 0.0 if not after else float(times[after]) if after < times.size else self._watched
+
+    def _seen(self, name: str) -> bool:
+        """Return whether a reading came all the time."""
+        gaps = np.diff(self._times[name], prepend=-self._since, append=self._watched)
+        return bool(np.all(gaps < UNSEEN))
 
     @property
     def _rates(self) -> dict[str, float]:

@@ -100,8 +100,8 @@ def _smallest(finding: Any, effect: str) -> str:
 
 
 def _lost(result: Any) -> tuple[str, str]:
-    """Loss of air in a minute, left and right."""
-    lost = [c["value"] for c in result["checks"] if c["name"].startswith("air lost")]
+    """Loss of air in a minute, left and right, in percent."""
+    lost = [100 * c["value"] for c in result["checks"] if c["name"].startswith("air lost")]
     return tuple(f"{value:.2f}".replace("-", "\u2212").replace("\u22120.00", "0.00") for value in lost)
 
 

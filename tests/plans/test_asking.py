@@ -3,6 +3,8 @@
 import io
 import os
 import pty
+import subprocess
+import sys
 import threading
 from types import SimpleNamespace
 
@@ -176,6 +178,47 @@ def test_what_was_typed_before_a_question_does_not_answer_it():
         threading.Timer(0.2, os.write, (here, b"not\n")).start()
         assert answered(terminal, "press the emergency stop") == "not possible"
     os.close(here)
+
+
+BACKGROUND = """
+import io, os, sys
+from rich.console import Console
+from astb.operators import Terminal
+from test_plans.operator import Question, Unanswered
+
+def ask():
+    try:
+        Terminal(Console(file=io.StringIO()), lines).ask(Question("ready?"))
+        print("asked", flush=True)
+    except Unanswered as reason:
+        print(reason, flush=True)
+
+lines = open(sys.argv[1])  # a session without a terminal makes the first that it opens its own
+if os.fork():
+    os.wait()
+    ask()
+else:
+    os.setpgrp()
+    ask()
+"""
+
+
+def test_a_job_in_the_background_of_its_terminal_asks_nobody():
+    here, there = pty.openpty()
+    done = subprocess.run(
+        [sys.executable, "-c", BACKGROUND, os.ttyname(there)],
+        start_new_session=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    os.close(here)
+    os.close(there)
+    assert done.stdout.splitlines() == [
+        "this runs in the background of its terminal, where nobody can type",
+        "asked",
+    ]
 
 
 def test_a_simulated_rig_that_is_elsewhere_leaves_the_question_to_others():

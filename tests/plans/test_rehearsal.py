@@ -19,6 +19,7 @@ from bench_protocol.units import Hz, mm, s
 from bench_records.record import read as read_record
 from bench_records.result import Outcome
 from test_plans.execution import execute
+from test_plans.instruments import ORDINARY
 from test_plans.parameters import Range
 from test_plans.plan import plan
 
@@ -42,6 +43,21 @@ def virtual(*limits: dict[str, str]) -> RigFile:
 
 def swayed(directory, amplitude, rig, **others):
     return rehearse(sway.given({"amplitude": f"{amplitude} mm"}), rig, NOWHERE, directory, **others)
+
+
+def test_a_rehearsal_has_the_instruments_of_its_rig(tmp_path):
+    files = []
+
+    @plan(setup=lambda run: None, teardown=lambda run: None)
+    def looks(run):
+        """Look."""
+        files.append(run.instruments.file)
+        run.check("one", 1.0, "1", low=0.0)
+
+    rehearse(looks, virtual(), NOWHERE, tmp_path)
+    (tmp_path / "ours.toml").write_text(ORDINARY.read_text(encoding="utf-8"), encoding="utf-8")
+    rehearse(looks, msgspec.structs.replace(virtual(), instruments="ours.toml"), tmp_path / "rig", tmp_path)
+    assert files == [ORDINARY.name, "ours.toml"]
 
 
 def run(directory, amplitude, rig):

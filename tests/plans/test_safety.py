@@ -11,11 +11,17 @@ from drivers.wiring.own_modbus import OwnRegisters
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import FirstOf, NoOperator, Script
-from test_plans.safety import Course
+from test_plans.plan import plan
+from test_plans.safety import Course, _lose_the_supply, _press_the_stop, switch_off
 from tests.foreign.virtual import VirtualPlc
 
 slow = pytest.mark.slow
 WAYS = ("springs without air after", "actuators let go after", "the bolster rises by")
+
+
+def faults(bench):
+    """The names of the faults that a simulated rig has now."""
+    return [fault["name"] for fault in bench.hand._order({"do": "list"})["on"]]
 
 
 @pytest.fixture
@@ -82,6 +88,30 @@ def test_a_stop_that_does_nothing_when_it_is_pressed_fails(safety):
     }
 
 
+@pytest.mark.parametrize(
+    ("deed", "way"), [("estop on", _press_the_stop), ("supply_loss on", _lose_the_supply)]
+)
+def test_a_simulated_rig_has_no_fault_left_if_the_plan_is_stopped_while_it_has_one(tmp_path, deed, way):
+    with astb.open_bench("virtual") as bench:
+
+        def abort(question):
+            bench.hand.ask(question)
+            assert faults(bench) == [deed.removesuffix(" on")]
+            return "abort"
+
+        @plan(teardown=switch_off)
+        def alone(run):
+            """One way alone."""
+            way(run)
+
+        operator = FirstOf(Script({deed: abort}), bench.hand)
+        result = execute(alone, bench, tmp_path / "out", operator=operator)
+        assert result.verdict is Outcome.BLOCKED
+        assert "ended the run when asked" in result.reason
+        assert faults(bench) == []
+        assert bench.state == "OFF"
+
+
 @slow
 def test_a_bench_that_does_not_miss_the_set_points_fails(safety, monkeypatch):
     """The stream goes on behind the plan's back, as from a repeater that nobody knows of."""
@@ -123,14 +153,25 @@ class Seen:
         return self._series.get(name, np.zeros((0, 2)))[:, 1]
 
 
+def seen(*values, until=18.0):
+    """Samples every half second ``until`` then (s): these values, of which the last one stays."""
+    times = np.arange(0.0, until, 0.5)
+    return [(time, values[min(at, len(values) - 1)]) for at, time in enumerate(times)]
+
+
 def test_what_nobody_saw_is_no_way_into_the_safe_position():
-    course = Course(Seen({"left.bellows_pressure": [(0.0, 5 * bar), (2.0, 0.1 * bar)]}), watched=18.0)
-    assert course.until_small(["left.bellows_pressure"], 0.2 * bar) == 2.0
-    assert course.until_small(["left.bellows_pressure", "right.bellows_pressure"], 0.2 * bar) == 18.0
+    low, limit = 0.1 * bar, 0.2 * bar
+    course = Course(Seen({"left.bellows_pressure": seen(5 * bar, 5 * bar, low)}), watched=18.0)
+    assert course.until_small(["left.bellows_pressure"], limit) == 1.0
+    assert course.until_small(["left.bellows_pressure", "right.bellows_pressure"], limit) == 18.0
+    silent = Course(Seen({"left.bellows_pressure": seen(low, until=12.0)}), watched=18.0)
+    assert silent.until_small(["left.bellows_pressure"], limit) == 18.0
 
 
 @pytest.mark.parametrize(("silent", "other"), [("left", "right"), ("right", "left")])
 def test_a_bolster_that_one_laser_does_not_see_may_have_risen(silent, other):
-    seen = {f"{other}.height": [(0.0, 0.0), (1.0, 1e-3)]}
-    for gap in ([(0.0, 0.0), (1.0, np.nan), (2.0, 0.0)], np.zeros((0, 2))):
-        assert np.isnan(Course(Seen(seen | {f"{silent}.height": gap}), watched=18.0).rise())
+    heights = {f"{other}.height": seen(0.0, 1e-3), f"{silent}.height": seen(0.0, 2e-3)}
+    assert Course(Seen(heights), watched=18.0).rise() == 2e-3
+    late = [(time, 0.0) for time, _ in seen(0.0) if time > 3.0]
+    for gap in (seen(0.0, np.nan, 0.0), np.zeros((0, 2)), seen(0.0, until=12.0), late):
+        assert np.isnan(Course(Seen(heights | {f"{silent}.height": gap}), watched=18.0).rise())

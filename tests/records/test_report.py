@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench_records.check_table import BAR_WIDTH, check_rows, range_bar
@@ -281,6 +281,11 @@ def test_a_failed_value_is_never_rounded_onto_its_limit() -> None:
     assert (row.value, row.high) == ("10.0000004", "10.0000000")
 
 
+def test_a_value_without_an_uncertainty_says_why() -> None:
+    (row,) = check_rows([check("x", 1.0, low=0.0, without="nobody knows the instruments")])
+    assert (row.uncertainty, row.detail) == ("", "no uncertainty: nobody knows the instruments")
+
+
 def test_numbers_of_any_size_can_be_read() -> None:
     leak, count, force = check_rows(
         [
@@ -298,6 +303,7 @@ def test_numbers_of_any_size_can_be_read() -> None:
 numbers = st.floats(-1e9, 1e9)
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no fault
 @given(low=numbers, width=st.floats(1e-3, 1e9), value=numbers, sides=st.sampled_from(["both", "low", "high"]))
 def test_range_bars_show_what_the_verdict_says(low: float, width: float, value: float, sides: str) -> None:
     high = low + width

@@ -8,6 +8,7 @@ import re
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -18,11 +19,13 @@ from astb.rig_file import RigFileError
 from bench_protocol.table import TABLE
 from bench_protocol.units import s
 from bench_records.checksums import broken_files
+from bench_records.result import Outcome
 from bench_sim.parameters import ParameterError
 from diagnosis.contracts import DiagnosisError
 from drivers.errors import NotAvailable
 from test_plans.plan import plan
 from test_plans.run import PlanError
+from test_plans.suspension import Suspension
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-the-bench-from-python.md"
 
@@ -104,6 +107,20 @@ def test_a_plan_that_a_program_runs_leaves_checksums_as_every_run_does(tmp_path)
 
     _, directory = astb.run_plan(looks, out=tmp_path, report=False)
     assert broken_files(directory) == []
+
+
+def test_a_run_that_a_program_started_is_held_and_let_go_on_by_it(tmp_path):
+    suspension = Suspension()
+
+    @plan(setup=lambda run: None, teardown=lambda run: None)
+    def looks(run):
+        """Look."""
+        suspension.request("the program")
+        threading.Timer(0.1, suspension.resume).start()
+        run.check("held", float(run.hold_point("here")), "1", low=0.5)
+
+    result, _ = astb.run_plan(looks, out=tmp_path, report=False, suspension=suspension)
+    assert result.verdict is Outcome.PASS
 
 
 def test_nothing_is_loaded_before_it_is_asked_for():
