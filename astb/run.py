@@ -178,7 +178,7 @@ def _live(
         session.bench,
         rig=rig.name,
         limits=known_limits(rig),
-        record=str(directory),
+        record=str(directory.resolve()),
         outline=kept_outline(directory.parent, plan.name, plan.written),
         box=box_of(operator),
         suspension=suspension,

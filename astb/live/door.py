@@ -34,6 +34,10 @@ class NoRun(Exception):
     """Nobody runs a plan on this rig, or he does not answer."""
 
 
+class Deaf(NoRun):
+    """There is a run, and it does not answer in time."""
+
+
 def door_path(rig_file: Path) -> Path:
     """Return where a run on the rig of this file has its door."""
     place = sha256(str(rig_file.resolve()).encode()).hexdigest()[:16]
@@ -41,11 +45,12 @@ def door_path(rig_file: Path) -> Path:
 
 
 def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[str, Any]:
-    """Return what the run on this rig answers; NoRun if there is none, or it does not answer ``within`` s."""
+    """Return what the run on this rig answers; NoRun if there is none, Deaf if it does not answer ``within`` s."""
     try:
-        answer: dict[str, Any] = msgspec.json.decode(
-            ask(door_path(rig_file), msgspec.json.encode(order), within)
-        )
+        line = ask(door_path(rig_file), msgspec.json.encode(order), within)
+        answer = msgspec.json.decode(line, type=dict[str, Any])
+    except TimeoutError as error:
+        raise Deaf(str(error)) from None
     except (OSError, msgspec.DecodeError) as error:
         raise NoRun(str(error)) from None
     return answer
@@ -87,6 +92,7 @@ class Door:
                         live.bench.settings.act(SAFE)
                 finally:
                     self._interrupt()
+                return {"done": do, "bench": live is not None}
             case "answer":
                 if self._box is None:
                     raise ValueError("this run has its answers from elsewhere")

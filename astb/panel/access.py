@@ -7,8 +7,10 @@ name that leads to this machine by somebody else's DNS, and a page of somebody e
 import ipaddress
 import secrets
 import socket
+from contextlib import suppress
 from hmac import compare_digest
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Final
 
 from starlette.datastructures import Headers
@@ -81,16 +83,22 @@ def kept_token(rig_file: Path) -> str:
     """
     path = door_path(rig_file).with_suffix(".token")
     own_directory(path.parent)
-    if not path.exists():
-        path.touch(0o600)
-        path.write_text(secrets.token_urlsafe(24))
-    return path.read_text()
+    with suppress(FileNotFoundError):
+        if kept := path.read_text().strip():
+            return kept
+    # Not in its place before it is whole: an empty one would be everybody's.
+    with NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
+        file.write(token := secrets.token_urlsafe(24))
+    Path(file.name).replace(path)
+    return token
 
 
 class Access:
     """The token, and the one seat of whoever commands."""
 
     def __init__(self, token: str, port: int, clock: Clock) -> None:
+        if not token:
+            raise ValueError("the panel has no token: everybody would command")
         self.token, self.cookie = token, f"astb-panel-{port}"
         self._clock = clock
         self._page = ""  # which has the seat

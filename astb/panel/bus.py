@@ -5,7 +5,6 @@ The bus is listened to on a connection of its own while somebody looks at the vi
 
 from __future__ import annotations
 
-import asyncio
 import math
 import threading
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
@@ -51,7 +51,7 @@ def routes(parts: Parts) -> Sequence[Route]:
 
     async def told(request: Request) -> Response:
         del request
-        found = await asyncio.to_thread(bus.look)
+        found = await run_in_threadpool(bus.look)
         return Response(msgspec.json.encode(found), media_type="application/json")
 
     return [Route("/api/bus", told)]

@@ -1,10 +1,10 @@
 """Routes that change something: who may give an order, what it says, and what the page is answered."""
 
-import asyncio
 from collections.abc import Callable
 from typing import Any, Final
 
 import msgspec
+from anyio import CapacityLimiter, to_thread
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
@@ -14,6 +14,7 @@ from astb.panel.parts import Parts
 from astb.panel.runs import CannotDo
 
 _BODY_MAX: Final = 64 * 1024
+_AT_ONCE: Final = 4  # of one command
 
 Command = Callable[[Request, dict[str, Any]], object]
 
@@ -22,7 +23,9 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
     """Return the route of a command, which only the page that commands may give; without ``seat`` any with the token.
 
     ``do(request, body)`` runs in a thread; what it returns goes to the page. NotAllowed and CannotDo are told there.
+    Each command has places of its own: a stop waits for no other order, and for no view.
     """
+    places = CapacityLimiter(_AT_ONCE)
 
     async def endpoint(request: Request) -> Response:
         try:
@@ -31,7 +34,7 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
             else:
                 parts.access.require_token(request)
             body = await json_body(request)
-            return json_answer({"done": await asyncio.to_thread(do, request, body)})
+            return json_answer({"done": await to_thread.run_sync(do, request, body, limiter=places)})
         except NotAllowed as error:
             return json_answer({"error": str(error)}, error.status)
         except CannotDo as error:
@@ -42,10 +45,13 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
 async def json_body(request: Request) -> dict[str, Any]:
     """Return what a request says. NotAllowed if it is too much, or no JSON object."""
-    if int(request.headers.get("content-length") or 0) > _BODY_MAX:
-        raise NotAllowed("too much to read", 413)
+    body = b""
+    async for part in request.stream():  # who does not say how much comes may send as much as he likes
+        body += part
+        if len(body) > _BODY_MAX:
+            raise NotAllowed("too much to read", 413)
     try:
-        return msgspec.json.decode(await request.body() or b"{}", type=dict[str, Any])
+        return msgspec.json.decode(body or b"{}", type=dict[str, Any])
     except msgspec.MsgspecError as error:
         raise NotAllowed(f"not understood: {error}", 400) from None
 

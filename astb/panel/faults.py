@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
@@ -26,7 +26,7 @@ def routes(parts: Parts) -> Sequence[Route]:
     async def listed(request: Request) -> Response:
         del request
         try:
-            answer = await asyncio.to_thread(_order, rig, {"do": "list"})
+            answer = await run_in_threadpool(_order, rig, {"do": "list"})
         except CannotDo as error:
             answer = {"error": str(error)}
         return Response(msgspec.json.encode(answer), media_type="application/json")

@@ -24,7 +24,7 @@ FINDING: Final = "finding.json"
 #: A page that was made of a record has its script and style inside, and needs nothing from anywhere.
 _ALONE: Final = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
-    "font-src data:; frame-ancestors 'none'"
+    "font-src data:; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
 
 
@@ -109,9 +109,9 @@ class Kept:
         from bench_records.run_folder import open_run
         from bench_records.trend import trend_of
 
+        checks = open_run(self._known(run)).result.checks
         index = RunIndex(self._folder)
-        (known,) = (one for one in index.runs() if self._folder / one.directory == self._known(run))
-        checks = open_run(self._folder / run).result.checks
+        known = next(one for one in index.runs() if one.directory == run)
         if not 0 <= place < len(checks):
             raise RecordError(f"{run} has no check {place}; it has {len(checks)}")
         like = {name: getattr(known, name) for name in ("plan", "rig", "circumstances", "serial_number")}

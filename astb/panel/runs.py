@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -37,6 +38,8 @@ class Runs:
         self._record = ""  # of the last run that was seen
         self._concluded: tuple[str, dict[str, str]] | None = None  # what that came to
         self.stopped = ""  #: what the last emergency stop did
+        self._stops = 0
+        self._starts = threading.Lock()
 
     # -- start and end ---------------------------------------------------------------------------------------------
 
@@ -44,6 +47,7 @@ class Runs:
         self, plan: str, settings: Mapping[str, str], *, specimen: str = "", operator: str = ""
     ) -> None:
         """Start a plan with parameters as people write them. CannotDo, in the words of `astb run`, if it refuses."""
+        stops = self._stops
         from test_plans.discovery import plans
         from test_plans.parameters import ParameterRefused
 
@@ -53,10 +57,18 @@ class Runs:
             known.given(settings)
         except ParameterRefused as error:
             raise CannotDo(str(error)) from None
-        if self.going:
-            raise CannotDo("a run goes on already: stop it, or wait for its end")
-        if link := self._watch.status.link:
-            raise CannotDo(f"the rig is not heard: {link}")
+        with self._starts:  # whoever clicks twice starts one
+            if self.going:
+                raise CannotDo("a run goes on already: stop it, or wait for its end")
+            if link := self._watch.present().link:
+                raise CannotDo(f"the rig is not heard: {link}")
+            self._launch(plan, settings, specimen, operator)
+            if self._stops != stops:  # whoever stops meanwhile may not have seen it yet
+                assert self._process is not None
+                self._process.kill()
+                raise CannotDo("STOP came while the run was started: it was ended at once")
+
+    def _launch(self, plan: str, settings: Mapping[str, str], specimen: str, operator: str) -> None:
         command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(self._watch.path)]
         command += ["--out", str(self.out), "--answers", PANEL]
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
@@ -105,13 +117,18 @@ class Runs:
         and lets the air off as it does without a commander. Without a run it is said directly. CannotDo if the rig did
         not hear of it.
         """
+        self._stops += 1
         pid = self._watch.status.pid
         try:
             told = knock(self._watch.path, {"do": "safe"}, STOP_WITHIN)
         except NoRun:
             told = {"error": "the run does not answer"}
         if "error" not in told:
-            self.stopped = "the run took the bench to its safe position and ends"
+            self.stopped = (
+                "the run took the bench to its safe position and ends"
+                if told.get("bench")
+                else "the run had no plan on the bench, and ends"
+            )
         elif pid is not None or self._starting:
             self._kill(pid)
             self.stopped = f"{told['error']}: its process was killed, and the rig holds without its commander"
@@ -170,7 +187,7 @@ class Runs:
     def _last(self) -> dict[str, str] | None:
         if self._record and (Path(self._record) / RESULT).exists():
             if self._concluded is None or self._concluded[0] != self._record:  # read once, and shown often
-                self._concluded = self._record, _conclusion(Path(self._record))
+                self._concluded = self._record, _conclusion(Path(self._record), self.out)
             return self._concluded[1]
         if self._process is not None and self._log is not None and self._log.exists():
             tail = self._log.read_bytes()[-_LOG_TAIL:].decode(errors="replace").strip().splitlines()
@@ -179,8 +196,8 @@ class Runs:
         return None
 
 
-def _conclusion(record: Path) -> dict[str, str]:
-    """What the page shows of a run that is over."""
+def _conclusion(record: Path, out: Path) -> dict[str, str]:
+    """What the page shows of a run that is over; its report can be opened if it lies in ``out``."""
     try:
         result = read_result(record)
     except RecordError as error:
@@ -189,5 +206,5 @@ def _conclusion(record: Path) -> dict[str, str]:
         "plan": result.plan,
         "verdict": result.verdict.value,
         "reason": result.reason,
-        "record": record.name,
+        "record": record.name if record.parent == out.resolve() else "",
     }

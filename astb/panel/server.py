@@ -23,7 +23,7 @@ from astb.rig_limits import ASSUMED
 
 _PAGE: Final = Path(__file__).parent / "page"
 _ASSETS: Final = Path(bench_records.__file__).parent / "assets"
-#: Everything comes from here; a report that was made of a record has its script and style inside.
+#: Everything comes from here.
 _POLICY: Final = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
 )
@@ -52,7 +52,6 @@ def application(parts: Parts, *, host: str) -> Starlette:
         WebSocketRoute("/api/stream", stream.serve),
         *(route for view in VIEWS for route in view.routes(parts)),
         Mount("/assets", StaticFiles(directory=_ASSETS)),
-        Mount("/records", StaticFiles(directory=parts.out, check_dir=False)),
         Mount("/page", StaticFiles(directory=_PAGE)),
     ]
     return Starlette(routes=routes, middleware=[Middleware(Doorkeeper, host=host), Middleware(_Fresh)])

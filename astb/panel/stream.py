@@ -117,7 +117,7 @@ class Stream:
         if may:
             self._access.heard(page)
         told: dict[str, Any] = {
-            "rig": self._watch.status,
+            "rig": self._watch.present(),
             "runs": self._runs.told(),
             "access": {
                 "token": may,

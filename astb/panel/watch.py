@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 import numpy as np
 
-from astb.live.door import NoRun, knock
+from astb.live.door import Deaf, NoRun, knock
 from astb.panel.envelope import Envelope, Ints
 from astb.panel.signals import Shown, shown_signals
 from astb.rig_file import RigFile, RigFileError
@@ -35,7 +35,9 @@ PUMP: Final = 25 * ms
 LOOK: Final = 200 * ms
 ASK: Final = 500 * ms
 AGAIN: Final = 1 * s  # until another attempt to reach the rig
-#: Samples that wait to be sorted; more of them means that nobody sorts, and the oldest go.
+#: Without a look at the rig for so long, nobody knows how it is.
+BLIND: Final = 1.5 * s
+#: Blocks of samples that wait to be sorted; more of them means that nobody sorts, and what comes then is lost.
 _WAITING_MAX: Final = 2000
 _CONNECT: Final = 5 * s
 #: Kinds of limit that judge the reading itself, and tell it in its steps.
@@ -140,6 +142,7 @@ class Watch:
         self._waiting: list[tuple[Ints, Ints, Floats]] = []
         self._contacts: dict[str, bool] = {}
         self._listening: Listening | None = None
+        self._looks: int | None = None  # when the thread last went round (ns); None before it begins
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="the panel's watch", daemon=True)
 
@@ -151,6 +154,13 @@ class Watch:
         """End, and leave the wires."""
         self._end.set()
         self._thread.join(_CONNECT)
+
+    def present(self) -> Status:
+        """Return the status; one that is not looked after any more says so as a lost link."""
+        blind = 0.0 if self._looks is None else (self.clock.now() - self._looks) / NS
+        if self.status.link or blind < BLIND:
+            return self.status
+        return msgspec.structs.replace(self.status, link=f"nobody has looked after it for {blind:.1f} s")
 
     def act(self, name: str) -> None:
         """Trigger an action of the rig while nobody commands it; BenchError if it refuses."""
@@ -189,8 +199,8 @@ class Watch:
             try:
                 self._follow(listening)
                 self.status = self._alone(listening.lost)
-            except (BenchError, OSError) as error:
-                self.status = self._alone(str(error))
+            except Exception as error:  # whatever it was: what the page shows would go on as if it were so
+                self.status = self._alone(str(error) or type(error).__name__)
             finally:
                 self._listening = None
                 listening.close()
@@ -206,7 +216,7 @@ class Watch:
         looked = asked = -(10**18)
         while not self._end.wait(PUMP) and not listening.lost:
             self._pump()
-            now = self.clock.now()
+            now = self._looks = self.clock.now()
             if now - asked >= ASK * NS:
                 asked = now
                 self._contacts = listening.settings.contacts()
@@ -236,7 +246,9 @@ class Watch:
 
     def _run(self) -> tuple[dict[str, Any] | None, int | None]:
         try:
-            told = knock(self.path, {"do": "look"})
+            told = knock(self.path, {"do": "look"}, BLIND / 2)
+        except Deaf:
+            return None, self.status.pid  # it is still there, and a stop ends it
         except NoRun:
             return None, None
         return told.get("snapshot"), told.get("pid")

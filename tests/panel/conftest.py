@@ -8,11 +8,28 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+import uvicorn
+
+from astb.live.door import NoRun
+from astb.panel import runs as runs_module
+from astb.panel.access import Access
+from astb.panel.parts import Parts
+from astb.panel.runs import Runs
+from astb.panel.server import application
+from astb.panel.watch import Status, Watch
+from astb.rig_file import RigFile, Simulation
+from bench_protocol.clock import VirtualClock
+from bench_protocol.units import NS
+from bench_records.layout import SignalInfo
+from bench_records.recorder import Recorder
+from bench_records.result import Sample, check, conclude
 
 ROOT = Path(__file__).parents[2]
 #: Where pictures for the documentation go, if anybody wants them: ASTB_GALLERY=docs/gallery.
@@ -174,3 +191,118 @@ def picture() -> Callable:
             page.screenshot(path=Path(GALLERY) / f"panel-{name}.png")
 
     return taken
+
+
+FACTS = {
+    "plan": "aw0",
+    "title": "Title",
+    "instruction": "Text",
+    "rig": "test",
+    "specimen": {"type": "a", "serial_number": "7"},
+}
+
+
+@pytest.fixture(scope="session")
+def keep() -> Callable:
+    """Leave a run with one check and its record in a folder."""
+
+    def kept(folder, name: str, value: float, serial: str = "7") -> None:
+        directory = folder / name
+        with Recorder(
+            directory, [SignalInfo("x", "mm", 1e-3, quantity="Ways")], FACTS, start_ns=0
+        ) as recorder:
+            recorder.append([0, NS], [0, 0], [0.0, 1.0])
+        made = [check("height", value, "mm", 1e-3, low=0.0, high=0.01, phase="main")]
+        sample = Sample(type="a", serial_number=serial)
+        conclude("aw0", "Title", "Text", made, rig="test", specimen=sample).write(directory)
+
+    return kept
+
+
+# -- the server by itself, in this process --------------------------------------------------------------------------
+
+RIG = RigFile("test", simulation=Simulation())
+TOKEN = "a token"
+
+
+class Said:
+    """In the place of a run's door: what it was told, and what it answers."""
+
+    def __init__(self):
+        self.orders, self.answer = [], {"done": ""}
+
+    def __call__(self, path, order, within=0.0):
+        self.orders.append(order)
+        if self.answer is None:
+            raise NoRun("nobody")
+        return self.answer
+
+
+@pytest.fixture
+def door(monkeypatch) -> Said:
+    said = Said()
+    monkeypatch.setattr(runs_module, "knock", said)
+    return said
+
+
+@pytest.fixture
+def clock() -> VirtualClock:
+    clock = VirtualClock()
+    clock.sleep_until(NS)
+    return clock
+
+
+@pytest.fixture
+def parts(tmp_path, door, clock) -> Parts:
+    watch = Watch(RIG, tmp_path / "rig.toml")  # and not started: nothing is connected
+    watch.status = Status(link="", state="HOLD")
+    return Parts(watch, Runs(watch, tmp_path), Access(TOKEN, 1, clock), tmp_path)
+
+
+@pytest.fixture
+def client(parts):
+    """Make a browser: its requests, as those of one page of its own."""
+
+    pytest.importorskip("httpx2", reason="starlette's test client needs httpx2, which `make` installs")
+    from starlette.testclient import TestClient
+
+    def made(page="one", *, command=True, host="127.0.0.1:8137") -> TestClient:
+        app = application(parts, host="127.0.0.1")
+        one = TestClient(app, base_url=f"http://{host}", headers={"X-ASTB-Page": page})
+        if command:
+            assert one.post("/api/enter", json={"token": TOKEN}).status_code == 200
+        return one
+
+    return made
+
+
+def fed(parts: Parts, end: threading.Event) -> None:
+    """Let thirty signals come at 200 Hz."""
+    tick = 0
+    rows = np.arange(len(parts.watch.shown))
+    while not end.wait(0.02):
+        times = (tick + np.repeat(np.arange(4), rows.size)) * 5_000_000
+        parts.watch.envelope.take(times, np.tile(rows, 4), np.full(times.size, float(tick), np.float32))
+        tick += 4
+
+
+@pytest.fixture
+def served(parts):
+    """The panel on a real socket, with thirty signals."""
+    listening = socket.create_server(("127.0.0.1", 0))
+    config = uvicorn.Config(
+        application(parts, host="127.0.0.1"), log_level="error", ws_per_message_deflate=False, lifespan="off"
+    )
+    server, end = uvicorn.Server(config), threading.Event()
+    threads = [
+        threading.Thread(target=server.run, kwargs={"sockets": [listening]}),
+        threading.Thread(target=fed, args=(parts, end)),
+    ]
+    for thread in threads:
+        thread.start()
+    yield listening.getsockname()[1], server
+    end.set()
+    server.should_exit = server.force_exit = True
+    for thread in threads:
+        thread.join(10)
+    listening.close()

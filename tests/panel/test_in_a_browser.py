@@ -92,21 +92,9 @@ def test_a_run_is_started_watched_held_answered_and_passes(commander, open_page,
     assert "shift" in report.value.content()
 
 
-def test_the_software_stop_takes_the_rig_to_its_safe_position(commander, open_page, picture):
-    viewer = open_page(command=False)
-    start(commander)
-    until(commander, "#question", "Has the bolster moved")
-    viewer.click("#estop")
-    until(viewer, "#news", "only watches")
-    until(viewer, "#state", "ACTIVE")
-    commander.click("#estop")
-    until(commander, "#state", "DISABLED")
-    until(viewer, "#last .verdict", "blocked")
-    until(viewer, "#last", "STOP: the run took the bench to its safe position")
-    picture(commander, "stopped")
-
-
-def test_a_page_outlives_its_server_and_so_does_the_run(commander, bench_panel, picture):
+def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
+    commander, bench_panel, open_page, picture
+):
     start(commander)
     until(commander, "#question", "Has the bolster moved")
     bench_panel.kill()
@@ -119,15 +107,91 @@ def test_a_page_outlives_its_server_and_so_does_the_run(commander, bench_panel, 
     bench_panel.start()
     commander.wait_for_selector("body:not(.stale)")
     until(commander, "#seat", "This page commands")
-    commander.click("#question button >> text=no")
-    until(commander, "#last .verdict", "pass")
+    viewer = open_page(command=False)
+    viewer.click("#estop")
+    until(viewer, "#news", "only watches")
+    until(viewer, "#state", "ACTIVE")
+    commander.click("#estop")
+    until(commander, "#state", "DISABLED")
+    until(viewer, "#last .verdict", "blocked")
+    until(viewer, "#last", "STOP: the run took the bench to its safe position")
+    picture(commander, "stopped")
 
 
 def test_one_page_commands_and_another_may_take_over(commander, open_page):
     until(commander, "#seat", "This page commands")
+    commander.reload()
+    until(commander, "#seat", "This page commands")
+    with commander.expect_popup() as opened:
+        commander.evaluate("window.open(location.pathname)")
+    until(opened.value, "#seat", "Another page commands")  # though it has a copy of what the first one keeps
     second = open_page()
     until(second, "#seat", "Another page commands")
     assert second.locator("#start:enabled").count() == 0
     second.click("#take")
     until(second, "#seat", "This page commands")
     until(commander, "#seat", "Another page commands")
+
+
+def test_a_connection_that_nobody_closes_is_given_up_and_a_stop_needs_none(open_page):
+    page, connections, waiting = open_page(), [], []
+
+    def connected(socket):
+        connections.append(socket)
+        if len(connections) > 1:  # the first one is mute, as where the network is gone
+            socket.connect_to_server()
+
+    page.route_web_socket("**/api/stream*", connected)
+    page.route("**/api/plans", waiting.append)
+    page.reload(wait_until="commit")
+    with page.expect_request("**/api/estop"):
+        page.click("#estop")  # before the page has all that it shows
+    until(page, "#news", "does not answer yet")
+    waiting.pop().continue_()
+    page.wait_for_selector(".readings")
+    until(page, "#state", "HOLD|DISABLED|AIR")
+    page.wait_for_selector("body:not(.stale)")
+    assert len(connections) == 2
+
+
+def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, bench_panel, keep):
+    for name, value in (("one", 0.004), ("two", 0.005)):
+        keep(bench_panel.out, name, value)
+    diagnosis = bench_panel.out / "found"
+    diagnosis.mkdir()
+    (diagnosis / "report.html").write_text("the report of a diagnosis")
+    (diagnosis / "finding.json").write_text(
+        '{"verdict": "named", "sentence": "it <b>leaks</b>", "provenance": {"simulator": "the bench"}}'
+    )
+    page = open_page()
+
+    def opened(selector: str) -> str:
+        with page.expect_popup() as popup:
+            page.click(selector)
+        popup.value.wait_for_load_state()
+        return str(popup.value.text_content("body"))
+
+    page.click("#views >> text=Runs")
+    for name in ("one", "two"):
+        page.check(f"input[aria-label='compare {name}']")
+    assert "Two runs beside each other" in opened("text=Compare these two")
+    page.click("tr:has(a[href$='=one']) >> td >> nth=3")
+    assert "2 runs; mean 4.5" in opened(".checks >> text=trend")
+
+    page.click("#views >> text=Diagnoses")
+    until(page, "section[aria-label=diagnoses]", "It <b>leaks</b>")
+    assert opened("a[href$='=found']") == "the report of a diagnosis"
+
+    page.click("#views >> text=Faults")
+    page.click("[data-fault=leak] summary")
+    page.click("[data-fault=leak] >> text=Break it")
+    until(page, "section[aria-label='faults that are on']", "leak")
+    viewer = open_page(command=False)
+    viewer.click("#views >> text=Faults")
+    assert not viewer.locator("text=Mend").first.is_enabled(), "who only watches mends nothing"
+    page.click("text=Mend")
+    until(page, "section[aria-label='faults that are on']", "Nothing is broken on purpose")
+
+    page.click("#views >> text=Bus")
+    until(page, "section[aria-label=rig]", "Who commands")
+    until(page, "section[aria-label=frames] h2", "^[1-9].* frames a second")

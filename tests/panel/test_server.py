@@ -2,87 +2,26 @@
 
 import math
 import socket
-import threading
 import time
-from pathlib import Path
+from http.client import HTTPConnection
 from types import SimpleNamespace
 
 import msgspec
-import numpy as np
 import pytest
-import uvicorn
 from click.testing import CliRunner
 from starlette.websockets import WebSocketDisconnect
 from websockets.sync.client import connect
 
 from astb.cli import commands
-from astb.live.door import NoRun
 from astb.panel import runs as runs_module
+from astb.panel import watch as watch_module
 from astb.panel.access import SEAT_KEPT, Access, kept_token
 from astb.panel.parts import Parts
-from astb.panel.runs import Runs
-from astb.panel.server import application
 from astb.panel.stream import HEAD
-from astb.panel.watch import Status, Watch, first_out
-from astb.rig_file import RigFile, Simulation
+from astb.panel.watch import BLIND, Status, first_out
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
-from drivers.errors import Refused
-
-pytest.importorskip("httpx2", reason="starlette's test client needs httpx2, which `make` installs")
-from starlette.testclient import TestClient
-
-RIG = RigFile("test", simulation=Simulation())
-TOKEN = "a token"
-
-
-class Said:
-    """In the place of a run's door: what it was told, and what it answers."""
-
-    def __init__(self):
-        self.orders, self.answer = [], {"done": ""}
-
-    def __call__(self, path, order, within=0.0):
-        self.orders.append(order)
-        if self.answer is None:
-            raise NoRun("nobody")
-        return self.answer
-
-
-@pytest.fixture
-def door(monkeypatch) -> Said:
-    said = Said()
-    monkeypatch.setattr(runs_module, "knock", said)
-    return said
-
-
-@pytest.fixture
-def clock() -> VirtualClock:
-    clock = VirtualClock()
-    clock.sleep_until(NS)
-    return clock
-
-
-@pytest.fixture
-def parts(tmp_path, door, clock) -> Parts:
-    watch = Watch(RIG, tmp_path / "rig.toml")  # and not started: nothing is connected
-    watch.status = Status(link="", state="HOLD")
-    return Parts(watch, Runs(watch, tmp_path), Access(TOKEN, 1, clock), tmp_path)
-
-
-@pytest.fixture
-def client(parts):
-    """Make a browser: its requests, as those of one page of its own."""
-
-    def made(page="one", *, command=True, host="127.0.0.1:8137") -> TestClient:
-        app = application(parts, host="127.0.0.1")
-        one = TestClient(app, base_url=f"http://{host}", headers={"X-ASTB-Page": page})
-        if command:
-            assert one.post("/api/enter", json={"token": TOKEN}).status_code == 200
-        return one
-
-    return made
 
 
 def test_everybody_sees_and_only_the_token_commands(client, door):
@@ -109,8 +48,13 @@ def test_everybody_sees_and_only_the_token_commands(client, door):
     assert door.orders == []
 
 
-def test_the_cookie_is_for_no_script_and_for_no_other_page(client):
-    cookie = client(command=False).post("/api/enter", json={"token": TOKEN}).headers["set-cookie"].lower()
+def test_the_cookie_is_for_no_script_and_for_no_other_page(client, parts):
+    cookie = (
+        client(command=False)
+        .post("/api/enter", json={"token": parts.access.token})
+        .headers["set-cookie"]
+        .lower()
+    )
     assert "httponly" in cookie
     assert "samesite=strict" in cookie
 
@@ -178,30 +122,6 @@ def test_a_refused_value_has_the_words_of_the_command_line(client):
     assert told in " ".join(command.output.split())
 
 
-def test_a_run_that_does_not_answer_is_killed_by_a_stop(client, door, parts, monkeypatch):
-    killed = []
-    monkeypatch.setattr(runs_module.os, "kill", lambda pid, number: killed.append(pid))
-    door.answer = None
-    parts.watch.status = Status(link="", state="ACTIVE", pid=4711)
-    assert "killed" in client().post("/api/estop").json()["done"]
-    assert killed == [4711]
-
-
-def test_a_stop_without_a_run_is_said_to_the_rig_itself(client, door, parts, monkeypatch):
-    door.answer, acts = None, []
-    monkeypatch.setattr(parts.watch, "act", acts.append)
-    assert client().post("/api/estop").status_code == 200
-    assert acts == ["action.disable"]
-
-    def refused(name):
-        raise Refused("no authority", 6)
-
-    monkeypatch.setattr(parts.watch, "act", refused)
-    told = client().post("/api/estop")
-    assert told.status_code == 409
-    assert "press the button on the rig" in told.json()["error"], "nobody believes that it was stopped"
-
-
 def test_hands_are_off_while_a_run_commands(client, parts, monkeypatch):
     done = []
     monkeypatch.setattr(parts.watch, "act", done.append)
@@ -218,41 +138,14 @@ def test_a_token_outlives_its_server_and_is_its_users_alone(tmp_path, monkeypatc
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     first = kept_token(tmp_path / "rig.toml")
     assert first == kept_token(tmp_path / "rig.toml") != kept_token(tmp_path / "other.toml")
+    (path,) = (file for file in (tmp_path / "astb").iterdir() if file.read_text() == first)
+    path.write_text("")  # a server that was killed in the midst of writing it
+    assert len(kept_token(tmp_path / "rig.toml")) >= 32, "an empty one would be everybody's"
+    with pytest.raises(ValueError, match="everybody would command"):
+        Access("", 1, VirtualClock())
     files = list((tmp_path / "astb").iterdir())
     assert files
     assert all(file.stat().st_mode & 0o077 == 0 for file in files)
-
-
-def fed(parts: Parts, end: threading.Event) -> None:
-    """Let thirty signals come at 200 Hz."""
-    tick = 0
-    rows = np.arange(len(parts.watch.shown))
-    while not end.wait(0.02):
-        times = (tick + np.repeat(np.arange(4), rows.size)) * 5_000_000
-        parts.watch.envelope.take(times, np.tile(rows, 4), np.full(times.size, float(tick), np.float32))
-        tick += 4
-
-
-@pytest.fixture
-def served(parts):
-    """The panel on a real socket, with thirty signals."""
-    listening = socket.create_server(("127.0.0.1", 0))
-    config = uvicorn.Config(
-        application(parts, host="127.0.0.1"), log_level="error", ws_per_message_deflate=False, lifespan="off"
-    )
-    server, end = uvicorn.Server(config), threading.Event()
-    threads = [
-        threading.Thread(target=server.run, kwargs={"sockets": [listening]}),
-        threading.Thread(target=fed, args=(parts, end)),
-    ]
-    for thread in threads:
-        thread.start()
-    yield listening.getsockname()[1], server
-    end.set()
-    server.should_exit = server.force_exit = True
-    for thread in threads:
-        thread.join(10)
-    listening.close()
 
 
 def wanted(parts: Parts, traces: int, span: float) -> str:
@@ -333,16 +226,57 @@ def test_what_the_panel_needs_is_named(tmp_path, monkeypatch):
     assert "pip install 'astb[panel]'" in told.output
 
 
-def test_records_are_served_and_nothing_beside_them(client, parts):
+def test_nothing_beside_the_page_is_served(client, parts):
+    """Least of all what lies among the records: a page there would command as this one does."""
     (parts.out / "aw0").mkdir()
-    (parts.out / "aw0" / "report.html").write_text("<p>a report")
-    Path(parts.out.parent / "secret").write_text("no")
+    (parts.out / "aw0" / "report.html").write_text("<script>fetch('/api/vent', {method: 'POST'})</script>")
     one = client(command=False)
-    assert one.get("/records/aw0/report.html").text == "<p>a report"
+    assert one.get("/page/main.js").status_code == 200
     for path in (
-        "/records/../secret",
-        "/records/%2e%2e/secret",
+        "/records/aw0/report.html",
         "/page/../server.py",
         "/page/%2e%2e/server.py",
     ):
         assert one.get(path).status_code == 404
+
+
+@pytest.mark.real_time
+def test_no_request_is_read_without_end(served):
+    """One that does not say how long it is, either."""
+    port, _ = served
+    connection = HTTPConnection("127.0.0.1", port, timeout=5)
+    endless = (b"x" * 4096 for _ in range(64))
+    connection.request("POST", "/api/enter", body=endless, encode_chunked=True)
+    assert connection.getresponse().status == 413
+    connection.close()
+
+
+def test_a_status_that_nobody_looks_after_is_no_longer_told_as_true(parts):
+    watch = parts.watch
+    watch._looks = watch.clock.now() - round(1.1 * BLIND * NS)
+    assert "nobody has looked after it for" in watch.present().link
+    watch._looks = watch.clock.now()
+    assert watch.present().link == ""
+
+
+def test_a_watch_that_fails_in_an_unforeseen_way_says_so_and_looks_again(parts, monkeypatch):
+    watch, looks = parts.watch, []
+
+    class Failing(SimpleNamespace):
+        def start(self, clock):
+            looks.append(watch.status.link)
+
+        def close(self):
+            watch._end.wait(0.01)
+
+    def failed():
+        raise KeyError("a number that nobody knows")
+
+    follows = Failing(receiver=SimpleNamespace(), lost="", settings=SimpleNamespace(contacts=failed))
+    monkeypatch.setattr(watch_module, "Listening", lambda *_: follows)
+    watch.start()
+    deadline = time.monotonic() + 5
+    while len(looks) < 3 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    watch.close()
+    assert "a number that nobody knows" in looks[2]

@@ -16,30 +16,10 @@ from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import FRAME
 from bench_protocol.units import NS
 from bench_records.index import INDEX
-from bench_records.layout import SignalInfo
-from bench_records.recorder import Recorder
-from bench_records.result import Sample, check, conclude
 from drivers.memory import InMemoryCan
 
 TOKEN = "a token"
 SIMULATED = RigFile("test", simulation=Simulation())
-FACTS = {
-    "plan": "aw0",
-    "title": "Title",
-    "instruction": "Text",
-    "rig": "test",
-    "specimen": {"type": "a", "serial_number": "7"},
-}
-
-
-def keep(folder, name: str, value: float, serial: str = "7") -> None:
-    """Leave a run with one check and its record in ``folder``."""
-    directory = folder / name
-    with Recorder(directory, [SignalInfo("x", "mm", 1e-3, quantity="Ways")], FACTS, start_ns=0) as recorder:
-        recorder.append([0, NS], [0, 0], [0.0, 1.0])
-    made = [check("height", value, "mm", 1e-3, low=0.0, high=0.01, phase="main")]
-    sample = Sample(type="a", serial_number=serial)
-    conclude("aw0", "Title", "Text", made, rig="test", specimen=sample).write(directory)
 
 
 @pytest.fixture
@@ -60,7 +40,7 @@ def panel(tmp_path, monkeypatch):
     return made
 
 
-def test_past_runs_are_listed_with_their_checks_and_opened_as_pages(panel, tmp_path) -> None:
+def test_past_runs_are_listed_with_their_checks_and_opened_as_pages(panel, keep, tmp_path) -> None:
     runs, page = tmp_path / "runs", panel(command=False)
     assert page.get("/api/kept").json()["runs"] == []
     for name, value in (("one", 0.004), ("two", 0.005), ("other spring", 0.006)):
@@ -84,7 +64,7 @@ def test_past_runs_are_listed_with_their_checks_and_opened_as_pages(panel, tmp_p
 @pytest.mark.parametrize(
     "path", ["/kept/report?run=", "/api/kept/checks?run=", "/kept/diagnosis?of=", "/kept/compare?a=one&b="]
 )
-def test_nothing_beside_the_runs_is_opened(panel, tmp_path, path: str, name: str) -> None:
+def test_nothing_beside_the_runs_is_opened(panel, keep, tmp_path, path: str, name: str) -> None:
     keep(tmp_path / "runs", "one", 0.001)
     keep(tmp_path, "secret", 0.001)
     answer = panel().get(path + name)

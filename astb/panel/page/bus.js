@@ -1,7 +1,7 @@
 /** The view of the bus: frames a second by identifier, how late the rig is, who commands it, what it refused. */
 
 import { fixed, make } from "/page/format.js";
-import { asked, table } from "/page/tables.js";
+import { asked, repeated, table } from "/page/tables.js";
 
 const AGAIN = 1000; // ms
 const OVER = 3000; // ms over which a rate is taken
@@ -12,14 +12,14 @@ export function show(element) {
   const frames = make("section", { class: "card", "aria-label": "frames" });
   element.append(make("div", { class: "view" }, rig, frames));
   let past = [];
-  load();
-  const timer = setInterval(load, AGAIN);
-  return () => clearInterval(timer);
+  return repeated(load, AGAIN);
 
   async function load() {
     const { found, error } = await asked("/api/bus");
-    const failed = error ?? found.rig === undefined;
-    if (failed) return void frames.replaceChildren(make("p", { class: "said" }, error));
+    if (error) {
+      rig.replaceChildren();
+      return void frames.replaceChildren(make("p", { class: "said" }, error));
+    }
     if (past.length && total(found.counts) < total(past.at(-1).counts)) past = []; // it began anew
     past.push(found);
     while (past.length > 2 && found.time - past[1].time > OVER / 1000) past.shift();

@@ -1,7 +1,7 @@
 /** The view of faults on purpose: what is on, and what can be broken on a simulated rig. */
 
 import { make } from "/page/format.js";
-import { asked } from "/page/tables.js";
+import { asked, repeated } from "/page/tables.js";
 
 const AGAIN = 1000; // ms
 
@@ -12,17 +12,19 @@ export function show(element, panel) {
   element.append(make("div", { class: "view" }, wrong, active, groups));
   let drawn = false;
   let buttons = [];
-  load();
-  const timer = setInterval(load, AGAIN);
+  const rest = repeated(load, AGAIN);
   const leave = panel.link.listen(allow);
   return () => {
-    clearInterval(timer);
+    rest();
     leave();
   };
 
   async function load() {
     const { found, error } = await asked("/api/faults");
-    if (error) return void active.replaceChildren(make("p", { class: "said" }, error));
+    if (error) {
+      delete active.dataset.key;
+      return void active.replaceChildren(make("p", { class: "said" }, error));
+    }
     if (!drawn) {
       drawn = true;
       const places = [...new Set(found.faults.map((one) => one.place))];

@@ -2,20 +2,32 @@
 
 const AGAIN = 1000; // ms until another attempt
 const STALE = 1500; // ms without a word
+const DEAD = 5000; // ms without a word, after which the connection is given up: a lost network closes none
 
 export class Link {
   constructor() {
+    // Kept over a reload alone: a tab that is duplicated has a copy of what lies there, and is another page.
     this.page = sessionStorage.getItem("page") ?? crypto.getRandomValues(new Uint32Array(4)).join("-");
-    sessionStorage.setItem("page", this.page);
+    sessionStorage.removeItem("page");
+    window.addEventListener("pagehide", () => sessionStorage.setItem("page", this.page));
     this.status = null;
     this.heard = null; // when, as the browser's clock says
     this.traces = new Map();
     this.listeners = new Set();
+  }
+
+  /** Follow the rig from now on. */
+  begin() {
     this.open();
-    setInterval(() => this.listeners.forEach((tell) => tell()), 500);
+    setInterval(() => {
+      if (Date.now() - Math.max(this.opened, this.heard) > DEAD) this.open();
+      this.listeners.forEach((tell) => tell());
+    }, 500);
   }
 
   open() {
+    this.opened = Date.now();
+    this.giveUp();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.socket = new WebSocket(`${scheme}://${location.host}/api/stream?page=${this.page}`);
     this.socket.binaryType = "arraybuffer";
@@ -29,7 +41,14 @@ export class Link {
         this.picture(data);
       }
     };
-    this.socket.onclose = () => setTimeout(() => this.open(), AGAIN);
+    this.socket.onclose = () => (this.again = setTimeout(() => this.open(), AGAIN));
+  }
+
+  giveUp() {
+    clearTimeout(this.again);
+    if (!this.socket) return;
+    this.socket.onopen = this.socket.onmessage = this.socket.onclose = null;
+    this.socket.close();
   }
 
   /** Whether nothing has come for a while. */

@@ -8,13 +8,14 @@ const find = (name) => document.querySelector(`[data-of=${name}]`);
 const news = document.getElementById("news");
 let stopped = "";
 
-await enter();
 const link = new Link();
+document.getElementById("estop").addEventListener("click", stop); // before anything that may take its time
+await enter();
+link.begin();
 const panel = { link, about: await fetched("/api/rig"), plans: await fetched("/api/plans") };
 document.title = `${panel.about.name} – ASTB`;
 find("rig").textContent = panel.about.name;
 find("kind").textContent = panel.about.simulated ? "simulated rig" : panel.about.description || "real rig";
-document.getElementById("estop").addEventListener("click", stop);
 document.getElementById("estop").title = "Tells the rig over its wires to take its safe position: the actuators hold, the air is let off. It is not the emergency stop of the hardware.";
 
 const views = panel.about.views.map(({ name, title }) => ({ name, title, button: make("button", { onclick: () => (location.hash = name) }, title) }));
@@ -29,8 +30,12 @@ setInterval(tell, 500);
 async function enter() {
   const token = new URLSearchParams(location.hash.slice(1)).get("token");
   if (!token) return;
-  history.replaceState(null, "", location.pathname);
-  await fetch("/api/enter", { method: "POST", body: JSON.stringify({ token }) });
+  try {
+    await fetch("/api/enter", { method: "POST", body: JSON.stringify({ token }) });
+    history.replaceState(null, "", location.pathname);
+  } catch {
+    /* the address still has it when the page is loaded again */
+  }
 }
 
 async function fetched(path) {
@@ -46,12 +51,15 @@ async function fetched(path) {
 }
 
 async function open() {
-  const chosen = views.find((one) => `#${one.name}` === location.hash) ?? views[0];
+  const { hash } = location;
+  const chosen = views.find((one) => `#${one.name}` === hash) ?? views[0];
   leave();
   views.forEach((one) => (one === chosen ? one.button.setAttribute("aria-current", "page") : one.button.removeAttribute("aria-current")));
+  leave = () => {};
   const element = document.getElementById("view");
   element.replaceChildren();
   const { show } = await import(`/page/${chosen.name}.js`);
+  if (location.hash !== hash) return; // somebody has chosen another one meanwhile
   leave = show(element, panel) ?? (() => {});
 }
 
@@ -82,9 +90,9 @@ function tell() {
 
 function say(stale, status) {
   const since = link.heard && new Date(link.heard).toLocaleTimeString([], { hour12: false });
-  const text = stopped
-    || (stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
-      : status?.rig.link ? `The rig is not heard: ${status.rig.link}` : "");
+  const lost = stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
+    : status?.rig.link ? `The rig is not heard: ${status.rig.link}` : "";
+  const text = [stopped, lost].filter(Boolean).join(" ");
   news.textContent = text;
   news.hidden = !text;
 }
@@ -97,5 +105,5 @@ function seat({ token, seat: mine, taken, pages }) {
   const others = pages > 1 ? `${pages} pages are open` : "";
   if (mine) element.replaceChildren(make("b", {}, "This page commands"), others);
   else if (!token) element.replaceChildren(make("b", {}, "This page watches"), others);
-  else element.replaceChildren(make("b", {}, "Another page commands"), make("button", { id: "take", onclick: () => link.order("/api/seat") }, "Take over"));
+  else element.replaceChildren(make("b", {}, "Another page commands"), make("button", { id: "take", onclick: () => link.order("/api/seat").catch(() => {}) }, "Take over"));
 }

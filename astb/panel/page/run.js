@@ -83,7 +83,7 @@ function told({ last, stopped }) {
     make("h2", {}, `Last run${last.plan ? `: ${last.plan}` : ""}`),
     make("div", { class: `verdict ${last.verdict}` }, last.verdict),
     last.reason ? make("p", { class: "said" }, last.reason) : null,
-    last.record ? make("p", {}, make("a", { href: `/records/${encodeURIComponent(last.record)}/report.html`, target: "_blank" }, "Report")) : null,
+    last.record ? make("p", {}, make("a", { href: `/kept/report?run=${encodeURIComponent(last.record)}`, target: "_blank" }, "Report")) : null,
   ].filter(Boolean);
 }
 

@@ -1,7 +1,7 @@
 /** The view of past runs: choose by plan, verdict and specimen, open reports, compare two, follow a check. */
 
 import { duration, make } from "/page/format.js";
-import { asked, choice, name, table, when } from "/page/tables.js";
+import { asked, choice, name, repeated, table, when } from "/page/tables.js";
 
 const AGAIN = 5000; // ms until the list is looked at anew
 
@@ -24,9 +24,7 @@ export function show(element, panel) {
       make("div", { class: "filters" }, ...Object.values(filters).map((one) => one.element), compare),
       said, make("div", { class: "beside" }, make("section", { class: "card", "aria-label": "runs" }, list), checks)),
   );
-  load();
-  const timer = setInterval(load, AGAIN);
-  return () => clearInterval(timer);
+  return repeated(load, AGAIN);
 
   async function load() {
     const { found, error } = await asked("/api/kept");

@@ -14,6 +14,24 @@ export async function asked(path) {
   }
 }
 
+/** Do `load` now and again, `pause` ms after it has ended. Returns what ends it. */
+export function repeated(load, pause) {
+  let timer = null;
+  let over = false;
+  const go = async () => {
+    try {
+      await load();
+    } finally {
+      if (!over) timer = setTimeout(go, pause);
+    }
+  };
+  go();
+  return () => {
+    over = true;
+    clearTimeout(timer);
+  };
+}
+
 /** A table of rows `{cells, choose}`; a row that can be chosen is told so by a click beside its links. */
 export function table(heads, rows) {
   return make("table", { class: "list" },

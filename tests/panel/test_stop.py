@@ -1,0 +1,122 @@
+"""Starting and stopping runs: one at a time, and a stop that waits for nobody and is not outlived."""
+
+import threading
+import time
+from http.client import HTTPConnection
+from types import SimpleNamespace
+
+import pytest
+
+from astb.live.door import Deaf
+from astb.panel import runs as runs_module
+from astb.panel import watch as watch_module
+from astb.panel.runs import CannotDo
+from astb.panel.watch import Status
+from drivers.errors import Refused
+
+
+def test_a_run_that_does_not_answer_is_killed_by_a_stop(client, door, parts, monkeypatch):
+    killed = []
+    monkeypatch.setattr(runs_module.os, "kill", lambda pid, number: killed.append(pid))
+    door.answer = None
+    parts.watch.status = Status(link="", state="ACTIVE", pid=4711)
+    assert "killed" in client().post("/api/estop").json()["done"]
+    assert killed == [4711]
+
+
+def test_a_stop_without_a_run_is_said_to_the_rig_itself(client, door, parts, monkeypatch):
+    door.answer, acts = None, []
+    monkeypatch.setattr(parts.watch, "act", acts.append)
+    assert client().post("/api/estop").status_code == 200
+    assert acts == ["action.disable"]
+
+    def refused(name):
+        raise Refused("no authority", 6)
+
+    monkeypatch.setattr(parts.watch, "act", refused)
+    told = client().post("/api/estop")
+    assert told.status_code == 409
+    assert "press the button on the rig" in told.json()["error"], "nobody believes that it was stopped"
+
+
+def test_a_run_that_hears_nothing_is_still_a_run_that_a_stop_ends(parts, monkeypatch):
+    def deaf(*_, **__):
+        raise Deaf("timed out")
+
+    monkeypatch.setattr(watch_module, "knock", deaf)
+    parts.watch.status = Status(link="", state="ACTIVE", pid=4711)
+    assert parts.watch._run() == (None, 4711)
+
+
+class Process(SimpleNamespace):
+    """In the place of a process that was started and goes on until it is killed."""
+
+    def poll(self):
+        return self.code
+
+    def kill(self):
+        self.code = -9
+
+
+def test_whoever_clicks_twice_starts_one_run(parts, monkeypatch):
+    started, refused = [], []
+
+    def popen(*_, **__):
+        time.sleep(0.1)  # as a fork may take
+        started.append(Process(code=None, pid=1))
+        return started[-1]
+
+    def start():
+        try:
+            parts.runs.start("aw0", {})
+        except CannotDo as error:
+            refused.append(str(error))
+
+    monkeypatch.setattr(runs_module.subprocess, "Popen", popen)
+    clicks = [threading.Thread(target=start) for _ in range(3)]
+    for one in clicks:
+        one.start()
+    for one in clicks:
+        one.join(10)
+    assert (len(started), len(refused)) == (1, 2)
+
+
+def test_a_stop_while_a_run_is_being_started_ends_it(parts, door, monkeypatch):
+    """Before there is a process, the stop reaches the rig alone; the run would arm it again."""
+    door.answer = None
+    monkeypatch.setattr(parts.watch, "act", lambda name: None)
+    started = []
+
+    def popen(*_, **__):
+        parts.runs.emergency_stop()
+        started.append(Process(code=None, pid=1))
+        return started[-1]
+
+    monkeypatch.setattr(runs_module.subprocess, "Popen", popen)
+    with pytest.raises(CannotDo, match="STOP came while the run was started"):
+        parts.runs.start("aw0", {})
+    assert started[0].code == -9
+
+
+@pytest.mark.real_time
+def test_a_stop_waits_for_no_other_order(served, parts, door, monkeypatch):
+    """However many orders and views hang: a socket of the rig that nobody answers takes seconds each."""
+    port, _ = served
+    free = threading.Event()
+    monkeypatch.setattr(parts.runs, "order", lambda *_, **__: free.wait(10))
+    monkeypatch.setattr("astb.panel.faults._order", lambda *_: free.wait(10))
+    headers = {"X-ASTB-Page": "one", "Cookie": f"{parts.access.cookie}={parts.access.token}"}
+
+    def ask(method, path):
+        connection = HTTPConnection("127.0.0.1", port, timeout=3)
+        connection.request(method, path, headers=headers)
+        return connection
+
+    hanging = [ask("POST", f"/api/run/{what}") for what in ("hold", "resume", "stop") for _ in range(5)]
+    hanging += [ask("GET", "/api/faults") for _ in range(15)]
+    stop = ask("POST", "/api/estop")
+    assert stop.getresponse().status == 200
+    assert {"do": "safe"} in door.orders
+    free.set()
+    for one in (*hanging, stop):
+        one.close()
