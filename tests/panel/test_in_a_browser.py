@@ -141,8 +141,11 @@ def test_a_connection_that_nobody_closes_is_given_up_and_a_stop_needs_none(open_
         if len(connections) > 1:  # the first one is mute, as where the network is gone
             socket.connect_to_server()
 
+    def held(route):
+        waiting.append(route)
+
     page.route_web_socket("**/api/stream*", connected)
-    page.route("**/api/plans", waiting.append)
+    page.route("**/api/plans", held)
     page.reload(wait_until="commit")
     with page.expect_request("**/api/estop"):
         page.click("#estop")  # before the page has all that it shows
