@@ -183,8 +183,8 @@ def test_through_a_pipe_come_plain_lines_with_the_steps(tmp_path):
     lines = ended.output.splitlines()
     assert lines[0] == "SIMULATED · VIRTUAL TIME"
     steps = [match[1] for line in lines if (match := re.fullmatch(r" *\d+\.\d s ( *\S.*)", line))]
-    assert [one.strip() for one in steps[:2]] == ["set-up", "shim"]
-    assert len(steps[1]) - len(steps[1].lstrip()) == len(steps[0]) - len(steps[0].lstrip()) + 2
+    assert [one.strip() for one in steps[:3]] == ["preconditions", "set-up", "shim"]
+    assert len(steps[2]) - len(steps[2].lstrip()) == len(steps[1]) - len(steps[1].lstrip()) + 2
     assert any(line.startswith("  air lost per minute, left spring") for line in lines)
     assert "\x1b" not in ended.output
 
