@@ -115,7 +115,7 @@ def certainty(one: Check) -> str:
     """How surely a check conforms, and the two largest causes of its uncertainty, or why it has none."""
     if one.without and math.isfinite(one.number):
         return f"no uncertainty: {one.without}"
-    if not one.u or one.conformity is None:
+    if not one.u or one.conformity is None or not math.isfinite(one.number):
         return ""
     shares = [
         f"{cause.replace('_', ' ')} {100 * (part / one.u) ** 2:.0f} %" for cause, part in one.parts.items()

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from bench_records.circumstances import flattened
+from bench_records.circumstances import circumstances, flattened
 from bench_records.curves import Curve
 from bench_records.result import Check, Result
 from bench_records.run_folder import open_run
@@ -56,6 +56,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     b: str
     facts: list[Fact]
     verdicts: tuple[str, str]
+    circumstances: tuple[str, str]  #: simulated, virtual time, effects and changes; empty for a real rig
     checks: list[CheckPair]
     curves: list[CurvePair]
     lonely_curves: list[str]  #: which only one of them has, and which
@@ -70,6 +71,7 @@ def compare_runs(a: Path, b: Path) -> Comparison:
         b=str(b),
         facts=_facts(_all_facts(one, told), _all_facts(other, also_told)),
         verdicts=(first, second),
+        circumstances=(" · ".join(circumstances(told)), " · ".join(circumstances(also_told))),
         checks=_check_pairs(one.checks, other.checks),
         curves=curves,
         lonely_curves=lonely,

@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from bench_records.plots import ALARM, INK, PALETTE, SOFT, heading, panel, style, svg
+from bench_records.plots import ALARM, PALETTE, SOFT, heading, panel, style, svg
 from bench_records.result import Check
 from bench_records.templates import template
-from bench_records.typography import THIN_SPACE, fixed
+from bench_records.typography import THIN_SPACE, fixed, significant, with_uncertainty
 
 if TYPE_CHECKING:
     from bench_records.comparison import CheckPair, Comparison, CurvePair
@@ -21,8 +21,9 @@ _TONES = (PALETTE[0], PALETTE[1])
 _LOOP_POINTS = 900
 #: Beyond this a change in per cent says only that A was near zero.
 _TIMES = 10.0
-#: Up to this, time is told in hours.
+#: Up to this, time is told in hours, and in minutes.
 _FEW_DAYS = 3.0
+_FEW_HOURS = 3.0
 
 
 class Row(NamedTuple):
@@ -118,7 +119,8 @@ def write_trend(trend: Trend, specimen: str, path: Path) -> None:
         specimen=specimen,
         words=trend_words(trend),
         drawing=_over_time(trend),
-        rows=[(one, _kept_figure(one, one.value)) for one in trend.checks],
+        rows=[(one, _kept_figure(one)) for one in trend.checks],
+        circumstances=sorted({one.run.circumstances for one in trend.checks if one.run.circumstances}),
     )
     path.write_text(page, encoding="utf-8")
 
@@ -128,20 +130,40 @@ def trend_words(trend: Trend) -> list[str]:
     last = trend.checks[-1]
     if trend.mean is None:
         return [f"None of {len(trend.checks)} runs gave a value."]
-    words = [f"{len(trend.checks)} runs; mean {_kept_figure(last, trend.mean)}."]
+    unit = f"{THIN_SPACE}{last.unit}".rstrip()
+    mean, scatter = with_uncertainty(trend.mean / last.scale, (trend.scatter or 0.0) / last.scale)
+    words = [f"{len(trend.checks)} runs; mean {mean}{unit}."]
     if trend.scatter is not None:
-        words.append(f"They scatter by {_kept_figure(last, trend.scatter, 3)} (one standard deviation).")
+        told = scatter if trend.scatter else "0"
+        words.append(f"They scatter by {told}{unit} (one standard deviation).")
     if trend.drift is None:
         words.append("Too few of them, or too close in time, to tell a drift.")
     else:
-        per_day, half = (_kept_figure(last, n, 3) for n in (trend.drift.per_day, trend.drift.half_width))
+        # Over the time that was seen: what a minute's runs would come to in a day, nobody knows.
+        span = (max(trend.days) - min(trend.days)) / last.scale
+        change, half = with_uncertainty(span * trend.drift.per_day, span * trend.drift.half_width)
         seen = "It drifts" if trend.drift.is_seen else "No drift is seen"
-        words.append(f"{seen}: {per_day} a day, ± {half} (95 %).")
+        words.append(f"{seen}: {change}{unit} from the first to the last, ± {half}{unit} (95 %).")
     return words
 
 
-def _kept_figure(one: KeptCheck, value: float | None, digits: int = 5) -> str:
-    return "–" if value is None else f"{value / one.scale:.{digits}g}{THIN_SPACE}{one.unit}".rstrip()
+def _kept_figure(one: KeptCheck) -> str:
+    return (
+        "–"
+        if one.value is None
+        else f"{significant(one.value / one.scale, 5)}{THIN_SPACE}{one.unit}".rstrip()
+    )
+
+
+def _time_axis(days: float) -> tuple[str, float]:
+    """The unit in which a life of so many days is told, and how many of them a day has."""
+    return (
+        ("days", 1.0)
+        if days > _FEW_DAYS
+        else ("hours", 24.0)
+        if days * 24 > _FEW_HOURS
+        else ("minutes", 1440.0)
+    )
 
 
 def _over_time(trend: Trend) -> str:
@@ -151,7 +173,7 @@ def _over_time(trend: Trend) -> str:
         for day, one in zip(trend.days, trend.checks, strict=True)
         if one.value is not None
     ]
-    unit, factor = ("days", 1.0) if max(trend.days) > _FEW_DAYS else ("hours", 24.0)
+    unit, factor = _time_axis(max(trend.days))
     when = [factor * day for day in trend.days]
     with style():
         figure, axes = panel(3.2, width=9.2, right=0.3, bottom=0.55, top=0.32)
@@ -171,7 +193,7 @@ def _over_time(trend: Trend) -> str:
             places = [getattr(one, limit) for one in trend.checks]
             levels = [math.nan if n is None else n / last.scale for n in places]
             # A limit is drawn as it was at each time: somebody may have changed it.
-            axes.step(when, levels, where="post", color=INK, linewidth=0.9, linestyle=(0, (4, 2)))
+            axes.step(when, levels, where="post", color=ALARM, linewidth=0.9, linestyle=(0, (4, 2)))
         if trend.drift is not None and trend.drift.is_seen and trend.mean is not None:
             middle = sum(day for day, *_ in points) / len(points)
             ends = (min(trend.days), max(trend.days))

@@ -73,7 +73,7 @@ def kept(day: float, value: float | None, verdict: str = "pass") -> KeptCheck:
     began = f"2026-01-{1 + int(day):02d}T{round(day % 1 * 24):02d}:00:00Z"
     of = KeptRun(
         directory=f"run {day}", began=began, plan="aw0", title="", verdict=verdict, reason="", rig="", operator="",
-        specimen="spring", serial_number="7", circumstances="", seed=None, duration=1.0, parameters={},
+        specimen="spring", serial_number="7", circumstances="SIMULATED", seed=None, duration=1.0, parameters={},
     )  # fmt: skip
     return KeptCheck(
         run=of, phase="", name="K", value=value, unit="kN/m", scale=1e3, low=0.0, high=None, verdict=verdict
@@ -91,6 +91,7 @@ def test_a_drift_is_seen_with_its_interval_and_the_scatter_is_about_it() -> None
     assert trend.drift is not None and trend.drift.is_seen
     assert trend.drift.per_day == pytest.approx(5e3)
     assert trend.scatter == pytest.approx(residual)
+    assert trend_words(trend)[-1].startswith("It drifts: 20.0\u2009kN/m from the first to the last, ± ")
     # Student's 97.5 % point with three degrees of freedom, from tables.
     assert trend.drift.half_width == pytest.approx(3.182446 * residual / math.sqrt(10.0), rel=1e-5)
 
@@ -110,6 +111,14 @@ def test_too_little_tells_no_drift_and_a_missing_value_is_listed_only(tmp_path) 
     assert trend.mean == 2e3
     assert len(trend.checks) == 3
     assert "Too few of them" in trend_words(trend)[-1]
+    hasty = trend_of(
+        "K", [kept(minute / 1440, value) for minute, value in ((0, 1e3), (60, -3e3), (120, 2e3))]
+    )
+    assert trend_words(hasty)[-1] == (  # of two hours: of a day nobody knows
+        "No drift is seen: 1\u2009kN/m from the first to the last, ± 66\u2009kN/m (95 %)."
+    )
     write_trend(trend, "7", tmp_path / "page.html")
-    assert "run 1" in (tmp_path / "page.html").read_text()
+    page = (tmp_path / "page.html").read_text()
+    assert "run 1" in page
+    assert "<span>SIMULATED</span>" in page
     assert trend_words(trend_of("K", [kept(0, None, "error")])) == ["None of 1 runs gave a value."]
