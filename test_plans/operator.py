@@ -125,11 +125,16 @@ class QuestionBox:
         with self._lock:
             return None if self._answer else self._question
 
-    def reply(self, text: str, by: str) -> None:
-        """Answer the question that waits. ValueError if there is none, or if it does not allow this answer."""
+    def reply(self, text: str, by: str, to: str = "") -> None:
+        """Answer the question that waits. ValueError if there is none, or if it does not allow this answer.
+
+        Who says ``to`` which question he answers does not answer the next one, should it come at that moment.
+        """
         with self._lock:
             if self._question is None or self._answer is not None:
                 raise ValueError(f"{by} answers {text!r}, but nothing is being asked")
+            if to and to != self._question.text:
+                raise ValueError(f"{by} answers {to!r}, but what is asked now is {self._question.text!r}")
             self._answer = Answer(_allowed(self._question, text), by)
 
     def ask(self, question: Question) -> None:

@@ -98,6 +98,7 @@ def _serve(app: "ASGIApp", sockets: "list[socket.socket]") -> None:
         log_level="warning",
         access_log=False,
         ws_per_message_deflate=False,
+        ws_max_size=64 * 1024,
         ws_ping_interval=PING,
         ws_ping_timeout=PING,
         timeout_graceful_shutdown=1,

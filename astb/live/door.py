@@ -69,12 +69,13 @@ class Door:
         """Obey one line and return the answer; what cannot be done is an ``error``."""
         try:
             order = msgspec.json.decode(line, type=dict[str, str])
-            told = self._obey(order.get("do", ""), order.get("by") or "the panel", order.get("text", ""))
+            told = self._obey(order)
         except (msgspec.MsgspecError, ValueError, BenchError) as error:
             told = {"error": str(error)}
         return msgspec.json.encode(told) + b"\n"
 
-    def _obey(self, do: str, by: str, text: str) -> dict[str, Any]:
+    def _obey(self, order: dict[str, str]) -> dict[str, Any]:
+        do, by = order.get("do", ""), order.get("by") or "the panel"
         match do:
             case "look":
                 live = self._live()
@@ -96,7 +97,7 @@ class Door:
             case "answer":
                 if self._box is None:
                     raise ValueError("this run has its answers from elsewhere")
-                self._box.reply(text, by)
+                self._box.reply(order.get("text", ""), by, order.get("to", ""))
             case _:
                 raise ValueError(f"{do!r} is no order; look, hold, resume, stop, safe, answer are")
         return {"done": do}

@@ -45,7 +45,9 @@ def application(parts: Parts, *, host: str) -> Starlette:
         command(parts, "/api/run/resume", lambda request, body: runs.order("resume")),
         command(parts, "/api/run/stop", lambda request, body: runs.order("stop")),
         command(
-            parts, "/api/run/answer", lambda request, body: runs.order("answer", text=_text(body, "answer"))
+            parts,
+            "/api/run/answer",
+            lambda request, body: runs.order("answer", text=_text(body, "answer"), to=_text(body, "to")),
         ),
         command(parts, "/api/reset", lambda request, body: runs.reset()),
         command(parts, "/api/vent", lambda request, body: runs.vent()),

@@ -109,6 +109,7 @@ class Stream:
                 for trace in tuple(traces):
                     if picture := trace.picture():
                         await socket.send_bytes(picture)
+                    await asyncio.sleep(0)  # an hour of thirty signals takes 50 ms: a stop goes in between
                 count += 1
                 await asyncio.sleep(PERIOD)
 

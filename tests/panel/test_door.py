@@ -35,7 +35,10 @@ def test_a_question_is_answered_and_a_wrong_answer_is_told(run, rig_file):
     assert "nothing is being asked" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
     box.ask(Question("well?", ("yes", "no")))
     assert "yes, no, abort would be" in knock(rig_file, {"do": "answer", "text": "perhaps"})["error"]
-    knock(rig_file, {"do": "answer", "text": "yes", "by": "A. Miller"})
+    late = knock(rig_file, {"do": "answer", "text": "yes", "to": "the one before?"})
+    assert "what is asked now is 'well?'" in late["error"], "a second tap answers nothing that comes next"
+    assert box.answer() is None
+    knock(rig_file, {"do": "answer", "text": "yes", "by": "A. Miller", "to": "well?"})
     assert box.answer() == Answer("yes", "A. Miller")
 
 

@@ -2,6 +2,8 @@
 
 import { duration, make } from "/page/format.js";
 
+const UNDER_A_FINGER = 700; // ms: what was meant for the question before does not answer the one that comes
+
 export function runCard(panel) {
   const element = make("section", { class: "card run", "aria-label": "run" });
   const wrong = make("p", { class: "wrong", role: "alert" });
@@ -98,6 +100,7 @@ function running(order) {
   const hold = make("button", { id: "hold" }, "Hold");
   const stop = make("button", { id: "stop" }, "End run");
   let held = false;
+  let since = 0; // when the question came
   hold.addEventListener("click", () => order(held ? "/api/run/resume" : "/api/run/hold"));
   stop.addEventListener("click", () => order("/api/run/stop"));
 
@@ -122,14 +125,16 @@ function running(order) {
       said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it" : run.question ? "" : run.said;
       hold.textContent = held ? "Go on" : "Hold";
       if (question.dataset.text !== run.question) {
-        question.dataset.text = run.question;
+        const to = run.question;
+        question.dataset.text = to;
+        since = Date.now();
         question.replaceChildren(
           make("p", {}, run.question),
-          make("div", { class: "buttons" }, ...run.answers.map((answer) => make("button", { class: answer === run.answers[0] ? "main" : "", onclick: () => order("/api/run/answer", { answer }) }, answer))),
+          make("div", { class: "buttons" }, ...run.answers.map((answer) => make("button", { class: answer === run.answers[0] ? "main" : "", onclick: () => order("/api/run/answer", { answer, to }) }, answer))),
         );
       }
       question.hidden = !run.question;
-      question.querySelectorAll("button").forEach((one) => (one.disabled = !seat));
+      question.querySelectorAll("button").forEach((one) => (one.disabled = !seat || Date.now() - since < UNDER_A_FINGER));
     },
   };
 }
