@@ -84,13 +84,13 @@ def run_plan(
     anything, or somebody who can be asked. ``suspension`` is how another thread holds the run and lets it go on.
 
     The record is a new directory in ``out``, with a report unless that is not wanted; what lies there already is not
-    touched. PlanError for a plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises
-    nothing: the verdict is *blocked*, the reason says whose fault it was.
+    touched. Who interrupts it, as in a notebook, gets KeyboardInterrupt when the rig is at rest and the record whole.
+
+    PlanError for a plan that there is not, and what `open_bench` raises. A rig that breaks on the way raises nothing:
+    the verdict is *blocked*, the reason says whose fault it was.
     """
     from astb.operators import with_hand
     from astb.run import new_directory, undisturbed
-    from bench_records.checksums import write_sums
-    from bench_records.report import write_report
     from test_plans.execution import execute
     from test_plans.operator import Script
 
@@ -101,20 +101,31 @@ def run_plan(
         directory = new_directory(Path(out), chosen.name)
         about = bench.about
         stack.enter_context(undisturbed())
-        result = execute(
-            chosen,
-            bench,
-            directory,
-            meta=about,
-            rig=about.get("rig", ""),
-            seed=about.get("seed"),
-            operator=with_hand(operator, bench.hand),
-            suspension=suspension,
-        )
+        try:
+            result = execute(
+                chosen,
+                bench,
+                directory,
+                meta=about,
+                rig=about.get("rig", ""),
+                seed=about.get("seed"),
+                operator=with_hand(operator, bench.hand),
+                suspension=suspension,
+            )
+        except KeyboardInterrupt:  # it has a record and a result all the same
+            _finish(directory, report)
+            raise
+    _finish(directory, report)
+    return result, directory
+
+
+def _finish(directory: Path, report: bool) -> None:
+    from bench_records.checksums import write_sums
+    from bench_records.report import write_report
+
     write_sums(directory)
     if report:
         write_report(directory)
-    return result, directory
 
 
 def diagnose_record(

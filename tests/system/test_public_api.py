@@ -109,6 +109,18 @@ def test_a_plan_that_a_program_runs_leaves_checksums_as_every_run_does(tmp_path)
     assert broken_files(directory) == []
 
 
+def test_a_run_that_is_interrupted_in_a_program_leaves_a_whole_record_and_a_report(tmp_path):
+    @plan(setup=lambda run: None, teardown=lambda run: None)
+    def looks(run):
+        """Look."""
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        astb.run_plan(looks, out=tmp_path)
+    assert broken_files(tmp_path / "looks") == []
+    assert "stopped by the operator" in (tmp_path / "looks" / "report.html").read_text()
+
+
 def test_a_run_that_a_program_started_is_held_and_let_go_on_by_it(tmp_path):
     suspension = Suspension()
 
