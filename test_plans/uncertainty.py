@@ -266,4 +266,5 @@ def repeated(found: Sequence[Measured]) -> Measured:
     parts = {cause: float(np.mean([one.parts.get(cause, 0.0) for one in found])) for cause in causes}
     parts["repeats"] = scatter
     even = float(np.mean([one.even for one in found]))
-    return Measured(float(values.mean()), sqrt(sum(part**2 for part in parts.values())), even, parts)
+    u = max(sqrt(sum(part**2 for part in parts.values())), even)  # which may be too small a part to be told
+    return Measured(float(values.mean()), u, even, parts)
