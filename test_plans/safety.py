@@ -84,7 +84,7 @@ def safety(run: Run) -> None:
     disables itself after 500 ms; it holds a second after the last word to the PLC; springs keep their air without a
     supply; the emergency stop acts at once. Wherever the bench goes to its safe position the springs are without
     pressure and the actuators let go within 15 s, and nothing rises by more than 8 mm. At the end it is off and without
-    pressure. What nobody can provoke is *not available*.
+    pressure. What nobody can provoke is not available.
     """
     _lose_the_setpoints(run)
     _lose_the_settings(run)
