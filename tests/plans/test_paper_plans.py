@@ -293,7 +293,8 @@ def test_t9_stiffness_grows_with_frequency_and_oscillates_with_the_pipe(run_of, 
     # Laterally nothing grows but friction at the smaller amplitudes that the actuator can do above 10 Hz ...
     f, lateral = curves["Lateral stiffness |K| per spring", f"{load}, orifice"]
     _, amplitude = curves["Lateral amplitude per spring", f"{load}, orifice"]
-    assert np.ptp(lateral[f <= 10]) < 0.04 * lateral[0]
+    level = np.convolve(lateral[f <= 10], np.full(3, 1 / 3), "valid")  # the noise of one is 0.4 %
+    assert np.ptp(level) < 0.035 * level[0]
     assert lateral[-1] > 1.15 * lateral[0]
     assert amplitude[-1] < 1 * mm
     # ... for at one small amplitude hardly anything does.

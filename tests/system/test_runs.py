@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import socket
+import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ import pytest
 
 from astb.exit_codes import BLOCKED, FAIL, PASS
 from bench_protocol.table import TABLE
+from bench_protocol.units import bar
 from bench_protocol.words import STATES
 from bench_records.record import read
 from drivers.errors import LinkLost
@@ -265,16 +267,28 @@ def ports() -> dict[str, int]:
         return {"can": one.getsockname()[1], "modbus": other.getsockname()[1]}
 
 
-def state(ports: dict[str, int]) -> str:
-    """Return the state of the rig at ``ports``, "" if none is there."""
-    register = next(r for r in TABLE.registers if r.signal == "rig.state" and r.encoding == "int16")
+def words(ports: dict[str, int], signal: str, encoding: str, count: int) -> tuple[int, ...]:
+    """Return ``count`` input registers of a signal of the rig at ``ports``, none if no rig is there."""
+    register = next(r for r in TABLE.registers if r.signal == signal and r.encoding == encoding)
     try:
         modbus = open_modbus("127.0.0.1", ports["modbus"])
-        code = modbus.read_input(register.address, 1)[0]
+        found = tuple(modbus.read_input(register.address, count))
         modbus.close()
     except LinkLost:
-        return ""
-    return STATES[code]
+        return ()
+    return found
+
+
+def state(ports: dict[str, int]) -> str:
+    """Return the state of the rig at ``ports``, "" if none is there."""
+    code = words(ports, "rig.state", "int16", 1)
+    return STATES[code[0]] if code else ""
+
+
+def pressure(ports: dict[str, int]) -> float:
+    """Return the gauge pressure (Pa) of the left bellows of the rig at ``ports``, 0 if none is there."""
+    found = words(ports, "left.bellows_pressure", "float32", 2)
+    return struct.unpack(">f", struct.pack(">HH", *found))[0] if found else 0.0
 
 
 @pytest.mark.slow
@@ -282,7 +296,7 @@ def test_a_killed_rig_blocks_the_run(launch, start_rig, eventually):
     rig = start_rig()
     ports = {"can": rig.can_port, "modbus": rig.modbus_port}
     run = launch("aw0", rig=LIVE.format(**ports))
-    eventually(lambda: state(ports) == "ACTIVE", within=100, what="ACTIVE")
+    eventually(lambda: pressure(ports) > 1 * bar, within=100, what="air in the springs")
     rig.process.kill()
     start = time.monotonic()
     assert run.end() == BLOCKED
