@@ -107,7 +107,12 @@ def test_what_went_wrong_first_in_a_tear_down_is_not_hidden_by_what_came_after(
 def test_a_terminal_that_is_closed_ends_the_run_in_order(tmp_path):
     """The kernel tells of it, and once more the shell: the second must not cut the tear-down short."""
     command = [sys.executable, "-m", "astb", "run", "tightness", "--virtual", "--set", "hold=30 min"]
-    with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True) as process:
+    before = signal.signal(
+        signal.SIGHUP, signal.SIG_DFL
+    )  # a suite under nohup would hand on that it is ignored
+    process = subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGHUP, before)
+    with process:
         for line in process.stdout:
             if "tear-down" in line or "cool" in line:
                 process.send_signal(signal.SIGHUP)
