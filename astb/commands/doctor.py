@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig
+from astb.commands.options import JSON_OPTION, RIG_OPTION, out_option, read_rig
 from astb.exit_codes import BLOCKED, PASS
 from astb.tables import open_console, open_table, print_json
 
@@ -14,13 +14,7 @@ HOME_RIG = Path("rigs/local.toml")
 @click.command("doctor")
 @RIG_OPTION
 @JSON_OPTION
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("runs"),
-    show_default=True,
-    help="Where records would go.",
-)
+@out_option("Where records would go.")
 def doctor_command(rig_path: Path | None, as_json: bool, out: Path) -> None:
     """Tell what this machine has of what the bench can use, and how to mend what lacks.
 

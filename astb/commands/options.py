@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -24,6 +24,15 @@ RIG_OPTION: Final = click.option(
 JSON_OPTION: Final = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table."
 )
+
+
+def out_option(text: str, name: str = "out") -> Callable[..., Any]:
+    """Return the option for the folder of runs, ``text`` being what it is to this command and ``name`` its argument."""
+    return click.option(
+        "--out", name, type=click.Path(path_type=Path), default=Path("runs"), show_default=True, help=text
+    )
+
+
 _SIMULATION_OPTIONS: Final = (
     click.option("--model", help="Parameter set, or path of a parameter or model file; over the rig file."),
     click.option(

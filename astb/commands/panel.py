@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from astb.commands.options import RIG_OPTION, SEED, read_rig
+from astb.commands.options import RIG_OPTION, SEED, out_option, read_rig
 from astb.exit_codes import blocked, misuse
 
 if TYPE_CHECKING:
@@ -24,13 +24,7 @@ _LOCAL: Final = "127.0.0.1"
     "--port", type=click.IntRange(0, 65535), default=8137, show_default=True, help="0 for a free one."
 )
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors, if it is started here.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("runs"),
-    show_default=True,
-    help="Where records go.",
-)
+@out_option("Where records go.")
 def panel_command(rig_path: Path | None, host: str, port: int, seed: int | None, out: Path) -> None:
     """Show a rig in the browser, and command it from there.
 

@@ -9,7 +9,7 @@ import click
 
 from astb.commands.completion import complete_settings, complete_specimens
 from astb.commands.lists import known_plan
-from astb.commands.options import pairs
+from astb.commands.options import out_option, pairs
 from astb.exit_codes import misuse
 
 if TYPE_CHECKING:
@@ -46,14 +46,7 @@ _OPTIONS: Final = (
         help="Answers to what the plans ask their operator, a TOML file: "
         '"QUESTION" = "ANSWER", * for anything; - for lines of the standard input.',
     ),
-    click.option(
-        "--out",
-        "out",
-        type=click.Path(path_type=Path),
-        default=Path("runs"),
-        show_default=True,
-        help="Where records go.",
-    ),
+    out_option("Where records go."),
 )
 
 

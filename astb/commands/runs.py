@@ -5,21 +5,14 @@ from typing import TYPE_CHECKING, Final, NoReturn
 
 import click
 
-from astb.commands.options import JSON_OPTION, pairs
+from astb.commands.options import JSON_OPTION, out_option, pairs
 from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json
 
 if TYPE_CHECKING:
     from bench_records.index import KeptCheck, KeptRun, RunIndex
 
-OUT_OPTION: Final = click.option(
-    "--out",
-    "folder",
-    type=click.Path(path_type=Path),
-    default=Path("runs"),
-    show_default=True,
-    help="The folder in which `astb run` keeps its runs.",
-)
+OUT_OPTION: Final = out_option("The folder in which `astb run` keeps its runs.", "folder")
 PAGE_OPTION: Final = click.option(
     "--page",
     type=click.Path(path_type=Path, dir_okay=False),

@@ -3,7 +3,6 @@
 import os
 import re
 import select
-import shutil
 import signal
 import socket
 import subprocess
@@ -27,6 +26,7 @@ from astb.panel.watch import Status, Watch
 from astb.rig_file import RigFile, Simulation
 from bench_protocol.clock import VirtualClock
 from bench_protocol.units import NS
+from bench_records import printing
 from bench_records.layout import SignalInfo
 from bench_records.recorder import Recorder
 from bench_records.result import Sample, check, conclude
@@ -145,7 +145,7 @@ def bench_panel(tmp_path_factory) -> Iterator[PanelProcess]:
 @pytest.fixture(scope="package")
 def browser():
     """A real browser; skipped where there is none."""
-    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    found = printing.browser()
     if found is None:
         pytest.skip("this machine has no chromium; `apt-get install chromium` brings it")
     api = pytest.importorskip("playwright.sync_api")
