@@ -9,7 +9,7 @@ import click
 
 from astb.rig_file import Simulation
 from campaigns.healthy import SoundRun, sound_rig, write_sound_runs
-from campaigns.mutation_page import PAGE, draw, page
+from campaigns.mutation_page import PAGE, page
 from campaigns.mutations import (
     FOUND,
     HERE,
@@ -148,8 +148,7 @@ def sound_command(out: Path, plans: tuple[str, ...], rigs: int, workers: int | N
 
 @main.command("page")
 def page_command() -> None:
-    """Write the page and its picture from what was measured last."""
-    draw()
+    """Write the page from what was measured last."""
     PAGE.write_text(page(), encoding="utf-8")
 
 

@@ -7,13 +7,16 @@ from pathlib import Path
 from typing import Final
 
 from campaigns.healthy import SoundRun, Tolerance, read_sound_runs, tolerances
-from campaigns.mutation_picture import BY_LUCK, CAUGHT, KINDS, MOVED, NOT_TRIED, write_picture
 from campaigns.mutations import Cell, Mutation, Mutations, mutations, read_cells
 from test_plans.discovery import plans as all_plans
 
 DOCS: Final = Path(__file__).parent.parent / "docs"
 PAGE: Final = DOCS / "reference" / "mutation-matrix.md"
-PICTURE: Final = DOCS / "gallery" / "mutation-matrix.svg"
+#: Drawn by ``make gallery ARGS=matrix`` (`tools.gallery.mutations`).
+PICTURE: Final = "../gallery/matrix.svg"
+KINDS: Final = {"plant": "parts and air", "sensor": "sensors", "wire": "wires"}
+#: Less of the way to a limit than this counts as nothing.
+MOVED: Final = 0.1
 #: A fault, and what each plan made of it, None where it was not tried.
 Row = tuple[Mutation, list[Cell | None]]
 #: So much of what a blocked plan said, in a table.
@@ -26,16 +29,6 @@ WANTED: Final = 0.01
 def page() -> str:
     """Return the page, from the matrix and the sound runs that lie beside this module."""
     return "\n".join(_lines(mutations(), read_cells(), read_sound_runs())) + "\n"
-
-
-def draw() -> None:
-    """Draw the matrix anew."""
-    cells = read_cells()
-    rows = [
-        (one, {cell.plan: cell for cell in cells if cell.mutation == one.name})
-        for one in mutations().mutation
-    ]
-    write_picture(PICTURE, rows, sorted({cell.plan for cell in cells}))
 
 
 def _lines(table: Mutations, cells: Sequence[Cell], sound: Sequence[SoundRun]) -> Iterator[str]:
@@ -68,22 +61,21 @@ def _summary(rows: Sequence[Row], plans: Sequence[str], sound: Sequence[SoundRun
         "python -m campaigns.measure faults runs/faults tightness leveling    # these plans on every fault, anew\n"
         "python -m campaigns.measure sound runs/sound tightness leveling      # these plans in turn on sound rigs\n"
         "python -m campaigns.measure page                                     # this page\n"
+        "make gallery ARGS=matrix                                             # its picture\n"
         "```\n"
     )
 
 
 def _matrix(rows: Sequence[Row], plans: Sequence[str]) -> Iterator[str]:
     yield "## The matrix\n"
-    yield f"![Faults by plans: what each plan made of each fault](../gallery/{PICTURE.name})\n"
+    yield f"![Faults by plans: what each plan made of each fault]({PICTURE})\n"
     yield (
-        f"* {CAUGHT} caught: the plan failed, or was blocked, by what is meant for this fault.\n"
-        f"* {BY_LUCK} failed or blocked, but [for another reason](#for-the-wrong-reason).\n"
-        "* A number: missed. Something that the plan judges has gone so many percent of the way from its value on the "
-        "sound rig to its limit.\n"
-        f"* Empty: missed. Nothing that the plan judges moves by {100 * MOVED:.0f} %.\n"
-        f"* {NOT_TRIED} not tried: no check of the plan is meant for the fault, or the fault is younger than the "
-        "column.\n"
-        "* Coloured: what [no plan catches](#what-no-plan-catches).\n"
+        "* Coloured: caught. The plan failed, or was blocked, by what is meant for this fault.\n"
+        "* Hatched: failed or blocked, but [for another reason](#for-the-wrong-reason).\n"
+        "* Grey: missed, but something that the plan judges has gone a part of the way from its value on the sound rig "
+        f"to its limit, the darker the further. A dot: nothing moves by {100 * MOVED:.0f} %.\n"
+        "* Empty: not tried, as the fault is younger than the column.\n"
+        "* A red arrow at the end of the row: [no plan catches it](#what-no-plan-catches).\n"
     )
     for kind, group in groupby(rows, lambda row: row[0].kind):
         yield f"| {KINDS[kind]} | what it is | caught by |\n|---|---|---|"

@@ -1,5 +1,6 @@
 """The mutation matrix as a picture: faults over plans, from the table that was measured."""
 
+from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ROW: Final = 0.145
+SQUARE: Final[dict[str, Any]] = {"marker": "s", "s": 58, "linewidth": 0.6}
 CAUGHT: Final[dict[str, Any]] = {"facecolor": PALETTE[0]}
 OTHER: Final[dict[str, Any]] = {"facecolor": "white", "edgecolor": PALETTE[1], "hatch": "/////"}
 MISSED: Final[dict[str, Any]] = {"marker": ".", "color": "#aab3bb", "linestyle": "none", "markersize": 2.5}
@@ -26,15 +28,15 @@ def matrix(_runs: Path, path: Path) -> None:
 
     cells = {(one.mutation, one.plan): one for one in read_cells()}
     plans, faults = sorted({plan for _, plan in cells}), mutations().mutation
+    places = {fault.name: row for row, fault in enumerate(faults)}
     with style():
         figure = Figure(figsize=(WIDTH, ROW * len(faults) + 1.9), layout="constrained")
         axes = figure.subplots()
         for row, fault in enumerate(faults):
-            tried = {plan: cells[fault.name, plan] for plan in plans if (fault.name, plan) in cells}
-            for plan, cell in tried.items():
-                _square(axes, plans.index(plan), row, cell)
-            if tried and all(cell.found != "caught" for cell in tried.values()):
+            tried = [cells[fault.name, plan] for plan in plans if (fault.name, plan) in cells]
+            if tried and all(cell.found != "caught" for cell in tried):
                 axes.plot(len(plans) - 0.3, row, clip_on=False, **ESCAPED)
+        _squares(axes, [(plans.index(one.plan), places[one.mutation], one) for one in cells.values()])
         last = -0.5
         for _, group in groupby(faults, lambda one: one.kind):
             last += len(list(group))
@@ -50,15 +52,20 @@ def matrix(_runs: Path, path: Path) -> None:
         save(figure, path)
 
 
-def _square(axes: "Axes", column: int, row: int, cell: Cell) -> None:
-    from matplotlib.patches import Rectangle
-
-    if cell.found == "missed" and cell.used < MOVED:
-        axes.plot(column, row, **MISSED)
-        return
-    grey = 0.95 - 0.3 * min(max(cell.used, 0.0), 1.0)
-    look = {"caught": CAUGHT, "missed": {"facecolor": (grey, grey, grey)}}.get(cell.found, OTHER)
-    axes.add_patch(Rectangle((column - 0.46, row - 0.43), 0.92, 0.86, linewidth=0.6, **look))
+def _squares(axes: "Axes", cells: Sequence[tuple[int, int, Cell]]) -> None:
+    """Mark cells, each at its column and row; marks of one kind are a group that is called after what was found."""
+    groups: dict[str, list[tuple[int, int, Cell]]] = {}
+    for column, row, cell in cells:
+        still = cell.found == "missed" and cell.used < MOVED
+        groups.setdefault("still" if still else cell.found.replace(" ", "-"), []).append((column, row, cell))
+    for name, group in groups.items():
+        columns, rows, found = zip(*group, strict=True)
+        if name == "still":
+            axes.plot(columns, rows, gid=name, **MISSED)
+            continue
+        looks = {"caught": CAUGHT, "wrong-reason": OTHER}
+        greys = [str(0.95 - 0.3 * min(max(cell.used, 0.0), 1.0)) for cell in found]
+        axes.scatter(columns, rows, gid=name, **SQUARE, **looks.get(name, {"facecolor": greys}))
 
 
 def _legend(figure: "Figure") -> None:
