@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 ROW: Final = 0.145
 SQUARE: Final[dict[str, Any]] = {"marker": "s", "s": 58}
 CAUGHT: Final[dict[str, Any]] = {"facecolor": PALETTE[0], "linewidth": 0}
-OTHER: Final[dict[str, Any]] = {"facecolor": "white", "edgecolor": PALETTE[1], "linewidth": 0.6, "hatch": "/////"}
+OTHER: Final[dict[str, Any]] = {
+    "facecolor": "white",
+    "edgecolor": PALETTE[1],
+    "linewidth": 0.6,
+    "hatch": "/////",
+}
 MISSED: Final[dict[str, Any]] = {
     "marker": ".",
     "color": "#aab3bb",
@@ -71,7 +76,9 @@ def _squares(axes: "Axes", cells: Sequence[tuple[int, int, Cell]]) -> None:
             continue
         looks = {"caught": CAUGHT, "wrong-reason": OTHER}
         greys = [str(0.95 - 0.3 * min(max(cell.used, 0.0), 1.0)) for cell in found]
-        axes.scatter(columns, rows, gid=name, **SQUARE, **looks.get(name, {"facecolor": greys, "linewidth": 0}))
+        axes.scatter(
+            columns, rows, gid=name, **SQUARE, **looks.get(name, {"facecolor": greys, "linewidth": 0})
+        )
 
 
 def _legend(figure: "Figure") -> None:
