@@ -190,6 +190,11 @@ class Columns:
             traces.append(Trace(order[trace.rows[inside]], trace.values[inside], trace.scale))
         return Columns(len(places), traces)
 
+    def among(self, places: Sequence[int], size: int) -> Columns:
+        """Return the columns at their ``places`` among ``size``, the others 0."""
+        order = np.asarray(places, np.intp)
+        return Columns(size, [replace(trace, rows=order[trace.rows]) for trace in self.traces])
+
 
 class JoinedColumns(Columns):
     """Columns of several ``parts``, one after the other; what belongs to a part is not copied."""
@@ -282,13 +287,31 @@ def columns_of(packing: Packing, values: Floats) -> Columns:
     return work.done()
 
 
-def mean(first: Columns, second: Columns) -> Columns:
-    """Return the mean of two sets of the same columns."""
+def mixed(parts: Sequence[Columns], weights: Array) -> Columns:
+    """Return the sum of several sets of the same k columns, each column with its own ``weights`` (p, k)."""
     traces = []
-    for a, b in zip(first.traces, second.traces, strict=True):
-        rows = np.union1d(a.rows, b.rows)
-        values = np.zeros((len(rows), a.values.shape[1]), a.values.dtype)
-        for one in (a, b):
-            values[np.searchsorted(rows, one.rows)] += 0.5 * one.scale * one.values
+    for channel in zip(*(part.traces for part in parts), strict=True):
+        inside = [weight[trace.rows] != 0.0 for trace, weight in zip(channel, weights, strict=True)]
+        chosen = [trace.rows[mine] for trace, mine in zip(channel, inside, strict=True)]
+        rows = np.unique(np.concatenate(chosen))
+        values = np.zeros((len(rows), channel[0].values.shape[1]), channel[0].values.dtype)
+        for trace, mine, own, weight in zip(channel, inside, chosen, weights, strict=True):
+            factors = (trace.scale * weight[own]).astype(values.dtype)
+            values[np.searchsorted(rows, own)] += factors[:, None] * trace.values[mine]
         traces.append(Trace(rows, values))
-    return Columns(first.size, traces)
+    return Columns(parts[0].size, traces)
+
+
+def apart(first: Columns, second: Columns, scales: Array) -> Array:
+    """Return how far two sets of k columns are apart: sums of squares (k,), channels in their ``scales`` (c,)."""
+    pairs = np.outer((1.0, -1.0), np.ones(first.size))
+    return squares(mixed((first, second), pairs), scales)
+
+
+def squares(columns: Columns, scales: Array) -> Array:
+    """Return the sums of squares of k columns (k,), channels in their ``scales`` (c,)."""
+    found = np.zeros(columns.size)
+    for trace, scale in zip(columns.traces, scales, strict=True):
+        own = np.einsum("ij,ij->i", trace.values, trace.values, dtype=np.float64)
+        found[trace.rows] += (trace.scale / scale) ** 2 * own
+    return found

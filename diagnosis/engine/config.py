@@ -101,6 +101,10 @@ ROUGH_OPTIMUM: Final = 4.0
 WORTH_NEW_COLUMNS: Final = 1.0
 #: Part of a squared step that the effects' own parameters must make for Broyden's rule to learn from it.
 BROYDEN_SHARE: Final = 0.01
+#: Differences on both sides of a point that are apart by this part of their square are apart by more than curvature.
+SPOILT: Final = 1e-4
+#: The same of footprints, of which one step is half of the other, as a part of the square of what is left of them.
+SPOILT_FOOTPRINT: Final = 0.1
 #: Part of the largest eigenvalue below which one is rounding: some hundred times the precision of a double.
 EIGENVALUE_FLOOR: Final = 1e-13
 #: Part of the square of a column that must be left after a projection: difference quotients, kept in single precision,

@@ -18,16 +18,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from diagnosis.contracts import Array, Hypothesis, Surface
-from diagnosis.engine.columns import Columns
+from diagnosis.engine.columns import Columns, apart, mixed
+from diagnosis.engine.config import SPOILT_FOOTPRINT
 from diagnosis.engine.fitting.point import (
     Coordinate,
     Point,
     effect_coordinates,
+    halved,
     neighbour,
+    opposite,
     surface_coordinates,
 )
 from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.fitting.steady import root_mean_squares, steady
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +94,39 @@ def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Foot
         tuple(tried),
         tuple(replay.differences(predictions, [steps] * len(replay.runs))),
     )
+
+
+def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: Array) -> Footprints:
+    """Return the footprints, those at ``places`` without a jump of the simulator that one step happened upon.
+
+    ``norms`` (m,) say what is left of all footprints once they are whitened and projected: a jump is measured in that.
+    """
+    if not places:
+        return around
+    size, runs = len(around.candidates), len(replay.runs)
+    flat = [around.candidates[i].added_to(around.point) for i in places]
+    whole = [neighbour(point, len(around.point.numbers)) for point in flat]
+    half = [halved(point, *step) for point, step in zip(flat, whole, strict=True)]
+    quarter = [halved(point, *step) for point, step in zip(flat, half, strict=True)]
+    behind = [opposite(point, *step) for point, step in zip(flat, half, strict=True)]
+    first = [columns.chosen(places) for columns in around.candidate_columns]
+    second = replay.differences(around.predictions, [half] * runs)
+    errors = root_mean_squares(replay.residuals(around.predictions))
+    large = SPOILT_FOOTPRINT * norms[list(places)] ** 2
+    spoilt = [apart(a, b, errors) > large for a, b in zip(first, second, strict=True)]
+    if not np.any(spoilt):
+        return around
+    third = replay.differences(around.predictions, [quarter] * runs)
+    fourth = replay.differences(around.predictions, [behind] * runs)
+    mended = []
+    for columns, *parts, mine in zip(
+        around.candidate_columns, first, second, third, fourth, spoilt, strict=True
+    ):
+        found = steady(parts, np.outer((1.0, 0.0, 0.0, 0.0), np.ones(len(places))), mine, errors)
+        old, new = np.ones(size), np.zeros(size)
+        old[list(places)], new[list(places)] = 0.0, 1.0
+        mended.append(mixed((columns, found.among(places, size)), np.array((old, new))))
+    return replace(around, candidate_columns=tuple(mended))
 
 
 def with_surfaces(replay: Replay, around: Footprints) -> Footprints:

@@ -24,7 +24,7 @@ from diagnosis.engine.family import richer_surcharge
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.fitting.predict import Prediction, predict
-from diagnosis.engine.footprints import candidates, footprints
+from diagnosis.engine.footprints import candidates, confirmed, footprints
 from diagnosis.engine.gates import merely_rough, unfit, unphysical, useless
 from diagnosis.engine.screening import fit_and_screen
 from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
@@ -34,8 +34,12 @@ def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -
     """Re-estimate the noise around a point, refit, score everything that is not in the model, predict."""
     rest = candidates([e for name, e in problem.hypotheses.items() if name not in point.owners])
     around = footprints(problem.replay, point, rest)
-    config = problem.config
-    screened = fit_and_screen(problem.replay, around, alpha=config.alpha, seed=config.seed)
+    alpha, seed = problem.config.alpha, problem.config.seed
+    screened = fit_and_screen(problem.replay, around, alpha=alpha, seed=seed)
+    exceeding, norms = screened.screening.exceeding, screened.screening.projection.norm
+    again = confirmed(problem.replay, around, exceeding, norms)
+    if again is not around:
+        screened, around = fit_and_screen(problem.replay, again, alpha=alpha, seed=seed), again
     prediction = predicted(problem, screened.model)
     return CurrentModel(screened.model, screened.screening, around, prediction, explained_chi2)
 

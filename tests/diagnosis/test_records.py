@@ -11,7 +11,7 @@ from bench_sim.model.layout import Sensor
 from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.air_spring import OUTPUTS, AirSpring
-from diagnosis.systems.records import STEP, _SettingsOfRecord, _while_it_moves, read_records
+from diagnosis.systems.records import STEP, _at_its_steps, _SettingsOfRecord, _while_it_moves, read_records
 from drivers.memory import Faults
 from test_plans.motions import Stand, Stretch, Valves, Wave
 
@@ -55,22 +55,36 @@ def test_samples_stand_where_the_rig_took_them(recorded, dataset):
     assert dataset.runs[0].outputs[:, 0] == pytest.approx(values[inside], abs=0.0)
 
 
-def test_a_coarse_reading_counts_where_it_steps(recorded, dataset):
+def test_a_coarse_reading_that_is_slow_counts_where_it_steps():
     """A thermometer is rounded to 0.05 K and noisy by 0.01 K: between its steps it says nothing new."""
-    times, values = read(recorded.directory).series("left.bellows_temperature")
-    run = dataset.runs[0]
-    warm = run.outputs[:, [c.name for c in dataset.channels].index("left.bellows_temperature")]
-    there = np.flatnonzero(np.isfinite(warm))
-    began = (
-        read(recorded.directory)
-        .phases[[p.name.startswith("replay") for p in read(recorded.directory).phases].index(True)]
-        .start
+    time = np.arange(0.0, 60.0, STEP)
+    warm = sampled_thermometer(time, 295.0 - 0.1 * time)
+    kept = _at_its_steps(warm)
+    there = np.isfinite(kept)
+    assert 100 < there.sum() < 140
+    assert kept[there] == pytest.approx(295.0 - 0.1 * time[there], abs=0.0051), (
+        "half of what passes between samples"
     )
-    inside = (times >= began) & (times < began + run.experiment.time[-1])
-    steps = np.flatnonzero(np.diff(values[inside]))
-    assert len(there) == len(steps) > 10
-    assert warm[there] == pytest.approx(0.5 * (values[inside][steps] + values[inside][steps + 1]))
-    assert run.experiment.time[there] + began == pytest.approx(times[inside][steps] + 0.05, abs=2 * STEP)
+
+
+@pytest.mark.parametrize("hertz", [0.7, 1.3, 2.1, 3.3])
+def test_a_coarse_reading_that_is_quick_shows_the_whole_wave(hertz):
+    """Half-way between samples a wave is further out than half-way between their readings: each stands for itself."""
+    time = np.arange(0.0, 200.0, STEP)
+    cooling, wave = 295.0 - 0.0037 * time, 0.2 * np.sin(2.0 * np.pi * hertz * time)
+    kept = _at_its_steps(sampled_thermometer(time, cooling + wave))
+    there = np.isfinite(kept)
+    seen, true = (kept - cooling)[there], wave[there]
+    assert seen @ true / (true @ true) == pytest.approx(1.0, abs=0.005)
+    assert np.std(seen - true) == pytest.approx(0.05 / np.sqrt(12.0), rel=0.1)
+
+
+def sampled_thermometer(time, true):
+    """Return the readings of a thermometer without noise, ten a second in steps of 0.05 K, NaN between."""
+    readings = np.full(len(time), np.nan)
+    every = round(0.1 / STEP)
+    readings[::every] = 0.05 * np.rint(true[::every] / 0.05)
+    return readings
 
 
 @pytest.fixture(scope="module")

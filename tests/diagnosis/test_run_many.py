@@ -207,9 +207,9 @@ def test_a_replay_asks_for_many_where_it_can(workers):
         columns = [[of_run.along(unit) for unit in np.eye(2)] for of_run in (got, expected)]
         assert np.array_equal(*columns)
         assert columns[0] == pytest.approx(np.vstack([time, np.ones(11)]), abs=1e-5)
-    assert sum(many.calls) == sum(one.calls) == 3 + 6
-    # Three predictions, then six differences: four are the fewest that are worth a batch of their own.
-    assert sorted(many.calls) == ([3, 6] if workers == 1 else [2, 3, 4])
+    assert sum(many.calls) == sum(one.calls) == 3 + 6 + 6
+    # Three predictions, then six differences ahead and behind: four are the fewest that are worth a batch of their own.
+    assert sorted(many.calls) == ([3, 6, 6] if workers == 1 else [2, 2, 3, 4, 4])
 
 
 def test_a_simulator_of_which_fewer_channels_were_measured_still_does_many_jobs_at_once(bench, integrated):

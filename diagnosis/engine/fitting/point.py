@@ -196,3 +196,8 @@ def opposite(point: Point, to: Point, distance: float) -> tuple[Point, float]:
     if ((numbers < low) | (numbers > high)).any():
         return to, distance
     return replace(point, numbers=numbers), -distance
+
+
+def halved(point: Point, to: Point, distance: float) -> tuple[Point, float]:
+    """Return the point half-way to a neighbour, and its signed distance."""
+    return replace(point, numbers=0.5 * (point.numbers + to.numbers)), 0.5 * distance

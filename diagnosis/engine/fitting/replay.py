@@ -10,9 +10,10 @@ from math import ceil
 import numpy as np
 
 from diagnosis.contracts import Array, BatchSimulator, DiagnosisError, Job, MeasuredRun, Simulator
-from diagnosis.engine.columns import Columns, ColumnsInWork, mean, packing_of
-from diagnosis.engine.config import LEAST_BATCH, MOST_BATCH
-from diagnosis.engine.fitting.point import Point, neighbour, opposite
+from diagnosis.engine.columns import Columns, ColumnsInWork, apart, packing_of, squares
+from diagnosis.engine.config import LEAST_BATCH, MOST_BATCH, SPOILT
+from diagnosis.engine.fitting.point import Point, halved, neighbour, opposite
+from diagnosis.engine.fitting.steady import chosen, root_mean_squares, steady
 from diagnosis.engine.simulation import checked, simulate
 
 
@@ -72,32 +73,46 @@ class Replay:
     ) -> list[Columns]:
         """Return ∂y/∂u of each run to its coordinates at ``places``, or to all that it depends on.
 
-        Differences are one-sided; ``central`` ones cost twice as much and have no error of first order.
+        To the numbers of effects differences are one-sided; ``central`` ones cost twice as much and have no error of
+        first order. Those to the nuisances are central and steady: everything that is said of an effect is what they
+        leave of it (`diagnosis.engine.fitting.steady`).
         """
         wanted = [point.places_of(record) for record in self.records] if places is None else places
-        steps = {i: neighbour(point, i) for i in sorted({i for own in wanted for i in own})}
-        ahead = self.differences(predictions, [[steps[i] for i in own] for own in wanted])
-        if not central:
-            return ahead
-        back = {i: opposite(point, to, distance) for i, (to, distance) in steps.items()}
-        behind = self.differences(predictions, [[back[i] for i in own] for own in wanted])
-        return [mean(a, b) for a, b in zip(ahead, behind, strict=True)]
+        kept = [[not point.coordinates[i].owner for i in own] for own in wanted]
+        ahead = {i: neighbour(point, i) for i in sorted({i for own in wanted for i in own})}
+        back = {i: opposite(point, to, distance) for i, (to, distance) in ahead.items()}
+        first = self.differences(predictions, [[ahead[i] for i in own] for own in wanted])
+        twice = [[steady or central for steady in mine] for mine in kept]
+        second = self.differences(predictions, chosen(back, wanted, twice))
+        errors = root_mean_squares(self.residuals(predictions))
+        halves = [{i: halved(point, *step) for i, step in steps.items()} for steps in (ahead, back)]
+        spoilt = [
+            np.array(mine, bool) & (apart(a, b, errors) > SPOILT * squares(a, errors))
+            for mine, a, b in zip(kept, first, second, strict=True)
+        ]
+        third, fourth = (self.differences(predictions, chosen(half, wanted, spoilt)) for half in halves)
+        return [
+            steady(parts, np.array((1.0 - half, half, 0.0 * half, 0.0 * half)), again, errors)
+            for *parts, half, again in zip(
+                first, second, third, fourth, [0.5 * np.array(mine) for mine in twice], spoilt, strict=True
+            )
+        ]
 
     def differences(
-        self, predictions: Sequence[Array], steps: Sequence[Sequence[tuple[Point, float]]]
+        self, predictions: Sequence[Array], steps: Sequence[Sequence[tuple[Point, float] | None]]
     ) -> list[Columns]:
-        """Return the difference quotients of each run to its own k points at signed distances."""
+        """Return the difference quotients of each run to its own k points at signed distances, 0 to None."""
         columns = [
             ColumnsInWork(packing_of(run), len(own)) for run, own in zip(self.runs, steps, strict=True)
         ]
 
-        jobs = [(r, k) for r, own in enumerate(steps) for k in range(len(own))]
+        jobs = [(r, k, *step) for r, own in enumerate(steps) for k, step in enumerate(own) if step]
 
         def divide(i: int, outputs: Array) -> None:
-            r, k = jobs[i]
-            columns[r].put(k, outputs, predictions[r], steps[r][k][1])
+            r, k, _, distance = jobs[i]
+            columns[r].put(k, outputs, predictions[r], distance)
 
-        self._simulate([(r, steps[r][k][0]) for r, k in jobs], divide)
+        self._simulate([(r, point) for r, _, point, _ in jobs], divide)
         return [of_run.done() for of_run in columns]
 
     def _simulate(self, places: Sequence[tuple[int, Point]], use: Callable[[int, Array], None]) -> None:
