@@ -54,7 +54,9 @@ def _quantile(root: Array, one_sided: Mask, alpha: float, level: float, rng: np.
     draws = rng.standard_normal((THRESHOLD_DRAWS, root.shape[1]))
     above = -ndtri(chance * (1.0 - rng.random(THRESHOLD_DRAWS)))
     draws += (above - np.einsum("nr,nr->n", draws, root[chosen]))[:, np.newaxis] * root[chosen]
-    draws[side >= len(root)] *= -1.0  # on the other side of a size, one-sided scores are those of the mirrored draw
+    draws[
+        side >= len(root)
+    ] *= -1.0  # on the other side of a size, one-sided scores are those of the mirrored draw
     scores = draws @ root.T
     scores[:, ~one_sided] = np.abs(scores[:, ~one_sided])
     largest = scores.max(axis=1)

@@ -1,8 +1,11 @@
 """What may differ between an air spring bench and its parameter set, and what may be missing from the model of it."""
 
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from math import log, sqrt
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -32,8 +35,8 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 INITIAL_PRESSURE: Final = 50.0
 INITIAL_TEMPERATURE: Final = 0.2
 
-#: Lag (s) that a replay itself imitates: benches without any effect seem to lag by as much.
-TIMING: Final = 2e-5
+#: The amplitude of each effect that the replay of a sound bench imitates.
+IMITATED: Final = Path(__file__).with_name("imitated.toml")
 #: Suffix and spread (m) of an apparent shift in one run, of an actuator or of the shear: the wire rounds the platform's
 #: transducers to 10 µm, and while the platform rests, the rounding error is the same for the whole run. In the shear
 #: it stands for what friction remembers of earlier motions, too.
@@ -262,8 +265,13 @@ def _hypothesis(
         richer,
         effect.equation,
         effect.source,
-        imitated=TIMING if amplitude.unit == "s" and effect.touches <= {"sensor", "timing"} else 0.0,
+        imitated=_imitated().get(effect.name, 0.0),
     )
+
+
+@cache
+def _imitated() -> dict[str, float]:
+    return tomllib.loads(IMITATED.read_text(encoding="utf-8"))
 
 
 def _shape(shape: bench.EffectParameter) -> Parameter:
