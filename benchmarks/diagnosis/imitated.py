@@ -1,8 +1,8 @@
 """What sound benches show by themselves: a table of the amplitude of each effect that a replay imitates.
 
-``python -m benchmarks.diagnosis.imitated`` makes it anew. Sound benches are screened like those of the benchmark, but no
-seed of one is a seed of the other; scores should be standard normal. What they scatter beyond that, about 0, is the
-doing of the replay: its motion is smoothed, its friction turns a little earlier or later than that of the bench.
+``python -m benchmarks.diagnosis.imitated`` makes it anew. Sound benches are screened like those of the benchmark, with
+seeds of their own; scores should be standard normal. What they scatter beyond that, about 0, is the doing of the
+replay: its motion is smoothed, its friction turns a little earlier or later than that of the bench.
 """
 
 import os
@@ -27,8 +27,8 @@ from diagnosis.systems.air_spring_parameters import IMITATED
 
 SEEDS: Final = 900_000
 HEADER: Final = """\
-# Made by `python -m benchmarks.diagnosis.imitated`; do not edit. Amplitude (SI) of each effect that the replay of a sound
-# bench imitates, as one standard deviation: {count} benches, no two alike, screened in six runs of twenty seconds.
+# Made by `python -m benchmarks.diagnosis.imitated`; do not edit. Amplitude (SI) of each effect that the replay of a
+# sound bench imitates, as one standard deviation: {count} benches, no two alike, screened in six runs of twenty seconds.
 # What is not listed scatters no more than its noise.
 """
 
