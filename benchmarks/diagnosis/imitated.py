@@ -28,7 +28,7 @@ from diagnosis.systems.air_spring_parameters import IMITATED
 SEEDS: Final = 900_000
 HEADER: Final = """\
 # Made by `python -m benchmarks.diagnosis.imitated`; do not edit. Amplitude (SI) of each effect that the replay of a
-# sound bench imitates, as one standard deviation: {count} benches, no two alike, screened in six runs of twenty seconds.
+# sound bench imitates, as one standard deviation: {count} benches, no two alike, screened in six runs of twenty s.
 # What is not listed scatters no more than its noise.
 """
 
