@@ -148,8 +148,9 @@ STRAINED_PRIOR: Final = 4.0
 FURTHER_STRAIN: Final = 1.0
 #: At so many of them whatever was named is doubted: it is told before the verdict.
 CONTRADICTED_PRIOR: Final = 10.0
-#: A noise floor is known to about a tenth.
-FLOOR_SLACK: Final = 1.1
+#: A noise floor is known to about a tenth, and the replay of a measured motion leaves a tenth more of a sound bench: in
+#: squares, together a quarter. Below it there is no misfit of which a cause could be asked to explain a part.
+FLOOR_SLACK: Final = 1.25
 #: So many samples at rest in a row say how large the noise is.
 LEAST_AT_REST: Final = 50
 #: So many rivals are tried in the place of each accepted effect.

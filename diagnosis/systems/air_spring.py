@@ -88,7 +88,7 @@ _VALVES: Final = {
 #: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
 _SHIFTS: Final = (".offset", SEAT, DRAG)
 #: Offsets of sensors from whose readings a replay starts or is driven: these change the simulation.
-_PHYSICAL: Final = (".bellows_pressure.offset", f"{SHEAR}.offset", f"{SHEAR}{SEAT}")
+_PHYSICAL: Final = ("_pressure.offset", "_temperature.offset", f"{SHEAR}.offset", f"{SHEAR}{SEAT}")
 #: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
 _PREPARED, _OUTPUTS = 64, 2
 
@@ -359,16 +359,18 @@ def _motion(experiment: Experiment, par: Any) -> Array:
 
 
 def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
-    """The gas at the beginning of a run, from the readings of its sensors less the biases that the model gives them.
+    """The gas at the beginning of a run, from what its sensors read less what the model says that they are off by.
 
     At rest a bellows and the chamber it is joined with have one pressure.
     """
+    settings = experiment.settings
 
     def unbiased(name: str) -> float:
         sensor = OUTPUTS[name]
-        return float((experiment.settings[name] - par.sensor_bias[sensor]) / (1.0 + par.sensor_gain[sensor]))
+        off = par.sensor_bias[sensor] + par.sensor_drift[sensor] * settings.get("start", 0.0)
+        read = settings[name] - off - parameters.get(f"{name}.offset", 0.0)
+        return float(read / (1.0 + par.sensor_gain[sensor]))
 
-    settings = experiment.settings
     pressure = np.empty(2 * SIDES)
     temperature = np.empty(2 * SIDES)
     for i, side in enumerate(_SIDE_NAMES):
@@ -377,7 +379,7 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
             raise DiagnosisError(
                 f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
             )
-        gauge = unbiased(bellows) - parameters.get(f"{bellows}.offset", 0.0)
+        gauge = unbiased(bellows)
         joined = auxiliary not in settings or _input(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
         shift = parameters.get(f"{side}.initial_pressure", 0.0) + par.atmospheric_pressure
         pressure[i] = gauge + shift

@@ -9,8 +9,9 @@ from bench_records.layout import RecordedEvent
 from bench_records.record import read
 from bench_sim.model.layout import Sensor
 from bench_sim.parameters import load
-from diagnosis.contracts import DiagnosisError
-from diagnosis.systems.air_spring import OUTPUTS, AirSpring
+from diagnosis.contracts import DiagnosisError, Experiment
+from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring, _gas
+from diagnosis.systems.air_spring_parameters import CHAMBERS
 from diagnosis.systems.records import STEP, _at_its_steps, _SettingsOfRecord, _while_it_moves, read_records
 from drivers.memory import Faults
 from test_plans.motions import Stand, Stretch, Valves, Wave
@@ -211,3 +212,30 @@ def test_a_pipe_that_is_fitted_has_its_length():
     settings = _SettingsOfRecord(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
     assert settings.constants(1.0) == {"nominal_preload": 145e3, "pipe_length": 1.5}
     assert settings.constants(-1.0) == {}
+
+
+@pytest.mark.parametrize("joined", [True, False])
+def test_the_gas_at_the_start_is_free_of_what_its_sensors_are_off_by(joined):
+    """Zero, drift since the bench was switched on, gain and a fitted offset: each shifts what a run begins from."""
+    par = load().record
+    true = dict.fromkeys(GAS, 5e5) | {name: 290.0 + k for k, name in enumerate(GAS[4:])}
+    true |= {} if joined else {"left.auxiliary_pressure": 3e5, "right.auxiliary_pressure": 4e5}
+    offsets = {f"{name}.offset": 300.0 if "pressure" in name else 0.4 for name in GAS}
+    for name in GAS:
+        sensor = OUTPUTS[name]
+        par.sensor_bias[sensor], par.sensor_drift[sensor], par.sensor_gain[sensor] = 0.2, 0.01, 0.002
+    read = {
+        name: 1.002 * value + 0.2 + 0.01 * 90.0 + offsets[f"{name}.offset"] for name, value in true.items()
+    }
+    still = np.ones(2)
+    inputs = {f"{side}.reservoir": still * joined for side in ("left", "right")}
+    gas = _gas(Experiment("one", np.array([0.0, 1.0]), inputs, read | {"start": 90.0}), offsets, par)
+    pressures = [
+        true[f"{side}.{chamber}_pressure"]
+        for chamber in ("bellows", "auxiliary")
+        for side in ("left", "right")
+    ]
+    assert gas.pressure - par.atmospheric_pressure == pytest.approx(pressures, abs=1e-6)
+    assert gas.temperature == pytest.approx(
+        [true[f"{chamber}_temperature"] for chamber in CHAMBERS], abs=1e-9
+    )
