@@ -77,8 +77,8 @@ class Hypothesis:
     equation: str = ""
     source: str = ""
     #: Amplitude that errors of the simulator itself, or of the way in which its inputs were measured, may imitate, as
-    #: one standard deviation: an effect of this size is not told from them.
-    imitated: float = 0.0
+    #: one standard deviation, for each point of the grid (none: 0): an effect of this size is not told from them.
+    imitated: tuple[float, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

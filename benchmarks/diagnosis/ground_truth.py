@@ -143,7 +143,10 @@ def _effect(
     rng: np.random.Generator, name: str, per_unit: LambdaPerUnit, sizes: tuple[float, float]
 ) -> tuple[dict[str, float], float]:
     effect, _ = find_effect(name)
-    shapes = {shape.name: _shape(rng, shape) for shape in effect.shapes}
+    # A stop beyond the largest gap of the grid is never touched: of its λ the grid says nothing.
+    ends = zip(np.min(effect.grid, axis=0), np.max(effect.grid, axis=0), strict=True)
+    drawn = zip(effect.shapes, ends, strict=True)
+    shapes = {shape.name: float(np.clip(_shape(rng, shape), *end)) for shape, end in drawn}
     lam = even_in_logarithm(rng, sizes)
     amplitude = lam / per_unit.of(name, tuple(shapes.values()))
     low, high = effect.amplitude.low, effect.amplitude.high

@@ -29,12 +29,12 @@ SEEDS: Final = 900_000
 HEADER: Final = """\
 # Made by `python -m benchmarks.diagnosis.imitated`; do not edit. Amplitude (SI) of each effect that the replay of a
 # sound bench imitates, as one standard deviation: {count} benches, no two alike, screened in six runs of twenty s.
-# What is not listed scatters no more than its noise.
+# A number stands for each point of the grid of its shapes; 0 scatters no more than its noise.
 """
 
 
-def excess(seed: int) -> list[tuple[str, float, float]]:
-    """Return what a sound bench shows: effect, squared score less 1, and squared λ per unit of amplitude."""
+def excess(seed: int) -> list[tuple[str, int, float, float]]:
+    """Return what a sound bench shows: effect, point of its grid, squared score less 1, squared λ per unit."""
     bench = BenchCases()
     with temporary_directory() as directory:
         dataset = bench.measure(seed, "null", "white", Path(directory)).dataset
@@ -45,10 +45,9 @@ def excess(seed: int) -> list[tuple[str, float, float]]:
     scales = np.array([one.amplitude.scale for one in screening.candidates])
     square = screening.projection.z**2 / screening.inflation - 1.0
     information = (screening.projection.norm / scales) ** 2 / screening.inflation
-    names = [one.effect.name.partition(".")[0] for one in screening.candidates]
     return [
-        (name, float(z), float(unit))
-        for name, z, unit in zip(names, square, information, strict=True)
+        (one.effect.name.partition(".")[0], one.effect.grid.index(one.shapes), float(z), float(unit))
+        for one, z, unit in zip(screening.candidates, square, information, strict=True)
         if unit > 0.0
     ]
 
@@ -58,20 +57,22 @@ def excess(seed: int) -> list[tuple[str, float, float]]:
 @click.option("--processes", default=2, show_default=True)
 def main(rigs: int, processes: int) -> None:
     """Measure the table on so many sound benches, and keep it."""
-    squares: dict[str, list[float]] = defaultdict(list)
-    information: dict[str, list[float]] = defaultdict(list)
+    seen: dict[str, dict[int, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
     with ProcessPoolExecutor(processes) as pool:
         for number, found in enumerate(pool.map(excess, range(SEEDS, SEEDS + rigs)), 1):
-            for name, square, unit in found:
-                squares[name].append(square)
-                information[name].append(unit)
+            for name, place, square, unit in found:
+                seen[name][place].append((square, unit))
             click.echo(f"{number} of {rigs}")
     lines = [HEADER.format(count=rigs)]
-    for name in sorted(squares):
-        mean = float(np.mean(squares[name]))
-        click.echo(f"{name}: scores scatter by {np.sqrt(1.0 + mean):.2f}")
-        if mean > 0.0:
-            lines.append(f"{name} = {np.sqrt(mean / np.mean(information[name])):.2g}\n")
+    for name, points in sorted(seen.items()):
+        amplitudes, scatters = [], []
+        for _, values in sorted(points.items()):
+            square, information = np.mean(values, axis=0)
+            amplitudes.append(f"{np.sqrt(max(square, 0.0) / information):.2g}")
+            scatters.append(f"{np.sqrt(1.0 + square):.2f}")
+        click.echo(f"{name}: scores scatter by {', '.join(scatters)}")
+        if set(amplitudes) != {"0"}:
+            lines.append(f"{name} = [{', '.join(amplitudes)}]\n")
     IMITATED.write_text("".join(lines), encoding="utf-8")
 
 

@@ -52,6 +52,11 @@ class Candidate:
         """The coordinate of the amplitude."""
         return effect_coordinates(self.effect)[0]
 
+    @property
+    def imitated(self) -> float:
+        """The amplitude that errors of the simulator imitate with these shapes."""
+        return self.effect.imitated[self.effect.grid.index(self.shapes)] if self.effect.imitated else 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprints:

@@ -61,7 +61,7 @@ class Screening:
     @cached_property
     def scatter(self) -> Array:
         """Standard deviations of the scores (m,) of effects that are absent, in those of whitened noise."""
-        imitated = np.array([c.effect.imitated / c.amplitude.scale for c in self.candidates])
+        imitated = np.array([c.imitated / c.amplitude.scale for c in self.candidates])
         return np.sqrt(self.inflation + (imitated * self.projection.norm) ** 2)
 
     @cached_property

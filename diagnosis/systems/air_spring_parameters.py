@@ -35,7 +35,7 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 INITIAL_PRESSURE: Final = 50.0
 INITIAL_TEMPERATURE: Final = 0.2
 
-#: The amplitude of each effect that the replay of a sound bench imitates.
+#: The amplitude of each effect that the replay of a sound bench imitates, at each point of its grid.
 IMITATED: Final = Path(__file__).with_name("imitated.toml")
 #: Suffix and spread (m) of an apparent shift in one run, of an actuator or of the shear: the wire rounds the platform's
 #: transducers to 10 µm, and while the platform rests, the rounding error is the same for the whole run. In the shear
@@ -242,7 +242,7 @@ def _label(name: str, place: str) -> str:
 def _hypothesis(
     name: str, effect: bench.Effect, place: str, confusers: tuple[str, ...], richer: tuple[str, ...]
 ) -> Hypothesis:
-    amplitude = effect.amplitude
+    amplitude, imitated = effect.amplitude, _imitated().get(effect.name, ())
     return Hypothesis(
         name,
         effect.family,
@@ -265,13 +265,14 @@ def _hypothesis(
         richer,
         effect.equation,
         effect.source,
-        imitated=_imitated().get(effect.name, 0.0),
+        imitated=imitated if len(imitated) == len(effect.grid) else (),
     )
 
 
 @cache
-def _imitated() -> dict[str, float]:
-    return tomllib.loads(IMITATED.read_text(encoding="utf-8"))
+def _imitated() -> dict[str, tuple[float, ...]]:
+    table = tomllib.loads(IMITATED.read_text(encoding="utf-8"))
+    return {name: tuple(amplitudes) for name, amplitudes in table.items()}
 
 
 def _shape(shape: bench.EffectParameter) -> Parameter:
