@@ -15,6 +15,7 @@ from astb.operators import PANEL
 from astb.panel.kept_rig import KeptRig
 from astb.panel.watch import Watch
 from bench_protocol.units import s
+from bench_protocol.words import SAFE_STATES
 from bench_records.layout import RESULT, RecordError
 from bench_records.result import read_result
 from drivers.errors import BenchError
@@ -133,8 +134,7 @@ class Runs:
             self._kill(pid)
             self.stopped = f"{told['error']}: its process was killed, and the rig holds without its commander"
         else:
-            self._directly()
-            self.stopped = "the rig was told to take its safe position"
+            self.stopped = self._directly()
         return self.stopped
 
     def _kill(self, pid: int | None) -> None:
@@ -145,11 +145,15 @@ class Runs:
             except ProcessLookupError:
                 self._directly()
 
-    def _directly(self) -> None:
+    def _directly(self) -> str:
         try:
             self._watch.act(SAFE)
         except BenchError as error:
+            rig = self._watch.present()
+            if not rig.link and rig.state in SAFE_STATES:
+                return f"the rig has taken its safe position before: it says {rig.state}"
             raise CannotDo(f"THE RIG DID NOT TAKE IT, press the button on the rig: {error}") from None
+        return "the rig was told to take its safe position"
 
     def reset(self) -> None:
         """Clear a latched fault, while nobody commands."""

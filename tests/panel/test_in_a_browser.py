@@ -143,24 +143,36 @@ def test_one_page_commands_and_another_may_take_over(commander, open_page):
     until(commander, "#seat", "Another page commands")
 
 
-def test_a_connection_that_nobody_closes_is_given_up_and_a_stop_needs_none(open_page):
-    page, connections, waiting = open_page(), [], []
+def test_a_stop_needs_no_page_and_a_connection_that_nobody_closes_is_given_up(open_page):
+    page, connections, waiting = open_page(), [], {}
 
     def connected(socket):
         connections.append(socket)
         if len(connections) > 1:  # the first one is mute, as where the network is gone
             socket.connect_to_server()
 
-    def held(route):
-        waiting.append(route)
+    def held(name):
+        page.route(name, lambda route: waiting.update({name: route}))
+
+    def let_go(name):
+        deadline = time.monotonic() + 60
+        while name not in waiting and time.monotonic() < deadline:
+            page.wait_for_timeout(50)
+        waiting[name].continue_()
 
     page.route_web_socket("**/api/stream*", connected)
-    page.route("**/api/plans", held)
+    held("**/page/main.js")
+    held("**/api/plans")
     page.reload(wait_until="commit")
-    with page.expect_request("**/api/estop"):
-        page.click("#estop")  # before the page has all that it shows
+    with page.expect_response("**/api/estop") as answer:
+        page.click("#estop")  # when of the page there is nothing else
+    assert answer.value.ok, answer.value.text()
+    let_go("**/page/main.js")
     until(page, "#news", "does not answer yet")
-    waiting.pop().continue_()
+    with page.expect_response("**/api/estop") as answer:
+        page.click("#estop")  # before the page has all that it shows
+    assert answer.value.ok, answer.value.text()
+    let_go("**/api/plans")
     page.wait_for_selector(".readings")
     until(page, "#state", "HOLD|DISABLED|AIR")
     page.wait_for_selector("body:not(.stale)")

@@ -6,11 +6,11 @@ import { Link } from "/page/link.js";
 const LIVE = ["AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE"];
 const find = (name) => document.querySelector(`[data-of=${name}]`);
 const news = document.getElementById("news");
-let stopped = "";
 
 const link = new Link();
-document.getElementById("estop").addEventListener("click", stop); // before anything that may take its time
-await enter();
+window.addEventListener("stopped", tell); // by stop.js, which was there first
+await window.astb.entered;
+link.listen(tell);
 link.begin();
 const panel = { link, about: await fetched("/api/rig"), plans: await fetched("/api/plans") };
 document.title = `${panel.about.name} – ASTB`;
@@ -23,20 +23,6 @@ document.getElementById("views").append(...views.map((one) => one.button));
 window.addEventListener("hashchange", open);
 let leave = () => {};
 await open();
-link.listen(tell);
-setInterval(tell, 500);
-
-/** Exchange the token of the address for a cookie, and let it not stand there for others to read. */
-async function enter() {
-  const token = new URLSearchParams(location.hash.slice(1)).get("token");
-  if (!token) return;
-  try {
-    await fetch("/api/enter", { method: "POST", body: JSON.stringify({ token }) });
-    history.replaceState(null, "", location.pathname);
-  } catch {
-    /* the address still has it when the page is loaded again */
-  }
-}
 
 async function fetched(path) {
   for (;;) {
@@ -63,16 +49,6 @@ async function open() {
   leave = show(element, panel) ?? (() => {});
 }
 
-async function stop() {
-  try {
-    stopped = "";
-    await link.order("/api/estop");
-  } catch (error) {
-    stopped = `STOP did not work: ${error.message}. Press the emergency stop of the rig.`;
-  }
-  tell();
-}
-
 function tell() {
   const { status, stale } = link;
   document.body.classList.toggle("stale", stale || (status && status.rig.link !== ""));
@@ -92,7 +68,7 @@ function say(stale, status) {
   const since = link.heard && new Date(link.heard).toLocaleTimeString([], { hour12: false });
   const lost = stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
     : status?.rig.link ? `The rig is not heard: ${status.rig.link}` : "";
-  const text = [stopped, lost].filter(Boolean).join(" ");
+  const text = [window.astb.stopped, lost].filter(Boolean).join(" ");
   news.textContent = text;
   news.hidden = !text;
 }

@@ -1,0 +1,48 @@
+/** What works before anything else of the page is there: the token of the address, and STOP. Loaded before the body. */
+
+"use strict";
+
+window.astb = { entered: enter(), stopped: "" };
+document.addEventListener("click", ({ target }) => target.closest("#estop") && stop());
+
+/** Exchange the token of the address for a cookie, and let it not stand there for others to read. */
+async function enter() {
+  const token = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (!token) return;
+  try {
+    await fetch("/api/enter", { method: "POST", body: JSON.stringify({ token }), signal: AbortSignal.timeout(5000) });
+    history.replaceState(null, "", location.pathname);
+  } catch {
+    /* the address still has it when the page is loaded again */
+  }
+}
+
+/** Tell the rig to take its safe position; what went wrong stands in `astb.stopped`. */
+async function stop() {
+  say("");
+  try {
+    await window.astb.entered;
+    await order();
+  } catch (error) {
+    say(`STOP did not work: ${error.message}. Press the emergency stop of the rig.`);
+  }
+}
+
+async function order() {
+  let answer;
+  try {
+    answer = await fetch("/api/estop", { method: "POST", headers: { "Content-Type": "application/json" }, body: "{}", signal: AbortSignal.timeout(5000) });
+  } catch {
+    throw new Error("the panel's server does not answer");
+  }
+  const { error } = await answer.json().catch(() => ({ error: `the panel's server failed (${answer.status})` }));
+  if (error) throw new Error(error);
+}
+
+function say(words) {
+  window.astb.stopped = words;
+  const news = document.getElementById("news");
+  news.textContent = words;
+  news.hidden = !words;
+  window.dispatchEvent(new Event("stopped"));
+}
