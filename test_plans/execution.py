@@ -86,6 +86,7 @@ def execute(
         instruments,
         wanted,
         plan.values,
+        plan.judges,
     )
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):

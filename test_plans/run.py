@@ -109,6 +109,7 @@ class Run:
     instruments: Instruments = UNKNOWN
     suspension: Suspension = field(default_factory=Suspension)
     values: Mapping[str, Value] = field(default_factory=dict)  #: of the plan's parameters (SI)
+    judges: bool = True  #: as the plan
     held: list[tuple[int, int]] = field(default_factory=list)  #: from when to when it was held (ns)
     preconditions: list[Condition] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)  #: what whoever reads the result has to know

@@ -52,6 +52,10 @@ SHORT = Programme(
     ),
     "Moves everything for a moment.",
 )
+#: Under the full load a wrong gain is beyond what a force may differ by.
+FULL = Programme(
+    "full", "A full one", (Part(AW3, (Stretch((Wave("vertical", 4 * mm, 1 * Hz, 3),), Stand()),)),), "-"
+)
 
 
 def replays(record):
@@ -161,6 +165,19 @@ def test_the_bench_moves_as_predicted_and_the_record_knows_the_valves(bench_run,
     assert in_force("air.dpv", opened.end) == "on"
     axes = {data["generator.axis"] for _, data in changes if "generator.axis" in data}
     assert axes <= set(AXES)
+
+
+@pytest.mark.parametrize(
+    "wrong", [("force_gain", "-1 %"), ("pressure_offset.right", "-300 mbar")], ids=lambda w: w[0]
+)
+def test_what_reads_wrong_does_not_block_the_programme_that_looks_for_it(judged, monkeypatch, wrong):
+    """A plan that judges insists that the load is read; here the reading may be what is looked for."""
+    monkeypatch.setitem(plans(), "full", programme_plan(FULL))
+    result, _ = judged("full", effects=[wrong])
+    assert result.verdict is Outcome.PASS, result.reason
+    assert any("a transducer may be what is wrong" in told for told in result.warnings)
+    result, _ = judged("aw3", effects=[wrong])
+    assert (result.verdict, "not reached" in result.reason) == (Outcome.BLOCKED, True)
 
 
 def test_the_screening_does_under_both_loads_what_was_predicted(bench_run):
