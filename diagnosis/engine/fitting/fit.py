@@ -9,11 +9,12 @@ bought only when they are needed, in the order of their price (`ColumnSource`):
 * the columns of the nuisances are borrowed from a fit under the same noise, for they hardly change from model to model;
 * those of the effects follow each step by Broyden's rule: corrected so that they explain the change just seen;
 * a step that gains clearly less than the linear model predicts has new columns of the effects computed, a step that
-  fails has central differences of them, and only a further one has the columns of the nuisances, too;
-* a fit that is to be compared with others, and even by its linear model stays above a ``ceiling``, buys no columns of
-  the nuisances: they are the dearest, and nothing depends on how far above it ends;
-* only where these fail too is the step shortened, by damping. Along a narrow curved valley good steps are short: the
-  damping falls slowly, and a step that fails after good ones is tried shorter before its columns are doubted.
+  fails has central differences of them;
+* where these fail too the step is shortened, by damping. Along a narrow curved valley good steps are short: the
+  damping falls slowly, and a step that fails after good ones is tried shorter before its columns are doubted;
+* only where no step is short enough are the columns of the nuisances doubted, which are by far the dearest;
+* a fit that is to be compared with others, and even by its linear model stays behind the best of them, buys none of
+  those, and one that stays above a ``ceiling`` no central differences either: nothing depends on how far above it ends.
 
 The fit ends where the next step promises less than the finite differences resolve.
 """
@@ -138,6 +139,8 @@ def fit(
         tolerance = max(FIT_TOLERANCE * noise.dispersion, FIT_RELATIVE_TOLERANCE * (at.chi2 - samples))
         if decrease < max(tolerance, HOPELESS_STEP * (at.penalised_chi2 - noise.dispersion * target)):
             if descent.damping > 0.0:
+                if descent.renewed(target):
+                    continue
                 # No step is short enough: the model is rougher than its differences. As good as it gets.
                 converged = at.predicted_decrease(at.step()) < max(ROUGH_OPTIMUM, tolerance)
                 break
@@ -147,7 +150,7 @@ def fit(
             descent.linearise(ColumnSource.FRESH)
         else:
             hopeless = at.penalised_chi2 - decrease > noise.dispersion * ceiling
-            if not descent.attempt(trial, decrease, ColumnSource.OWN if hopeless else ColumnSource.FRESH):
+            if not (descent.attempt(trial, decrease, hopeless) or (not hopeless and descent.renewed(target))):
                 converged = not hopeless
                 break
     return FittedModel(replay, noise, descent.at, tuple(descent.predictions), converged)
@@ -167,11 +170,11 @@ class _Descent:
     damping: float = 0.0
     trusted: bool = False  #: the last step was good, though damped
 
-    def attempt(self, trial: Point, decrease: float, dearest: ColumnSource) -> bool:
+    def attempt(self, trial: Point, decrease: float, hopeless: bool) -> bool:
         """Simulate a step, and take it or prepare a better one; False where no better one is worth its price.
 
-        ``decrease`` is what the linear model predicts of the penalised χ²; no columns dearer than ``dearest`` are
-        bought.
+        ``decrease`` is what the linear model predicts of the penalised χ²; where that is ``hopeless``, nothing dearer
+        is bought than columns of the effects.
         """
         predictions = self.replay.predictions(trial)
         there = _follow(self.at, trial, self.whiten, self.replay, predictions)
@@ -186,12 +189,29 @@ class _Descent:
             return False
         elif self.trusted:
             self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
-        elif dearest <= self.source < ColumnSource.FRESH:
+        elif hopeless and ColumnSource.OWN <= self.source < ColumnSource.FRESH:
             return False
-        elif self.source < ColumnSource.FRESH:
+        elif self.source < ColumnSource.CENTRAL:
             self.linearise(max(ColumnSource(self.source + 1), self._cheapest))
         else:
             self.damping = max(10.0 * self.damping, 1e-3)
+        return True
+
+    def renewed(self, target: float) -> bool:
+        """Compute all columns anew if no step was short enough with old ones of the nuisances; tell whether.
+
+        It must be worth its price: what the linear model predicts must be less than ``target``.
+        """
+        decrease = self.at.predicted_decrease(self.at.step())
+        dispersion = self.noise.dispersion
+        worth = decrease > WORTH_NEW_COLUMNS * dispersion
+        leads = self.at.penalised_chi2 - decrease < dispersion * target
+        if not (
+            self.damping > 0.0 and ColumnSource.OWN <= self.source < ColumnSource.FRESH and worth and leads
+        ):
+            return False
+        self.damping = 0.0
+        self.linearise(ColumnSource.FRESH)
         return True
 
     def linearise(self, source: ColumnSource) -> None:
