@@ -54,6 +54,25 @@ def held_back(ahead: float, missing: float, rise: float, rate: float) -> float:
     return exp(-z) * missing + ramp * rise
 
 
+@compiled
+def missing_flow(
+    ahead: float,
+    noted_steady: float,
+    noted_missing: float,
+    steady: float,
+    p_b: float,
+    T_b: float,
+    p_a: float,
+    T_a: float,
+    area: float,
+    inertance: float,
+    par: Any,
+) -> float:
+    """D in kg/s, ``ahead`` s after the start of a step at which the flows were noted; ``inertance`` in 1/m."""
+    rate = loss_secant(steady, noted_steady - noted_missing, p_b, T_b, p_a, T_a, area, par) / inertance
+    return held_back(ahead, noted_missing, steady - noted_steady, rate)
+
+
 @compiled_once
 def flow_with_inertia(
     t: float,
@@ -68,7 +87,6 @@ def flow_with_inertia(
     area: float,
 ) -> float:
     """G in kg/s at ``t``, within the step that began at the remembered instant."""
-    before = mem.steady_flow[side] - mem.missing_flow[side]
-    rate = loss_secant(steady, before, p_b, T_b, p_a, T_a, area, par) / par.flow_inertance[side]
-    rise = steady - mem.steady_flow[side]
-    return steady - held_back(t - mem.solved_time, mem.missing_flow[side], rise, rate)
+    noted, missing, inertance = mem.steady_flow[side], mem.missing_flow[side], par.flow_inertance[side]
+    ahead = t - mem.solved_time
+    return steady - missing_flow(ahead, noted, missing, steady, p_b, T_b, p_a, T_a, area, inertance, par)

@@ -99,6 +99,10 @@ class Lane(_Rows):
     TEMPERATURE = auto()
     AUXILIARY_PRESSURE = auto()
     AUXILIARY_TEMPERATURE = auto()
+    FLOW = auto()  #: kg/s from bellows to auxiliary chamber, and what it is without inertia
+    STEADY_FLOW = auto()
+    NOTED_STEADY_FLOW = auto()  #: the same where the step began, and what inertia held back of it
+    NOTED_MISSING_FLOW = auto()
     HEATING = auto()  #: W into the bellows, without the work
     DENSITY = auto()  #: where the heat's density factor is expanded, and that factor
     DENSITY_FACTOR = auto()
@@ -151,6 +155,7 @@ class Lane(_Rows):
     ORIFICE = auto()  #: C_d A
     ASYMMETRY = auto()
     REYNOLDS = auto()
+    INERTANCE = auto()  #: of the air in the connection, 1/m
     REYNOLDS_PER_FLOW = auto()  #: Re/G
     LAMINAR = auto()
     PSI_LAMINAR = auto()  #: ψ where the flow becomes linear

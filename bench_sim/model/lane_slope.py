@@ -13,6 +13,7 @@ from typing import Any
 
 from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.gas import enthalpy_per_kelvin
+from bench_sim.model.inertance import missing_flow
 from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
 from bench_sim.model.lane_algebra import lane_algebra
 from bench_sim.model.lane_layout import EXTRA_SPEED, LANES, SLOPE, STAGE, Lane, LaneState
@@ -46,11 +47,9 @@ def _power(w: Any, i: int, t: float) -> float:
 
 @compiled
 def orifice(w: Any) -> None:
-    """Flow between bellows and auxiliary chamber, carrying the enthalpy of its upstream side: it begins the slopes."""
+    """Flow between bellows and auxiliary chamber that follows from the pressures."""
     for i in range(LANES):
-        kappa = w[Lane.HEAT_RATIO + i]
         R = w[Lane.GAS_CONSTANT + i]
-        c_p = kappa / (kappa - 1.0) * R
         p_b = w[Lane.PRESSURE + i]
         p_a = w[Lane.AUXILIARY_PRESSURE + i]
         T_b = w[Lane.TEMPERATURE + i]
@@ -68,8 +67,42 @@ def orifice(w: Any) -> None:
         area = w[Lane.OPENING + i] * w[Lane.ORIFICE + i] * (1.0 + sense * w[Lane.ASYMMETRY + i])
         G = area * p_up / sqrt(R * T_up) * psi
         root = sqrt(max(w[Lane.REYNOLDS_PER_FLOW + i] * G, 1.0))
-        G *= sense * root / (root + w[Lane.REYNOLDS + i])
-        h = G * c_p * (T_b if G > 0.0 else T_a)
+        w[Lane.FLOW + i] = G * (sense * root / (root + w[Lane.REYNOLDS + i]))
+
+
+@compiled
+def hold_back(w: Any, ahead: float, parameters: Any) -> None:
+    """Let inertia hold back the flow, lane by lane (`bench_sim.model.inertance`)."""
+    for i in range(LANES):
+        steady = w[Lane.FLOW + i]
+        w[Lane.STEADY_FLOW + i] = steady
+        if w[Lane.INERTANCE + i] > 0.0 and w[Lane.OPENING + i] > 0.0:
+            p_b = w[Lane.PRESSURE + i]
+            p_a = w[Lane.AUXILIARY_PRESSURE + i]
+            sense = 1.0 if p_b > p_a else -1.0
+            w[Lane.FLOW + i] -= missing_flow(
+                ahead,
+                w[Lane.NOTED_STEADY_FLOW + i],
+                w[Lane.NOTED_MISSING_FLOW + i],
+                steady,
+                p_b,
+                w[Lane.TEMPERATURE + i],
+                p_a,
+                w[Lane.AUXILIARY_TEMPERATURE + i],
+                w[Lane.OPENING + i] * w[Lane.ORIFICE + i] * (1.0 + sense * w[Lane.ASYMMETRY + i]),
+                w[Lane.INERTANCE + i],
+                parameters[i],
+            )
+
+
+@compiled
+def carry(w: Any) -> None:
+    """The flow carries the enthalpy of its upstream side: it begins the slopes."""
+    for i in range(LANES):
+        kappa = w[Lane.HEAT_RATIO + i]
+        c_p = kappa / (kappa - 1.0) * w[Lane.GAS_CONSTANT + i]
+        G = w[Lane.FLOW + i]
+        h = G * c_p * (w[Lane.TEMPERATURE + i] if G > 0.0 else w[Lane.AUXILIARY_TEMPERATURE + i])
         w[SLOPE + LaneState.MASS + i] = -G
         w[SLOPE + LaneState.AUXILIARY_MASS + i] = G
         w[Lane.HEATING + i] = -h
@@ -237,14 +270,20 @@ def work(w: Any) -> None:
 
 
 @compiled_once
-def lane_slope(w: Any, ahead: float, extra: int, frictions: int, surfaces: bool, parameters: Any) -> None:
+def lane_slope(
+    w: Any, ahead: float, extra: int, frictions: int, inert: bool, surfaces: bool, parameters: Any
+) -> None:
     """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and everything that follows from the states.
 
-    ``extra`` branches and ``frictions`` elements are as many as the lane with most of them has; ``surfaces``: one of
-    them has a surface, whose coefficients stand in ``parameters`` (LANES).
+    ``extra`` branches and ``frictions`` elements are as many as the lane with most of them has; ``inert``: the air in
+    the connection of one of them has inertia; ``surfaces``: one of them has a surface, whose coefficients stand in
+    ``parameters`` (LANES).
     """
     lane_algebra(w, ahead, extra, frictions)
     orifice(w)
+    if inert:
+        hold_back(w, ahead, parameters)
+    carry(w)
     leak(w)
     heat(w)
     if surfaces:

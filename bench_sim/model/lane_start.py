@@ -85,6 +85,7 @@ _IN_COLUMN: Final = frozenset(
         "bellows_compliance",
         "orifice_reynolds",
         "orifice_asymmetry",
+        "flow_inertance",
     ]
 )
 #: Surfaces, which stand beside the column.
@@ -97,7 +98,7 @@ SURFACES: Final = (
     "heat_surface_temperature",
 )
 #: Quantities with which a lane cannot deal unless they are 0.
-_ABSENT: Final = ("pipe_length", "flow_inertance")
+_ABSENT: Final = ("pipe_length",)
 #: Quantities of what an imposed motion leaves out, or of the readings alone.
 _ELSEWHERE: Final = frozenset(
     [
@@ -295,11 +296,12 @@ def _fill_gas(w: Any, i: int, par: Any) -> None:
 
 @compiled
 def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
-    """Orifice and leaks."""
+    """Orifice, the inertia of its air, and leaks."""
     kappa = par.heat_capacity_ratio
     w[Lane.ORIFICE] = effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
     w[Lane.ASYMMETRY] = par.orifice_asymmetry[i]
     w[Lane.REYNOLDS] = par.orifice_reynolds[i]
+    w[Lane.INERTANCE] = par.flow_inertance[i]
     w[Lane.REYNOLDS_PER_FLOW] = 4.0 / (pi * par.orifice_diameter[i] * AIR_VISCOSITY)
     w[Lane.LAMINAR] = par.laminar_limit
     w[Lane.PSI_LAMINAR] = nozzle_function(par.laminar_limit, kappa)

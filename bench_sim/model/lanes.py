@@ -130,6 +130,14 @@ def note_motion(w: Any, sides: Any, memory: Any, parameters: Any, dt: float, tur
 
 
 @compiled
+def note_flow(w: Any) -> None:
+    """As `bench_sim.model.valves.note_flows`."""
+    for i in range(LANES):
+        w[Lane.NOTED_STEADY_FLOW + i] = w[Lane.STEADY_FLOW + i]
+        w[Lane.NOTED_MISSING_FLOW + i] = w[Lane.STEADY_FLOW + i] - w[Lane.FLOW + i]
+
+
+@compiled
 def note_gas(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
     """As `bench_sim.model.gas.note_densities`."""
     for i in range(LANES):
@@ -231,6 +239,9 @@ def integrate_lanes(
     turned = np.zeros(LANES, np.bool_)
     extra = most(w, EXTRA_RATIO, EXTRA_BRANCHES)
     frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
+    inert = False
+    for i in range(LANES):
+        inert = inert or w[Lane.INERTANCE + i] > 0.0
     size = LaneState.EXTRA + 2 * LANES * extra
     recall(w, sides, memory, np.zeros(STATES))
     for k in range(size):
@@ -241,10 +252,11 @@ def integrate_lanes(
         for i in range(LANES):
             w[Lane.OPENING + i] = openings[i][min(n, rows[i] - 1)]
         since = dt if n > 0 else 0.0
-        lane_slope(w, since, extra, frictions, surfaces, parameters)
+        lane_slope(w, since, extra, frictions, inert, surfaces, parameters)
+        note_flow(w)
         if note_motion(w, sides, memory, parameters, since, turned):
             saved[:] = w
-            lane_slope(w, 0.0, extra, frictions, surfaces, parameters)
+            lane_slope(w, 0.0, extra, frictions, inert, surfaces, parameters)
             for i in range(LANES):
                 if not turned[i]:
                     for k in range(i, LENGTH, LANES):
@@ -255,12 +267,12 @@ def integrate_lanes(
             break
         stage(w, size, 1.0, 0.5 * dt)
         gather(w, 2 * n + 1, courses, rows)
-        lane_slope(w, 0.5 * dt, extra, frictions, surfaces, parameters)
+        lane_slope(w, 0.5 * dt, extra, frictions, inert, surfaces, parameters)
         stage(w, size, 2.0, 0.5 * dt)
-        lane_slope(w, 0.5 * dt, extra, frictions, surfaces, parameters)
+        lane_slope(w, 0.5 * dt, extra, frictions, inert, surfaces, parameters)
         stage(w, size, 2.0, dt)
         gather(w, 2 * n + 2, courses, rows)
-        lane_slope(w, dt, extra, frictions, surfaces, parameters)
+        lane_slope(w, dt, extra, frictions, inert, surfaces, parameters)
         finish(w, size, dt)
 
 
