@@ -75,7 +75,6 @@ def execute(
     facts = _facts(plan, spring, instruments) | dict(meta or {})
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()
-    wanted = suspension or Suspension()
     run = Run(
         bench,
         recording,
@@ -84,7 +83,7 @@ def execute(
         spring,
         asked,
         instruments,
-        wanted,
+        suspension or Suspension(),
         plan.values,
         plan.judges,
     )

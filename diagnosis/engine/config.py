@@ -99,6 +99,8 @@ HOPELESS_STEP: Final = 0.02
 ROUGH_OPTIMUM: Final = 4.0
 #: Better columns are not worth their simulations for a predicted decrease of χ² below this.
 WORTH_NEW_COLUMNS: Final = 1.0
+#: A step that fails though it is damped so much lets the columns of the nuisances be doubted.
+DOUBTFUL_DAMPING: Final = 0.01
 #: Part of a squared step that the effects' own parameters must make for Broyden's rule to learn from it.
 BROYDEN_SHARE: Final = 0.01
 #: Differences on both sides of a point that are apart by this part of their square are apart by more than curvature.

@@ -141,7 +141,7 @@ def test_only_what_differs_is_integrated(bench, integrated):
 
 def test_the_effort_is_counted():
     simulator = AirSpring(load("astb"), effects=CATALOGUE)
-    experiment = shaken("counted", 0.5)
+    experiment, piped = shaken("counted", 0.5), shaken("piped", 0.5, pipe_length=1.0)
     effects = (
         {},
         {},
@@ -149,8 +149,9 @@ def test_the_effort_is_counted():
         {"force_lag": {"lag": 1e-3}},
         {"pipe_inertia": {"length": 1.0}},
     )
-    assert len(list(simulator.run_many([Job(experiment, {}, effect) for effect in effects]))) == 5
-    assert simulator.effort == {"jobs": 5, "packs": 1, "springs": 3, "readings": 4, "alone": 1}
+    jobs = [*(Job(experiment, {}, effect) for effect in effects), Job(piped, {}, {})]
+    assert len(list(simulator.run_many(jobs))) == 6
+    assert simulator.effort == {"jobs": 6, "packs": 1, "springs": 5, "readings": 5, "alone": 1}
 
 
 def test_outputs_do_not_depend_on_the_batch(bench):

@@ -12,7 +12,7 @@ bought only when they are needed, in the order of their price (`ColumnSource`):
   fails has central differences of them;
 * where these fail too the step is shortened, by damping. Along a narrow curved valley good steps are short: the
   damping falls slowly, and a step that fails after good ones is tried shorter before its columns are doubted;
-* only where no step is short enough are the columns of the nuisances doubted, which are by far the dearest;
+* only where a shorter step fails, too, are the columns of the nuisances doubted, which are by far the dearest;
 * a fit that is to be compared with others, and even by its linear model stays behind the best of them, buys none of
   those, and one that stays above a ``ceiling`` no central differences either: nothing depends on how far above it ends.
 
@@ -31,6 +31,7 @@ import numpy as np
 from diagnosis.contracts import Array, DiagnosisError
 from diagnosis.engine.config import (
     BROYDEN_SHARE,
+    DOUBTFUL_DAMPING,
     FIT_RELATIVE_TOLERANCE,
     FIT_STEPS,
     FIT_TOLERANCE,
@@ -129,7 +130,7 @@ def fit(
     prior = (prior or prior_of(start)).times(noise.dispersion)
     first = linearise(replay, whiten, start, predictions, prior, known)
     source = ColumnSource.BORROWED if known else ColumnSource.FRESH
-    descent = _Descent(replay, noise, whiten, prior, first, predictions, source)
+    descent = _Descent(replay, noise, whiten, prior, target, first, predictions, source)
     samples = sum(int(run.counted.sum()) for run in replay.runs)
     converged = False
     for _ in range(steps):
@@ -139,7 +140,7 @@ def fit(
         tolerance = max(FIT_TOLERANCE * noise.dispersion, FIT_RELATIVE_TOLERANCE * (at.chi2 - samples))
         if decrease < max(tolerance, HOPELESS_STEP * (at.penalised_chi2 - noise.dispersion * target)):
             if descent.damping > 0.0:
-                if descent.renewed(target):
+                if descent.renewed():
                     continue
                 # No step is short enough: the model is rougher than its differences. As good as it gets.
                 converged = at.predicted_decrease(at.step()) < max(ROUGH_OPTIMUM, tolerance)
@@ -150,7 +151,7 @@ def fit(
             descent.linearise(ColumnSource.FRESH)
         else:
             hopeless = at.penalised_chi2 - decrease > noise.dispersion * ceiling
-            if not (descent.attempt(trial, decrease, hopeless) or (not hopeless and descent.renewed(target))):
+            if not (descent.attempt(trial, decrease, hopeless) or (not hopeless and descent.renewed())):
                 converged = not hopeless
                 break
     return FittedModel(replay, noise, descent.at, tuple(descent.predictions), converged)
@@ -164,6 +165,7 @@ class _Descent:
     noise: Noise
     whiten: Sequence[Filter]
     prior: Prior
+    target: float
     at: Linearisation
     predictions: Sequence[Array]
     source: ColumnSource
@@ -193,19 +195,19 @@ class _Descent:
             return False
         elif self.source < ColumnSource.CENTRAL:
             self.linearise(max(ColumnSource(self.source + 1), self._cheapest))
-        else:
+        elif not (self.damping >= DOUBTFUL_DAMPING and self.renewed()):
             self.damping = max(10.0 * self.damping, 1e-3)
         return True
 
-    def renewed(self, target: float) -> bool:
-        """Compute all columns anew if no step was short enough with old ones of the nuisances; tell whether.
+    def renewed(self) -> bool:
+        """Compute all columns anew if shorter steps failed with old ones of the nuisances; tell whether.
 
-        It must be worth its price: what the linear model predicts must be less than ``target``.
+        It must be worth its price: what the linear model predicts must be better than the target.
         """
         decrease = self.at.predicted_decrease(self.at.step())
         dispersion = self.noise.dispersion
         worth = decrease > WORTH_NEW_COLUMNS * dispersion
-        leads = self.at.penalised_chi2 - decrease < dispersion * target
+        leads = self.at.penalised_chi2 - decrease < dispersion * self.target
         if not (
             self.damping > 0.0 and ColumnSource.OWN <= self.source < ColumnSource.FRESH and worth and leads
         ):
