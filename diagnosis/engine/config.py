@@ -166,8 +166,6 @@ COMPARABLE: Final = 0.5
 
 # -- step 7, what has no name: unknown.py ------------------------------------------------------------------------------
 
-#: Nothing is looked for on further runs where the fit runs alone leave a surface this chance, or more.
-HINT_P: Final = 0.2
 #: A surface acts where its coefficients are so many standard deviations from 0 …
 CLEAR_COEFFICIENT: Final = 2.0
 #: … and such a part of the largest ones.

@@ -25,7 +25,6 @@ from diagnosis.contracts import Array, MeasuredRun, Surface
 from diagnosis.engine.config import (
     CLEAR_COEFFICIENT,
     FIXED_WEIGHT,
-    HINT_P,
     LARGE_COEFFICIENT,
     REMAINDER,
     VISITED,
@@ -40,11 +39,6 @@ from diagnosis.engine.p_values import bonferroni
 from diagnosis.engine.screening import ScreenedModel, Screening
 from diagnosis.engine.search_state import Accepted
 from diagnosis.finding import Figure, Nearest, Region, Series, Unknown, number, numbers
-
-
-def hinted(screened: ScreenedModel) -> bool:
-    """Return whether any surface is seen at all: the columns of further runs are dear, and would hardly show it."""
-    return any(bonferroni(test.p, len(screened.tests)) < HINT_P for test in screened.tests)
 
 
 def clear_surfaces(

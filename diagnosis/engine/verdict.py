@@ -3,13 +3,13 @@
 Theory of operation
 -------------------
 The search has named what it could. The simulator's surfaces now stand for everything that the catalogue lacks: the
-noise is estimated once more without what they explain, and they are tested (`omnibus.py`). What the fit runs hint at is
-tested on the select runs together with them, for what has no name is often clearest where nothing was fitted. Causes
-that the clearest surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates,
-and those that may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What is owed to
-the form helps little on runs that it was not fitted to: a cause that takes most of the error from the select runs, as
-fitted, is none of that, however rough its own equation. What remains passes all gates again (`backward.py`), and the
-test is made anew without them. Then the surface is fitted.
+noise is estimated once more without what they explain, and they are tested (`omnibus.py`) on the fit runs and the
+select runs together, for what has no name is often clearest where nothing was fitted. Causes that the clearest
+surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, and those that
+may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What is owed to the form helps
+little on runs that it was not fitted to: a cause that takes most of the error from the select runs, as fitted, is none
+of that, however rough its own equation. What remains passes all gates
+again (`backward.py`), and the test is made anew without them. Then the surface is fitted.
 
 The verdict follows from what remains, and none is forced:
 
@@ -44,7 +44,7 @@ from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.remainder import Remainder, part_left
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
-from diagnosis.engine.unknown import clear_surfaces, explain, hinted
+from diagnosis.engine.unknown import clear_surfaces, explain
 from diagnosis.finding import Unknown, Verdict
 
 
@@ -88,8 +88,7 @@ def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[
         return ScreenedModel(current.model, current.screening, ()), []
     around = with_surfaces(replay, current.footprints)
     screened = fit_and_screen(replay, around, alpha=config.alpha, seed=config.seed, steps=REPORTED_FIT_STEPS)
-    asked = select and hinted(screened)
-    together = _with_select(around, replay, select, config) if asked else screened
+    together = _with_select(around, replay, select, config) if select else screened
     return screened, clear_surfaces(found.accepted, screened, together, config)
 
 
