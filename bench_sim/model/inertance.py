@@ -54,7 +54,7 @@ def held_back(ahead: float, missing: float, rise: float, rate: float) -> float:
     return exp(-z) * missing + ramp * rise
 
 
-@compiled
+@compiled_once
 def missing_flow(
     ahead: float,
     noted_steady: float,
@@ -71,22 +71,3 @@ def missing_flow(
     """D in kg/s, ``ahead`` s after the start of a step at which the flows were noted; ``inertance`` in 1/m."""
     rate = loss_secant(steady, noted_steady - noted_missing, p_b, T_b, p_a, T_a, area, par) / inertance
     return held_back(ahead, noted_missing, steady - noted_steady, rate)
-
-
-@compiled_once
-def flow_with_inertia(
-    t: float,
-    mem: Any,
-    par: Any,
-    side: int,
-    steady: float,
-    p_b: float,
-    T_b: float,
-    p_a: float,
-    T_a: float,
-    area: float,
-) -> float:
-    """G in kg/s at ``t``, within the step that began at the remembered instant."""
-    noted, missing, inertance = mem.steady_flow[side], mem.missing_flow[side], par.flow_inertance[side]
-    ahead = t - mem.solved_time
-    return steady - missing_flow(ahead, noted, missing, steady, p_b, T_b, p_a, T_a, area, inertance, par)

@@ -5,7 +5,7 @@ from typing import Any, Final
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.compiled import compiled
 from bench_sim.model.gas import enthalpy_per_kelvin, pressure, transfer
-from bench_sim.model.inertance import flow_with_inertia
+from bench_sim.model.inertance import missing_flow
 from bench_sim.model.layout import Input, State
 from bench_sim.model.orifice import (
     effective_flow_area,
@@ -56,7 +56,9 @@ def orifice_term(t: float, x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any
                     flow *= reynolds_factor(flow, par.orifice_diameter[i], par.orifice_reynolds[i])
                 steady = flow
                 if par.flow_inertance[i] > 0.0:
-                    flow = flow_with_inertia(t, mem, par, i, steady, p_b, T_b, p_a, T_a, area)
+                    ahead, noted, held = t - mem.solved_time, mem.steady_flow[i], mem.missing_flow[i]
+                    inertance = par.flow_inertance[i]
+                    flow -= missing_flow(ahead, noted, held, steady, p_b, T_b, p_a, T_a, area, inertance, par)
             transfer(
                 dx, State.BELLOWS_MASS + i, State.AUXILIARY_MASS + i, flow, c_p * (T_b if flow > 0.0 else T_a)
             )
