@@ -176,6 +176,7 @@ def _reached(run: Run) -> Iterator[None]:
         if run.judges:
             raise
         run.warnings.append(f"{late}; the plan went on, for a transducer may be what is wrong")
+        run.say(run.warnings[-1])
 
 
 def hold_the_height(run: Run) -> None:

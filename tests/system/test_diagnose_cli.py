@@ -408,5 +408,6 @@ def test_a_rig_that_cannot_be_screened_ends_blocked_with_the_reason(cli, tmp_pat
     (tmp_path / "rig.toml").write_text(SIMULATED + '[simulation.change]\nsupply_pressure = "1.5 bar"\n')
     code, out, _ = cli("investigate", "--rig", "rig.toml", "--out", "out")
     assert code == BLOCKED
-    assert "screening blocked: the rig: left filled to 2.208 bar" in out
+    assert "left filled to 2.208 bar and right filled to 2.208 bar: not reached" in out
+    assert "screening blocked: the rig: both springs leveled: not reached" in out
     assert (tmp_path / "out" / "investigation.json").exists()
