@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 #: Edges of the classes of λ.
 EDGES: Final = (4.0, 6.0, 10.0, 20.0, 50.0, 150.0, 500.0, 4000.0)
+LAMBDA_TICKS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
 #: A point over λ stands for at least so many cases.
 LEAST_POINT: Final = 10
 NOTHING, OPEN, SHAPE = "no effect", "unresolved", "unknown"
@@ -85,6 +86,8 @@ def power(path: Path, judged: Sequence[Judged]) -> None:
                 capsize=2,
             )
         axes.set_xscale("log")
+        axes.set_xticks(LAMBDA_TICKS, [f"{one:g}" for one in LAMBDA_TICKS])
+        axes.set_xticks((), minor=True)
         axes.set_xlabel("λ of what is hidden")
         axes.set_ylabel("part of the cases, with 95 % interval")
         axes.set_ylim(-0.03, 1.03)
