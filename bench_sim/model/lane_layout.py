@@ -99,6 +99,7 @@ class Lane(_Rows):
     TEMPERATURE = auto()
     AUXILIARY_PRESSURE = auto()
     AUXILIARY_TEMPERATURE = auto()
+    PASSAGE = auto()  #: C_d A of the orifice as its valve and the sense of the flow leave it
     FLOW = auto()  #: kg/s from bellows to auxiliary chamber, and what it is without inertia
     STEADY_FLOW = auto()
     NOTED_STEADY_FLOW = auto()  #: the same where the step began, and what inertia held back of it

@@ -46,6 +46,13 @@ def _power(w: Any, i: int, t: float) -> float:
 
 
 @compiled
+def _heat_capacity(w: Any, i: int) -> float:
+    """c_p of the gas of one lane in J/(kg K)."""
+    kappa = w[Lane.HEAT_RATIO + i]
+    return kappa / (kappa - 1.0) * w[Lane.GAS_CONSTANT + i]
+
+
+@compiled
 def orifice(w: Any) -> None:
     """Flow between bellows and auxiliary chamber that follows from the pressures."""
     for i in range(LANES):
@@ -65,6 +72,7 @@ def orifice(w: Any) -> None:
         laminar = w[Lane.LAMINAR + i]
         psi = w[Lane.PSI_LAMINAR + i] * (1.0 - r) / (1.0 - laminar) if r > laminar else psi
         area = w[Lane.OPENING + i] * w[Lane.ORIFICE + i] * (1.0 + sense * w[Lane.ASYMMETRY + i])
+        w[Lane.PASSAGE + i] = area
         G = area * p_up / sqrt(R * T_up) * psi
         root = sqrt(max(w[Lane.REYNOLDS_PER_FLOW + i] * G, 1.0))
         w[Lane.FLOW + i] = G * (sense * root / (root + w[Lane.REYNOLDS + i]))
@@ -77,19 +85,16 @@ def hold_back(w: Any, ahead: float, parameters: Any) -> None:
         steady = w[Lane.FLOW + i]
         w[Lane.STEADY_FLOW + i] = steady
         if w[Lane.INERTANCE + i] > 0.0 and w[Lane.OPENING + i] > 0.0:
-            p_b = w[Lane.PRESSURE + i]
-            p_a = w[Lane.AUXILIARY_PRESSURE + i]
-            sense = 1.0 if p_b > p_a else -1.0
             w[Lane.FLOW + i] -= missing_flow(
                 ahead,
                 w[Lane.NOTED_STEADY_FLOW + i],
                 w[Lane.NOTED_MISSING_FLOW + i],
                 steady,
-                p_b,
+                w[Lane.PRESSURE + i],
                 w[Lane.TEMPERATURE + i],
-                p_a,
+                w[Lane.AUXILIARY_PRESSURE + i],
                 w[Lane.AUXILIARY_TEMPERATURE + i],
-                w[Lane.OPENING + i] * w[Lane.ORIFICE + i] * (1.0 + sense * w[Lane.ASYMMETRY + i]),
+                w[Lane.PASSAGE + i],
                 w[Lane.INERTANCE + i],
                 parameters[i],
             )
@@ -99,8 +104,7 @@ def hold_back(w: Any, ahead: float, parameters: Any) -> None:
 def carry(w: Any) -> None:
     """The flow carries the enthalpy of its upstream side: it begins the slopes."""
     for i in range(LANES):
-        kappa = w[Lane.HEAT_RATIO + i]
-        c_p = kappa / (kappa - 1.0) * w[Lane.GAS_CONSTANT + i]
+        c_p = _heat_capacity(w, i)
         G = w[Lane.FLOW + i]
         h = G * c_p * (w[Lane.TEMPERATURE + i] if G > 0.0 else w[Lane.AUXILIARY_TEMPERATURE + i])
         w[SLOPE + LaneState.MASS + i] = -G
@@ -113,8 +117,7 @@ def carry(w: Any) -> None:
 def leak(w: Any) -> None:
     """Leaks of the bellows to the atmosphere, as an orifice (ISO 6358) and as a laminar crack."""
     for i in range(LANES):
-        kappa = w[Lane.HEAT_RATIO + i]
-        c_p = kappa / (kappa - 1.0) * w[Lane.GAS_CONSTANT + i]
+        c_p = _heat_capacity(w, i)
         p = w[Lane.PRESSURE + i]
         T = w[Lane.TEMPERATURE + i]
         outside = w[Lane.ATMOSPHERE + i]

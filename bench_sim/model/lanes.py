@@ -253,7 +253,8 @@ def integrate_lanes(
             w[Lane.OPENING + i] = openings[i][min(n, rows[i] - 1)]
         since = dt if n > 0 else 0.0
         lane_slope(w, since, extra, frictions, inert, surfaces, parameters)
-        note_flow(w)
+        if inert:
+            note_flow(w)
         if note_motion(w, sides, memory, parameters, since, turned):
             saved[:] = w
             lane_slope(w, 0.0, extra, frictions, inert, surfaces, parameters)
