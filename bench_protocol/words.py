@@ -77,13 +77,9 @@ FAULTS: Final = (
     BenchState.ESTOP,
 )
 
-#: States in which the bench is in its safe position, or goes there by itself.
-SAFE: Final = (BenchState.OFF, BenchState.DISABLED, BenchState.FAULT_DISABLED, BenchState.ESTOP)
-
 STATES: Final = tuple(state.name for state in BenchState)
 LIVE_STATES: Final = tuple(state.name for state in LIVE)
 FAULT_STATES: Final = tuple(state.name for state in FAULTS)
-SAFE_STATES: Final = tuple(state.name for state in SAFE)
 PROGRAM_STATES: Final = tuple(state.name for state in Program)
 LIMIT_KINDS: Final = tuple(kind.name.lower() for kind in LimitKind)
 REASONS: Final = (

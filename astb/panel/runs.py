@@ -15,7 +15,6 @@ from astb.operators import PANEL
 from astb.panel.kept_rig import KeptRig
 from astb.panel.watch import Watch
 from bench_protocol.units import s
-from bench_protocol.words import SAFE_STATES
 from bench_records.layout import RESULT, RecordError
 from bench_records.result import read_result
 from drivers.errors import BenchError
@@ -150,7 +149,7 @@ class Runs:
             self._watch.act(SAFE)
         except BenchError as error:
             rig = self._watch.present()
-            if not rig.link and rig.state in SAFE_STATES:
+            if not rig.link and rig.at_rest:
                 return f"the rig has taken its safe position before: it says {rig.state}"
             raise CannotDo(f"THE RIG DID NOT TAKE IT, press the button on the rig: {error}") from None
         return "the rig was told to take its safe position"

@@ -57,6 +57,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
 
     link: str  #: "" while the rig is heard, else why it is not
     state: str = UNKNOWN
+    at_rest: bool = False  #: whether its wiring calls the state one of rest
     reason: str = ""
     first_out: str = ""  #: the limit that tripped first
     program: str = ""
@@ -262,6 +263,7 @@ class Watch:
         return Status(
             link=silent,
             state=state,
+            at_rest=state in listening.wiring.conduct.at_rest,
             reason=_choice(readings, "rig.reason") if state in FAULT_STATES else "",
             first_out=first_out(readings),
             program=_choice(readings, "rig.program"),

@@ -2,7 +2,7 @@
 
 "use strict";
 
-window.astb = { entered: enter(), stopped: "" };
+window.astb = { entered: enter(), stopped: "", order };
 document.addEventListener("click", ({ target }) => target.closest("#estop") && stop());
 
 /** Exchange the token of the address for a cookie, and let it not stand there for others to read. */
@@ -22,21 +22,28 @@ async function stop() {
   say("");
   try {
     await window.astb.entered;
-    await order();
+    await order("/api/estop");
   } catch (error) {
     say(`STOP did not work: ${error.message}. Press the emergency stop of the rig.`);
   }
 }
 
-async function order() {
+/** Give an order to the panel's server, and return what was done; throws an Error with its words if it is refused. */
+async function order(path, body = {}, headers = {}) {
   let answer;
   try {
-    answer = await fetch("/api/estop", { method: "POST", headers: { "Content-Type": "application/json" }, body: "{}", signal: AbortSignal.timeout(5000) });
+    answer = await fetch(path, {
+      method: "POST",
+      headers: { "Content-Type": "application/json", ...headers },
+      body: JSON.stringify(body),
+      signal: AbortSignal.timeout(5000),
+    });
   } catch {
     throw new Error("the panel's server does not answer");
   }
-  const { error } = await answer.json().catch(() => ({ error: `the panel's server failed (${answer.status})` }));
-  if (error) throw new Error(error);
+  const told = await answer.json().catch(() => ({ error: `the panel's server failed (${answer.status})` }));
+  if (told.error) throw new Error(told.error);
+  return told.done;
 }
 
 function say(words) {
