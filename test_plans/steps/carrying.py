@@ -195,7 +195,7 @@ def hold_the_height(run: Run) -> None:
             names = [f"{side}.bellows_pressure" for side in SIDES]
         left, right = bench.averages(*names, over=KEEP_AVERAGE).values()
         with _reached(run):
-            bench.air.fill(left=left, right=right, tolerance=KEEP_TOLERANCE, within=FILL_WITHIN)
+            bench.air.fill(left=left, right=right, tolerance=KEEP_TOLERANCE)
 
 
 def stand_again(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.0) -> T:
