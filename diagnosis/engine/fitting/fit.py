@@ -121,7 +121,7 @@ def fit(
 
     ``known`` may hold columns of the nuisances, under whatever noise; ``refresh`` computes all columns anew at
     the end. A fit that stays far above ``target``, the penalised χ² of another model, is not carried to the last
-    digit; one that promises to stay above the ``ceiling`` ends where it would need columns of the nuisances; none
+    digit; one that promises to stay above the ``ceiling`` ends where new columns of the effects do not help; none
     takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
     """
     whiten = filters(noise, replay.runs)
@@ -151,7 +151,7 @@ def fit(
             descent.linearise(ColumnSource.FRESH)
         else:
             hopeless = at.penalised_chi2 - decrease > noise.dispersion * ceiling
-            if not (descent.attempt(trial, decrease, hopeless) or (not hopeless and descent.renewed())):
+            if not descent.attempt(trial, decrease, hopeless):
                 converged = not hopeless
                 break
     return FittedModel(replay, noise, descent.at, tuple(descent.predictions), converged)
@@ -188,7 +188,7 @@ class _Descent:
             self.damping = self.damping / 3.0 if self.damping > 1e-6 else 0.0
             self.trusted = gain > GOOD_STEP and self.damping > 0.0
         elif self.source >= ColumnSource.OWN and decrease < WORTH_NEW_COLUMNS * self.noise.dispersion:
-            return False
+            return not hopeless and self.renewed()
         elif self.trusted:
             self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
         elif hopeless and ColumnSource.OWN <= self.source < ColumnSource.FRESH:
@@ -204,13 +204,11 @@ class _Descent:
 
         It must be worth its price: what the linear model predicts must be better than the target.
         """
-        decrease = self.at.predicted_decrease(self.at.step())
-        dispersion = self.noise.dispersion
+        if self.damping == 0.0 or not ColumnSource.OWN <= self.source < ColumnSource.FRESH:
+            return False
+        decrease, dispersion = self.at.predicted_decrease(self.at.step()), self.noise.dispersion
         worth = decrease > WORTH_NEW_COLUMNS * dispersion
-        leads = self.at.penalised_chi2 - decrease < dispersion * self.target
-        if not (
-            self.damping > 0.0 and ColumnSource.OWN <= self.source < ColumnSource.FRESH and worth and leads
-        ):
+        if not (worth and self.at.penalised_chi2 - decrease < dispersion * self.target):
             return False
         self.damping = 0.0
         self.linearise(ColumnSource.FRESH)
