@@ -1,5 +1,8 @@
 """Investigations that are counted: the rig has what was drawn, a count goes on, and names are judged."""
 
+import subprocess
+import sys
+
 import msgspec
 import pytest
 
@@ -7,7 +10,8 @@ from astb.rig_file import read as read_rig_file
 from astb.session import build_rig
 from benchmarks.diagnosis import investigations
 from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.diagnosis.investigations import Investigated, count, read, summary, write_rig
+from benchmarks.diagnosis.investigated import ROOT, Investigated, write_rig
+from benchmarks.diagnosis.investigations import count, read, summary
 from benchmarks.diagnosis.sealed import parameters_of
 
 
@@ -76,7 +80,26 @@ def test_a_count_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason():
-    known = investigations.investigated((300_000, "single"), budget="1 min")
+def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason(tmp_path):
+    kept = tmp_path / "kept.jsonl"
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.diagnosis.investigations",
+        "--count",
+        "1",
+        "--processes",
+        "1",
+    ]
+    done = subprocess.run(
+        [*command, "--budget", "1 min", "--kept", str(kept)],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=ROOT,
+    )
+    (known,) = read(kept)
     assert "budget = 1 min: screening alone takes" in known.failure
     assert known.hidden and not known.right
+    assert "came to no verdict: 1 of 1" in done.stdout

@@ -1,0 +1,126 @@
+"""One sealed rig is investigated: drawn from a seed as those of the other benchmark are, written, and judged.
+
+It has the springs of a delivery, a little roughness, and one effect, a near miss, a pair or nothing. `astb investigate`
+gets it as a file in a process of its own and decides what is run.
+
+This is not part of the command, whose own names no other process can import.
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from astb.investigate import LOG, Investigation
+from bench_protocol.words import SIDES
+from bench_protocol.written_values import write_value
+from bench_sim.parameters.effects import find_effect
+from bench_sim.parameters.model_file import Model, write_model
+from benchmarks.diagnosis.ground_truth import GroundTruth, Kind, draw
+from benchmarks.diagnosis.judge import kin
+from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.uncatalogued_terms import roughness, together
+
+#: An investigation may take so many seconds of a busy machine.
+LIMIT: Final = 3 * 3600.0
+ROOT: Final = Path(__file__).parents[2]
+
+
+class Investigated(msgspec.Struct, frozen=True, kw_only=True):
+    """What was hidden in a rig, and how its investigation went; ``minutes`` are those of the bench."""
+
+    seed: int
+    kind: str
+    hidden: list[str]
+    weakest: float
+    verdict: str = ""
+    causes: list[str] = []
+    rivals: list[str] = []
+    plans: list[str] = []
+    first: str = ""  #: the verdict after the screening alone
+    minutes: float = 0.0
+    ended: str = ""
+    elapsed: float = 0.0
+    failure: str = ""
+
+    @property
+    def right(self) -> bool:
+        """Whether it ended with exactly what was hidden, and with no doubt about it."""
+        return not self.failure and sorted(self.causes) == sorted(self.hidden) and not self.rivals
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it ended with a cause that is neither there nor next of kin of what is, and no right one instead."""
+        free = {*self.hidden, *(near for name in self.hidden for near in kin(name))}
+        return bool(set(self.causes) - free) and not set(self.rivals) & set(self.hidden)
+
+
+def write_rig(truth: GroundTruth, directory: Path) -> tuple[Path, Path]:
+    """Write the file of a rig with the springs of a truth, and the sealed file with its effects; return both paths."""
+    labels = {label.rpartition(".")[2] for label in truth.base}
+    springs = {name: [truth.base.get(f"{s}.{name}", truth.base.get(name)) for s in SIDES] for name in labels}
+    rough = together(roughness(truth.seed, truth.roughness / LambdaPerUnit.read().roughness))
+    model, rig, sealed = (directory / name for name in ("springs.toml", "rig.toml", "sealed.toml"))
+    write_model(model, Model("astb", {**springs, **rough}))
+    rig.write_text(
+        f'name = "sealed"\ntime = "virtual"\n[simulation]\nparameters = "{model}"\nseed = {truth.seed}\n',
+        encoding="utf-8",
+    )
+    lines = []
+    for name, values in truth.effects.items():
+        lines.append(f'[effect."{name}"]')
+        parameters = find_effect(name)[0].parameters
+        lines += [f'{p.name} = "{write_value(values[p.name], p.unit, p.display)}"' for p in parameters]
+    sealed.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return rig, sealed
+
+
+def investigated(case: tuple[int, Kind], budget: str) -> Investigated:
+    """Draw a rig, let `astb investigate` have it, and read what came of it; a failure is a result too."""
+    seed, kind = case
+    truth, start = draw(seed, kind), time.perf_counter()
+    known = Investigated(seed=seed, kind=kind, hidden=list(truth.effects), weakest=truth.weakest)
+    with tempfile.TemporaryDirectory(prefix="sealed-") as name:
+        rig, sealed = write_rig(truth, Path(name))
+        out = Path(name) / "out"
+        command = [
+            sys.executable,
+            "-m",
+            "astb",
+            "investigate",
+            "--virtual",
+            "--rig",
+            str(rig),
+            f"--seed={seed}",
+        ]
+        command += ["--sealed", str(sealed)] if truth.effects else []
+        done = subprocess.run(
+            [*command, "--budget", budget, "--out", str(out)],
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+            cwd=ROOT,
+        )
+        elapsed = time.perf_counter() - start
+        if done.returncode:
+            why = f"exit status {done.returncode}: {done.stderr.strip().rpartition(chr(10))[2]}"
+            return msgspec.structs.replace(known, failure=why, elapsed=elapsed)
+        log = msgspec.json.decode((out / LOG).read_bytes(), type=Investigation)
+    last = log.steps[-1]
+    return msgspec.structs.replace(
+        known,
+        verdict=last.verdict,
+        causes=last.causes,
+        rivals=last.rivals,
+        plans=[step.plan for step in log.steps],
+        first=log.steps[0].verdict,
+        minutes=log.spent,
+        ended=log.ended,
+        elapsed=elapsed,
+        failure="" if last.verdict else last.outcome,
+    )
