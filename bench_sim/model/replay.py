@@ -94,8 +94,9 @@ def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: An
 def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
     """Fill the chambers where the bolster stands at rest.
 
-    The rubber is relaxed. ζ_b = ζ + (F_z−P)/k_z and y_b = y + F_y/k_y are found by repetition, for the pressure is
-    given and not the energy: the emergency spring is so much stiffer that this converges.
+    The rubber is relaxed, but has crept as far as ``x`` says. ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y are found
+    by repetition, for the pressure is given and not the energy: the emergency spring is so much stiffer that this
+    converges.
     """
     pressure, temperature = gas.pressure, gas.temperature
     for i in range(SIDES):
@@ -105,7 +106,7 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
         x[State.BELLOWS_WALL + i] = x[State.AUXILIARY_WALL + i] = settled_temperature(par)
     spring_algebra(mem.time, x, mem, par, out)  # where the springs are: their gas is not right yet
     for i in range(SIDES):
-        z = out[Algebraic.HEIGHT + i]
+        z = out[Algebraic.HEIGHT + i] + x[State.CREEP + i]
         y = out[Algebraic.LATERAL + i]
         z_b = z
         y_b = y
@@ -124,7 +125,7 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
             y_b = y + out[Algebraic.STACK_LATERAL + i] / par.emergency_stiffness_lateral[i]
         mem.friction_last[0, i] = mem.bellows_vertical[i] = z_b
         mem.friction_last[1, i] = mem.bellows_lateral[i] = y_b
-        x[State.LEVER + i] = z + par.lever_offset[i]
+        x[State.LEVER + i] = out[Algebraic.HEIGHT + i] + par.lever_offset[i]
 
 
 @compiled_parallel
@@ -226,15 +227,16 @@ def replay(
     *,
     step: float = STEP,
     start: float = 0.0,
+    crept: NDArray[np.float64] | None = None,
     rows: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Return what each sensor reads (n, SENSORS) without noise and quantisation while the bench makes ``motion``.
 
     ``parameters`` is a record (``bench_sim.parameters.Parameters.record``), ``inputs`` (n, INPUTS) holds the valves
     over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. It starts at rest with
-    relaxed rubber, ``start`` s after the bench was switched on: sensors drift from then on. The steps are equal parts
-    of an interval, at most ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled with what lies behind the readings.
-    Other threads run meanwhile.
+    relaxed rubber, ``start`` s after the bench was switched on: sensors drift from then on. By then the emergency
+    springs have ``crept`` together (2,) m. The steps are equal parts of an interval, at most ``step`` s long. ``rows``
+    (n, ALGEBRAICS) is filled with what lies behind the readings. Other threads run meanwhile.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(
@@ -250,8 +252,11 @@ def replay(
     memory = np.zeros(1, MEMORY).view(np.recarray)
     memory.time = memory.solved_time = start
     readings = np.empty((n, SENSORS))
+    x = np.zeros(STATES)
+    if crept is not None:
+        x[State.CREEP : State.CREEP + SIDES] = crept
     replay_samples(
-        np.zeros(STATES),
+        x,
         memory,
         record,
         motion,

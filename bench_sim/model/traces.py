@@ -151,9 +151,16 @@ class TracedReplay:
         left, right = (trace[:, AUXILIARY_PRESSURE] for trace in traces)
         return bool(np.abs(left - right).max() < parameters.dpv_opening - _MARGIN)
 
-    def springs(self, parameters: Any, gas: Gas, shift: float) -> tuple[LaneSpring, ...]:
-        """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion."""
+    def springs(
+        self, parameters: Any, gas: Gas, shift: float, crept: NDArray[np.float64] | None = None
+    ) -> tuple[LaneSpring, ...]:
+        """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion.
+
+        ``crept`` is as for `bench_sim.model.replay.replay`.
+        """
         x = np.zeros(STATES)
+        if crept is not None:
+            x[State.CREEP : State.CREEP + SIDES] = crept
         x[State.BOLSTER_LATERAL : State.BOLSTER_ROLL + 1] = self.motion.displacement[0, :3]
         x[State.PLATFORM_LATERAL : State.PLATFORM_ROLL + 1] = self.motion.displacement[0, 3:]
         x[State.BOLSTER_LATERAL] += shift

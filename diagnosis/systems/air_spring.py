@@ -7,7 +7,8 @@ valves as 0 … 1, ``left.leveling``, ``left.reservoir`` (and right), ``dpv``; `
 
 Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
 the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
-``start``, the s since the bench was switched on, from when sensors drift. Only the bellows' pressures are required.
+``start``, the s since the bench was switched on, from when sensors drift, and what the springs carried before it begins
+(`diagnosis.systems.load_history`). Only the bellows' pressures are required.
 """
 
 from collections import Counter, OrderedDict
@@ -57,6 +58,7 @@ from diagnosis.systems.air_spring_parameters import (
 )
 from diagnosis.systems.air_spring_parity import parity
 from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.load_history import remembered
 from diagnosis.systems.system import KINDS
 
 _SIDE_NAMES: Final = bench.PLACES
@@ -251,8 +253,17 @@ class AirSpring:
         motion = prepared.motion
         if shift:
             motion = motion._replace(displacement=motion.displacement + shift * np.eye(DIRECTIONS)[0])
-        start = prepared.experiment.settings.get("start", 0.0)
-        return replay(record, motion, prepared.inputs, prepared.supply, gas, step=self.step, start=start)
+        settings = prepared.experiment.settings
+        return replay(
+            record,
+            motion,
+            prepared.inputs,
+            prepared.supply,
+            gas,
+            step=self.step,
+            start=settings.get("start", 0.0),
+            crept=_crept(settings, record),
+        )
 
     def _replayed(self, job: Job, known: dict[object, Replayed]) -> Replayed:
         """Return the replay that a job asks for: the ``known`` one if an earlier job has asked for the same."""
@@ -264,7 +275,8 @@ class AirSpring:
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift
         if key not in known:
             traced = prepared.traced
-            springs = traced.springs(record, gas, shift) if traced.fits(record) else ()
+            crept = _crept(job.experiment.settings, record)
+            springs = traced.springs(record, gas, shift, crept) if traced.fits(record) else ()
             alone = partial(self._replay, prepared, record, gas, shift)
             known[key] = Replayed(traced, prepared.kept, record, shift, springs, alone)
         return known[key]
@@ -389,6 +401,16 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
         start = unbiased(name) if name in settings else float(settled_temperature(par))
         temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
     return Gas(pressure, temperature)
+
+
+def _crept(settings: Mapping[str, float], par: Any) -> Array:
+    """How far both emergency springs have crept together where a run begins (m), r L(τ)/k."""
+    crept = np.zeros(SIDES)
+    for i, side in enumerate(_SIDE_NAMES):
+        if par.creep_ratio[i]:
+            load = remembered(settings, side, float(par.creep_time[i]))
+            crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
+    return crept
 
 
 def _input(experiment: Experiment, name: str, default: float | None = None) -> Array:

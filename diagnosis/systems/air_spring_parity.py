@@ -10,18 +10,18 @@ from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Experiment
 
 #: Four vertical ones, then two lateral ones.
-_CELLS: Final = (*BY_GROUP[Group.VERTICAL_LOAD_CELL], *BY_GROUP[Group.LATERAL_LOAD_CELL])
+CELLS: Final = (*BY_GROUP[Group.VERTICAL_LOAD_CELL], *BY_GROUP[Group.LATERAL_LOAD_CELL])
 
 
 def parity(experiment: Experiment, outputs: Mapping[str, Array], parameters: Parameters) -> dict[str, Array]:
     """Return every signal (n,) for which the ``outputs`` (n,) were measured.
 
-    F − p_g A_e(ζ) of a spring, with F from the load cells (`_spring_forces`); the mass of its air,
+    F − p_g A_e(ζ) of a spring, with F from the load cells (`spring_forces`); the mass of its air,
     (p_b V_b/T_b + p_a V_a/T_a)/R; and what the transducer of an actuator sees beyond the laser, F/k of its frame.
     """
     par = parameters.record
     found: dict[str, Array] = {}
-    forces = _spring_forces(outputs, par) if all(name in outputs for name in _CELLS) else ()
+    forces = spring_forces(outputs, par) if all(name in outputs for name in CELLS) else ()
     for i, side in enumerate(SIDES):
         height = experiment.inputs[f"{side}.height"]
         bellows, auxiliary = (f"{side}.{chamber}_pressure" for chamber in ("bellows", "auxiliary"))
@@ -48,12 +48,12 @@ def parity(experiment: Experiment, outputs: Mapping[str, Array], parameters: Par
     return found
 
 
-def _spring_forces(outputs: Mapping[str, Array], par: Any) -> tuple[Array, Array]:
+def spring_forces(outputs: Mapping[str, Array], par: Any) -> tuple[Array, Array]:
     """Vertical forces of both springs: F_L + F_R = ΣF_k, (F_L − F_R) b = l_y (F_1 + F_3 − F_2 − F_4) + (h − z_c) F_y.
 
     The moment of the rubber, small and odd in the roll, counts as a difference of forces.
     """
-    one, two, three, four, five, six = (outputs[name] for name in _CELLS)
+    one, two, three, four, five, six = (outputs[name] for name in CELLS)
     total = one + two + three + four
     moment = par.load_cell_y * (one + three - two - four)
     moment = moment + (par.column_height - par.load_cell_height) * (five + six)

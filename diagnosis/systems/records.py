@@ -25,6 +25,7 @@ from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.engine.config import AR_ORDER
 from diagnosis.systems.air_spring import GAS, AirSpring
+from diagnosis.systems.load_history import remembered_loads
 from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise
 
 REPLAY: Final = "replay "
@@ -125,12 +126,14 @@ def _run(record: Record, phase: Phase, simulator: AirSpring, channels: Sequence[
     for p in inside:
         if p.name == REST:
             rest |= (grid >= p.start) & (grid < p.end)
+    on = _switched_on(record, grid[0])
     experiment = Experiment(
         phase.name.removeprefix(REPLAY),
         grid - grid[0],
         inputs,
         {
-            "start": _switched_on(record, grid[0]),
+            "start": on,
+            **remembered_loads(record, grid[0], on, simulator.parameters),
             **settings.constants(grid[0]),
             **_beginning(record, grid, rest, simulator.parameters),
         },

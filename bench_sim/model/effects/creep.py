@@ -3,9 +3,10 @@
     ζ = ζ_b − (F_z − P)/k_z − q,   dq/dt = (r F_z/k_z − q)/τ
 
 a Kelvin element in series with each emergency spring, of r times its elastic compliance. It has not yet crept when
-the simulation begins: a load that has stood for longer shows a smaller r. Height at constant pressure and mass, or
-pressure at constant height, drift by an exponential that ends. Source: creep of layered rubber, some percent of the
-deflection per decade of time (Freakley & Payne, Theory and Practice of Engineering with Rubber, 1978); sizes assumed.
+the simulation begins: a load that has stood for longer shows a smaller r. A replay is told how far it has crept where
+it begins. Height at constant pressure and mass, or pressure at constant height, drift by an exponential that ends.
+Source: creep of layered rubber, some percent of the deflection per decade of time (Freakley & Payne, Theory and
+Practice of Engineering with Rubber, 1978); sizes assumed.
 """
 
 from collections.abc import Mapping
