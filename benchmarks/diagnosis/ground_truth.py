@@ -1,6 +1,5 @@
 """What is hidden in a specimen: drawn from a seed, and written to a file that only the judge opens."""
 
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Final, Literal, get_args
@@ -14,12 +13,13 @@ from bench_sim.model.effects.effect import Effect, EffectParameter
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.next_of_kin import NEAR
+from benchmarks.diagnosis.noises import Condition
 from benchmarks.diagnosis.sibling_forms import drawn as sibling
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED
 from diagnosis.systems.air_spring_parameters import BOTH_SIDES, EACH_SIDE
 
 Kind = Literal["null", "single", "pair", "outside", "near"]
-Condition = Literal["white", "AR 0.6", "AR 0.9", "12 bits", "frames lost", "sibling"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 CONDITIONS: Final[tuple[Condition, ...]] = get_args(Condition)
 #: Those in which the bench has the form of its model, and only the noise differs.
@@ -34,23 +34,10 @@ DELIVERED: Final = 2.5
 #: λ of what is in no model, as a part of the λ of what is hidden, and where nothing is.
 ROUGH: Final = 0.02
 ROUGH_ALONE: Final = 0.2
-#: A truth that is nearly something else, and what else may be said of it without accusing anybody wrongly.
-NEAR: Final[Mapping[str, frozenset[str]]] = {
-    "maxwell_two": frozenset({"maxwell", "fractional"}),
-    "friction_distributed": frozenset({"friction"}),
-    "fractional": frozenset({"maxwell", "maxwell_two"}),
-    "leak_laminar": frozenset({"leak"}),
-    "leak": frozenset({"leak_laminar"}),
-    "force_lag": frozenset({"force_latency"}),
-    "force_latency": frozenset({"force_lag"}),
-    "pressure_lag": frozenset({"pressure_latency", "sample_and_hold"}),
-    "pressure_latency": frozenset({"pressure_lag", "sample_and_hold"}),
-    "sample_and_hold": frozenset({"pressure_lag", "pressure_latency"}),
-}
 
 
 class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """One specimen: its effects with their values (SI) and λ, the parameters of its base model, its noise.
+    """One specimen: its effects with their values (SI) and λ in white noise, its base model's parameters, its noise.
 
     ``roughness`` is the λ of a smooth random term that nobody models; ``outside`` the term that is in no catalogue,
     with its size; ``form`` what a sibling has of another form, with its size.
@@ -70,6 +57,23 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
     def weakest(self) -> float:
         """λ of the weakest of what is hidden; 0 where nothing is."""
         return min(self.lambdas.values(), default=0.0)
+
+    @property
+    def seen(self) -> dict[str, float]:
+        """Every λ in the noise of this bench."""
+        table = LambdaPerUnit.read()
+        parts = {name: table.part_seen(name, self._shapes(name), self.condition) for name in self.effects}
+        return {name: lambda_ * parts.get(name, 1.0) for name, lambda_ in self.lambdas.items()}
+
+    @property
+    def apart(self) -> float:
+        """The weakest of those, beside the next of kin that imitates its effect best."""
+        table = LambdaPerUnit.read()
+        parts = {name: table.part_apart(name, self._shapes(name)) for name in self.effects}
+        return min((lambda_ * parts.get(name, 1.0) for name, lambda_ in self.seen.items()), default=0.0)
+
+    def _shapes(self, name: str) -> list[float]:
+        return [self.effects[name][shape.name] for shape in find_effect(name)[0].shapes]
 
     def write(self, path: Path) -> None:
         """Write the file that stays closed until the diagnosis is made."""

@@ -21,8 +21,8 @@ from bench_protocol.written_values import write_value
 from bench_sim.parameters.effects import find_effect
 from bench_sim.parameters.model_file import Model, write_model
 from benchmarks.diagnosis.ground_truth import GroundTruth, Kind, draw
-from benchmarks.diagnosis.judge import kin
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.next_of_kin import kin
 from benchmarks.diagnosis.uncatalogued_terms import roughness, together
 
 #: An investigation may take so many seconds of a busy machine.

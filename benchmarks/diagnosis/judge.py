@@ -6,7 +6,8 @@ from typing import Final
 
 import msgspec
 
-from benchmarks.diagnosis.ground_truth import NEAR, GroundTruth
+from benchmarks.diagnosis.ground_truth import GroundTruth
+from benchmarks.diagnosis.next_of_kin import kin
 from diagnosis.contracts import Simulator
 from diagnosis.finding import Z95, Estimate, Finding, Verdict
 
@@ -21,10 +22,10 @@ LEVELS: Final = (0.5, 0.8, 0.9, 0.95)
 class Judged(msgspec.Struct, frozen=True, kw_only=True):
     """One case: what was hidden, what was said, and how right that was.
 
-    ``weakest`` and ``strongest`` are the least and the largest λ of what was hidden. ``errors`` are those of the
-    amplitudes of rightly named causes, relative to the truth; ``deviations`` the same in standard deviations as the
-    finding tells them, ``base`` those of the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on
-    the report runs.
+    ``weakest`` and ``strongest`` are the least and the largest λ of what was hidden, on the bench in the noise of the
+    case; ``apart`` is what next of kin leave of the least one. ``errors`` are those of the amplitudes of rightly named
+    causes, relative to the truth; ``deviations`` the same in standard deviations as the finding tells them, ``base``
+    those of the parameters of the base model, ``fraction`` and ``noise_ratio`` the gain on the report runs.
     """
 
     system: str
@@ -32,6 +33,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     kind: str
     condition: str
     weakest: float
+    apart: float = 0.0
     hidden: list[str]
     verdict: str
     causes: list[str]
@@ -118,41 +120,42 @@ def judge(
         if shift.name in truth.base and not shift.run and shift.after is not None and shift.sd_after
     ]
     total = next((gain for gain in finding.gains if gain.channel == "all"), None)
-    return Judged(
-        system=system,
-        seed=truth.seed,
-        kind=truth.kind,
-        condition=truth.condition,
-        weakest=truth.weakest,
-        hidden=[*truth.effects, *truth.outside],
+    return msgspec.structs.replace(
+        _hidden(truth, system, elapsed),
         verdict=finding.verdict.value,
         causes=list(finding.names),
         rivals=[rival.effect for rival in finding.ambiguous_with],
-        strongest=max(truth.lambdas.values(), default=0.0),
-        near=sorted(other for name in truth.effects for other in kin(name)),
         errors=errors,
         deviations=deviations,
         base=base,
         fraction=total.fraction if total else None,
         noise_ratio=total.noise_ratio if total else None,
-        elapsed=elapsed,
     )
 
 
 def failed(truth: GroundTruth, why: str, *, system: str, elapsed: float = 0.0) -> Judged:
     """Return the case that came to no finding."""
+    return msgspec.structs.replace(_hidden(truth, system, elapsed), failure=why)
+
+
+def _hidden(truth: GroundTruth, system: str, elapsed: float) -> Judged:
+    """Return a case of which nothing has been said yet; the table of the bench does not hold for other systems."""
+    sizes = (truth.seen if system == "bench" else truth.lambdas).values()
+    weakest = min(sizes, default=0.0)
     return Judged(
         system=system,
         seed=truth.seed,
         kind=truth.kind,
         condition=truth.condition,
-        weakest=truth.weakest,
+        weakest=weakest,
+        apart=truth.apart if system == "bench" else weakest,
         hidden=[*truth.effects, *truth.outside],
         verdict="",
         causes=[],
         rivals=[],
+        strongest=max(sizes, default=0.0),
+        near=sorted(other for name in truth.effects for other in kin(name)),
         elapsed=elapsed,
-        failure=why,
     )
 
 
@@ -160,12 +163,6 @@ def covered(deviations: Sequence[float], level: float) -> int:
     """How many of the deviations lie within the interval of a level."""
     half = NormalDist().inv_cdf(0.5 + 0.5 * level)
     return sum(abs(one) <= half for one in deviations)
-
-
-def kin(name: str) -> list[str]:
-    """The next of kin of an effect at the same place."""
-    kind, _, place = name.partition(".")
-    return [f"{other}.{place}" if place else other for other in NEAR.get(kind, ())]
 
 
 def _deviation(told: Estimate, value: float) -> list[float]:

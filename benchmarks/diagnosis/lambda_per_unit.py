@@ -15,15 +15,21 @@ import numpy as np
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from benchmarks.diagnosis.linearised_base import LinearisedBase
+from benchmarks.diagnosis.next_of_kin import kin
+from benchmarks.diagnosis.noises import LOST, Condition, noise_of
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness
-from diagnosis.contracts import Effects, Experiment
-from diagnosis.engine.footprints import candidates
+from diagnosis.contracts import Effects, Experiment, Hypothesis
+from diagnosis.engine.footprints import Candidate, candidates
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.records import read_records
 
 TABLE: Final = Path(__file__).with_name("lambda_per_unit.json")
 #: Roughness is random: its λ is the mean of so many.
 _ROUGH: Final = 5
+#: Conditions whose noise is another one.
+_OTHER: Final[tuple[Condition, ...]] = ("AR 0.6", "AR 0.9", "12 bits")
+#: So many times finer than its grid the shape of a next of kin is looked at.
+_FINER: Final = 6
 #: Sizes at which terms outside the catalogue are measured, in their own units.
 _SMALL: Final[Mapping[str, float]] = {
     "snag": 20.0,
@@ -35,11 +41,17 @@ _SMALL: Final[Mapping[str, float]] = {
 
 
 class LambdaPerUnit(msgspec.Struct, frozen=True):
-    """λ per unit (SI) of amplitude: of each effect at the points of its shape grid, of each term outside."""
+    """λ per unit (SI) of amplitude: of each effect at the points of its shape grid, of each term outside.
+
+    At the same points, ``apart`` is the part of λ that is left beside the next of kin that imitates an effect best, and
+    ``in_noise`` the part that is left in the noise of a condition, which remembers or is coarser.
+    """
 
     effects: dict[str, list[tuple[list[float], float]]]
     outside: dict[str, float]
     roughness: float
+    apart: dict[str, list[float]]
+    in_noise: dict[str, dict[str, list[float]]]
 
     @staticmethod
     @cache
@@ -49,11 +61,25 @@ class LambdaPerUnit(msgspec.Struct, frozen=True):
 
     def of(self, name: str, shapes: Sequence[float]) -> float:
         """Return λ per unit of an effect, at the nearest point of its grid (by ratios)."""
+        return self.effects[name][self._nearest(name, shapes)][1]
 
-        def away(point: tuple[list[float], float]) -> float:
-            return sum(float(np.log(a / b) ** 2) for a, b in zip(point[0], shapes, strict=True))
+    def part_apart(self, name: str, shapes: Sequence[float]) -> float:
+        """Return which part of its λ an effect keeps beside its next of kin; 1 if it has none."""
+        return self.apart[name][self._nearest(name, shapes)] if name in self.apart else 1.0
 
-        return min(self.effects[name], key=away)[1]
+    def part_seen(self, name: str, shapes: Sequence[float], condition: str) -> float:
+        """Return which part of its λ in white noise an effect has in that of a condition."""
+        if condition == "frames lost":
+            return float(np.sqrt(1.0 - LOST))
+        parts = self.in_noise.get(condition)
+        return parts[name][self._nearest(name, shapes)] if parts else 1.0
+
+    def _nearest(self, name: str, shapes: Sequence[float]) -> int:
+        def away(place: int) -> float:
+            point = self.effects[name][place][0]
+            return sum(float(np.log(a / b) ** 2) for a, b in zip(point, shapes, strict=True))
+
+        return min(range(len(self.effects[name])), key=away)
 
 
 class _WithTerms(AirSpring):
@@ -72,7 +98,8 @@ class _WithTerms(AirSpring):
 def measured_on(directory: Path) -> LambdaPerUnit:
     """Measure the table on the record of a screening of a healthy bench."""
     simulator = AirSpring(load(), effects=CATALOGUE)
-    base = LinearisedBase(simulator, read_records([directory], simulator).runs)
+    runs, bench = read_records([directory], simulator).runs, simulator.parameters
+    base = LinearisedBase(simulator, runs, noise_of("white", bench))
     terms = _WithTerms(load(), effects={})
 
     def of_term(name: str, seed: int = 0) -> float:
@@ -82,11 +109,38 @@ def measured_on(directory: Path) -> LambdaPerUnit:
         )
 
     effects: dict[str, list[tuple[list[float], float]]] = {}
+    in_noise: dict[str, dict[str, list[float]]] = {}
     entries = candidates(list(simulator.catalogue.values()))
-    for candidate, one in zip(entries, base.lambdas_per_unit(entries), strict=True):
+    white = base.lambdas_per_unit(entries)
+    for candidate, one in zip(entries, white, strict=True):
         effects.setdefault(candidate.effect.name, []).append((list(candidate.shapes), one))
+    for condition in _OTHER:
+        there = LinearisedBase(simulator, runs, noise_of(condition, bench)).lambdas_per_unit(entries)
+        parts = in_noise.setdefault(condition, {})
+        for candidate, one, other in zip(entries, white, there, strict=True):
+            parts.setdefault(candidate.effect.name, []).append(other / one if one > 0.0 else 1.0)
+    apart = {}
+    for name in effects:
+        relatives = [
+            finer
+            for relative in kin(name)
+            if relative in effects
+            for finer in _finely(simulator.catalogue[relative])
+        ]
+        if relatives:
+            apart[name] = base.parts_apart([c for c in entries if c.effect.name == name], relatives)
     rough = [of_term("rough", seed) for seed in range(_ROUGH)]
-    return LambdaPerUnit(effects, {name: of_term(name) for name in UNCATALOGUED}, float(np.mean(rough)))
+    outside = {name: of_term(name) for name in UNCATALOGUED}
+    return LambdaPerUnit(effects, outside, float(np.mean(rough)), apart, in_noise)
+
+
+def _finely(effect: Hypothesis) -> list[Candidate]:
+    """Return the candidates of an effect, of one with a single shape at points between those of its grid, too."""
+    if len(effect.shapes) != 1:
+        return candidates([effect])
+    grid = np.log([point[0] for point in effect.grid])
+    places = np.arange(0.0, len(grid) - 1 + 0.5 / _FINER, 1.0 / _FINER)
+    return [Candidate(effect, (float(np.exp(one)),)) for one in np.interp(places, np.arange(len(grid)), grid)]
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""λ of something hidden: the norm of its footprint once the base model is refitted, in the noise of the data sheets."""
+"""λ of something hidden: the norm of its footprint once the base model is refitted, in a given noise."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ from diagnosis.engine.fitting.linearise import from_quotients
 from diagnosis.engine.fitting.point import base_point, neighbour
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Candidate
-from diagnosis.engine.noise import white
+from diagnosis.engine.noise import Noise, white
 from diagnosis.engine.whitening import filters
 
 #: Columns that are held at once.
@@ -19,12 +19,15 @@ _BATCH = 12
 
 
 class LinearisedBase:
-    """The base model, linear around its nominal parameters on some runs, and λ of what it lacks there."""
+    """The base model, linear around its nominal parameters on some runs, and λ of what it lacks there.
 
-    def __init__(self, simulator: Simulator, runs: Sequence[MeasuredRun]) -> None:
+    Without ``noise`` it is the white one of the data sheets.
+    """
+
+    def __init__(self, simulator: Simulator, runs: Sequence[MeasuredRun], noise: Noise | None = None) -> None:
         self._replay = Replay(simulator, tuple(runs))
         deviations = [float(np.hypot(c.noise, c.resolution / 12**0.5)) for c in simulator.channels]
-        self._whiten = filters(white(deviations), self._replay.runs)
+        self._whiten = filters(noise or white(deviations), self._replay.runs)
         self._point = base_point(simulator.nuisances, self._replay.records)
         self._predictions = self._replay.predictions(self._point)
         own = self._replay.sensitivities(self._point, self._predictions)
@@ -57,6 +60,18 @@ class LinearisedBase:
         own, others = information[0, 0], np.diagonal(information)[1:]
         imitated = np.divide(information[0, 1:] ** 2, others, out=np.zeros_like(others), where=others > 0.0)
         return float(np.sqrt(max(own - imitated.max(initial=0.0), 0.0)))
+
+    def parts_apart(self, entries: Sequence[Candidate], others: Sequence[Candidate]) -> list[float]:
+        """Return which part of its λ each candidate keeps beside the one of ``others`` that imitates it best."""
+        together = [*entries, *others]
+        steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in together]
+        columns = self._replay.differences(self._predictions, [steps] * len(self._predictions))
+        information = self._projected(columns).information
+        length = np.sqrt(np.diagonal(information))
+        alike = np.abs(information[: len(entries), len(entries) :])
+        cosines = alike / np.outer(length[: len(entries)], length[len(entries) :])
+        found: list[float] = np.sqrt(np.maximum(1.0 - cosines.max(axis=1) ** 2, 0.0)).tolist()
+        return found
 
     def absorbed(self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]) -> Array:
         """Return how far the k base parameters would move to imitate each of m ``effects`` (k, m), in their spreads."""

@@ -8,36 +8,28 @@ truth goes into a file of its own.
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final, get_args
+from typing import get_args
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block, join
 from bench_protocol.words import SIDES
-from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.parameters import Parameters, load
 from bench_sim.parameters.effects import with_effects
 from bench_sim.rig.rig import Rig
 from benchmarks.diagnosis.ground_truth import Condition, GroundTruth, Kind, draw
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.noises import COLOURED, COLOURS, LOST, of_twelve_bits
 from benchmarks.diagnosis.short_screening import short_screening
 from benchmarks.diagnosis.sibling_forms import CURVED, FAST, Curved
 from benchmarks.diagnosis.sibling_forms import parameters as sibling
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
-from diagnosis.systems.air_spring import OUTPUTS, channels
 from drivers.bench import Bench
 from drivers.memory import Faults
 from test_plans.execution import execute
 from test_plans.plan import Plan
-
-#: What is measured, beside what tells the motion: these sensors have noise of a colour.
-COLOURED: Final = [*FORCES, *PRESSURES]
-COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
-BITS: Final = 2.0**-12
-LOST: Final = 0.1
 
 
 class ScreeningFailed(RuntimeError):
@@ -60,21 +52,6 @@ def parameters_of(truth: GroundTruth) -> Parameters:
         coarse = of_twelve_bits(bench)
         bench = bench.with_values(sensor_resolution=coarse)
     return bench
-
-
-def of_twelve_bits(bench: Parameters) -> NDArray[np.float64]:
-    """Return the resolutions (SENSORS,) of sensors with coarse converters, in whole steps of the wire.
-
-    Other steps would be rounded twice, and the sum of both errors is a sawtooth over kilonewtons, ± 12.5 N at the load
-    cells: a sensor that is not straight, and no noise.
-    """
-    span = bench.entries["sensor_high"].value - bench.entries["sensor_low"].value
-    coarse = bench.entries["sensor_resolution"].value.copy()
-    for channel in channels(bench):
-        sensor = OUTPUTS[channel.name]
-        if sensor in COLOURED:
-            coarse[sensor] = np.rint(BITS * span[sensor] / channel.resolution) * channel.resolution
-    return coarse
 
 
 class Coloured:

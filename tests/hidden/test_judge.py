@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from benchmarks.diagnosis.ground_truth import CONDITIONS, KINDS, NEAR, GroundTruth, draw, visible
+from benchmarks.diagnosis.ground_truth import CONDITIONS, KINDS, GroundTruth, draw, visible
 from benchmarks.diagnosis.judge import Judged, covered
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
+from benchmarks.diagnosis.next_of_kin import NEAR, kin
 from benchmarks.diagnosis.sealed import COLOURED, Coloured, parameters_of
 from benchmarks.diagnosis.statistics import Rate
 from benchmarks.diagnosis.uncatalogued_terms import UNCATALOGUED, roughness, together
@@ -149,3 +150,35 @@ def test_coloured_noise_has_its_colour_and_the_size_of_the_data_sheet():
     series = np.array(samples)[100:]
     assert series.std() == pytest.approx(1.0, abs=0.1)
     assert np.mean(series[1:] * series[:-1]) / np.mean(series**2) == pytest.approx(0.9, abs=0.02)
+
+
+def test_a_lambda_counts_in_the_noise_of_its_bench_and_beside_its_kin():
+    table = LambdaPerUnit.read()
+    assert table.in_noise.keys() == {"AR 0.6", "AR 0.9", "12 bits"}
+    for name, points in table.effects.items():
+        shapes = points[0][0]
+        slow, slower = (table.part_seen(name, shapes, condition) for condition in ("AR 0.6", "AR 0.9"))
+        assert table.part_seen(name, shapes, "white") == 1.0
+        assert table.part_seen(name, shapes, "frames lost") == pytest.approx(math.sqrt(0.9))
+        # Noise that remembers hides what is slow; a hold of 20 ms is quicker than that and stands out.
+        assert slower <= slow <= 1.01 or name == "sample_and_hold"
+        assert 0.0 < table.part_apart(name, shapes) <= 1.0
+        assert (table.part_apart(name, shapes) < 1.0) == bool(kin(name))
+
+
+def test_a_truth_is_as_large_as_its_noise_leaves_it():
+    values = {"force_lag": {"lag": 2e-3}, "friction": {"force": 50.0, "travel": 5e-3}}
+    truth = GroundTruth(
+        seed=1,
+        kind="pair",
+        condition="AR 0.9",
+        effects=values,
+        lambdas={"force_lag": 100.0, "friction": 40.0},
+    )
+    table = LambdaPerUnit.read()
+    lag, friction = (
+        table.in_noise["AR 0.9"][name][place] for name, place in (("force_lag", 0), ("friction", 2))
+    )
+    assert truth.seen == pytest.approx({"force_lag": 100.0 * lag, "friction": 40.0 * friction})
+    assert truth.apart == pytest.approx(100.0 * lag * table.apart["force_lag"][0])
+    assert GroundTruth(seed=1, kind="null", condition="white").apart == 0.0
