@@ -1,7 +1,8 @@
 """One sealed rig is investigated: drawn from a seed as those of the other benchmark are, written, and judged.
 
-It has the springs of a delivery, a little roughness, and one effect, a near miss, a pair or nothing. `astb investigate`
-gets it as a file in a process of its own and decides what is run.
+It has the springs of a delivery, a little roughness, and one effect, a near miss, a pair or nothing. Most near misses
+are so faint that a screening alone cannot tell them from their kin. `astb investigate` gets the rig as a file in a
+process of its own and decides what is run.
 
 This is not part of the command, whose own names no other process can import.
 """
@@ -11,7 +12,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 
@@ -25,6 +26,9 @@ from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
 from benchmarks.diagnosis.next_of_kin import kin
 from benchmarks.diagnosis.uncatalogued_terms import roughness, together
 
+#: What is hidden: as in the other benchmark, or a near miss of a part of the size.
+Asked = Kind | Literal["faint"]
+FAINT: Final = 0.2
 #: An investigation may take so many seconds of a busy machine.
 LIMIT: Final = 3 * 3600.0
 ROOT: Final = Path(__file__).parents[2]
@@ -59,6 +63,22 @@ class Investigated(msgspec.Struct, frozen=True, kw_only=True):
         return bool(set(self.causes) - free) and not set(self.rivals) & set(self.hidden)
 
 
+def hidden_in(seed: int, asked: Asked) -> GroundTruth:
+    """Draw what a rig is given."""
+    if asked != "faint":
+        return draw(seed, asked)
+    truth = draw(seed, "near")
+    effects = {name: dict(values) for name, values in truth.effects.items()}
+    for name, values in effects.items():
+        values[find_effect(name)[0].amplitude.name] *= FAINT
+    return msgspec.structs.replace(
+        truth,
+        effects=effects,
+        lambdas={name: FAINT * lambda_ for name, lambda_ in truth.lambdas.items()},
+        roughness=FAINT * truth.roughness,
+    )
+
+
 def write_rig(truth: GroundTruth, directory: Path) -> tuple[Path, Path]:
     """Write the file of a rig with the springs of a truth, and the sealed file with its effects; return both paths."""
     labels = {label.rpartition(".")[2] for label in truth.base}
@@ -79,10 +99,10 @@ def write_rig(truth: GroundTruth, directory: Path) -> tuple[Path, Path]:
     return rig, sealed
 
 
-def investigated(case: tuple[int, Kind], budget: str) -> Investigated:
+def investigated(case: tuple[int, Asked], budget: str) -> Investigated:
     """Draw a rig, let `astb investigate` have it, and read what came of it; a failure is a result too."""
     seed, kind = case
-    truth, start = draw(seed, kind), time.perf_counter()
+    truth, start = hidden_in(seed, kind), time.perf_counter()
     known = Investigated(seed=seed, kind=kind, hidden=list(truth.effects), weakest=truth.weakest)
     with tempfile.TemporaryDirectory(prefix="sealed-") as name:
         rig, sealed = write_rig(truth, Path(name))

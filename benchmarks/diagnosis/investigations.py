@@ -15,14 +15,12 @@ import click
 import msgspec
 
 from benchmarks.diagnosis.campaign import KEPT
-from benchmarks.diagnosis.ground_truth import Kind
-from benchmarks.diagnosis.investigated import Investigated, investigated
+from benchmarks.diagnosis.investigated import Asked, Investigated, investigated
 from benchmarks.diagnosis.statistics import Rate
 from campaigns.core import carried_out
 from campaigns.workers import cluster
 
-#: Most effects have confusers, so most singles begin ambiguous.
-ROUND: Final[tuple[Kind, ...]] = ("single", "single", "near", "single", "pair", "null")
+ROUND: Final[tuple[Asked, ...]] = ("single", "faint", "near", "faint", "pair", "null")
 BUDGET: Final = "40 min"
 
 
@@ -49,7 +47,7 @@ def summary(all_: Sequence[Investigated]) -> list[str]:
 
 
 def count(
-    wanted: Sequence[tuple[int, Kind]],
+    wanted: Sequence[tuple[int, Asked]],
     processes: int,
     kept: Path,
     tell: Callable[[str], None],

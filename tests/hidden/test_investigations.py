@@ -8,10 +8,12 @@ import pytest
 
 from astb.rig_file import read as read_rig_file
 from astb.session import build_rig
+from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis import investigations
 from benchmarks.diagnosis.ground_truth import draw
-from benchmarks.diagnosis.investigated import ROOT, Investigated, write_rig
+from benchmarks.diagnosis.investigated import ROOT, Investigated, hidden_in, write_rig
 from benchmarks.diagnosis.investigations import count, read, summary
+from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
 from benchmarks.diagnosis.sealed import parameters_of
 
 
@@ -26,6 +28,17 @@ def test_the_rig_that_is_investigated_has_what_was_drawn(seed, kind, tmp_path):
     for name in drawn.dtype.names:
         if name != "sensor_bias":  # a rig draws its own
             assert built[name] == pytest.approx(drawn[name], rel=1e-12, abs=1e-300), name
+
+
+def test_a_faint_rig_has_a_fifth_of_a_near_miss():
+    whole, faint = hidden_in(300_003, "near"), hidden_in(300_003, "faint")
+    assert faint.effects.keys() == whole.effects.keys()
+    assert faint.weakest == pytest.approx(0.2 * whole.weakest)
+    (name,), shapes = whole.effects, LambdaPerUnit.read()
+    for parameter, value in whole.effects[name].items():
+        amplitude = parameter == find_effect(name)[0].amplitude.name
+        assert faint.effects[name][parameter] == pytest.approx(value * (0.2 if amplitude else 1.0))
+    assert shapes.part_apart(name, list(whole.effects[name].values())[1:]) < 1.0
 
 
 def one(seed, hidden, causes, rivals=(), first="named", **more):
