@@ -64,9 +64,11 @@ def main(count: int, small: int, systems: str, processes: int, again: bool, page
         }
         for system in systems.split(","):
             run(wanted(system, *asked[system]), processes, tell)
+    from benchmarks.diagnosis.investigations import INVESTIGATIONS, read
     from benchmarks.diagnosis.rate_page import write
 
-    console.print(f"page: {write({system: done(system) for system in SYSTEMS})}", highlight=False)
+    page = write({system: done(system) for system in SYSTEMS}, read(INVESTIGATIONS))
+    console.print(f"page: {page}", highlight=False)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,16 @@
 """``python -m benchmarks.diagnosis.investigations``: sealed rigs are investigated, and the right names counted.
 
-Every rig takes minutes of a core. What is known of each is kept at once as a line of JSON, and a count goes on where it
-stopped.
+`python -m benchmarks.diagnosis --page-only` puts what was counted on the page of rates. Every rig takes minutes of a
+core. What is known of each is kept at once as a line of JSON, and a count goes on where it stopped.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Final
+from typing import Final, NamedTuple
 
 import click
 import msgspec
@@ -19,28 +20,40 @@ from benchmarks.diagnosis.investigated import Asked, Investigated, investigated
 from benchmarks.diagnosis.statistics import Rate
 from campaigns.core import carried_out
 from campaigns.workers import cluster
+from diagnosis.finding import Verdict
 
 ROUND: Final[tuple[Asked, ...]] = ("single", "faint", "near", "faint", "pair", "null")
 BUDGET: Final = "40 min"
+INVESTIGATIONS: Final = KEPT / "investigations.jsonl"
+
+
+class Figure(NamedTuple):
+    """A rate that is told, with the least or (below a half) the largest that was aimed at; NaN for none."""
+
+    what: str
+    aim: float
+    hits: list[bool]
+
+
+def figures(all_: Sequence[Investigated]) -> list[Figure]:
+    """Return how often what came of investigations was right."""
+    hidden = [one for one in all_ if one.hidden]
+    doubtful = [one for one in hidden if one.first == Verdict.AMBIGUOUS.value]
+    return [
+        Figure("something hidden: the right name", math.nan, [one.right for one in hidden]),
+        Figure("ambiguous after the screening: the right name", 0.9, [one.right for one in doubtful]),
+        Figure("nothing hidden: nothing named", 0.99, [one.right for one in all_ if not one.hidden]),
+        Figure("a wrong name", 0.01, [one.wrong for one in all_]),
+        Figure("no verdict", 0.01, [bool(one.failure) for one in all_]),
+    ]
 
 
 def summary(all_: Sequence[Investigated]) -> list[str]:
     """Return the rates with their exact intervals, as lines for people."""
-
-    def line(what: str, hits: Sequence[bool]) -> str:
+    lines = []
+    for what, _, hits in figures(all_):
         rate = Rate.of(hits)
-        low, high = rate.interval if hits else (0.0, 1.0)
-        return f"{what}: {rate.hits} of {rate.count} ({100 * low:.0f} to {100 * high:.0f} %)"
-
-    hidden = [one for one in all_ if one.hidden]
-    parted = [one for one in hidden if one.first == "ambiguous"]
-    lines = [
-        line("something hidden: the right name", [one.right for one in hidden]),
-        line("ambiguous after the screening: the right name", [one.right for one in parted]),
-        line("nothing hidden: nothing named", [one.right for one in all_ if not one.hidden]),
-        line("a wrong name", [one.wrong for one in all_]),
-        line("came to no verdict", [bool(one.failure) for one in all_]),
-    ]
+        lines.append(f"{what}: {rate.hits} of {rate.count}" + (f", {rate}" if hits else ""))
     if all_:
         lines.append(f"minutes of the bench (median): {median(one.minutes for one in all_):.1f}")
     return lines
@@ -84,9 +97,7 @@ def read(kept: Path) -> list[Investigated]:
 @click.option("--count", "number", default=50, show_default=True, help="Rigs.")
 @click.option("--processes", default=2, show_default=True)
 @click.option("--budget", default=BUDGET, show_default=True, help="Time of the bench for each.")
-@click.option(
-    "--kept", default=KEPT / "investigations.jsonl", type=click.Path(path_type=Path), help="What is known."
-)
+@click.option("--kept", default=INVESTIGATIONS, type=click.Path(path_type=Path), help="What is known.")
 def main(number: int, processes: int, budget: str, kept: Path) -> None:
     """Investigate sealed rigs of which nothing is known yet, and print how often the end was right."""
     wanted = [(300_000 + i, ROUND[i % len(ROUND)]) for i in range(number)]

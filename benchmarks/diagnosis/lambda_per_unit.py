@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,8 +29,8 @@ TABLE: Final = Path(__file__).with_name("lambda_per_unit.json")
 _ROUGH: Final = 5
 #: Conditions whose noise is another one.
 _OTHER: Final[tuple[Condition, ...]] = ("AR 0.6", "AR 0.9", "12 bits")
-#: So many times finer than its grid the shape of a next of kin is looked at.
-_FINER: Final = 6
+#: Points along each shape at which effects are compared with their next of kin, by how many shapes they have.
+_FINER: Final = (1, 25, 7, 5)
 #: Sizes at which terms outside the catalogue are measured, in their own units.
 _SMALL: Final[Mapping[str, float]] = {
     "snag": 20.0,
@@ -43,14 +44,15 @@ _SMALL: Final[Mapping[str, float]] = {
 class LambdaPerUnit(msgspec.Struct, frozen=True):
     """λ per unit (SI) of amplitude: of each effect at the points of its shape grid, of each term outside.
 
-    At the same points, ``apart`` is the part of λ that is left beside the next of kin that imitates an effect best, and
-    ``in_noise`` the part that is left in the noise of a condition, which remembers or is coarser.
+    ``in_noise`` is the part of it that is left, at the same points, in the noise of a condition, which remembers or is
+    coarser; ``apart`` the part that is left beside the next of kin that imitates an effect best, at more points, as
+    between two of a grid an effect may be just what a next of kin is.
     """
 
     effects: dict[str, list[tuple[list[float], float]]]
     outside: dict[str, float]
     roughness: float
-    apart: dict[str, list[float]]
+    apart: dict[str, list[tuple[list[float], float]]]
     in_noise: dict[str, dict[str, list[float]]]
 
     @staticmethod
@@ -61,25 +63,27 @@ class LambdaPerUnit(msgspec.Struct, frozen=True):
 
     def of(self, name: str, shapes: Sequence[float]) -> float:
         """Return λ per unit of an effect, at the nearest point of its grid (by ratios)."""
-        return self.effects[name][self._nearest(name, shapes)][1]
+        return self.effects[name][_nearest(self.effects[name], shapes)][1]
 
     def part_apart(self, name: str, shapes: Sequence[float]) -> float:
         """Return which part of its λ an effect keeps beside its next of kin; 1 if it has none."""
-        return self.apart[name][self._nearest(name, shapes)] if name in self.apart else 1.0
+        return self.apart[name][_nearest(self.apart[name], shapes)][1] if name in self.apart else 1.0
 
     def part_seen(self, name: str, shapes: Sequence[float], condition: str) -> float:
         """Return which part of its λ in white noise an effect has in that of a condition."""
         if condition == "frames lost":
             return float(np.sqrt(1.0 - LOST))
         parts = self.in_noise.get(condition)
-        return parts[name][self._nearest(name, shapes)] if parts else 1.0
+        return parts[name][_nearest(self.effects[name], shapes)] if parts else 1.0
 
-    def _nearest(self, name: str, shapes: Sequence[float]) -> int:
-        def away(place: int) -> float:
-            point = self.effects[name][place][0]
-            return sum(float(np.log(a / b) ** 2) for a, b in zip(point, shapes, strict=True))
 
-        return min(range(len(self.effects[name])), key=away)
+def _nearest(points: Sequence[tuple[list[float], float]], shapes: Sequence[float]) -> int:
+    """Return which point is nearest by ratios."""
+
+    def away(place: int) -> float:
+        return sum(float(np.log(a / b) ** 2) for a, b in zip(points[place][0], shapes, strict=True))
+
+    return min(range(len(points)), key=away)
 
 
 class _WithTerms(AirSpring):
@@ -128,19 +132,20 @@ def measured_on(directory: Path) -> LambdaPerUnit:
             for finer in _finely(simulator.catalogue[relative])
         ]
         if relatives:
-            apart[name] = base.parts_apart([c for c in entries if c.effect.name == name], relatives)
+            mine = _finely(simulator.catalogue[name])
+            parts_apart = base.parts_apart(mine, relatives)
+            apart[name] = [(list(one.shapes), part) for one, part in zip(mine, parts_apart, strict=True)]
     rough = [of_term("rough", seed) for seed in range(_ROUGH)]
     outside = {name: of_term(name) for name in UNCATALOGUED}
     return LambdaPerUnit(effects, outside, float(np.mean(rough)), apart, in_noise)
 
 
 def _finely(effect: Hypothesis) -> list[Candidate]:
-    """Return the candidates of an effect, of one with a single shape at points between those of its grid, too."""
-    if len(effect.shapes) != 1:
-        return candidates([effect])
-    grid = np.log([point[0] for point in effect.grid])
-    places = np.arange(0.0, len(grid) - 1 + 0.5 / _FINER, 1.0 / _FINER)
-    return [Candidate(effect, (float(np.exp(one)),)) for one in np.interp(places, np.arange(len(grid)), grid)]
+    """Return the candidates of an effect all over the range of its grid."""
+    ends = zip(np.min(effect.grid, axis=0), np.max(effect.grid, axis=0), strict=True)
+    count = _FINER[len(effect.shapes)]
+    axes = [np.unique(np.geomspace(low, high, count)).tolist() for low, high in ends]
+    return [Candidate(effect, shapes) for shapes in product(*axes)]
 
 
 @click.command()

@@ -6,6 +6,8 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Final
 
+from benchmarks.diagnosis.investigated import Investigated
+from benchmarks.diagnosis.investigation_page import section
 from benchmarks.diagnosis.judge import Judged, covered
 from benchmarks.diagnosis.rate_drawings import confusion, power, reliability
 from benchmarks.diagnosis.statistics import Rate
@@ -72,8 +74,8 @@ measured rate meets it; the interval says how sure that is.
 """
 
 
-def write(kept: Mapping[str, Sequence[Judged]]) -> Path:
-    """Write the page and its drawings from what is kept of each system; return the page's path."""
+def write(kept: Mapping[str, Sequence[Judged]], investigated: Sequence[Investigated] = ()) -> Path:
+    """Write the page and its drawings from what is kept of each system and of investigations; return its path."""
     good = {system: [j for j in cases if not j.failure] for system, cases in kept.items()}
     lines = [_INTRODUCTION]
     lines += [f"* {key}: {value}" for key, value in machine().items()]
@@ -98,6 +100,7 @@ def write(kept: Mapping[str, Sequence[Judged]]) -> Path:
             path = DRAWINGS / f"diagnosis-{system}-{draw.__name__}.svg"
             draw(path, cases)
             lines += [f"{title}:", "", f"![{title}, {system}](../gallery/{path.name})", ""]
+    lines += section(investigated)
     lines += ["## Failures", "", *_failures(kept)]
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     return PAGE
@@ -227,24 +230,20 @@ def _gains(named: Sequence[Judged]) -> list[str]:
 
 
 def _rate(what: str, aim: str, limit: float, judged: Sequence[Judged], hit: Test) -> str:
-    """Return the row of how many of the cases are hits; aims of at most a half are upper limits."""
+    """Return the row of how many of the cases are hits; an aim below a half is an upper limit."""
     rate = Rate.of([hit(j) for j in judged])
     if rate.count < LEAST:
         return ""
-    low, high = rate.interval
-    met = rate.value <= limit if limit < 0.5 else rate.value >= limit
-    shown = f"{100 * rate.value:.3g} % ({100 * low:.2g} … {100 * high:.3g})"
-    return f"| {what} | {aim} | {{system}} | {shown} | {rate.count} | {_yes(met) if aim else ''} |"
+    met = _yes(rate.meets(limit)) if aim else ""
+    return f"| {what} | {aim} | {{system}} | {rate} | {rate.count} | {met} |"
 
 
 def _coverage(what: str, aim: str, deviations: Sequence[float], limits: tuple[float, float]) -> str:
     if len(deviations) < LEAST:
         return ""
     rate = Rate(covered(deviations, 0.95), len(deviations))
-    low, high = rate.interval
     met = limits[0] <= rate.value <= limits[1]
-    shown = f"{100 * rate.value:.3g} % ({100 * low:.3g} … {100 * high:.3g})"
-    return f"| {what} | {aim} | {{system}} | {shown} | {rate.count} | {_yes(met)} |"
+    return f"| {what} | {aim} | {{system}} | {rate} | {rate.count} | {_yes(met)} |"
 
 
 def _figure(

@@ -30,3 +30,11 @@ class Rate:
         low = float(beta.ppf(0.025, k, n - k + 1)) if k > 0 else 0.0
         high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
         return low, high
+
+    def meets(self, aim: float) -> bool:
+        """Whether the measured rate meets an aim: below a half, that is an upper limit."""
+        return self.value <= aim if aim < 0.5 else self.value >= aim
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{100 * self.value:.3g} % ({100 * low:.3g} … {100 * high:.3g})"

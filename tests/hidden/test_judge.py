@@ -180,5 +180,5 @@ def test_a_truth_is_as_large_as_its_noise_leaves_it():
         table.in_noise["AR 0.9"][name][place] for name, place in (("force_lag", 0), ("friction", 2))
     )
     assert truth.seen == pytest.approx({"force_lag": 100.0 * lag, "friction": 40.0 * friction})
-    assert truth.apart == pytest.approx(100.0 * lag * table.apart["force_lag"][0])
+    assert truth.apart == pytest.approx(100.0 * lag * table.apart["force_lag"][0][1])
     assert GroundTruth(seed=1, kind="null", condition="white").apart == 0.0
