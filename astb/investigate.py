@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from diagnosis.report.page import InvestigationHistory
 
 LOG: Final = "investigation.json"
-#: A run is worth the bench's time only if it promises a BIC gap of this size: below, two causes are not told apart.
+#: Runs are worth the bench's time only if they promise a BIC gap of this size: below, two causes are not told apart.
 LEAST_GAP: Final = 10.0
 #: Verdicts after which another run may tell more.
 UNDECIDED: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
@@ -145,7 +146,11 @@ def history(log: Investigation) -> "InvestigationHistory":
 def choose(
     finding: Finding, menu: Mapping[str, Programme], left: float, done: Collection[str]
 ) -> tuple[Offer | None, str]:
-    """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min)."""
+    """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min).
+
+    A run that promises to decide alone is made once: if it did not keep its promise, it would not the next time. One
+    that promises less is made as often as it takes, if that fits into the budget.
+    """
     if finding.verdict not in UNDECIDED:
         return None, f"a verdict was reached: {finding.verdict}"
     if finding.verdict is Verdict.UNRESOLVED:
@@ -153,27 +158,40 @@ def choose(
             None,
             "what is wrong is too small for any cause to be named: there is nothing to decide between",
         )
-    ranked = [offer for offer in offers(finding, menu) if offer.plan not in done]
-    worth = [offer for offer in ranked if offer.bic_gap >= LEAST_GAP]
-    if not worth:
-        best = (
-            f": the best, {ranked[0].plan}, promises a BIC gap of {ranked[0].bic_gap:.1f} where {LEAST_GAP:g} is needed"
-            if ranked
-            else ""
-        )
-        return None, f"no run that is left on the menu would decide between {_causes_left(finding)}{best}"
-    for offer in worth:
+    ranked = offers(finding, menu)
+    alone = [offer for offer in ranked if offer.bic_gap >= LEAST_GAP and offer.plan not in done]
+    for offer in alone:
         if offer.minutes <= left:
-            why = (
-                f"to decide between {_causes_left(finding)}: a BIC gap of {offer.bic_gap:.0f} is expected "
-                f"in {offer.minutes:.1f} min"
+            return offer, f"to decide between {_causes_left(finding)}: {_promise(offer)}"
+    for offer in ranked:
+        several = ceil(LEAST_GAP / offer.bic_gap) if 0.0 < offer.bic_gap < LEAST_GAP else 0
+        if several and several * offer.minutes <= left:
+            return offer, (
+                f"to decide between {_causes_left(finding)}: {_promise(offer)}, and {LEAST_GAP:g} after {several} "
+                "such runs"
             )
-            return offer, why
-    cheapest = min(worth, key=lambda offer: offer.minutes)
+    if not alone:
+        why = f"no run that is left on the menu would decide between {_causes_left(finding)}"
+        if ranked:
+            best = ranked[0]
+            why += (
+                f": the best, {best.plan}, promises {_gap(best)} in {best.minutes:.1f} of the {left:.1f} min that are "
+                f"left, and {LEAST_GAP:g} is needed"
+            )
+        return None, why
+    cheapest = min(alone, key=lambda offer: offer.minutes)
     return None, (
         f"the budget is spent: {left:.1f} min are left, and {cheapest.plan}, the shortest run that would decide "
         f"between {_causes_left(finding)}, takes {cheapest.minutes:.1f} min"
     )
+
+
+def _promise(offer: Offer) -> str:
+    return f"{_gap(offer)} is expected in {offer.minutes:.1f} min"
+
+
+def _gap(offer: Offer) -> str:
+    return f"a BIC gap of {offer.bic_gap:.{0 if offer.bic_gap >= LEAST_GAP else 1}f}"
 
 
 def _causes_left(finding: Finding) -> str:

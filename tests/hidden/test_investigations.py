@@ -89,7 +89,7 @@ def test_a_count_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert [known.seed for known in read(kept)] == [1, 2, 3]
     assert "died" in told[1]
     assert summary(read(kept))[0] == "something hidden: the right name: 2 of 2, 100 % (15.8 … 100)"
-    assert "came to no verdict: 1 of 3" in summary(read(kept))[4]
+    assert "no verdict: 1 of 3" in summary(read(kept))[4]
 
 
 @pytest.mark.slow
@@ -115,4 +115,4 @@ def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason(tmp_path)
     (known,) = read(kept)
     assert "budget = 1 min: screening alone takes" in known.failure
     assert known.hidden and not known.right
-    assert "came to no verdict: 1 of 1" in done.stdout
+    assert "no verdict: 1 of 1" in done.stdout

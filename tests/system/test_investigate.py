@@ -113,11 +113,25 @@ def test_what_decides_most_per_minute_is_run_unless_it_was_or_costs_too_much():
 
 
 def test_a_run_that_would_not_decide_is_not_run():
-    offer, why = choose(ambiguous(("quick 1 AW0", LEAST_GAP - 0.1)), SMALL_MENU, 20.0, set())
+    once = 1.5 * lasts(QUICK) / minutes
+    offer, why = choose(ambiguous(("quick 1 AW0", LEAST_GAP - 0.1)), SMALL_MENU, once, set())
     assert offer is None
     assert "no run that is left on the menu would decide between leak.left and heat.left" in why
     assert "promises a BIC gap of 9.9" in why
-    assert choose(ambiguous(("quick 1 AW0", LEAST_GAP)), SMALL_MENU, 20.0, set())[0].plan == "quick"
+    assert choose(ambiguous(("quick 1 AW0", LEAST_GAP)), SMALL_MENU, once, set())[0].plan == "quick"
+
+
+def test_a_run_that_decides_with_others_like_it_is_made_as_often_as_it_takes():
+    told, each = ambiguous(("quick 1 AW0", 0.4 * LEAST_GAP)), lasts(QUICK) / minutes
+    offer, why = choose(told, SMALL_MENU, 3.01 * each, {"quick"})
+    assert offer.plan == "quick"
+    assert "a BIC gap of 4.0 is expected" in why and "10 after 3 such runs" in why
+    assert choose(told, SMALL_MENU, 2.99 * each, set())[0] is None
+    # What decides alone comes first, however much longer it takes; but only once.
+    both = ambiguous(("quick 1 AW0", 0.9 * LEAST_GAP), ("twice 1 AW0", LEAST_GAP))
+    assert choose(both, SMALL_MENU, 20.0, set())[0].plan == "twice"
+    assert choose(both, SMALL_MENU, 20.0, {"twice"})[0].plan == "quick"
+    assert choose(ambiguous(("quick 1 AW0", LEAST_GAP)), SMALL_MENU, 20.0, {"quick"})[0] is None
 
 
 @pytest.mark.parametrize("verdict", [Verdict.NO_EFFECT, Verdict.NAMED, Verdict.REMAINDER, Verdict.UNKNOWN])
