@@ -1,5 +1,6 @@
 """`astb investigate`: screening, diagnosis, and the run that would decide, in a loop until there is a verdict."""
 
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import ceil
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 LOG: Final = "investigation.json"
 #: Runs are worth the bench's time only if they promise a BIC gap of this size: below, two causes are not told apart.
 LEAST_GAP: Final = 10.0
+#: A run that promises less is made so often at most: what needs more of them is hardly different.
+REPEATS: Final = 3
 #: Verdicts after which another run may tell more.
 UNDECIDED: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
 #: How often in a row a run is tried that the link or this machine blocks.
@@ -146,10 +149,10 @@ def history(log: Investigation) -> "InvestigationHistory":
 def choose(
     finding: Finding, menu: Mapping[str, Programme], left: float, done: Collection[str]
 ) -> tuple[Offer | None, str]:
-    """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min).
+    """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min), ``done`` the plans so far.
 
     A run that promises to decide alone is made once: if it did not keep its promise, it would not the next time. One
-    that promises less is made as often as it takes, if that fits into the budget.
+    that promises less is made as often as it takes, if a few are enough and fit into the budget.
     """
     if finding.verdict not in UNDECIDED:
         return None, f"a verdict was reached: {finding.verdict}"
@@ -158,14 +161,14 @@ def choose(
             None,
             "what is wrong is too small for any cause to be named: there is nothing to decide between",
         )
-    ranked = offers(finding, menu)
+    ranked, made = offers(finding, menu), Counter(done)
     alone = [offer for offer in ranked if offer.bic_gap >= LEAST_GAP and offer.plan not in done]
     for offer in alone:
         if offer.minutes <= left:
             return offer, f"to decide between {_causes_left(finding)}: {_promise(offer)}"
     for offer in ranked:
         several = ceil(LEAST_GAP / offer.bic_gap) if 0.0 < offer.bic_gap < LEAST_GAP else 0
-        if several and several * offer.minutes <= left:
+        if several and made[offer.plan] + several <= REPEATS and several * offer.minutes <= left:
             return offer, (
                 f"to decide between {_causes_left(finding)}: {_promise(offer)}, and {LEAST_GAP:g} after {several} "
                 "such runs"
@@ -285,7 +288,7 @@ def _decide(
             causes=list(finding.names),
             rivals=[rival.effect for rival in finding.ambiguous_with],
         )
-        offer, why = choose(finding, menu, log.budget - log.spent, {one.plan for one in log.steps})
+        offer, why = choose(finding, menu, log.budget - log.spent, [one.plan for one in log.steps])
         if offer is None:
             return why
         programme = menu[offer.plan]
