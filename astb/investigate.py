@@ -149,10 +149,11 @@ def history(log: Investigation) -> "InvestigationHistory":
 def choose(
     finding: Finding, menu: Mapping[str, Programme], left: float, done: Collection[str]
 ) -> tuple[Offer | None, str]:
-    """Return the plan to run next, or None, and why: ``left`` is what remains of the budget (min), ``done`` the plans so far.
+    """Return the plan to run next, or None, and why.
 
-    A run that promises to decide alone is made once: if it did not keep its promise, it would not the next time. One
-    that promises less is made as often as it takes, if a few are enough and fit into the budget.
+    ``left`` is what remains of the budget (min), ``done`` are the plans so far. A run that promises to decide alone is
+    made once: if it did not keep its promise, it would not the next time. One that promises less is made as often as it
+    takes, if a few are enough and fit into the budget.
     """
     if finding.verdict not in UNDECIDED:
         return None, f"a verdict was reached: {finding.verdict}"

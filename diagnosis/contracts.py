@@ -245,6 +245,21 @@ class HasUnseenErrors(Protocol):
 
 
 @runtime_checkable
+class SharpensCatalogue(Protocol):
+    """What a simulator may tell from the data before anything is fitted: shapes that no point of a grid would meet.
+
+    The period of what repeats for minutes is known to a part in a hundred thousand, or it explains nothing.
+    """
+
+    def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
+        """Return the hypotheses to be tried instead of those of their names in the catalogue; mostly none.
+
+        ``channels`` are those of the runs' outputs.
+        """
+        ...
+
+
+@runtime_checkable
 class HasReferences(Protocol):
     """A simulator that knows how to learn some of its nuisances otherwise, such as by a calibration."""
 

@@ -41,6 +41,7 @@ from diagnosis.contracts import (
     Experiment,
     Hypothesis,
     Job,
+    MeasuredRun,
     Nuisance,
     Surface,
 )
@@ -58,6 +59,7 @@ from diagnosis.systems.air_spring_parameters import (
 )
 from diagnosis.systems.air_spring_parity import parity
 from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.held_samples import Reading, held_period, of_period, readings_of
 from diagnosis.systems.load_history import remembered
 from diagnosis.systems.system import KINDS
 
@@ -91,6 +93,8 @@ _VALVES: Final = {
 _SHIFTS: Final = (".offset", SEAT, DRAG)
 #: Offsets of sensors from whose readings a replay starts or is driven: these change the simulation.
 _PHYSICAL: Final = ("_pressure.offset", "_temperature.offset", f"{SHEAR}.offset", f"{SHEAR}{SEAT}")
+#: The effect whose period the readings themselves tell.
+_HELD: Final = "sample_and_hold"
 #: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
 _PREPARED, _OUTPUTS = 64, 2
 
@@ -221,6 +225,21 @@ class AirSpring:
         return parity(
             experiment, dict(zip((c.name for c in self.channels), outputs.T, strict=True)), self.parameters
         )
+
+    def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
+        """Return the hypothesis of pressures that are held, at the period in which they are; none if they are not."""
+        held = self.catalogue.get(_HELD)
+        if held is None:
+            return {}
+        (shape,) = held.shapes
+        pressures = [k for k, channel in enumerate(channels) if channel.kind == "pressure"]
+        columns = [self._places[channels[k].name] for k in pressures]
+        readings: list[Reading] = []
+        for run in runs:
+            expected = self.run(run.experiment, {}, {})[:, columns]
+            readings += readings_of(run, pressures, expected)
+        period = held_period(readings, shape.low, shape.high)
+        return {_HELD: of_period(held, period)} if period else {}
 
     def _has_room(self, name: str) -> bool:
         """Whether the set lacks an effect and has the free elements of rubber that it needs."""

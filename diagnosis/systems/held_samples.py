@@ -1,0 +1,142 @@
+"""The period in which readings are refreshed, where they are held in between.
+
+Theory of operation
+-------------------
+A reading that is held is late by the time since its last refresh, a (t mod T). Beside a mean lateness, it errs by
+
+    −a dp/dt s(t),   s = (t mod T) − T/2 = −T/π Σ_k sin(2πk t/T)/k,
+
+so the product of error and dp/dt has a line at 1/T, in the phase of the clock. Over the minutes of a record that line
+is a needle: periods that differ by a ten-thousandth are out of step at its end, and no grid of periods meets one. So
+the data are asked for it. Beside the line, the spectrum has what the errors of a model put there, which changes slowly
+with the frequency: a line counts where it stands far above its surroundings. It has lines too, where something moves
+steadily for long; those are in |dp/dt| as well, and where the clearest is one of them nothing is told. Around a line
+that counts, T is where −dp/dt s takes most of the square of the errors.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.contracts import Array, Hypothesis, MeasuredRun
+
+#: Frequencies are apart by this part of one over the time from the first to the last sample.
+_FINE: Final = 8
+#: Surroundings of a line, in Hz to either side: what is nearer, the line itself lifts, for runs are short.
+_NEAR, _FAR = 0.5, 2.0
+#: Power of a line over that of its surroundings. Benches whose readings are not held reach 20, one that holds them for
+#: 25 ms and a thirtieth of their lateness, with λ = 22, 48.
+_CLEAR: Final = 30.0
+#: Amplitude of a line in |dp/dt|, as a part of the largest one there, from which on the motion may have made it.
+_STEADY: Final = 0.03
+#: A sample so many s before a refresh is one of it: the clock is rounded.
+_AT_ONCE: Final = 1e-6
+#: How well a period that was found is known, relative, and the difference that shows what it does, as a part of that.
+_KNOWN: Final = 1e-5
+_DIFFERENCE: Final = 0.3
+#: Periods that are tried around a line, one frequency of the spectrum to either side.
+_TRIED: Final = 201
+
+
+class Reading(NamedTuple):
+    """A channel in one run: the clock when its samples were taken (n,), their errors (n,), and dp/dt as predicted (n,).
+
+    Errors and rates are 0 where nothing was measured.
+    """
+
+    clock: Array
+    errors: Array
+    rates: Array
+
+    def without_lateness(self) -> "Reading":
+        """Return it without what a constant lateness explains, in units of the standard deviation of the rest."""
+        late = float(self.errors @ self.rates) / max(float(self.rates @ self.rates), 1e-300)
+        rest = self.errors - late * self.rates
+        scale = max(float(np.std(rest)), 1e-300)
+        return Reading(self.clock, rest / scale, self.rates / scale)
+
+
+def readings_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Iterator[Reading]:
+    """Yield the channels of a run at some ``places`` among its outputs, beside what is ``expected`` of them (n, m)."""
+    clock = run.experiment.settings.get("start", 0.0) + run.experiment.time
+    for place, values in zip(places, expected.T, strict=True):
+        counted = run.counted[:, place]
+        if counted.any():
+            errors = run.outputs[:, place] - values
+            errors -= errors[counted].mean()
+            rates = np.gradient(values, run.experiment.step)
+            yield Reading(clock, np.where(counted, errors, 0.0), np.where(counted, rates, 0.0))
+
+
+def of_period(held: Hypothesis, period: float) -> Hypothesis:
+    """Return the hypothesis of readings that are held, with a ``period`` (s) that is known."""
+    (shape,) = held.shapes
+    known = replace(shape, nominal=period, spread=_KNOWN * period, step=_DIFFERENCE * _KNOWN * period)
+    return replace(held, shapes=(known,), grid=((period,),), imitated=())
+
+
+def held_period(readings: Sequence[Reading], shortest: float, longest: float) -> float | None:
+    """Return the period T (s) in which ``readings`` are refreshed, between two bounds; None if they are not held."""
+    if not readings:
+        return None
+    punctual = [one.without_lateness() for one in readings]
+    lines, motion = _spectra(punctual)
+    inside = (lines.frequencies >= 1.0 / longest) & (lines.frequencies <= 1.0 / shortest)
+    in_phase = np.where(inside, -lines.values.imag, 0.0)
+    best = int(np.argmax(in_phase))
+    clear = in_phase[best] ** 2 > _CLEAR * lines.around(best)
+    moved = np.abs(motion.values[best]) > _STEADY * np.abs(motion.values).max()
+    if moved or not clear:
+        return None
+    tried = 1.0 / (lines.frequencies[best] + lines.step * np.linspace(-1.0, 1.0, _TRIED))
+    return max(tried.tolist(), key=lambda period: _taken(punctual, period))
+
+
+class _Spectrum(NamedTuple):
+    """Complex ``values`` (m,) at equidistant ``frequencies`` (m,), in the phase of the clock."""
+
+    frequencies: Array
+    values: NDArray[np.complex128]
+
+    @property
+    def step(self) -> float:
+        """Between two frequencies, in Hz."""
+        return float(self.frequencies[1])
+
+    def around(self, place: int) -> float:
+        """Return the mean power around a line: that of noise is its median by ln 2."""
+        near, far = (round(hertz / self.step) for hertz in (_NEAR, _FAR))
+        power = np.abs(
+            np.r_[self.values[max(place - far, 0) : place - near], self.values[place + near : place + far]]
+        )
+        return float(np.median(power**2)) / float(np.log(2.0))
+
+
+def _spectra(readings: Sequence[Reading]) -> tuple[_Spectrum, _Spectrum]:
+    """Return the spectra of error times rate, and of the size of the rate: even orders of whatever moves steadily."""
+    first = min(float(one.clock[0]) for one in readings)
+    last = max(float(one.clock[-1]) for one in readings)
+    step = float(readings[0].clock[1] - readings[0].clock[0])
+    signals = np.zeros((2, 1 << int(np.ceil(np.log2(_FINE * (last - first) / step)))))
+    for clock, errors, rates in readings:
+        place = round((float(clock[0]) - first) / step)
+        product, size = errors * rates, np.abs(rates)
+        part = signals[:, place : place + len(rates)]
+        part[0] += product / max(float(np.std(product)), 1e-300)
+        part[1] += np.hanning(len(size)) * (size - size.mean()) / max(float(np.std(size)), 1e-300)
+    frequencies: Array = np.fft.rfftfreq(signals.shape[1], step).astype(np.float64)
+    products, sizes = np.fft.rfft(signals) * np.exp(-2j * np.pi * frequencies * first)
+    return _Spectrum(frequencies, products), _Spectrum(frequencies, sizes)
+
+
+def _taken(readings: Sequence[Reading], period: float) -> float:
+    """Return how much of the square of the errors readings that are held for a ``period`` take."""
+    product, square = 0.0, 0.0
+    for clock, errors, rates in readings:
+        shape = -rates * ((clock + _AT_ONCE) % period - 0.5 * period)
+        product += float(shape @ errors)
+        square += float(shape @ shape)
+    return product * abs(product) / max(square, 1e-300)
