@@ -25,6 +25,8 @@ from diagnosis.contracts import Array, Hypothesis, MeasuredRun
 
 #: Frequencies are apart by this part of one over the time from the first to the last sample.
 _FINE: Final = 8
+#: Samples of a spectrum at most: what was measured later than some forty minutes of 200 Hz is left out.
+_LONGEST: Final = 1 << 22
 #: Surroundings of a line, in Hz to either side: what is nearer, the line itself lifts, for runs are short.
 _NEAR, _FAR = 0.5, 2.0
 #: Power of a line over that of its surroundings. Benches whose readings are not held reach 20, one that holds them for
@@ -50,6 +52,11 @@ class Reading(NamedTuple):
     clock: Array
     errors: Array
     rates: Array
+
+    @property
+    def step(self) -> float:
+        """Sampling interval in s."""
+        return float(self.clock[1] - self.clock[0])
 
     def without_lateness(self) -> "Reading":
         """Return it without what a constant lateness explains, in units of the standard deviation of the rest."""
@@ -80,10 +87,11 @@ def of_period(held: Hypothesis, period: float) -> Hypothesis:
 
 def held_period(readings: Sequence[Reading], shortest: float, longest: float) -> float | None:
     """Return the period T (s) in which ``readings`` are refreshed, between two bounds; None if they are not held."""
-    if not readings:
+    together = _together(readings)
+    if not together:
         return None
-    punctual = [one.without_lateness() for one in readings]
-    lines, motion = _spectra(punctual)
+    together = [one.without_lateness() for one in together]
+    lines, motion = _spectra(together)
     inside = (lines.frequencies >= 1.0 / longest) & (lines.frequencies <= 1.0 / shortest)
     in_phase = np.where(inside, -lines.values.imag, 0.0)
     best = int(np.argmax(in_phase))
@@ -92,7 +100,20 @@ def held_period(readings: Sequence[Reading], shortest: float, longest: float) ->
     if moved or not clear:
         return None
     tried = 1.0 / (lines.frequencies[best] + lines.step * np.linspace(-1.0, 1.0, _TRIED))
-    return max(tried.tolist(), key=lambda period: _taken(punctual, period))
+    return max(tried.tolist(), key=lambda period: _taken(together, period))
+
+
+def _together(readings: Sequence[Reading]) -> list[Reading]:
+    """Return the readings that have one spectrum: sampled alike, and not too long after the first."""
+    if not readings:
+        return []
+    first = min(readings, key=lambda one: float(one.clock[0]))
+    span = _LONGEST * first.step / _FINE
+    return [
+        one
+        for one in readings
+        if abs(one.step - first.step) < 1e-6 * first.step and one.clock[-1] - first.clock[0] < span
+    ]
 
 
 class _Spectrum(NamedTuple):
@@ -112,14 +133,14 @@ class _Spectrum(NamedTuple):
         power = np.abs(
             np.r_[self.values[max(place - far, 0) : place - near], self.values[place + near : place + far]]
         )
-        return float(np.median(power**2)) / float(np.log(2.0))
+        return float(np.median(power**2)) / float(np.log(2.0)) if power.size else float("inf")
 
 
 def _spectra(readings: Sequence[Reading]) -> tuple[_Spectrum, _Spectrum]:
     """Return the spectra of error times rate, and of the size of the rate: even orders of whatever moves steadily."""
     first = min(float(one.clock[0]) for one in readings)
     last = max(float(one.clock[-1]) for one in readings)
-    step = float(readings[0].clock[1] - readings[0].clock[0])
+    step = readings[0].step
     signals = np.zeros((2, 1 << int(np.ceil(np.log2(_FINE * (last - first) / step)))))
     for clock, errors, rates in readings:
         place = round((float(clock[0]) - first) / step)

@@ -68,6 +68,14 @@ def test_a_hold_that_noise_hides_is_not_told():
     assert held_period([], SHORTEST, LONGEST) is None
 
 
+def test_what_was_measured_a_day_later_is_left_out():
+    early, late = measured(0.3, 0.0371), measured(0.0, 0.0371)
+    later = [one._replace(clock=one.clock + 86_400.0) for one in late]
+    assert held_period([*early, *later], SHORTEST, LONGEST) == held_period(early, SHORTEST, LONGEST)
+    brief = [one._replace(clock=one.clock[:9], errors=one.errors[:9], rates=one.rates[:9]) for one in early]
+    assert held_period(brief[:1], SHORTEST, LONGEST) is None
+
+
 def test_a_period_that_is_known_is_tried_alone():
     bench = AirSpring(load(), effects=CATALOGUE)
     known = of_period(bench.catalogue["sample_and_hold"], 0.0371)
