@@ -69,6 +69,10 @@ imitates it best. Something may be seen of a sibling in which nothing is hidden;
 The scores of sound benches, which depend on no seed of these, are
 [part of how scores count](../decisions/0039-a-score-counts-less-by-what-sound-benches-show.md).
 
+The gain is what adding the causes takes from the error on unseen runs, as a part of what exceeds the noise. Some of it
+is not theirs to take: a replay of a measured motion leaves a little of a sound bench too. A second row counts only
+what exceeds that.
+
 Rates have exact 95 % intervals (Clopper and Pearson), and are told of at least 20 cases. An aim counts as met where the
 measured rate meets it; the interval says how sure that is.
 """
@@ -116,7 +120,7 @@ def _rows(system: str, judged: Sequence[Judged]) -> list[str]:
         *_wrong_causes(judged),
         *_amplitude_errors([j for j in named if 9 <= j.weakest < 16]),
         *_coverages(named),
-        *_gains(named),
+        *_gains(named, [j for j in judged if j.kind == "null"]),
         *_siblings(siblings),
         _figure(
             "time of a diagnosis, one thread (median, s)", "", [j.elapsed for j in judged], median, math.inf
@@ -220,13 +224,37 @@ def _coverages(named: Sequence[Judged]) -> list[str]:
     return rows
 
 
-def _gains(named: Sequence[Judged]) -> list[str]:
-    fractions = [j.fraction for j in named if j.weakest >= 50 and j.fraction is not None]
+def _gains(named: Sequence[Judged], nulls: Sequence[Judged]) -> list[str]:
+    clear = [j for j in named if j.weakest >= QUIET and j.fraction is not None]
+    fractions = [j.fraction for j in clear if j.fraction is not None]
     ratios = [j.noise_ratio for j in named if j.noise_ratio is not None]
     return [
         _figure("gain fraction (median, λ ≥ 50)", "≥ 0.95", fractions, median, -0.95),
+        _figure(
+            "the same beyond what is left where nothing is hidden",
+            "≥ 0.95",
+            _beyond_sound(clear, nulls),
+            median,
+            -0.95,
+        ),
         _figure("noise-floor ratio (median)", "≤ 1.03", ratios, median, 1.03),
     ]
+
+
+def _beyond_sound(named: Sequence[Judged], nulls: Sequence[Judged]) -> list[float]:
+    """Return (b² − a²)/(b² − s²): s is left of sound cases of the same noise, over the noise alone as a and b are.
+
+    The fraction that a finding tells is that for s = 1, from which b follows.
+    """
+    found = []
+    for j in named:
+        sound = [n.noise_ratio for n in nulls if n.condition == j.condition and n.noise_ratio is not None]
+        if sound and j.fraction is not None and j.noise_ratio is not None and j.fraction < 1.0:
+            after, least = j.noise_ratio**2, median(sound) ** 2
+            before = (after - j.fraction) / (1.0 - j.fraction)
+            if before > least:
+                found.append((before - after) / (before - least))
+    return found
 
 
 def _rate(what: str, aim: str, limit: float, judged: Sequence[Judged], hit: Test) -> str:
