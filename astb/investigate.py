@@ -28,7 +28,7 @@ LOG: Final = "investigation.json"
 #: Runs are worth the bench's time only if they promise a BIC gap of this size: below, two causes are not told apart.
 LEAST_GAP: Final = 10.0
 #: A run that promises less is made so often at most: what needs more of them is hardly different.
-REPEATS: Final = 3
+REPEATS: Final = 5
 #: Verdicts after which another run may tell more.
 UNDECIDED: Final = (Verdict.AMBIGUOUS, Verdict.UNRESOLVED)
 #: How often in a row a run is tried that the link or this machine blocks.
