@@ -121,6 +121,8 @@ FLAT_WEIGHT: Final = 1e-6
 
 #: Highest order of the autoregression; BIC takes fewer.
 AR_ORDER: Final = 10
+#: Autocorrelations below this count as none.
+FORGOTTEN: Final = 1e-3
 #: So many further predecessors help to predict a sample where some are missing.
 BRIDGED_GAP: Final = 4
 #: No channel is believed to be quieter than this part of what its data sheet says, which is an upper bound.

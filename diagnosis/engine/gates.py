@@ -36,7 +36,7 @@ from diagnosis.engine.config import (
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate
 from diagnosis.engine.fitting.predict import Prediction
-from diagnosis.engine.noise import Noise
+from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.whitening import filters
 
 
@@ -155,13 +155,15 @@ def explains_too_little(
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:
     """Return what noise alone leaves in each channel (c,), as a standard deviation.
 
-    Stretches at rest say it, else the data sheet, else what cannot be predicted from one sample to the next.
+    Stretches at rest say it, else the data sheet, else what cannot be predicted from one sample to the next. A line is
+    taken out of each stretch, and with it much of a noise that remembers: of that, ``noise`` knows how much.
     """
     floors = []
     for i, (channel, seen) in enumerate(zip(channels, noise.channels, strict=True)):
         quiet = [_straightened(run.outputs[part, i]) for run in runs for part in _rests(run, i)]
         if quiet:
-            floors.append(float(np.sqrt(np.mean(np.concatenate(quiet) ** 2))))
+            left = sum(float(values @ values) for values in quiet)
+            floors.append(math.sqrt(left / sum(_left_by_a_line(seen, len(values)) for values in quiet)))
         elif channel.noise > 0.0:
             floors.append(float(np.hypot(channel.noise, channel.resolution / np.sqrt(12.0))))
         else:
@@ -196,6 +198,18 @@ def _straightened(values: Array) -> Array:
     time = np.linspace(-1.0, 1.0, len(values))
     slope = time @ values / (time @ time)
     return values - values.mean() - slope * time
+
+
+def _left_by_a_line(noise: ChannelNoise, count: int) -> float:
+    """Return the sum of squares that is left on average of so many samples of noise, of power 1, less a line."""
+    time = np.linspace(-1.0, 1.0, count)
+    time /= np.sqrt(time @ time)
+    correlations = noise.correlations(count - 1)
+    taken = 0.0
+    for direction in (np.full(count, count**-0.5), time):
+        overlap = np.correlate(direction, direction, "full")[count - 1 : count - 1 + len(correlations)]
+        taken += float(2.0 * overlap @ correlations - overlap[0])
+    return count - taken
 
 
 def _mean_square(runs: Sequence[MeasuredRun], outputs: Sequence[Array], channel: int) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Channel
-from diagnosis.engine.config import AR_ORDER, LEAST_OF_DATA_SHEET, PAIRS_PER_ORDER
+from diagnosis.engine.config import AR_ORDER, FORGOTTEN, LEAST_OF_DATA_SHEET, PAIRS_PER_ORDER
 
 Mask = NDArray[np.bool_]
 
@@ -53,6 +53,15 @@ class ChannelNoise:
         right = covariance[lags]
         weights[lags - 1] = np.linalg.solve(covariance[np.abs(lags[:, None] - lags)], right)
         return weights, float(covariance[0] - weights[lags - 1] @ right)
+
+    def correlations(self, lag: int) -> Array:
+        """Return the autocorrelations at lags 0 to ``lag``, or to where nothing is left of them."""
+        reach = self.order
+        while True:
+            known = self._extended(min(reach, lag)) / self.autocovariance[0]
+            if reach == 0 or reach >= lag or np.abs(known[-self.order :]).max() < FORGOTTEN:
+                return known[: lag + 1]
+            reach *= 2
 
     def _extended(self, lag: int) -> Array:
         """Autocovariances up to a lag; those beyond p follow from the autoregression."""

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from diagnosis.contracts import Channel, Experiment, MeasuredRun
 from diagnosis.engine.columns import columns_of, packing_of
 from diagnosis.engine.config import AR_ORDER
+from diagnosis.engine.gates import noise_floors
 from diagnosis.engine.noise import ChannelNoise, Noise, estimate, white
 from diagnosis.engine.whitening import filter_of
 
@@ -159,3 +160,30 @@ def test_whitened_columns_have_the_inner_products_of_whitened_samples(colour):
         assert blocks.sum(axis=1) == pytest.approx(full @ samples, rel=1e-5, abs=1e-5)
         late = apply.packing.spread(samples) * (np.arange(90) >= 80)[:, None]
         assert blocks[:, -1] == pytest.approx(full @ apply.packing.pack(late), rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "noise", [ChannelNoise((4.0,)), ar1(0.9, 3.0), ar1(-0.5), ar1(0.99), ChannelNoise((1.0, 0.8, 0.75, 0.7))]
+)
+def test_correlations_go_to_where_nothing_is_left_of_them(noise):
+    exact = covariance(noise, 3000) / noise.autocovariance[0]
+    known = noise.correlations(2999)
+    assert known == pytest.approx(exact[: len(known)])
+    assert np.abs(exact[len(known) :]).max(initial=0.0) < 1e-3
+    assert len(noise.correlations(7)) <= 8
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.6, 0.9, 0.99])
+def test_a_floor_is_the_power_of_the_noise_however_much_of_it_a_line_takes(colour):
+    """Of AR(0.99), a line through half a second at rest takes nine tenths of the power."""
+    deviation, run = 2.0, []
+    rng = np.random.default_rng(11)
+    for k in range(60):
+        drawn = rng.standard_normal(1100) * deviation * np.sqrt(1.0 - colour**2)
+        values = lfilter([1.0], [1.0, -colour], drawn)[1000:, np.newaxis] + 5.0 * k
+        time = 5e-3 * np.arange(100)
+        run.append(MeasuredRun(Experiment(f"{k}", time, {}), values, time >= 0.0, time >= 0.0))
+    channel = Channel("force", "N", noise=1.0)
+    noise = Noise((ar1(colour, deviation) if colour else ChannelNoise((deviation**2,)),))
+    (floor,) = noise_floors((channel,), run, noise)
+    assert floor == pytest.approx(deviation, rel=0.08)
