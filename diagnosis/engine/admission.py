@@ -96,7 +96,7 @@ def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Tri
     alternatives = dict(state.alternatives)
     for gone in set(current.effects) - set(chosen.point.owners):
         alternatives[chosen.effect] = (gone, *alternatives.pop(gone))
-    others = _comparable(current.model.bic, chosen, trials)
+    others = _comparable(current.model.bic, chosen, trials, problem.config.ambiguous)
     for new in set(chosen.point.owners) - set(current.effects):
         alternatives[new] = tuple(dict.fromkeys((*others, *alternatives.get(new, ()))))
     explained = current.explained_chi2 + current.model.penalised_chi2 - chosen.penalised_chi2
@@ -105,7 +105,11 @@ def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Tri
     )
 
 
-def _comparable(bic: float, chosen: Trial, trials: Sequence[Trial]) -> list[str]:
-    """Return the other effects whose fits gain at least a good part of what the chosen one gains over ``bic``."""
-    least = max(COMPARABLE * (bic - chosen.bic), 0.0)
+def _comparable(bic: float, chosen: Trial, trials: Sequence[Trial], ambiguous: float) -> list[str]:
+    """Return the other effects whose fits gain at least a good part of what the chosen one gains over ``bic``.
+
+    Or, where that is little, come so near to it that the verdict would call both ``ambiguous``.
+    """
+    gain = bic - chosen.bic
+    least = max(min(COMPARABLE * gain, gain - ambiguous), 0.0)
     return [t.effect for t in trials if t.effect != chosen.effect and bic - t.bic > least]

@@ -1,9 +1,12 @@
 """Effects hidden in the motion of an oscillator, and what the search says of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from diagnosis.contracts import DiagnosisError
+from diagnosis.engine.admission import _comparable
 from diagnosis.engine.base_model import without_effects
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
@@ -273,3 +276,20 @@ def test_false_alarms(laboratory, conditions, most):
         result = search(lab, lab.measure(5000 + seed, **conditions))
         alarms += bool(result.accepted) or bool(result.state.current.screening.exceeding)
     assert alarms <= most
+
+
+@pytest.mark.parametrize(
+    ("gain", "others", "kept"),
+    [
+        (100.0, {"half": 50.1, "less": 49.9}, ["half"]),
+        (18.0, {"near": 8.1, "far": 7.9}, ["near"]),  # within what a verdict calls ambiguous
+        (2.4, {"little": 0.8, "worse": -1.1}, ["little"]),
+    ],
+)
+def test_what_comes_near_to_a_cause_is_its_alternative_however_little_both_gain(gain, others, kept):
+    def trial(name, gained):
+        return SimpleNamespace(effect=name, bic=1000.0 - gained)
+
+    chosen = trial("chosen", gain)
+    trials = [chosen, *(trial(name, gained) for name, gained in others.items())]
+    assert _comparable(1000.0, chosen, trials, Config().ambiguous) == kept
