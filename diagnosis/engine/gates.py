@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -200,6 +201,7 @@ def _straightened(values: Array) -> Array:
     return values - values.mean() - slope * time
 
 
+@lru_cache(maxsize=256)
 def _left_by_a_line(noise: ChannelNoise, count: int) -> float:
     """Return the sum of squares that is left on average of so many samples of noise, of power 1, less a line."""
     time = np.linspace(-1.0, 1.0, count)
@@ -207,8 +209,8 @@ def _left_by_a_line(noise: ChannelNoise, count: int) -> float:
     correlations = noise.correlations(count - 1)
     taken = 0.0
     for direction in (np.full(count, count**-0.5), time):
-        overlap = np.correlate(direction, direction, "full")[count - 1 : count - 1 + len(correlations)]
-        taken += float(2.0 * overlap @ correlations - overlap[0])
+        overlap = [float(direction[: count - k] @ direction[k:]) for k in range(len(correlations))]
+        taken += float(2.0 * correlations @ overlap) - overlap[0]
     return count - taken
 
 
