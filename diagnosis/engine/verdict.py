@@ -8,8 +8,9 @@ select runs together, for what has no name is often clearest where nothing was f
 surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates, and those that
 may be owed to the form of the model, which is a little wrong somewhere (`constancy.py`). What is owed to the form helps
 little on runs that it was not fitted to: a cause that takes most of the error from the select runs, as fitted, is none
-of that, however rough its own equation. What remains passes all gates
-again (`backward.py`), and the test is made anew without them. Then the surface is fitted.
+of that, however rough its own equation. What remains passes all gates again (`backward.py`), and the test is made anew
+without them. Then the surface is fitted; but where a cause left that may be owed to the form, and no surface showed
+beside it, none is told that shows in its absence. What a known cause explains as well is not without a name.
 
 The verdict follows from what remains, and none is forced:
 
@@ -28,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
@@ -47,6 +49,9 @@ from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.unknown import clear_surfaces, explain
 from diagnosis.finding import Unknown, Verdict
 
+#: Why a cause leaves that the form of the model may have made.
+OWED: Final = "is no clearer than what the form of the model owes"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
@@ -65,12 +70,16 @@ class Judgement:
 
 def judge(problem: Problem, found: SearchResult) -> Judgement:
     """Judge what the search found, and what the simulator's surfaces see beyond it."""
+    imitable = False
     while True:
         screened, clear = _beyond(problem, found)
         gone = _leaving(problem, found, screened, clear)
         if not gone:
             break
+        imitable = imitable or (not clear and OWED in gone.values())
         found = weigh(problem, dismissed(problem, found.state, gone))
+    if imitable and not found.accepted:
+        clear = []
     model = screened.model
     unknowns: tuple[Unknown, ...] = ()
     if clear:
@@ -111,7 +120,7 @@ def _leaving(
         beside, _ = explain(model, clear[0], screened.screening, problem.select)
         owed = owed_to_form(beside, found.accepted)
     owed = tuple(name for name in owed if not _foretold(problem, found, model, name))
-    return dict.fromkeys(owed, "is no clearer than what the form of the model owes")
+    return dict.fromkeys(owed, OWED)
 
 
 def _below_samples(problem: Problem, found: SearchResult, model: FittedModel) -> dict[str, str]:
