@@ -225,6 +225,8 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
         line(f"  {_cause(cause)}")
     for rival in finding.ambiguous_with:
         line(f"  or, instead of {rival.instead_of}: {rival.effect} ({rival.title})")
+    for suspect in finding.suspects:
+        line(f"  near, but not named: {suspect.effect}")
     for unknown in finding.unknowns:
         if unknown.kept:
             line(f"  {unknown.sentence}")

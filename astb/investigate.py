@@ -158,9 +158,10 @@ def choose(
     if finding.verdict not in UNDECIDED:
         return None, f"a verdict was reached: {finding.verdict}"
     if finding.verdict is Verdict.UNRESOLVED:
-        return (
-            None,
-            "what is wrong is too small for any cause to be named: there is nothing to decide between",
+        near = " and ".join(suspect.effect for suspect in finding.suspects)
+        return None, (
+            "what is wrong is too small for any cause to be named: there is nothing to decide between"
+            + (f"; {near} came nearest" if near else "")
         )
     ranked, made = offers(finding, menu), Counter(done)
     alone = [offer for offer in ranked if offer.bic_gap >= LEAST_GAP and offer.plan not in done]

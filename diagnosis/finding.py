@@ -82,6 +82,20 @@ class Rival(msgspec.Struct, frozen=True, kw_only=True):
     cosine: float | None
 
 
+class Suspect(msgspec.Struct, frozen=True, kw_only=True):
+    """An effect that comes near where nothing may be named: no cause.  ``why`` ends "it comes near but …".
+
+    ``strength`` is the λ that it had in the model that it left; null where it never entered one.
+    """
+
+    effect: str
+    title: str
+    family: str
+    parameters: list[Estimate]
+    strength: float | None
+    why: str
+
+
 class Score(msgspec.Struct, frozen=True, kw_only=True):
     """The score z of one candidate against the base model, at the best point of its shape grid.
 
@@ -323,9 +337,9 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that a diagnosis concluded.
 
-    ``threshold`` is the score that chance alone exceeds once in 1/``alpha`` diagnoses, all candidates together.
-    ``remains`` are sentences on what still is not explained; ``doubts``, which come before the verdict, on what of data
-    or beliefs cannot be right.
+    ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
+    score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
+    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right.
     """
 
     verdict: Verdict
@@ -336,6 +350,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     provenance: Provenance
     models: Models
     ambiguous_with: list[Rival] = []
+    suspects: list[Suspect] = []
     scores: list[Score] = []
     gains: list[Gain] = []
     coverage: list[Coverage] = []
@@ -356,6 +371,8 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
             raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but no cause is given")
         if self.verdict is Verdict.NO_EFFECT and self.causes:
             raise DiagnosisError(f"the verdict is 'no effect', but causes are given: {self.names}")
+        if self.suspects and self.verdict is not Verdict.UNRESOLVED:
+            raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but suspects are given")
         if (self.verdict is Verdict.AMBIGUOUS) != bool(self.ambiguous_with):
             raise DiagnosisError(
                 f"the verdict is {self.verdict.value!r} with {len(self.ambiguous_with)} rivals"

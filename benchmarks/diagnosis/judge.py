@@ -38,6 +38,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     verdict: str
     causes: list[str]
     rivals: list[str]
+    suspects: list[str] = []
     strongest: float = 0.0
     near: list[str] = []
     errors: list[float] = []
@@ -60,8 +61,8 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def reported(self) -> bool:
-        """Whether all that was hidden stands in the finding, as a cause or as what may be one instead."""
-        return set(self.hidden) <= {*self.causes, *self.rivals}
+        """Whether all that was hidden stands in the finding: as a cause, what may be one instead, or as a suspect."""
+        return set(self.hidden) <= {*self.causes, *self.rivals, *self.suspects}
 
     @property
     def wrong(self) -> list[str]:
@@ -79,6 +80,8 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
         said = f"{self.verdict}: {', '.join(self.causes)}" if self.causes else self.verdict
         if self.rivals:
             said += f" or {', '.join(self.rivals)}"
+        if self.suspects:
+            said += f", near: {', '.join(self.suspects)}"
         if self.failure:
             return f"no finding: {self.failure}"
         if self.kind == "null":
@@ -125,6 +128,7 @@ def judge(
         verdict=finding.verdict.value,
         causes=list(finding.names),
         rivals=[rival.effect for rival in finding.ambiguous_with],
+        suspects=[suspect.effect for suspect in finding.suspects],
         errors=errors,
         deviations=deviations,
         base=base,

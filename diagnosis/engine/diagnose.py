@@ -45,10 +45,11 @@ from diagnosis.engine.residual.panel import panel
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
+from diagnosis.engine.suspects import suspects
 from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, rivals, scores, sentence
-from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Verdict
+from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Suspect, Verdict
 
 
 def diagnose(
@@ -123,16 +124,20 @@ def _finding(
     causes = [] if verdict is Verdict.UNRESOLVED else accepted
     others = rivals(found, hypotheses, config.ambiguous, alike) if verdict is Verdict.AMBIGUOUS else []
     next_runs, next_sensors = _deciding(judgement, alike, config, menu) if others else ([], [])
+    nearest: list[Suspect] = []
+    if verdict is Verdict.UNRESOLVED:
+        nearest = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous)
     screening = found.steps[0].screening
     return Finding(
         verdict=verdict,
-        sentence=sentence(verdict, accepted, others, judgement.unknowns, found, left),
+        sentence=sentence(verdict, accepted, others, nearest, judgement.unknowns, left),
         causes=causes,
         threshold=screening.threshold,
         alpha=config.alpha,
         provenance=_provenance(data, extended, config),
         models=models(best, extended, gain),
         ambiguous_with=others,
+        suspects=nearest,
         scores=scores(found),
         gains=gain.gains,
         coverage=gain.coverage,

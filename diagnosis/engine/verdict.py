@@ -46,6 +46,7 @@ from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.remainder import Remainder, part_left
 from diagnosis.engine.screening import ScreenedModel, Screening, fit_and_screen
 from diagnosis.engine.search_state import Problem, SearchResult
+from diagnosis.engine.suspects import Dismissed
 from diagnosis.engine.unknown import clear_surfaces, explain
 from diagnosis.finding import Unknown, Verdict
 
@@ -58,7 +59,7 @@ class Judgement:
     """The verdict with the surfaces that were fitted.
 
     ``found`` is what the search found less what is doubtful, ``screened`` the model with those effects and what still
-    scores against it; ``model`` holds the surfaces that were kept as well.
+    scores against it; ``model`` holds the surfaces that were kept as well. ``dismissed`` is what was doubtful.
     """
 
     verdict: Verdict
@@ -66,17 +67,21 @@ class Judgement:
     screened: ScreenedModel
     model: FittedModel
     unknowns: tuple[Unknown, ...]
+    dismissed: tuple[Dismissed, ...] = ()
 
 
 def judge(problem: Problem, found: SearchResult) -> Judgement:
     """Judge what the search found, and what the simulator's surfaces see beyond it."""
-    imitable = False
+    imitable, left = False, list[Dismissed]()
     while True:
         screened, clear = _beyond(problem, found)
         gone = _leaving(problem, found, screened, clear)
         if not gone:
             break
         imitable = imitable or (not clear and OWED in gone.values())
+        left += [
+            Dismissed(one, found.model, gone[one.effect]) for one in found.accepted if one.effect in gone
+        ]
         found = weigh(problem, dismissed(problem, found.state, gone))
     if imitable and not found.accepted:
         clear = []
@@ -86,7 +91,7 @@ def judge(problem: Problem, found: SearchResult) -> Judgement:
         model, unknown = explain(model, clear[0], screened.screening, problem.select)
         unknowns = (unknown,) if unknown.kept or clear[0].p < UNKEPT_SURFACE_P else ()
     verdict = _verdict(found, screened.screening, unknowns, problem.config)
-    return Judgement(verdict, found.without_footprints(), screened, model, unknowns)
+    return Judgement(verdict, found.without_footprints(), screened, model, unknowns, tuple(left))
 
 
 def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[Omnibus]]:

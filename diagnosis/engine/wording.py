@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain, repeat
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,18 @@ from diagnosis.engine.model_error import widened
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.search_state import Accepted, SearchResult
 from diagnosis.engine.undecided import Undecided
-from diagnosis.finding import Cause, Estimate, Rival, Score, Unknown, Verdict, decimals, estimate, number
+from diagnosis.finding import (
+    Cause,
+    Estimate,
+    Rival,
+    Score,
+    Suspect,
+    Unknown,
+    Verdict,
+    decimals,
+    estimate,
+    number,
+)
 
 SENTENCES: Final = {
     Verdict.NO_EFFECT: "Nothing in these runs speaks against the simulation.",
@@ -98,8 +110,8 @@ def scores(found: SearchResult) -> list[Score]:
         candidate = first.candidates[i]
         if name in accepted:
             outcome = "accepted"
-        elif gates.get(name):
-            outcome = gates[name]
+        elif reason := found.state.left.get(name) or gates.get(name):
+            outcome = reason
         elif first.z[i] > first.threshold:
             outcome = "another explains it better"
         else:
@@ -125,8 +137,8 @@ def sentence(
     verdict: Verdict,
     causes: Sequence[Cause],
     others: Sequence[Rival],
+    suspects: Sequence[Suspect],
     unknowns: Sequence[Unknown],
-    found: SearchResult,
     left: Remainder,
 ) -> str:
     """Say the verdict in a few sentences, for whoever reads nothing else: what it is, what it gains, what is left."""
@@ -134,7 +146,7 @@ def sentence(
         causes=" and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes),
         rivals=" or ".join(f"{r.title} ({_size(r.parameters)}) instead of {r.instead_of}" for r in others),
         unknown=" ".join(u.sentence for u in unknowns),
-        near=_nearest(causes, found),
+        near=_nearest(causes, suspects),
     )
     parts = [said.strip()]
     if causes or unknowns or left.large:
@@ -144,8 +156,8 @@ def sentence(
     return " ".join(part for part in parts if part)
 
 
-def _nearest(causes: Sequence[Cause], found: SearchResult) -> str:
-    """Say what comes nearest where nothing is named: a relative of the cause, or a trial that failed."""
+def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
+    """Say what comes nearest where nothing is named: a relative of the cause, or what does not pass a test."""
     if causes:
         names = " and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes)
         many = len(causes) > 1
@@ -153,8 +165,11 @@ def _nearest(causes: Sequence[Cause], found: SearchResult) -> str:
             f"Nearest {'come' if many else 'comes'} {names}, but most of the error is left: the cause may be a "
             f"relative of {'theirs' if many else 'it'} that was not looked for."
         )
-    trials = found.steps[-1].trials
-    return f"{trials[0].effect} comes nearest but {trials[0].failed}." if trials and trials[0].failed else ""
+    told = []
+    for place, one in zip(chain(["nearest"], repeat("next")), suspects, strict=False):
+        title = one.title[:1].upper() + one.title[1:]
+        told.append(f"{title} ({_size(one.parameters)}) comes {place} but {one.why}.")
+    return " ".join(told)
 
 
 def _gained(left: Remainder) -> str:

@@ -16,6 +16,7 @@ from diagnosis.finding import (
     Models,
     Provenance,
     Rival,
+    Suspect,
     Verdict,
     estimate,
     number,
@@ -75,6 +76,13 @@ def test_a_finding_comes_back_as_it_was_written():
 def test_a_verdict_that_contradicts_its_evidence_is_refused(verdict, causes, rivals):
     with pytest.raises(DiagnosisError, match=verdict.value.replace("+", r"\+")):
         finding(verdict, causes, rivals)
+
+
+def test_only_a_verdict_without_a_name_has_suspects():
+    near = Suspect(effect="leak", title="", family="", parameters=[], strength=None, why="is too small")
+    assert Finding.from_json(finding(Verdict.UNRESOLVED, 0, suspects=[near]).to_json()).suspects == [near]
+    with pytest.raises(DiagnosisError, match="'named', but suspects are given"):
+        finding(suspects=[near])
 
 
 def test_what_is_no_finding_is_refused():

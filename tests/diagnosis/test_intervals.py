@@ -129,12 +129,17 @@ def test_a_presliding_of_several_samples_is_told_with_its_interval():
 
 def test_a_lag_below_the_sampling_period_is_no_cause_and_a_longer_one_is():
     config = Config(workers=1, effects=("force_lag",), with_panel=False)
+    findings = {}
     for lag, verdict in ((4e-3, Verdict.UNRESOLVED), (25e-3, Verdict.NAMED)):
         system, data = strokes({"force_lag": {"lag": lag}}, ("fit", "fit", "select", "report"))
-        finding = diagnose(data, system, config)
-        assert finding.verdict is verdict
-    (told,) = finding.causes[0].parameters
+        findings[lag] = diagnose(data, system, config)
+        assert findings[lag].verdict is verdict
+    (told,) = findings[25e-3].causes[0].parameters
     assert told.low < 25.0 < told.high
+    (suspect,) = findings[4e-3].suspects
+    assert (suspect.effect, suspect.why) == ("force_lag", "is less than the samples resolve")
+    assert "comes nearest but is less than the samples resolve" in findings[4e-3].sentence
+    assert findings[25e-3].suspects == []
 
 
 def test_a_length_along_nothing_that_is_measured_is_refused():

@@ -7,13 +7,14 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import msgspec
 import numpy as np
 import pytest
 
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.finding import Finding, Verdict
+from diagnosis.finding import Finding, Suspect, Verdict
 from diagnosis.report.page import HEADLINES, TONES, render, write_report
-from diagnosis.report.words import chance, pair, percent, percents, prose, shown
+from diagnosis.report.words import chance, pair, percent, percents, prose, shown, typeset
 from diagnosis.systems.oscillator import REACH, UNIT_SPEED
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -58,6 +59,25 @@ def text_of(page):
     parser.feed(page)
     assert parser.open == []
     return re.sub(r"\s+", " ", " ".join(parser.text))
+
+
+def test_the_page_tells_suspects_with_the_test_that_they_do_not_pass(found):
+    (first, *_) = found.causes
+    suspect = Suspect(
+        effect=first.effect,
+        title=first.title,
+        family=first.family,
+        parameters=first.parameters,
+        strength=first.strength,
+        why="explains only 3 % of the misfit in force",
+    )
+    unresolved = msgspec.structs.replace(
+        found, verdict=Verdict.UNRESOLVED, causes=[], ambiguous_with=[], suspects=[suspect]
+    )
+    text = text_of(render(unresolved))
+    assert "Where to look first" in text and f"It {typeset(suspect.why)}." in text
+    assert first.title in text and shown(first.parameters[0].value, 4) in text
+    assert "Where to look first" not in text_of(render(found))
 
 
 def test_the_page_tells_the_finding(found):

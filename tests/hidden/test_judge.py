@@ -59,6 +59,13 @@ def said(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near=(), we
         (said(["leak.left"], [], verdict=NONE), False, False, [], "not seen"),
         (said(["leak.left"], [], verdict=NONE, weakest=5.0), False, False, [], ""),
         (said(["leak.left"], [], verdict=Verdict.UNRESOLVED.value), False, False, [], "not reported"),
+        (
+            said(["leak.left"], [], verdict=Verdict.UNRESOLVED.value, suspects=["leak.left", "creep"]),
+            False,
+            True,
+            [],
+            "",
+        ),
         (said(["snag"], [], verdict=Verdict.UNKNOWN.value, kind="outside"), False, False, [], ""),
         (said(["snag"], ["maxwell"], kind="outside"), False, False, ["maxwell"], "wrong cause"),
         (said([], [], verdict=NONE, kind="null", weakest=0.0), True, True, [], ""),

@@ -1,0 +1,88 @@
+"""Step 8, suspects: what comes nearest where nothing is named, and which test it does not pass.
+
+Theory of operation
+-------------------
+*Unresolved* says that no cause passes every test, not that nothing is known. Whoever stands at the rig asks where to
+look first, and the answer is what would have been named but for one test: causes that left because they may be owed to
+the form of the model, what explains the data nearly as well in their place, and causes that leave most of the error.
+Where nothing had entered at all, these are the trials that BIC prefers to the model without them.
+
+None of them is claimed. A form that is a little wrong makes suspects of what is sound, so each comes with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+from diagnosis.contracts import Hypothesis
+from diagnosis.engine.fitting.fit import FittedModel
+from diagnosis.engine.intervals import intervals
+from diagnosis.engine.model_error import widened
+from diagnosis.engine.search_state import Accepted, SearchResult, Trial
+from diagnosis.engine.wording import estimates
+from diagnosis.finding import Cause, Estimate, Suspect, number
+
+INSTEAD: Final = "is no clearer in the place of {other}"
+MOST_LEFT: Final = "leaves most of the error"
+
+
+class Dismissed(NamedTuple):
+    """A cause that left the final model, the model that it left, and why."""
+
+    accepted: Accepted
+    model: FittedModel
+    why: str
+
+
+def suspects(
+    dismissed: Sequence[Dismissed],
+    found: SearchResult,
+    left: Sequence[Cause],
+    hypotheses: Mapping[str, Hypothesis],
+    gap: float,
+) -> list[Suspect]:
+    """Return what comes nearest, clearest first, where nothing may be named, each effect once.
+
+    ``dismissed`` left the final model, ``found`` is what remained of the search, ``left`` are causes that leave most of
+    the error; rivals within ``gap`` of BIC are as near.
+    """
+    told = [_suspect(hypotheses[c.effect], c.parameters, MOST_LEFT, c.strength) for c in left]
+    for one in sorted(dismissed, key=lambda one: -one.accepted.lambda_):
+        hypothesis = hypotheses[one.accepted.effect]
+        numbers = intervals(hypothesis, one.model, widened(one.model, ()))
+        told.append(_suspect(hypothesis, numbers, one.why, number(one.accepted.lambda_)))
+        near = [trial for trial in one.accepted.rivals if trial.bic - one.model.bic < gap]
+        told += [
+            _tried(hypotheses[trial.effect], trial, INSTEAD.format(other=hypothesis.title)) for trial in near
+        ]
+    if not told:
+        told += [_tried(hypotheses[trial.effect], trial, trial.failed) for trial in _nearest(found, gap)]
+    return list({suspect.effect: suspect for suspect in reversed(told)}.values())[::-1]
+
+
+def _nearest(found: SearchResult, gap: float) -> list[Trial]:
+    """Return the trials of the last step that are better than the model without them and failed all the same."""
+    last = found.steps[-1]
+    if last.effects != found.model.effects:
+        return []
+    better = [t for t in last.trials if t.failed and t.physical and t.bic < found.model.bic]
+    least = min((trial.bic for trial in better), default=0.0)
+    return sorted((t for t in better if t.bic - least < gap), key=lambda trial: trial.bic)
+
+
+def _tried(hypothesis: Hypothesis, trial: Trial, why: str) -> Suspect:
+    return _suspect(hypothesis, estimates(hypothesis, trial.point, trial.covariance), why)
+
+
+def _suspect(
+    hypothesis: Hypothesis, numbers: list[Estimate], why: str, strength: float | None = None
+) -> Suspect:
+    return Suspect(
+        effect=hypothesis.name,
+        title=hypothesis.title,
+        family=hypothesis.family,
+        parameters=numbers,
+        strength=strength,
+        why=why,
+    )
