@@ -160,7 +160,7 @@ def choose(
     if finding.verdict is Verdict.UNRESOLVED:
         near = " and ".join(suspect.effect for suspect in finding.suspects)
         return None, (
-            "what is wrong is too small for any cause to be named: there is nothing to decide between"
+            "no cause passes every test: there is nothing to decide between"
             + (f"; {near} came nearest" if near else "")
         )
     ranked, made = offers(finding, menu), Counter(done)

@@ -28,7 +28,7 @@ HEADLINES: Final = {
     Verdict.NAMED: "What the simulation lacks has a name",
     Verdict.REMAINDER: "What the simulation lacks has a name, but not all of it",
     Verdict.AMBIGUOUS: "More than one cause explains these runs",
-    Verdict.UNRESOLVED: "Something is wrong, too small to be named",
+    Verdict.UNRESOLVED: "Something is wrong, and no cause passes every test",
     Verdict.UNKNOWN: "Something is wrong that no known cause explains",
 }
 
