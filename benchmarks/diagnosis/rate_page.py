@@ -73,6 +73,9 @@ The gain is what adding the causes takes from the error on unseen runs, as a par
 is not theirs to take: a replay of a measured motion leaves a little of a sound bench too. A second row counts only
 what exceeds that.
 
+What is reported is what is named, what may be a cause instead, and the suspects of an *unresolved* finding, which claim
+nothing: how often sound benches have some is told, too.
+
 Rates have exact 95 % intervals (Clopper and Pearson), and are told of at least 20 cases. An aim counts as met where the
 measured rate meets it; the interval says how sure that is.
 """
@@ -135,7 +138,8 @@ def _false_alarms(nulls: Sequence[Judged]) -> list[str]:
     return [
         _rate("false alarms, white noise", "≤ 1 %", 0.01, white, lambda j: j.detected),
         _rate("false alarms, other noise", "≤ 3 %", 0.03, other, lambda j: j.detected),
-        _rate("of all nulls, a cause accused", "≤ 1 %", 0.01, nulls, lambda j: bool(j.causes)),
+        _rate("of all nulls, a cause accused", "≤ 1 %", 0.01, nulls, _accused),
+        _rate("of all nulls, a suspect told", "", 1.0, nulls, _suspected),
     ]
 
 
@@ -146,6 +150,7 @@ def _siblings(judged: Sequence[Judged]) -> list[str]:
     right = [j for j in single if j.exact]
     return [
         _rate("sibling rigs: a cause named where nothing is hidden", "≤ 2 %", 0.02, nulls, _accused),
+        _rate("sibling rigs: a suspect told where nothing is hidden", "", 1.0, nulls, _suspected),
         _rate("sibling rigs: something seen where nothing is hidden", "", 1.0, nulls, lambda j: j.detected),
         _rate("sibling rigs: wrong cause of one effect", "≤ 2 %", 0.02, single, lambda j: bool(j.wrong)),
         _rate(f"sibling rigs: named exactly at λ ≥ {QUIET:g}", "", 0.95, clear, lambda j: j.exact),
@@ -160,6 +165,10 @@ def _siblings(judged: Sequence[Judged]) -> list[str]:
 
 def _accused(judged: Judged) -> bool:
     return bool(judged.causes)
+
+
+def _suspected(judged: Judged) -> bool:
+    return bool(judged.suspects)
 
 
 def _detection(single: Sequence[Judged]) -> list[str]:
