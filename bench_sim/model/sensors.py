@@ -1,9 +1,11 @@
 """The measuring chain: s_m = (1+g) D H s + b + d t + Σ c_jk D H s_k + noise, quantised and limited to its range.
 
-The lag H = 1/(1+τs) is discretised for an input that is linear between samples (ramp-invariant), so that a τ far
+The lag H = 1/(1+τs) is discretised for an input that is a parabola through the last three samples, so that a τ far
 below the step acts as it does in nature: as a delay τ, linear in τ down to zero. The delay D, by which the readings of
-a group of sensors arrive late, interpolates between the outputs of the last `HISTORY` steps: a longer delay than those
-span (0.25 s at 1 ms) is cut off there.
+a group of sensors arrive late, takes the same parabolas through the outputs of the last `HISTORY` steps: a longer delay
+than those span (0.25 s at 1 ms) is cut off there. Straight lines in the place of parabolas would damp an oscillation by
+ω²h²/12 and ω²h²/8 at a step h; what a lag and a delay of τ differ in is ω²τ²/2, no more than that where τ is a
+millisecond.
 """
 
 from math import exp, floor
@@ -70,7 +72,7 @@ def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
 
 @compiled
 def prepare_lags(mem: Any, par: Any, dt: float) -> None:
-    """Keep e^{−dt/τ} and (τ/dt)(1 − e^{−dt/τ}) of every sensor; recomputed only when τ or dt has changed."""
+    """Keep e = e^{−dt/τ}, g = (τ/dt)(1 − e) and (τ/dt)(g − e) − g/2 of all sensors, anew where τ or dt has changed."""
     fresh = mem.lag_step != dt
     mem.lag_step = dt
     for k in range(SENSORS):
@@ -80,14 +82,19 @@ def prepare_lags(mem: Any, par: Any, dt: float) -> None:
             decay = exp(-dt / tau) if tau > 0.0 else 0.0
             mem.lag_decay[k] = decay
             mem.lag_ramp[k] = tau / dt * (1.0 - decay)
+            mem.lag_bend[k] = tau / dt * (mem.lag_ramp[k] - decay) - 0.5 * mem.lag_ramp[k]
 
 
 @compiled
 def lagged(mem: Any, k: int, value: float) -> float:
-    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1}, with e = decay and g = ramp of `prepare_lags`."""
+    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b (s_n − 2 s_{n−1} + s_{n−2}), by `prepare_lags`."""
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]
-    return decay * mem.sensor_output[k] + (1.0 - ramp) * value + (ramp - decay) * mem.sensor_input[k]
+    last = mem.sensor_input[k]
+    bend = value - 2.0 * last + mem.sensor_input_before[k]
+    return (
+        decay * mem.sensor_output[k] + (1.0 - ramp) * value + (ramp - decay) * last + mem.lag_bend[k] * bend
+    )
 
 
 @compiled
@@ -119,12 +126,14 @@ def lateness(mem: Any, par: Any, sensor: int) -> float:
 
 @compiled
 def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
-    """What one sensor delivered ``delay`` ago, ``value`` being what it delivers now; linear between the steps."""
-    back = min(delay / mem.lag_step, HISTORY - 1.0)
+    """What one sensor delivered ``delay`` ago, ``value`` being what it delivers now; parabolas between the steps."""
+    back = min(delay / mem.lag_step, HISTORY - 2.0)
     steps = int(back)
     newer = value if steps == 0 else mem.sensor_history[sensor, (mem.step - steps) % HISTORY]
     older = mem.sensor_history[sensor, (mem.step - steps - 1) % HISTORY]
-    return newer + (back - steps) * (older - newer)
+    oldest = mem.sensor_history[sensor, (mem.step - steps - 2) % HISTORY]
+    part = back - steps
+    return newer + part * (older - newer) + 0.5 * part * (part - 1.0) * (newer - 2.0 * older + oldest)
 
 
 @compiled
@@ -134,6 +143,7 @@ def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
     for k in range(SENSORS):
         output = lagged(mem, k, values[k])
         mem.sensor_output[k] = output if abs(output) > TINY else 0.0
+        mem.sensor_input_before[k] = mem.sensor_input[k]
         mem.sensor_input[k] = values[k]
     if arrives_late(par):
         place = mem.step % HISTORY

@@ -9,6 +9,7 @@ from bench_sim.model.bolster import bump_stop_force
 from bench_sim.model.layout import ACTUATORS, Input, Mode, Sensor, State
 from bench_sim.model.noise import normal
 from bench_sim.model.plant import Plant
+from bench_sim.model.rest import settle_sensors
 
 CELLS = [Sensor.LOAD_CELL_1 + k for k in range(6)]
 WEIGHT = 1200 * 9.80665
@@ -192,10 +193,34 @@ def test_a_lag_delays_a_ramp_by_its_time_constant(resting):
         plant.parameters.sensor_lag[:] = tau
         plant.memory.sensor_output[:] = 0.0
         plant.memory.sensor_input[:] = 0.0
+        plant.memory.sensor_input_before[:] = 0.0
         for n in range(2001):
             values = np.full(27, 1e-3 * n)
             sensors.follow(plant.memory, plant.parameters, values, 1e-3)
         assert plant.memory.sensor_output[0] == pytest.approx(2.0 - tau, abs=1e-9)
+
+
+@pytest.mark.parametrize("step", [1e-3, 2.5e-3])
+@pytest.mark.parametrize(
+    ("lag", "delay"), [(1e-3, 0.0), (5e-3, 0.0), (0.2, 0.0), (0.0, 1.3e-3), (0.0, 7.7e-3)]
+)
+def test_lags_and_delays_of_a_sine_are_right_to_the_third_order_of_the_step(resting, lag, delay, step):
+    """Against e^{−iωD}/(1 + iωτ), of which ω²τ²/2 tells a lag from a delay: straight lines err by ω²h²/12 and more."""
+    plant, omega = resting("AW0", ("noise",)), 2.0 * np.pi * 5.0
+    par, mem = plant.parameters, plant.memory
+    par.sensor_lag[:], par.force_latency = lag, delay
+    settle_sensors(mem, par, np.zeros(len(Sensor)), step)
+    time = step * np.arange(round((0.5 + 15.0 * lag) / step))
+    read = np.empty(len(time))
+    for n, s in enumerate(np.sin(omega * time)):
+        values = np.full(len(Sensor), s)
+        sensors.deliver(mem, par, values)
+        read[n] = values[Sensor.LOAD_CELL_1]
+        sensors.follow(mem, par, np.full(len(Sensor), s), step)
+        mem.step += 1
+    expected = np.exp(1j * omega * (time - delay)) / (1.0 + 1j * omega * lag)
+    settled = time > 0.2 + 14.0 * lag
+    np.testing.assert_allclose(read[settled], expected.imag[settled], rtol=0, atol=0.07 * (omega * step) ** 3)
 
 
 def test_noise_is_normal_and_repeats():
