@@ -109,6 +109,10 @@ class Accepted:
     lpd_gain: float  #: NaN where there are no select runs
     rivals: tuple[Trial, ...]  #: physical models with another effect in its place, best first
 
+    def near(self, bic: float, gap: float) -> list[Trial]:
+        """Return the rivals that come within a ``gap`` of the ``bic`` of the model with this effect."""
+        return [trial for trial in self.rivals if trial.bic - bic < gap]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
@@ -143,4 +147,4 @@ class SearchResult:
 
     def ambiguous(self, gap: float) -> list[tuple[Accepted, Trial]]:
         """Return accepted effects with each rival that comes within a BIC gap of them."""
-        return [(a, r) for a in self.accepted for r in a.rivals if r.bic - self.model.bic < gap]
+        return [(a, r) for a in self.accepted for r in a.near(self.model.bic, gap)]

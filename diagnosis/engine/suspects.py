@@ -52,9 +52,9 @@ def suspects(
         hypothesis = hypotheses[one.accepted.effect]
         numbers = intervals(hypothesis, one.model, widened(one.model, ()))
         told.append(_suspect(hypothesis, numbers, one.why, number(one.accepted.lambda_)))
-        near = [trial for trial in one.accepted.rivals if trial.bic - one.model.bic < gap]
         told += [
-            _tried(hypotheses[trial.effect], trial, INSTEAD.format(other=hypothesis.title)) for trial in near
+            _tried(hypotheses[trial.effect], trial, INSTEAD.format(other=hypothesis.title))
+            for trial in one.accepted.near(one.model.bic, gap)
         ]
     if not told:
         told += [_tried(hypotheses[trial.effect], trial, trial.failed) for trial in _nearest(found, gap)]

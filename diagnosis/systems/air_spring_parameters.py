@@ -31,7 +31,7 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
     {"membrane_length": 0.05, "shell_stiffness_lateral": 0.1}
 )
 #: How well the gas is known where a run begins, from the first second of its rest: the end of a line through a hundred
-#: readings, 40 Pa where noise is white and 150 Pa where it remembers with 0.9, and what thermometers miss of moving gas.
+#: readings, to 40 Pa where noise is white and 150 Pa where it remembers with 0.9, and what thermometers miss.
 INITIAL_PRESSURE: Final = 150.0
 INITIAL_TEMPERATURE: Final = 0.2
 

@@ -82,10 +82,9 @@ def test_hysteresis_that_nobody_looks_for_becomes_no_maxwell_branch(laboratory):
     lab = laboratory(samples=400)
     data = lab.measure(31, {"coulomb": {"amplitude": 3.0}})
     finding = diagnose(data, lab.simulator, Config(workers=1, effects=("maxwell",)))
-    assert finding.verdict in {Verdict.UNRESOLVED, Verdict.REMAINDER}
-    if finding.verdict is Verdict.UNRESOLVED:
-        (near,) = finding.suspects
-        assert near.effect == "maxwell" and near.why in finding.sentence
+    assert finding.verdict is Verdict.UNRESOLVED
+    (near,) = finding.suspects
+    assert near.effect == "maxwell" and near.why in finding.sentence
     assert finding.gains[0].noise_ratio > 2.0
     assert f" {finding.gains[0].noise_ratio:.3g} times the noise" in finding.sentence
 
