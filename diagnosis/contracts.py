@@ -79,6 +79,8 @@ class Hypothesis:
     #: Amplitude that errors of the simulator itself, or of the way in which its inputs were measured, may imitate, as
     #: one standard deviation, for each point of the grid (none: 0): an effect of this size is not told from them.
     imitated: tuple[float, ...] = ()
+    #: χ² of what stretches of sound rigs show in the directions of this effect, per χ² of what chance shows there.
+    overdispersion: float = 1.0
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

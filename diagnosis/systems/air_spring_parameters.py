@@ -35,8 +35,9 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 INITIAL_PRESSURE: Final = 150.0
 INITIAL_TEMPERATURE: Final = 0.2
 
-#: The amplitude of each effect that the replay of a sound bench imitates, at each point of its grid.
-IMITATED: Final = Path(__file__).with_name("imitated.toml")
+#: What sound benches show: the amplitude of each effect that their replay imitates, at each point of its grid, and the
+#: overdispersion of its directions.
+SOUND: Final = Path(__file__).with_name("sound_benches.toml")
 #: Suffix and spread (m) of an apparent shift in one run, of an actuator or of the shear: the wire rounds the platform's
 #: transducers to 10 µm, and while the platform rests, the rounding error is the same for the whole run. In the shear
 #: it stands for what friction remembers of earlier motions, too.
@@ -242,7 +243,7 @@ def _label(name: str, place: str) -> str:
 def _hypothesis(
     name: str, effect: bench.Effect, place: str, confusers: tuple[str, ...], richer: tuple[str, ...]
 ) -> Hypothesis:
-    amplitude, imitated = effect.amplitude, _imitated().get(effect.name, ())
+    amplitude, imitated = effect.amplitude, tuple(_sound()["imitated"].get(effect.name, ()))
     return Hypothesis(
         name,
         effect.family,
@@ -266,13 +267,13 @@ def _hypothesis(
         effect.equation,
         effect.source,
         imitated=imitated if len(imitated) == len(effect.grid) else (),
+        overdispersion=_sound()["overdispersion"].get(effect.name, 1.0),
     )
 
 
 @cache
-def _imitated() -> dict[str, tuple[float, ...]]:
-    table = tomllib.loads(IMITATED.read_text(encoding="utf-8"))
-    return {name: tuple(amplitudes) for name, amplitudes in table.items()}
+def _sound() -> dict[str, dict[str, Any]]:
+    return tomllib.loads(SOUND.read_text(encoding="utf-8"))
 
 
 def _shape(shape: bench.EffectParameter) -> Parameter:

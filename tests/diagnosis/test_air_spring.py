@@ -18,7 +18,7 @@ from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
 from diagnosis.systems.air_spring import OUTPUTS, AirSpring
-from diagnosis.systems.air_spring_parameters import IMITATED
+from diagnosis.systems.air_spring_parameters import SOUND
 from diagnosis.systems.air_spring_surfaces import TERMS
 from diagnosis.systems.records import read_records
 from test_plans.motions import Stand, Stretch, Wave
@@ -230,10 +230,12 @@ def test_every_cause_refers_to_causes_that_there_are(made):
 
 def test_what_sound_benches_show_is_known_for_each_point_of_the_grids_of_today():
     """Another grid needs another table: one of another length would count for nothing, and say nothing."""
-    table = tomllib.loads(IMITATED.read_text(encoding="utf-8"))
-    assert {name: len(amplitudes) for name, amplitudes in table.items()} == {
-        name: len(CATALOGUE[name].grid) for name in table
+    table = tomllib.loads(SOUND.read_text(encoding="utf-8"))
+    assert {name: len(amplitudes) for name, amplitudes in table["imitated"].items()} == {
+        name: len(CATALOGUE[name].grid) for name in table["imitated"]
     }
+    assert set(table["imitated"]) <= set(table["overdispersion"]) <= set(CATALOGUE)
+    assert all(1.0 <= factor < 3.0 for factor in table["overdispersion"].values())
 
 
 def test_offsets_add_and_springs_differ_by_side(made):

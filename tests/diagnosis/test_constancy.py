@@ -9,7 +9,7 @@ from scipy.stats import chi2 as chi2_distribution
 from diagnosis.contracts import Experiment, MeasuredRun, Parameter
 from diagnosis.engine.columns import columns_of, packing_of
 from diagnosis.engine.config import CLEAR_OF_FORM, CONSTANCY_ALPHA, STRETCHES
-from diagnosis.engine.constancy import inconstancy, owed_to_form
+from diagnosis.engine.constancy import changes, inconstancy, owed_to_form
 from diagnosis.engine.fitting.linear import Block, Linearisation, prior_of
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.model_error import widened
@@ -25,8 +25,11 @@ def point():
     return Point((*base, Coordinate(Parameter("size", "", 0.0, 1e6), "cause")), np.zeros(COLUMNS))
 
 
-def fitted(seed, drift=0.0, drifting=CAUSE):
-    """A linear model at its optimum; one of its parameters grows by ``drift`` in the course of each run."""
+def fitted(seed, drift=0.0, drifting=CAUSE, sound=1.0):
+    """A linear model at its optimum; one of its parameters grows by ``drift`` in the course of each run.
+
+    Of sound rigs it is known that the stretches of their runs show ``sound`` times the χ² of chance.
+    """
     rng = np.random.default_rng(seed)
     X = rng.standard_normal((RUNS, COLUMNS, SAMPLES))
     X[:, CAUSE] = 0.9 * X[:, ROOM] + 0.4 * X[:, CAUSE]
@@ -49,6 +52,9 @@ def fitted(seed, drift=0.0, drifting=CAUSE):
     model = SimpleNamespace(
         linearisation=Linearisation(where, prior_of(where), tuple(blocks)),
         noise=SimpleNamespace(dispersion=1.0),
+        replay=SimpleNamespace(
+            simulator=SimpleNamespace(catalogue={"cause": SimpleNamespace(overdispersion=sound)})
+        ),
     )
     return model, X, residual
 
@@ -89,6 +95,15 @@ def test_a_constant_cause_is_seldom_called_inconstant():
     assert sum(inconstancy(fitted(seed)[0], "cause") > 0.0 for seed in range(150)) <= 16
 
 
+def test_what_sound_rigs_show_speaks_against_no_cause():
+    """What is beyond counts on, and a drift that is no clearer than what sound rigs show counts for nothing."""
+    chi2, freedom = np.transpose(changes(fitted(1, 1.0)[0], "cause"))
+    excess = inconstancy(fitted(1, 1.0, sound=1.5)[0], "cause")
+    assert excess == pytest.approx(np.max(chi2 - 1.5 * freedom))
+    assert 0.0 < excess < inconstancy(fitted(1, 1.0)[0], "cause")
+    assert inconstancy(fitted(1, 1.0, sound=1.01 * float(np.max(chi2 / freedom)))[0], "cause") == 0.0
+
+
 def test_only_what_makes_room_for_a_cause_speaks_against_it():
     """The same drift speaks against a cause in the parameter that imitates it, and in another as noise does at most."""
     in_the_way = [inconstancy(fitted(seed, 1.0, ROOM)[0], "cause") for seed in range(6)]
@@ -109,10 +124,8 @@ def test_the_interval_of_a_cause_that_drifts_holds_what_half_of_the_data_would_s
     model, X, residual = fitted(1, 2.0)
     covariance = np.linalg.inv(model.linearisation.information)
     model.covariance, model.point, model.effects = lambda: covariance, model.linearisation.point, ("cause",)
-    model.replay = SimpleNamespace(
-        runs=[SimpleNamespace(experiment=SimpleNamespace(record="one", name="one"))] * RUNS,
-        simulator=SimpleNamespace(catalogue={"cause": None}, unseen_errors=()),
-    )
+    model.replay.runs = [SimpleNamespace(experiment=SimpleNamespace(record="one", name="one"))] * RUNS
+    model.replay.simulator.unseen_errors = ()
     wide = widened(model, ())
     half = slice(SAMPLES // 2, SAMPLES)
     there = np.concatenate(list(X[:, :, half]), axis=1)

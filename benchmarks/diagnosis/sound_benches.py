@@ -1,0 +1,145 @@
+"""What sound benches show by themselves: how much of each effect a replay imitates, and how it changes with time.
+
+``python -m benchmarks.diagnosis.sound_benches`` makes the table anew. Sound benches are screened like those of the
+benchmark, with seeds of their own. Scores should be standard normal: what they scatter beyond that, about 0, is the
+doing of the replay. Its motion is smoothed, its friction turns a little earlier or later than that of the bench. So is
+what stretches of a run show beyond chance in the directions of an effect (`diagnosis.engine.constancy`).
+"""
+
+import os
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Final, NamedTuple
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import click
+import numpy as np
+
+from benchmarks.diagnosis.bench_cases import BenchCases, temporary_directory
+from diagnosis.engine.base_model import fit_base_model
+from diagnosis.engine.config import Config
+from diagnosis.engine.constancy import changes
+from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.runs import measured_channels
+from diagnosis.engine.search_state import CurrentModel, Problem
+from diagnosis.engine.trials import current_model, refit
+from diagnosis.systems.air_spring_parameters import SOUND
+
+SEEDS: Final = 900_000
+HEADER: Final = """\
+# Made by `python -m benchmarks.diagnosis.sound_benches`; do not edit. What {count} sound benches show, no two alike,
+# each screened in six runs of twenty s.
+"""
+IMITATED: Final = """
+# Amplitude (SI) of each effect that the replay imitates, as one standard deviation, at each point of the grid of its
+# shapes; 0 scatters no more than its noise.
+[imitated]
+"""
+OVERDISPERSION: Final = """
+# What stretches of the runs show in the directions of each effect: χ² per χ² of chance.
+[overdispersion]
+"""
+
+
+class Scored(NamedTuple):
+    """An effect at a point of its grid: its squared score less 1, and its squared λ per unit of amplitude."""
+
+    effect: str
+    place: int
+    excess: float
+    information: float
+
+
+class Changed(NamedTuple):
+    """What the stretches of all runs show in the directions of an effect: χ², and its mean by chance."""
+
+    effect: str
+    chi2: float
+    freedom: float
+
+
+def shown(seed: int) -> tuple[list[Scored], list[Changed]]:
+    """Return what a sound bench shows."""
+    bench = BenchCases()
+    with temporary_directory() as directory:
+        dataset = bench.measure(seed, "null", "white", Path(directory)).dataset
+    data, model = measured_channels(dataset, bench.simulator)
+    problem = Problem(
+        Replay(model, data.of("fit"), 1), (), dict(model.catalogue), Config(seed=seed, workers=1)
+    )
+    current = current_model(problem, fit_base_model(problem.replay))
+    return list(_scored(current)), list(_changed(problem, current))
+
+
+def _scored(current: CurrentModel) -> Iterator[Scored]:
+    screening = current.screening
+    scales = np.array([one.amplitude.scale for one in screening.candidates])
+    excess = screening.projection.z**2 / screening.inflation - 1.0
+    information = (screening.projection.norm / scales) ** 2 / screening.inflation
+    for one, z, unit in zip(screening.candidates, excess, information, strict=True):
+        if unit > 0.0:
+            yield Scored(_bare(one.effect.name), one.effect.grid.index(one.shapes), float(z), float(unit))
+
+
+def _changed(problem: Problem, current: CurrentModel) -> Iterator[Changed]:
+    screening = current.screening
+    for name in problem.hypotheses:
+        start = screening.start(current.model.point, screening.best(name))
+        chi2, freedom = np.sum(changes(refit(problem, start, current), name), axis=0)
+        if freedom > 0.0:
+            yield Changed(_bare(name), float(chi2), float(freedom))
+
+
+def _bare(name: str) -> str:
+    """The name of an effect without its place."""
+    return name.partition(".")[0]
+
+
+@click.command()
+@click.option("--rigs", default=40, show_default=True)
+@click.option("--processes", default=2, show_default=True)
+def main(rigs: int, processes: int) -> None:
+    """Measure the table on so many sound benches, and keep it."""
+    scored, changed = list[Scored](), list[Changed]()
+    with ProcessPoolExecutor(processes) as pool:
+        for number, found in enumerate(pool.map(shown, range(SEEDS, SEEDS + rigs)), 1):
+            scored += found[0]
+            changed += found[1]
+            click.echo(f"{number} of {rigs}")
+    text = (
+        f"{HEADER.format(count=rigs)}{IMITATED}{_imitated(scored)}{OVERDISPERSION}{_overdispersion(changed)}"
+    )
+    SOUND.write_text(text, encoding="utf-8")
+
+
+def _imitated(scored: Sequence[Scored]) -> str:
+    """Return a line for each effect whose scores scatter beyond chance."""
+    seen: dict[str, dict[int, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
+    for one in scored:
+        seen[one.effect][one.place].append((one.excess, one.information))
+    lines = []
+    for name, points in sorted(seen.items()):
+        means = [np.mean(values, axis=0) for _, values in sorted(points.items())]
+        amplitudes = [f"{np.sqrt(max(excess, 0.0) / information):.2g}" for excess, information in means]
+        scatters = ", ".join(f"{np.sqrt(1.0 + excess):.2f}" for excess, _ in means)
+        click.echo(f"{name}: scores scatter by {scatters}")
+        if set(amplitudes) != {"0"}:
+            lines.append(f"{name} = [{', '.join(amplitudes)}]\n")
+    return "".join(lines)
+
+
+def _overdispersion(changed: Sequence[Changed]) -> str:
+    """Return a line for each effect."""
+    lines = []
+    for name in sorted({one.effect for one in changed}):
+        values = np.array([(one.chi2, one.freedom) for one in changed if one.effect == name])
+        chi2, freedom = values.sum(axis=0)
+        lines.append(f"{name} = {max(chi2 / freedom, 1.0):.2f}\n")
+    return "".join(lines)
+
+
+if __name__ == "__main__":
+    main()
