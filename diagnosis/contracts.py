@@ -234,6 +234,19 @@ class BatchSimulator(Protocol):
 
 
 @runtime_checkable
+class RoughSimulator(BatchSimulator, Protocol):
+    """What a simulator may offer beside ``run_many``: outputs that are only good for being subtracted from each other.
+
+    Their errors may be larger, such as those of a longer step, as long as those of neighbouring points are the same:
+    difference quotients are as good as ever.
+    """
+
+    def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
+        """Yield the outputs of each job in order, or None where they would not be good enough for that."""
+        ...
+
+
+@runtime_checkable
 class HasUnseenErrors(Protocol):
     """What a simulator may know of its inputs: errors that its nuisances imitate exactly, so that no data tell of them.
 

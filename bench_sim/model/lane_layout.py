@@ -145,6 +145,7 @@ class Lane(_Rows):
     ATMOSPHERE = auto()
     GAS_CONSTANT = auto()
     HEAT_RATIO = auto()
+    HEAT_CAPACITY = auto()  #: c_p
     AMBIENT = auto()
     AUXILIARY_VOLUME = auto()
     HEAT = auto()
@@ -159,7 +160,7 @@ class Lane(_Rows):
     INERTANCE = auto()  #: of the air in the connection, 1/m
     REYNOLDS_PER_FLOW = auto()  #: Re/G
     LAMINAR = auto()
-    PSI_LAMINAR = auto()  #: ψ where the flow becomes linear
+    PSI_LAMINAR = auto()  #: ψ/(1 − r) where the flow is linear
     PSI_FACTOR = auto()  #: 2κ/(κ−1)
     CRITICAL = auto()  #: pressure ratio of the choked nozzle
     LEAK = auto()

@@ -46,13 +46,6 @@ def _power(w: Any, i: int, t: float) -> float:
 
 
 @compiled
-def _heat_capacity(w: Any, i: int) -> float:
-    """c_p of the gas of one lane in J/(kg K)."""
-    kappa = w[Lane.HEAT_RATIO + i]
-    return kappa / (kappa - 1.0) * w[Lane.GAS_CONSTANT + i]
-
-
-@compiled
 def orifice(w: Any) -> None:
     """Flow between bellows and auxiliary chamber that follows from the pressures."""
     for i in range(LANES):
@@ -69,8 +62,7 @@ def orifice(w: Any) -> None:
         inside = max(r, low)
         q = _power(w, i, (inside - 0.5 * (1.0 + low)) / (0.5 * (1.0 - low)))
         psi = sqrt(w[Lane.PSI_FACTOR + i] * max(q * (q - inside), 0.0))
-        laminar = w[Lane.LAMINAR + i]
-        psi = w[Lane.PSI_LAMINAR + i] * (1.0 - r) / (1.0 - laminar) if r > laminar else psi
+        psi = w[Lane.PSI_LAMINAR + i] * (1.0 - r) if r > w[Lane.LAMINAR + i] else psi
         area = w[Lane.OPENING + i] * w[Lane.ORIFICE + i] * (1.0 + sense * w[Lane.ASYMMETRY + i])
         w[Lane.PASSAGE + i] = area
         G = area * p_up / sqrt(R * T_up) * psi
@@ -104,7 +96,7 @@ def hold_back(w: Any, ahead: float, parameters: Any) -> None:
 def carry(w: Any) -> None:
     """The flow carries the enthalpy of its upstream side: it begins the slopes."""
     for i in range(LANES):
-        c_p = _heat_capacity(w, i)
+        c_p = w[Lane.HEAT_CAPACITY + i]
         G = w[Lane.FLOW + i]
         h = G * c_p * (w[Lane.TEMPERATURE + i] if G > 0.0 else w[Lane.AUXILIARY_TEMPERATURE + i])
         w[SLOPE + LaneState.MASS + i] = -G
@@ -117,7 +109,7 @@ def carry(w: Any) -> None:
 def leak(w: Any) -> None:
     """Leaks of the bellows to the atmosphere, as an orifice (ISO 6358) and as a laminar crack."""
     for i in range(LANES):
-        c_p = _heat_capacity(w, i)
+        c_p = w[Lane.HEAT_CAPACITY + i]
         p = w[Lane.PRESSURE + i]
         T = w[Lane.TEMPERATURE + i]
         outside = w[Lane.ATMOSPHERE + i]
@@ -137,9 +129,9 @@ def leak(w: Any) -> None:
 
 
 @compiled
-def _density_factor(density: float, known_density: float, known_factor: float, exponent: float) -> float:
-    """(ρ/ρ_ref)^n by its series (`bench_sim.model.gas.density_factor`)."""
-    e = density / known_density - 1.0
+def _density_factor(mass: float, known_mass: float, known_factor: float, exponent: float) -> float:
+    """(ρ/ρ_ref)^n by its series (`bench_sim.model.gas.density_factor`), masses being those in the present volume."""
+    e = mass / known_mass - 1.0
     return known_factor * (
         1.0 + exponent * e * (1.0 + 0.5 * (exponent - 1.0) * e * (1.0 + (exponent - 2.0) / 3.0 * e))
     )
@@ -150,16 +142,16 @@ def heat(w: Any) -> None:
     """Heat exchange of both chambers with their walls."""
     for i in range(LANES):
         exponent = w[Lane.HEAT_EXPONENT + i]
-        density = w[STAGE + LaneState.MASS + i] / w[Lane.VOLUME + i]
-        factor = _density_factor(density, w[Lane.DENSITY + i], w[Lane.DENSITY_FACTOR + i], exponent)
+        known = w[Lane.DENSITY + i] * w[Lane.VOLUME + i]
+        factor = _density_factor(w[STAGE + LaneState.MASS + i], known, w[Lane.DENSITY_FACTOR + i], exponent)
         wall = w[STAGE + LaneState.WALL + i]
         inward = w[Lane.HEAT + i] * factor * (wall - w[Lane.TEMPERATURE + i])
         w[Lane.HEATING + i] += inward
         outer = w[Lane.WALL_OUTER + i] * (w[Lane.AMBIENT + i] - wall)
         w[SLOPE + LaneState.WALL + i] = w[Lane.WALL_RATE + i] * (outer - inward)
-        density = w[STAGE + LaneState.AUXILIARY_MASS + i] / w[Lane.AUXILIARY_VOLUME + i]
+        known = w[Lane.AUXILIARY_DENSITY + i] * w[Lane.AUXILIARY_VOLUME + i]
         factor = _density_factor(
-            density, w[Lane.AUXILIARY_DENSITY + i], w[Lane.AUXILIARY_DENSITY_FACTOR + i], exponent
+            w[STAGE + LaneState.AUXILIARY_MASS + i], known, w[Lane.AUXILIARY_DENSITY_FACTOR + i], exponent
         )
         wall = w[STAGE + LaneState.AUXILIARY_WALL + i]
         inward = w[Lane.AUXILIARY_HEAT + i] * factor * (wall - w[Lane.AUXILIARY_TEMPERATURE + i])
@@ -245,7 +237,7 @@ def work(w: Any) -> None:
         kappa = w[Lane.HEAT_RATIO + i]
         p = w[Lane.PRESSURE + i]
         C = w[Lane.STRETCH + i]
-        V = w[Lane.VOLUME + i] + kappa * C * p
+        per_V = 1.0 / (w[Lane.VOLUME + i] + kappa * C * p)
         heating = (kappa - 1.0) * w[Lane.HEATING + i]
         A = w[Lane.AREA + i]
         B = w[Lane.LATERAL_AREA + i]
@@ -254,12 +246,12 @@ def work(w: Any) -> None:
         cross = w[Lane.STIFFNESS_ZY + i]
         c_z = w[Lane.GIVE_Z + i]
         c_y = w[Lane.GIVE_Y + i]
-        p_V = kappa * p / V
+        p_V = kappa * p * per_V
         a = 1.0 - c_z * (w[Lane.STIFFNESS_ZZ + i] - per_z * p_V * A)
         b = -c_z * (cross - per_z * p_V * B)
         c = -c_y * (cross - per_y * p_V * A)
         d = 1.0 - c_y * (w[Lane.STIFFNESS_YY + i] - per_y * p_V * B)
-        p_rate = heating / V
+        p_rate = heating * per_V
         dz = w[Lane.HEIGHT_SPEED + i] + w[SLOPE + LaneState.CREEP + i] + c_z * (per_z * p_rate + relax_z)
         dy = w[Lane.LATERAL_SPEED + i] + c_y * (per_y * p_rate + relax_y)
         inverse = 1.0 / (a * d - b * c)
@@ -268,26 +260,34 @@ def work(w: Any) -> None:
         w[Lane.BELLOWS_Z_SPEED + i] = z_speed
         w[Lane.BELLOWS_Y_SPEED + i] = y_speed
         V_rate = A * z_speed + B * y_speed
-        V_rate += C * (heating - kappa * p * V_rate) / V
+        V_rate += C * (heating - kappa * p * V_rate) * per_V
         w[SLOPE + LaneState.ENERGY + i] = w[Lane.HEATING + i] - p * V_rate
 
 
 @compiled_once
 def lane_slope(
-    w: Any, ahead: float, extra: int, frictions: int, inert: bool, surfaces: bool, parameters: Any
+    w: Any,
+    ahead: float,
+    extra: int,
+    frictions: int,
+    inert: bool,
+    leaking: bool,
+    surfaces: bool,
+    parameters: Any,
 ) -> None:
     """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and everything that follows from the states.
 
     ``extra`` branches and ``frictions`` elements are as many as the lane with most of them has; ``inert``: the air in
-    the connection of one of them has inertia; ``surfaces``: one of them has a surface, whose coefficients stand in
-    ``parameters`` (LANES).
+    the connection of one of them has inertia; ``leaking``: one of them leaks; ``surfaces``: one of them has a surface,
+    whose coefficients stand in ``parameters`` (LANES).
     """
     lane_algebra(w, ahead, extra, frictions)
     orifice(w)
     if inert:
         hold_back(w, ahead, parameters)
     carry(w)
-    leak(w)
+    if leaking:
+        leak(w)
     heat(w)
     if surfaces:
         gas_surfaces(w, parameters)

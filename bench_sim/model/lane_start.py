@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_entry
-from bench_sim.model.gas import keep_density
+from bench_sim.model.gas import enthalpy_per_kelvin, keep_density
 from bench_sim.model.lane_layout import (
     EXTRA_FRICTION,
     EXTRA_RATIO,
@@ -283,6 +283,7 @@ def _fill_gas(w: Any, i: int, par: Any) -> None:
     w[Lane.ATMOSPHERE] = par.atmospheric_pressure
     w[Lane.GAS_CONSTANT] = par.gas_constant
     w[Lane.HEAT_RATIO] = par.heat_capacity_ratio
+    w[Lane.HEAT_CAPACITY] = enthalpy_per_kelvin(par)
     w[Lane.AMBIENT] = par.ambient_temperature
     w[Lane.AUXILIARY_VOLUME] = par.auxiliary_volume[i]
     w[Lane.HEAT] = par.bellows_heat_transfer[i]
@@ -304,7 +305,7 @@ def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
     w[Lane.INERTANCE] = par.flow_inertance[i]
     w[Lane.REYNOLDS_PER_FLOW] = 4.0 / (pi * par.orifice_diameter[i] * AIR_VISCOSITY)
     w[Lane.LAMINAR] = par.laminar_limit
-    w[Lane.PSI_LAMINAR] = nozzle_function(par.laminar_limit, kappa)
+    w[Lane.PSI_LAMINAR] = nozzle_function(par.laminar_limit, kappa) / (1.0 - par.laminar_limit)
     w[Lane.PSI_FACTOR] = 2.0 * kappa / (kappa - 1.0)
     w[Lane.CRITICAL] = critical_ratio(kappa)
     w[Lane.LEAK] = par.leak_conductance[i]

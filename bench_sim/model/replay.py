@@ -37,6 +37,12 @@ _ROUNDS: Final = 30
 def place(n: int, part: float, motion: Any, x: Any) -> None:
     """Put bolster and platform where Hermite's cubic has them, a ``part`` (0 … 1) of an interval after sample n."""
     q = motion.displacement
+    if part == 0.0:
+        for k in range(DIRECTIONS):
+            to = State.BOLSTER_LATERAL + k + (3 if k >= 3 else 0)
+            x[to] = q[n, k]
+            x[to + 3] = motion.speed[n, k]
+        return
     a = part
     b = 1.0 - a
     for k in range(DIRECTIONS):

@@ -140,6 +140,12 @@ def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
 def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
     """Move every sensor's lag on to the present true values."""
     prepare_lags(mem, par, dt)
+    move_lags(mem, par, values)
+
+
+@compiled
+def move_lags(mem: Any, par: Any, values: Any) -> None:
+    """As `follow`, after `prepare_lags` for the same step and parameters."""
     for k in range(SENSORS):
         output = lagged(mem, k, values[k])
         mem.sensor_output[k] = output if abs(output) > TINY else 0.0

@@ -11,12 +11,12 @@ from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.compiled import compiled, compiled_entry, compiled_parallel
 from bench_sim.model.lane_layout import LANES, LENGTH
 from bench_sim.model.lane_start import begin_springs, has_lanes, power_coefficients
-from bench_sim.model.lanes import AUXILIARY_PRESSURE, Course, LaneSpring
-from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, State
+from bench_sim.model.lanes import AUXILIARY_PRESSURE, STIFFEST, Course, LaneSpring
+from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, Sensor, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.replay import Gas, Motion, balance, place
+from bench_sim.model.replay import STEP, Gas, Motion, balance, place
 from bench_sim.model.rest import settle_sensors
-from bench_sim.model.sensors import follow, read_exactly, true_values
+from bench_sim.model.sensors import move_lags, read_exactly, true_values
 from bench_sim.model.spring import displacements, spring_term
 
 #: Inputs through which air comes from the supply, or leaves.
@@ -62,9 +62,20 @@ def recollect(row: Any, i: int, out: Any) -> None:
 
 @compiled_parallel
 def read_samples(
-    memory: Any, parameters: Any, motion: Any, supply: Any, left: Any, right: Any, steps: int, readings: Any
+    memory: Any,
+    parameters: Any,
+    motion: Any,
+    supply: Any,
+    left: Any,
+    right: Any,
+    steps: int,
+    sensors: Any,
+    readings: Any,
 ) -> None:
-    """As `bench_sim.model.replay.replay_samples`, from the traces (rows, TRACE) of both springs."""
+    """As `bench_sim.model.replay.replay_samples`, from the traces (rows, TRACE) of both springs.
+
+    ``readings`` (c, n) are those of so many ``sensors`` (c,).
+    """
     mem = memory[0]
     par = parameters[0]
     x = np.zeros(STATES)
@@ -72,6 +83,7 @@ def read_samples(
     out = np.zeros(ALGEBRAICS)
     values = np.zeros(SENSORS)
     ideal = np.zeros(SENSORS)
+    read = np.zeros(SENSORS)
     dt = motion.interval / steps
     last = motion.displacement.shape[0] - 1
     for row in range(left.shape[0]):
@@ -94,8 +106,10 @@ def read_samples(
                 settle_sensors(mem, par, values, dt)
             for j in range(SENSORS):
                 ideal[j] = values[j]
-            read_exactly(mem, par, ideal, readings[n])
-        follow(mem, par, values, dt)
+            read_exactly(mem, par, ideal, read)
+            for j in range(sensors.shape[0]):
+                readings[j, n] = read[sensors[j]]
+        move_lags(mem, par, values)
         mem.time += dt
         mem.step += 1
 
@@ -122,6 +136,7 @@ class TracedReplay:
         self.supply = supply
         self.start = start
         self.steps = ceil(motion.interval / step - 1e-9)
+        self.step = motion.interval / self.steps
         self.geometry = _geometry(parameters)
         self.joined = bool(inputs[:, Input.DPV_CONNECTED].any())
         self.fed = bool(inputs[:, _FEEDING].any())
@@ -141,7 +156,11 @@ class TracedReplay:
         """Whether lanes can integrate springs with these parameters on this motion."""
         leaking = self.joined and parameters.dpv_leak != 0.0
         return (
-            has_lanes(parameters) and _geometry(parameters) == self.geometry and not self.fed and not leaking
+            has_lanes(parameters)
+            and _geometry(parameters) == self.geometry
+            and not self.fed
+            and not leaking
+            and (self.step <= STEP or not _quick(parameters, self.step))
         )
 
     def stays_shut(self, parameters: Any, traces: Sequence[NDArray[np.float64]]) -> bool:
@@ -171,11 +190,16 @@ class TracedReplay:
         return tuple(LaneSpring(columns[i], parameters, i, self.courses[i], shift) for i in range(SIDES))
 
     def readings(
-        self, parameters: Any, traces: Sequence[NDArray[np.float64]], shift: float
+        self,
+        parameters: Any,
+        traces: Sequence[NDArray[np.float64]],
+        shift: float,
+        sensors: Sequence[int] = tuple(Sensor),
     ) -> NDArray[np.float64]:
-        """Return what each sensor reads (n, SENSORS), from the traces (rows, TRACE) of both springs.
+        """Return what so many sensors (all) read (n, c), from the traces (rows, TRACE) of both springs.
 
-        Between samples the supply line keeps its pressure. Other threads run meanwhile.
+        Between samples the supply line keeps its pressure. Other threads run meanwhile. Each sensor's readings lie next
+        to each other: who uses them looks at one after the other.
         """
         record = _one(parameters)
         memory = np.zeros(1, MEMORY).view(np.recarray)
@@ -185,9 +209,24 @@ class TracedReplay:
             motion = motion._replace(
                 displacement=motion.displacement + shift * np.eye(1, motion.displacement.shape[1])
             )
-        readings = np.empty((len(motion.displacement), SENSORS))
-        read_samples(memory, record, motion, self.supply, *traces, self.steps, readings)
-        return readings
+        readings = np.empty((len(sensors), len(motion.displacement)))
+        chosen = np.array(sensors, np.intp)
+        read_samples(memory, record, motion, self.supply, *traces, self.steps, chosen, readings)
+        return readings.T
+
+
+def _quick(parameters: Any, step: float) -> bool:
+    """Whether anything happens within a step longer than that of a replay: what is late by a part of it, too."""
+    par = parameters
+    late = (par.force_latency, par.pressure_latency, par.pressure_clock_skew, par.pressure_hold)
+    relaxing = np.concatenate(
+        (par.maxwell_time[par.maxwell_ratio != 0.0], par.extra_branch_time[par.extra_branch_ratio != 0.0])
+    )
+    return (
+        any(one > 0.0 for one in late)
+        or bool((par.flow_inertance > 0.0).any())
+        or bool((relaxing < step / STIFFEST).any())
+    )
 
 
 def _one(parameters: Any) -> Any:

@@ -8,7 +8,7 @@ from diagnosis.contracts import Array, Effects, Experiment, MeasuredRun, Simulat
 from diagnosis.engine.columns import Columns, columns_of, packing_of
 from diagnosis.engine.fitting.linear import Projection
 from diagnosis.engine.fitting.linearise import from_quotients
-from diagnosis.engine.fitting.point import base_point, neighbour
+from diagnosis.engine.fitting.point import Point, base_point, neighbour
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Candidate
 from diagnosis.engine.noise import Noise, white
@@ -40,7 +40,7 @@ class LinearisedBase:
         for k in range(0, len(entries), _BATCH):
             batch = entries[k : k + _BATCH]
             steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in batch]
-            columns = self._replay.differences(self._predictions, [steps] * len(self._predictions))
+            columns = self._differences(steps)
             norms: list[float] = self._projected(columns).norm.tolist()
             found += [norm / c.amplitude.scale for c, norm in zip(batch, norms, strict=True)]
         return found
@@ -54,7 +54,7 @@ class LinearisedBase:
     ) -> float:
         """Return what is left of λ of ``effects`` beside the one of the candidates that imitates them best."""
         steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in entries]
-        further = self._replay.differences(self._predictions, [steps] * len(self._predictions))
+        further = self._differences(steps)
         both = zip(self._whiten, self._columns(run, [effects]), further, strict=True)
         information = self._linearisation.project(f.columns([x, y]) for f, x, y in both).information
         own, others = information[0, 0], np.diagonal(information)[1:]
@@ -65,7 +65,7 @@ class LinearisedBase:
         """Return which part of its λ each candidate keeps beside the one of ``others`` that imitates it best."""
         together = [*entries, *others]
         steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in together]
-        columns = self._replay.differences(self._predictions, [steps] * len(self._predictions))
+        columns = self._differences(steps)
         information = self._projected(columns).information
         length = np.sqrt(np.diagonal(information))
         alike = np.abs(information[: len(entries), len(entries) :])
@@ -79,6 +79,12 @@ class LinearisedBase:
         shared = [i for i, c in enumerate(self._point.coordinates) if not c.record]
         found: Array = projection.regression[shared]
         return found
+
+    def _differences(self, steps: Sequence[tuple[Point, float]]) -> list[Columns]:
+        """Return the difference quotients of each run to the same points at signed distances."""
+        runs = len(self._predictions)
+        base = self._replay.base(self._point, self._predictions, [len(steps)] * runs)
+        return self._replay.differences(base, [steps] * runs)
 
     def _columns(
         self, run: Callable[[Experiment, Effects], Array], effects: Sequence[Effects]

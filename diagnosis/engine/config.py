@@ -285,3 +285,5 @@ BELIEFS_TOLD: Final = 3
 LEAST_BATCH: Final = 4
 #: Most jobs that a simulator is given at once: of more the last batches would not keep all workers busy.
 MOST_BATCH: Final = 128
+#: Differences in one run from which on a rough simulation of where they begin pays.
+LEAST_ROUGH: Final = 4

@@ -92,12 +92,13 @@ def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Foot
     """Simulate what the numbers of a model and the candidates change around a point."""
     predictions = replay.predictions(point)
     steps = [neighbour(candidate.added_to(point), len(point.numbers)) for candidate in tried]
+    base = replay.base(point, predictions, [len(steps)] * len(replay.runs))
     return Footprints(
         point,
         tuple(predictions),
         tuple(replay.sensitivities(point, predictions)),
         tuple(tried),
-        tuple(replay.differences(predictions, [steps] * len(replay.runs))),
+        tuple(replay.differences(base, [steps] * len(replay.runs))),
     )
 
 
@@ -115,14 +116,15 @@ def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: 
     quarter = [halved(point, *step) for point, step in zip(flat, half, strict=True)]
     behind = [opposite(point, *step) for point, step in zip(flat, half, strict=True)]
     first = [columns.chosen(places) for columns in around.candidate_columns]
-    second = replay.differences(around.predictions, [half] * runs)
+    base = replay.base(around.point, around.predictions, [len(places)] * runs)
+    second = replay.differences(base, [half] * runs)
     errors = root_mean_squares(replay.residuals(around.predictions))
     large = SPOILT_FOOTPRINT * norms[list(places)] ** 2
     spoilt = [apart(a, b, errors) > large for a, b in zip(first, second, strict=True)]
     if not np.any(spoilt):
         return around
-    third = replay.differences(around.predictions, [quarter] * runs)
-    fourth = replay.differences(around.predictions, [behind] * runs)
+    third = replay.differences(base, [quarter] * runs)
+    fourth = replay.differences(base, [behind] * runs)
     mended = []
     for columns, *parts, mine in zip(
         around.candidate_columns, first, second, third, fourth, spoilt, strict=True
@@ -136,11 +138,11 @@ def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: 
 
 def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
     """Add what each coefficient of each surface of the simulator would change."""
+    surfaces, runs = replay.simulator.surfaces, len(replay.runs)
+    most = max((len(surface.coefficients) for surface in surfaces), default=0)
+    base = replay.base(around.point, around.predictions, [most] * runs)
     columns = [
-        tuple(
-            replay.differences(around.predictions, [_coefficients(around.point, surface)] * len(replay.runs))
-        )
-        for surface in replay.simulator.surfaces
+        tuple(replay.differences(base, [_coefficients(around.point, surface)] * runs)) for surface in surfaces
     ]
     return replace(around, surface_columns=tuple(columns))
 

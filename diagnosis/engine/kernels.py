@@ -30,19 +30,21 @@ def filter_rows(values: Any, starts: Any, which: Any, weights: Any, reach: Any, 
 
 @numba.njit(cache=True, nogil=True)
 def quotients(
-    outputs: Any, predictions: Any, distance: float, places: Any, bounds: Any, out: Any, moved: Any
+    outputs: Any, predictions: Any, distance: float, instants: Any, bounds: Any, out: Any, moved: Any
 ) -> None:
     """Write (outputs − predictions)/distance of the samples (N,) that count, and which channels (c,) have ``moved``.
 
-    ``outputs`` and ``predictions`` are flattened; ``places`` (N,) and ``bounds`` (c + 1,) are those of a packing.
+    ``outputs`` and ``predictions`` are (c, n); ``instants`` (N,) and ``bounds`` (c + 1,) are those of a packing.
     """
     for c in range(len(moved)):
-        any_here = False
+        after, before = outputs[c], predictions[c]
+        largest = np.float32(0.0)
         for i in range(bounds[c], bounds[c + 1]):
-            k = places[i]
-            out[i] = (outputs[k] - predictions[k]) / distance
-            any_here |= out[i] != 0.0
-        moved[c] = any_here
+            k = instants[i]
+            quotient = np.float32((after[k] - before[k]) / distance)
+            out[i] = quotient
+            largest = largest if quotient == 0.0 else np.float32(1.0)
+        moved[c] = largest != 0.0
 
 
 @numba.njit(cache=True, nogil=True)

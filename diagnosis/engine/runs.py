@@ -21,6 +21,7 @@ from diagnosis.contracts import (
     Job,
     Nuisance,
     Role,
+    RoughSimulator,
     Simulator,
     Surface,
 )
@@ -74,6 +75,18 @@ class MeasuredBatch(MeasuredChannels):
             yield outputs[:, places]
 
 
+@dataclass(frozen=True, slots=True)
+class MeasuredRough(MeasuredBatch):
+    """The same of a simulator that can also do them roughly."""
+
+    rough: RoughSimulator
+
+    def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
+        places = list(self.places)
+        for outputs in self.rough.run_roughly(jobs):
+            yield None if outputs is None else outputs[:, places]
+
+
 def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, Simulator]:
     """Return data and simulator with the channels of the data that hold anything, as the data describe them.
 
@@ -95,6 +108,8 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
     if channels == simulator.channels:
         return data, simulator
     places = tuple(names.index(channel.name) for channel in channels)
+    if isinstance(simulator, RoughSimulator):
+        return data, MeasuredRough(simulator, channels, places, simulator, simulator)
     if isinstance(simulator, BatchSimulator):
         return data, MeasuredBatch(simulator, channels, places, simulator)
     return data, MeasuredChannels(simulator, channels, places)

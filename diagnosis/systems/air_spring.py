@@ -14,7 +14,7 @@ the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``o
 from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from threading import Lock
 from typing import Any, Final
 
@@ -25,11 +25,10 @@ from bench_protocol.table import TABLE
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
-from bench_sim.model.layout import INPUTS, SIDES, Input, Sensor
+from bench_sim.model.layout import SIDES, Sensor
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Motion, replay
+from bench_sim.model.replay import DIRECTIONS, STEP, Gas, replay
 from bench_sim.model.rest import settled_temperature
-from bench_sim.model.traces import TracedReplay
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from bench_sim.parameters.effects import find_effect
@@ -45,7 +44,7 @@ from diagnosis.contracts import (
     Nuisance,
     Surface,
 )
-from diagnosis.systems.air_spring_batch import KeptTraces, Replayed, read_all
+from diagnosis.systems.air_spring_batch import Replayed, read_all
 from diagnosis.systems.air_spring_parameters import (
     CHAMBERS,
     DRAG,
@@ -58,6 +57,7 @@ from diagnosis.systems.air_spring_parameters import (
     zeros_of_heights,
 )
 from diagnosis.systems.air_spring_parity import parity
+from diagnosis.systems.air_spring_runs import PreparedRun, given
 from diagnosis.systems.air_spring_surfaces import TERMS
 from diagnosis.systems.held_samples import Reading, held_period, of_period, readings_of
 from diagnosis.systems.load_history import remembered
@@ -82,13 +82,6 @@ OUTPUTS: Final[Mapping[str, Sensor]] = {
 GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])
 #: Unit in which people read errors of a channel, by its SI unit.
 _DISPLAYED: Final = {"Pa": "mbar", "N": "N", "m": "mm", "K": "K"}
-_VALVES: Final = {
-    "left.leveling": Input.LEFT_LEVELING,
-    "right.leveling": Input.RIGHT_LEVELING,
-    "left.reservoir": Input.LEFT_RESERVOIR_VALVE,
-    "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
-    "dpv": Input.DPV_CONNECTED,
-}
 #: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
 _SHIFTS: Final = (".offset", SEAT, DRAG)
 #: Offsets of sensors from whose readings a replay starts or is driven: these change the simulation.
@@ -157,7 +150,7 @@ class AirSpring:
         #: What `run_many` has done so far (`diagnosis.systems.air_spring_batch.read_all`), and for how many ``jobs``.
         self.effort: Counter[str] = Counter()
         self._lock = Lock()
-        self._prepared: OrderedDict[int, _PreparedRun] = OrderedDict()
+        self._prepared: OrderedDict[int, PreparedRun] = OrderedDict()
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
         """Return the outputs (n, c): what noiseless sensors would have read."""
@@ -174,7 +167,7 @@ class AirSpring:
                 prepared.outputs[key] = outputs
                 while len(prepared.outputs) > _OUTPUTS:
                     prepared.outputs.popitem(last=False)
-        return self._shifted(prepared, outputs.copy(), parameters)
+        return self._shifted(prepared, outputs, parameters)
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
         """Yield the outputs (n, c) of each job in order; springs are integrated in lanes, each only once.
@@ -182,12 +175,27 @@ class AirSpring:
         They are those of ``run`` to within thousandths of a pascal and tenths of a millinewton, which is what its
         Newton's method leaves.
         """
+        for outputs in self._run_many(jobs, rough=False):
+            assert outputs is not None  # what no lane can do is replayed alone
+            yield outputs
+
+    def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
+        """Yield the outputs (n, c) of each job in order by steps of twice the length; None of what lanes cannot do so.
+
+        The longer step is wrong by tenths of the noise, and that by nearly as much at a neighbouring point: of a
+        difference quotient as long as thousands of times the noise, about a tenth of the noise is wrong.
+        """
+        return self._run_many(jobs, rough=True)
+
+    def _run_many(self, jobs: Sequence[Job], *, rough: bool) -> Iterator[Array | None]:
         replayed: dict[object, Replayed] = {}
-        known = [self._replayed(job, replayed) for job in jobs]
+        known = [self._replayed(job, replayed, rough) for job in jobs]
         effort = Counter(jobs=len(jobs))
         for job, readings in zip(jobs, read_all(known, effort), strict=True):
-            chosen = np.take(readings, self._sensors, axis=1)
-            yield self._shifted(self._prepare(job.experiment), chosen, job.parameters)
+            if readings is None:
+                yield None
+                continue
+            yield self._shifted(self._prepare(job.experiment), readings, job.parameters)
         with self._lock:
             self.effort.update(effort)
 
@@ -260,20 +268,20 @@ class AirSpring:
     def _simulate(
         self,
         experiment: Experiment,
-        prepared: "_PreparedRun",
+        prepared: PreparedRun,
         parameters: Mapping[str, float],
         effects: Effects,
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
-        return self._replay(prepared, record, gas, _shift(parameters))[:, self._sensors]
+        return self._replay(prepared, record, gas, _shift(parameters))
 
-    def _replay(self, prepared: "_PreparedRun", record: Any, gas: Gas, shift: float) -> Array:
+    def _replay(self, prepared: PreparedRun, record: Any, gas: Gas, shift: float) -> Array:
         motion = prepared.motion
         if shift:
             motion = motion._replace(displacement=motion.displacement + shift * np.eye(DIRECTIONS)[0])
         settings = prepared.experiment.settings
-        return replay(
+        readings = replay(
             record,
             motion,
             prepared.inputs,
@@ -283,9 +291,13 @@ class AirSpring:
             start=settings.get("start", 0.0),
             crept=_crept(settings, record),
         )
+        return readings[:, self._sensors]
 
-    def _replayed(self, job: Job, known: dict[object, Replayed]) -> Replayed:
-        """Return the replay that a job asks for: the ``known`` one if an earlier job has asked for the same."""
+    def _replayed(self, job: Job, known: dict[object, Replayed], rough: bool) -> Replayed:
+        """Return the replay that a job asks for: the ``known`` one if an earlier job has asked for the same.
+
+        A ``rough`` one takes steps of twice the length, which only lanes can.
+        """
         prepared = self._prepare(job.experiment)
         simulated = _simulated(job.parameters)
         record = self.record(job.experiment, simulated, job.effects)
@@ -293,64 +305,42 @@ class AirSpring:
         shift = _shift(simulated)
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift
         if key not in known:
-            traced = prepared.traced
+            traced = prepared.rough if rough else prepared.traced
             crept = _crept(job.experiment.settings, record)
             springs = traced.springs(record, gas, shift, crept) if traced.fits(record) else ()
             alone = partial(self._replay, prepared, record, gas, shift)
-            known[key] = Replayed(traced, prepared.kept, record, shift, springs, alone)
+            known[key] = Replayed(
+                traced,
+                prepared.kept,
+                record,
+                shift,
+                springs,
+                self._sensors,
+                (lambda: None) if rough else alone,
+            )
         return known[key]
 
-    def _shifted(self, prepared: "_PreparedRun", outputs: Array, parameters: Mapping[str, float]) -> Array:
-        """Shift simulated outputs (n, c) to what sensors with their own zeros and drags read, and return them."""
-        outputs += np.array(
+    def _shifted(self, prepared: PreparedRun, outputs: Array, parameters: Mapping[str, float]) -> Array:
+        """Return simulated outputs (n, c) as sensors with their own zeros and drags read them."""
+        shifted = outputs + np.array(
             [parameters.get(zero, 0.0) + parameters.get(seat, 0.0) for zero, seat in self._zeros]
         )
         for name, speed in prepared.speeds.items():
             if drag := parameters.get(f"{name}{DRAG}", 0.0):
-                outputs[:, self._places[name]] += drag * speed
-        return outputs
+                shifted[:, self._places[name]] += drag * speed
+        return shifted
 
-    def _prepare(self, experiment: Experiment) -> "_PreparedRun":
+    def _prepare(self, experiment: Experiment) -> PreparedRun:
         with self._lock:
             found = self._prepared.get(id(experiment))
         if found is not None and found.experiment is experiment:
             return found
-        made = _PreparedRun(experiment, self.parameters.record, self.step)
+        made = PreparedRun(experiment, self.parameters.record, self.step)
         with self._lock:
             self._prepared[id(experiment)] = made
             while len(self._prepared) > _PREPARED:
                 self._prepared.popitem(last=False)
         return made
-
-
-class _PreparedRun:
-    """The motion and inputs of an experiment as the replay takes them, and the latest outputs that were simulated."""
-
-    def __init__(self, experiment: Experiment, par: Any, step: float) -> None:
-        self.experiment = experiment
-        n = len(experiment.time)
-        self.motion = Motion.through(_motion(experiment, par), experiment.step)
-        if "lateral.acceleration" in experiment.inputs:
-            # An accelerometer is quieter than the second derivative of a displacement.
-            self.motion.acceleration[:, 0] = experiment.inputs["lateral.acceleration"]
-        self.inputs = np.zeros((n, INPUTS))
-        self.inputs[:, Input.SUPPLY] = 1.0
-        for name, place in _VALVES.items():
-            default = 1.0 if name.endswith("reservoir") else 0.0
-            self.inputs[:, place] = _input(experiment, name, default)
-        self.supply = (
-            _input(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure
-        )
-        self.speeds = _actuator_speeds(self.motion, par)
-        self.outputs: OrderedDict[str, Array] = OrderedDict()
-        self.kept = KeptTraces()
-        self._par, self._step = par, step
-
-    @cached_property
-    def traced(self) -> TracedReplay:
-        """The replay in lanes."""
-        start = self.experiment.settings.get("start", 0.0)
-        return TracedReplay(self._par, self.motion, self.inputs, self.supply, step=self._step, start=start)
 
 
 def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
@@ -365,28 +355,6 @@ def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
 def _shift(parameters: Mapping[str, float]) -> float:
     """How far the bolster is to the left of where it was seen: less by what its transducer reads too much."""
     return -parameters.get(f"{SHEAR}.offset", 0.0) - parameters.get(f"{SHEAR}{SEAT}", 0.0)
-
-
-def _actuator_speeds(motion: Motion, par: Any) -> dict[str, Array]:
-    """Speeds (n,) of the bolster where the actuators are pinned, up or left positive, by the names of their forces."""
-    y, z, phi = motion.speed[:, :3].T
-    return {
-        "vertical_left.force": z + par.actuator_half_spacing * phi,
-        "vertical_right.force": z - par.actuator_half_spacing * phi,
-        "lateral.force": y - par.lateral_actuator_height * phi,
-    }
-
-
-def _motion(experiment: Experiment, par: Any) -> Array:
-    """Displacements (n, 6) of bolster and platform: lateral, vertical, roll of each.
-
-    φ_B = (ζ_L − ζ_R)/2b + φ_P,  z_B = (ζ_L + ζ_R)/2 + z_P,  y_B = y − e φ_B + y_P − h φ_P
-    """
-    left, right = (_input(experiment, f"{side}.height") for side in _SIDE_NAMES)
-    z, y, phi = (_input(experiment, f"platform.{axis}", 0.0) for axis in ("vertical", "lateral", "roll"))
-    roll = 0.5 * (left - right) / par.spring_half_spacing + phi
-    lateral = _input(experiment, "shear", 0.0) - par.centre_height * roll + y - par.column_height * phi
-    return np.column_stack((lateral, 0.5 * (left + right) + z, roll, y, z, phi))
 
 
 def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
@@ -411,7 +379,7 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
                 f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
             )
         gauge = unbiased(bellows)
-        joined = auxiliary not in settings or _input(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
+        joined = auxiliary not in settings or given(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
         shift = parameters.get(f"{side}.initial_pressure", 0.0) + par.atmospheric_pressure
         pressure[i] = gauge + shift
         pressure[SIDES + i] = shift + (gauge if joined else unbiased(auxiliary))
@@ -430,12 +398,3 @@ def _crept(settings: Mapping[str, float], par: Any) -> Array:
             load = remembered(settings, side, float(par.creep_time[i]))
             crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
     return crept
-
-
-def _input(experiment: Experiment, name: str, default: float | None = None) -> Array:
-    values = experiment.inputs.get(name)
-    if values is not None:
-        return values
-    if default is None:
-        raise DiagnosisError(f"run {experiment.name} has no input {name}; without it nothing can be replayed")
-    return np.full(len(experiment.time), default)

@@ -14,13 +14,15 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import Any, Final
 
+import numpy as np
+
 from bench_sim.model.lane_layout import LANES
 from bench_sim.model.lanes import LaneSpring, integrate_springs
 from bench_sim.model.traces import TracedReplay
 from diagnosis.contracts import Array
 
-#: Trajectories of an experiment that are kept from one batch to the next: both sides at three points.
-_KEPT: Final = 6
+#: Trajectories of an experiment that are kept from one batch to the next: both sides at four points.
+_KEPT: Final = 8
 
 Key = tuple[int, float, bytes]
 
@@ -29,7 +31,8 @@ Key = tuple[int, float, bytes]
 class Replayed:
     """One replay of a run with one parameter record: its springs, or none where no lane can integrate them.
 
-    Then, or if air passes between them, it is replayed ``alone``, which returns its readings (n, SENSORS).
+    Then, or if air passes between them, it is replayed ``alone``, which returns the readings (n, c) of its ``sensors``
+    (c,) if it can.
     """
 
     traced: TracedReplay
@@ -37,12 +40,17 @@ class Replayed:
     record: Any
     shift: float
     springs: tuple[LaneSpring, ...]
-    alone: Callable[[], Array]
+    sensors: Sequence[int]
+    alone: Callable[[], Array | None]
 
     @property
     def keys(self) -> tuple[Key, ...]:
         """Of both springs."""
         return tuple(spring.key for spring in self.springs)
+
+    def read(self, traces: Sequence[Array]) -> Array:
+        """Return the readings (n, c) from the traces of both springs."""
+        return self.traced.readings(self.record, traces, self.shift, self.sensors)
 
 
 class KeptTraces:
@@ -68,8 +76,10 @@ class KeptTraces:
                 self._traces.popitem(last=False)
 
 
-def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array]:
-    """Yield the readings (n, SENSORS) of each job in order. Equal jobs are one object, and get one array.
+def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array | None]:
+    """Yield the readings (n, c) of each job in order, None of what cannot be replayed alone but would have to be.
+
+    Equal jobs are one object, and get one array.
 
     What was done is added to the ``effort``: ``springs`` integrated in ``packs``, ``readings``, and among these replays
     ``alone``.
@@ -86,7 +96,7 @@ def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array]:
                 traces[key] = found
             else:
                 missing[key] = spring, job.kept, uses[key] > 1 or sole[id(job.traced)] == 1
-    readings: dict[int, Array] = {}
+    readings: dict[int, Array | None] = {}
     for job in jobs:
         mine = id(job)
         if mine not in readings:
@@ -95,8 +105,8 @@ def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array]:
                 traces.update(pack)
                 effort.update(packs=1, springs=len(pack))
             ours = [traces[key] for key in keys[mine]]
-            apart = bool(ours) and job.traced.stays_shut(job.record, ours)
-            readings[mine] = job.traced.readings(job.record, ours, job.shift) if apart else job.alone()
+            apart = bool(ours) and _finite(ours) and job.traced.stays_shut(job.record, ours)
+            readings[mine] = job.read(ours) if apart else job.alone()
             effort.update(readings=1, alone=int(not apart))
         yield readings[mine]
         left[mine] -= 1
@@ -106,6 +116,11 @@ def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array]:
             uses[key] -= 1
             if not uses[key]:
                 del traces[key]
+
+
+def _finite(traces: Sequence[Array]) -> bool:
+    """Whether no trace has become NaN: it would be until its end."""
+    return all(bool(np.isfinite(trace[-1]).all()) for trace in traces)
 
 
 def _next_pack(missing: dict[Key, tuple[LaneSpring, KeptTraces, bool]]) -> dict[Key, Array]:

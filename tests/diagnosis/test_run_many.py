@@ -8,7 +8,16 @@ import pytest
 from bench_protocol.units import mm
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.parameters import load
-from diagnosis.contracts import BatchSimulator, Channel, Dataset, Experiment, Job, MeasuredRun, Nuisance
+from diagnosis.contracts import (
+    BatchSimulator,
+    Channel,
+    Dataset,
+    Experiment,
+    Job,
+    MeasuredRun,
+    Nuisance,
+    RoughSimulator,
+)
 from diagnosis.engine.fitting.point import base_point
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.runs import measured_channels
@@ -74,6 +83,57 @@ def test_the_whole_catalogue_is_the_same_in_many_as_in_one(bench):
         apart = np.abs(outputs - alone).max(axis=0) / bench.noise
         moved = np.abs(alone - base).max(axis=0) / bench.noise
         assert apart.max() < 1e-4 + 1e-5 * moved.max(), name
+
+
+def test_differences_of_rough_runs_are_those_of_good_ones(bench):
+    """Of the whole catalogue: within two hundredths of each, most within a thousandth; none of what is too quick."""
+    names, jobs = zip(*everything(bench.simulator, shaken("rough", 3.0)), strict=True)
+    fine = list(bench.simulator.run_many(jobs))
+    rough = list(bench.simulator.run_roughly(jobs))
+    error = np.abs(rough[0] - fine[0]).max(axis=0) / bench.noise
+    assert 0.01 < error.max() < 1.0, "the longer step has errors of its own"
+    apart, alone = {}, set()
+    for name, one, other in zip(names[1:], fine[1:], rough[1:], strict=True):
+        if other is None:
+            alone.add(name)
+            continue
+        column, again = (one - fine[0]) / bench.noise, (other - rough[0]) / bench.noise
+        if np.linalg.norm(column) > 1.0:
+            apart[name] = max(np.linalg.norm(again - column) / np.linalg.norm(column), apart.get(name, 0.0))
+    quick = {
+        "pipe_inertia",
+        "force_latency",
+        "pressure_latency",
+        "clock_skew",
+        "sample_and_hold",
+        "fractional",
+    }
+    assert alone == quick
+    assert max(apart.values()) < 0.02, apart
+    assert np.median(list(apart.values())) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"maxwell": {"ratio": 0.1, "time": 4e-3}},
+        {"flow_surface": {"c_4_1": 5.0}},
+    ],
+)
+def test_what_a_longer_step_cannot_follow_is_not_done_roughly(bench, effects):
+    """Rubber that relaxes within a step, and a passage of air so wide that pressures are equal within one."""
+    experiment = shaken("stiff")
+    assert list(bench.simulator.run_roughly([Job(experiment, {}, effects)])) == [None]
+    (outputs,) = bench.simulator.run_many([Job(experiment, {}, effects)])
+    assert np.isfinite(outputs).all()
+
+
+def test_samples_that_are_close_enough_already_are_not_done_more_roughly(bench):
+    close = shaken("close", 1.0)
+    close = Experiment("close", 0.4 * close.time, close.inputs, close.settings)
+    jobs = [Job(close, {}, {}), Job(close, {}, {"leak.left": {"area": 1e-7}})]
+    for one, other in zip(bench.simulator.run_many(jobs), bench.simulator.run_roughly(jobs), strict=True):
+        assert np.array_equal(one, other)
 
 
 @pytest.mark.parametrize(
@@ -213,6 +273,37 @@ def test_a_replay_asks_for_many_where_it_can(workers):
     assert sorted(many.calls) == ([3, 6, 6] if workers == 1 else [2, 2, 3, 4, 4])
 
 
+class RoughLines(ManyLines):
+    """Rough outputs are off by a constant; where the slope is larger than ``most`` there are none."""
+
+    most = np.inf
+
+    def run_roughly(self, jobs):
+        for job in jobs:
+            outputs = Line().run(job.experiment, job.parameters, job.effects) + 100.0
+            yield outputs if job.parameters["a"] < self.most else None
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("most", [np.inf, 1.005, -np.inf])
+def test_differences_are_between_two_rough_outputs_or_two_good_ones(workers, most, monkeypatch):
+    monkeypatch.setattr("diagnosis.engine.fitting.replay.LEAST_ROUGH", 2)
+    time = np.linspace(0.0, 1.0, 11)
+    still = np.zeros(11, bool)
+    runs = tuple(
+        MeasuredRun(Experiment(f"{k}", time, {}), np.zeros((11, 1)), ~still, still) for k in range(3)
+    )
+    point = base_point(Line.nuisances, ["0", "1", "2"])
+    point = point.at(np.array([1.0, 2.0, 3.0, 4.0]))
+    simulator = RoughLines()
+    simulator.most = most
+    replay = Replay(simulator, runs, workers)
+    for columns in replay.sensitivities(point, replay.predictions(point)):
+        assert [columns.along(unit) for unit in np.eye(2)] == pytest.approx(
+            np.vstack([time, np.ones(11)]), abs=1e-5
+        )
+
+
 def test_a_simulator_of_which_fewer_channels_were_measured_still_does_many_jobs_at_once(bench, integrated):
     """The channels of the data choose columns; who measured nothing but pressures is not made to wait for that."""
     experiment = shaken("few", seconds=1.0)
@@ -226,6 +317,9 @@ def test_a_simulator_of_which_fewer_channels_were_measured_still_does_many_jobs_
     assert len(integrated) == 2
     assert np.abs((outputs - run.outputs) / bench.noise[kept]).max() < 1e-3
     assert few.unseen_errors == bench.simulator.unseen_errors
+    assert isinstance(few, RoughSimulator)
+    (outputs,) = few.run_roughly([Job(experiment, {}, {})])
+    assert outputs.shape == run.outputs.shape
 
 
 def test_a_run_may_seem_shifted_sideways_as_by_the_zero_of_its_transducer(bench):

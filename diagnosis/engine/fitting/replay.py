@@ -6,15 +6,34 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import ceil
+from typing import TypeVar
 
 import numpy as np
 
-from diagnosis.contracts import Array, BatchSimulator, DiagnosisError, Job, MeasuredRun, Simulator
+from diagnosis.contracts import (
+    Array,
+    BatchSimulator,
+    DiagnosisError,
+    Job,
+    MeasuredRun,
+    RoughSimulator,
+    Simulator,
+)
 from diagnosis.engine.columns import Columns, ColumnsInWork, apart, packing_of, squares
-from diagnosis.engine.config import LEAST_BATCH, MOST_BATCH, SPOILT
+from diagnosis.engine.config import LEAST_BATCH, LEAST_ROUGH, MOST_BATCH, SPOILT
 from diagnosis.engine.fitting.point import Point, halved, neighbour, opposite
 from diagnosis.engine.fitting.steady import chosen, root_mean_squares, steady
 from diagnosis.engine.simulation import checked, simulate
+
+Out = TypeVar("Out")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Base:
+    """Where differences begin: the ``predictions`` (n, c) of each run at a point, and its ``rough`` outputs, if any."""
+
+    predictions: Sequence[Array]
+    rough: Sequence[Array | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +72,7 @@ class Replay:
     def predictions(self, point: Point) -> list[Array]:
         """Simulate every run at a point."""
         found: dict[int, Array] = {}
-        self._simulate([(r, point) for r in range(len(self.runs))], found.__setitem__)
+        self._simulate([(r, point) for r in range(len(self.runs))], found.__setitem__, self._outputs)
         return [found[r] for r in range(len(self.runs))]
 
     def residuals(self, predictions: Sequence[Array]) -> list[Array]:
@@ -79,18 +98,19 @@ class Replay:
         """
         wanted = [point.places_of(record) for record in self.records] if places is None else places
         kept = [[not point.coordinates[i].owner for i in own] for own in wanted]
+        base = self.base(point, predictions, [len(own) for own in wanted])
         ahead = {i: neighbour(point, i) for i in sorted({i for own in wanted for i in own})}
         back = {i: opposite(point, to, distance) for i, (to, distance) in ahead.items()}
-        first = self.differences(predictions, [[ahead[i] for i in own] for own in wanted])
+        first = self.differences(base, [[ahead[i] for i in own] for own in wanted])
         twice = [[steady or central for steady in mine] for mine in kept]
-        second = self.differences(predictions, chosen(back, wanted, twice))
+        second = self.differences(base, chosen(back, wanted, twice))
         errors = root_mean_squares(self.residuals(predictions))
         halves = [{i: halved(point, *step) for i, step in steps.items()} for steps in (ahead, back)]
         spoilt = [
             np.array(mine, bool) & (apart(a, b, errors) > SPOILT * squares(a, errors))
             for mine, a, b in zip(kept, first, second, strict=True)
         ]
-        third, fourth = (self.differences(predictions, chosen(half, wanted, spoilt)) for half in halves)
+        third, fourth = (self.differences(base, chosen(half, wanted, spoilt)) for half in halves)
         return [
             steady(parts, np.array((1.0 - half, half, 0.0 * half, 0.0 * half)), again, errors)
             for *parts, half, again in zip(
@@ -98,24 +118,53 @@ class Replay:
             )
         ]
 
-    def differences(
-        self, predictions: Sequence[Array], steps: Sequence[Sequence[tuple[Point, float] | None]]
-    ) -> list[Columns]:
-        """Return the difference quotients of each run to its own k points at signed distances, 0 to None."""
+    def base(self, point: Point, predictions: Sequence[Array], counts: Sequence[int]) -> Base:
+        """Return where differences begin, of each run so many that may be worth a rough simulation of its own."""
+        rough: list[Array | None] = [None] * len(self.runs)
+        if isinstance(self.simulator, RoughSimulator):
+            worth = [(r, point) for r, count in enumerate(counts) if count >= LEAST_ROUGH]
+
+            def keep(i: int, outputs: Array | None) -> None:
+                rough[worth[i][0]] = outputs
+
+            self._simulate(worth, keep, self._roughly)
+        return Base(predictions, rough)
+
+    def differences(self, base: Base, steps: Sequence[Sequence[tuple[Point, float] | None]]) -> list[Columns]:
+        """Return the difference quotients of each run to its own k points at signed distances, 0 to None.
+
+        Both outputs are rough ones, or none is.
+        """
         columns = [
             ColumnsInWork(packing_of(run), len(own)) for run, own in zip(self.runs, steps, strict=True)
         ]
-
         jobs = [(r, k, *step) for r, own in enumerate(steps) for k, step in enumerate(own) if step]
+        exact = [job for job in jobs if base.rough[job[0]] is None]
+        rough = [job for job in jobs if base.rough[job[0]] is not None]
+
+        def divide_rough(i: int, outputs: Array | None) -> None:
+            r, k, _, distance = rough[i]
+            start = base.rough[r]
+            if outputs is None or start is None:
+                exact.append(rough[i])
+            else:
+                columns[r].put(k, outputs, start, distance)
 
         def divide(i: int, outputs: Array) -> None:
-            r, k, _, distance = jobs[i]
-            columns[r].put(k, outputs, predictions[r], distance)
+            r, k, _, distance = exact[i]
+            columns[r].put(k, outputs, base.predictions[r], distance)
 
-        self._simulate([(r, point) for r, _, point, _ in jobs], divide)
+        self._simulate([(r, point) for r, _, point, _ in rough], divide_rough, self._roughly)
+        exact.sort(key=lambda job: job[:2])  # Threads append in any order.
+        self._simulate([(r, point) for r, _, point, _ in exact], divide, self._outputs)
         return [of_run.done() for of_run in columns]
 
-    def _simulate(self, places: Sequence[tuple[int, Point]], use: Callable[[int, Array], None]) -> None:
+    def _simulate(
+        self,
+        places: Sequence[tuple[int, Point]],
+        use: Callable[[int, Out], None],
+        run: Callable[[Sequence[Job]], Iterator[Out]],
+    ) -> None:
         """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""
         jobs = [self._job(self.runs[r], point) for r, point in places]
         size = max(LEAST_BATCH, min(MOST_BATCH, ceil(len(jobs) / self.workers)))
@@ -123,7 +172,7 @@ class Replay:
             size = 1
 
         def work(start: int) -> None:
-            for i, outputs in enumerate(self._outputs(jobs[start : start + size]), start):
+            for i, outputs in enumerate(run(jobs[start : start + size]), start):
                 use(i, outputs)
 
         starts = range(0, len(jobs), size)
@@ -142,6 +191,11 @@ class Replay:
         else:
             for job in jobs:
                 yield simulate(self.simulator, job)
+
+    def _roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
+        assert isinstance(self.simulator, RoughSimulator)
+        for job, outputs in zip(jobs, self.simulator.run_roughly(jobs), strict=True):
+            yield None if outputs is None else checked(self.simulator, job, outputs)
 
     @staticmethod
     def _job(run: MeasuredRun, point: Point) -> Job:

@@ -1,0 +1,93 @@
+"""An experiment as the replay of the bench takes it: where its plates go, what its valves do."""
+
+from collections import OrderedDict
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from bench_sim.model.effects import effect as bench
+from bench_sim.model.layout import INPUTS, Input
+from bench_sim.model.replay import Motion
+from bench_sim.model.traces import TracedReplay
+from diagnosis.contracts import Array, DiagnosisError, Experiment
+from diagnosis.systems.air_spring_batch import KeptTraces
+
+_VALVES: Final = {
+    "left.leveling": Input.LEFT_LEVELING,
+    "right.leveling": Input.RIGHT_LEVELING,
+    "left.reservoir": Input.LEFT_RESERVOIR_VALVE,
+    "right.reservoir": Input.RIGHT_RESERVOIR_VALVE,
+    "dpv": Input.DPV_CONNECTED,
+}
+
+
+class PreparedRun:
+    """The motion and inputs of an experiment as the replay takes them, and the latest outputs that were simulated."""
+
+    def __init__(self, experiment: Experiment, par: Any, step: float) -> None:
+        self.experiment = experiment
+        n = len(experiment.time)
+        self.motion = Motion.through(_motion(experiment, par), experiment.step)
+        if "lateral.acceleration" in experiment.inputs:
+            # An accelerometer is quieter than the second derivative of a displacement.
+            self.motion.acceleration[:, 0] = experiment.inputs["lateral.acceleration"]
+        self.inputs = np.zeros((n, INPUTS))
+        self.inputs[:, Input.SUPPLY] = 1.0
+        for name, place in _VALVES.items():
+            default = 1.0 if name.endswith("reservoir") else 0.0
+            self.inputs[:, place] = given(experiment, name, default)
+        self.supply = (
+            given(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure
+        )
+        self.speeds = _actuator_speeds(self.motion, par)
+        self.outputs: OrderedDict[str, Array] = OrderedDict()
+        self.kept = KeptTraces()
+        self._par, self._step = par, step
+
+    @cached_property
+    def traced(self) -> TracedReplay:
+        """The replay in lanes."""
+        return self._traced(self._step)
+
+    @cached_property
+    def rough(self) -> TracedReplay:
+        """The same by steps of twice the length, or the same one if the samples are too close for that."""
+        longer = self._traced(2.0 * self._step)
+        return longer if longer.steps < self.traced.steps else self.traced
+
+    def _traced(self, step: float) -> TracedReplay:
+        start = self.experiment.settings.get("start", 0.0)
+        return TracedReplay(self._par, self.motion, self.inputs, self.supply, step=step, start=start)
+
+
+def given(experiment: Experiment, name: str, default: float | None = None) -> Array:
+    """Return an input (n,) of an experiment, or its default everywhere; DiagnosisError where there is neither."""
+    values = experiment.inputs.get(name)
+    if values is not None:
+        return values
+    if default is None:
+        raise DiagnosisError(f"run {experiment.name} has no input {name}; without it nothing can be replayed")
+    return np.full(len(experiment.time), default)
+
+
+def _actuator_speeds(motion: Motion, par: Any) -> dict[str, Array]:
+    """Speeds (n,) of the bolster where the actuators are pinned, up or left positive, by the names of their forces."""
+    y, z, phi = motion.speed[:, :3].T
+    return {
+        "vertical_left.force": z + par.actuator_half_spacing * phi,
+        "vertical_right.force": z - par.actuator_half_spacing * phi,
+        "lateral.force": y - par.lateral_actuator_height * phi,
+    }
+
+
+def _motion(experiment: Experiment, par: Any) -> Array:
+    """Displacements (n, 6) of bolster and platform: lateral, vertical, roll of each.
+
+    φ_B = (ζ_L − ζ_R)/2b + φ_P,  z_B = (ζ_L + ζ_R)/2 + z_P,  y_B = y − e φ_B + y_P − h φ_P
+    """
+    left, right = (given(experiment, f"{side}.height") for side in bench.PLACES)
+    z, y, phi = (given(experiment, f"platform.{axis}", 0.0) for axis in ("vertical", "lateral", "roll"))
+    roll = 0.5 * (left - right) / par.spring_half_spacing + phi
+    lateral = given(experiment, "shear", 0.0) - par.centre_height * roll + y - par.column_height * phi
+    return np.column_stack((lateral, 0.5 * (left + right) + z, roll, y, z, phi))
