@@ -87,11 +87,14 @@ def prepare_lags(mem: Any, par: Any, dt: float) -> None:
 
 @compiled
 def lagged(mem: Any, k: int, value: float) -> float:
-    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b (s_n − 2 s_{n−1} + s_{n−2}), by `prepare_lags`."""
+    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b (s_n − 2 s_{n−1} + s_{n−2}), by `prepare_lags`.
+
+    The first step is straight: what was before it is not known to have been on the same curve.
+    """
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]
     last = mem.sensor_input[k]
-    bend = value - 2.0 * last + mem.sensor_input_before[k]
+    bend = value - 2.0 * last + mem.sensor_input_before[k] if mem.step > 1 else 0.0
     return (
         decay * mem.sensor_output[k] + (1.0 - ramp) * value + (ramp - decay) * last + mem.lag_bend[k] * bend
     )

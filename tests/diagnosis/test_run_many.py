@@ -26,9 +26,10 @@ from diagnosis.systems.air_spring import AirSpring
 
 
 def shaken(name, seconds=2.0, rate=1.0, inputs=None, **settings):
-    """Both springs shaken, each by its own motion."""
+    """Both springs shaken, each by its own motion, from rest and without a jump of the acceleration."""
     time = 5e-3 * np.arange(round(200 * seconds))
-    tau, fade = 2.0 * np.pi * rate * time, np.clip(2.0 * time, 0.0, 1.0)
+    tau, begun = 2.0 * np.pi * rate * time, np.clip(2.0 * time, 0.0, 1.0)
+    fade = begun**3 * (10.0 - 15.0 * begun + 6.0 * begun**2)
     motion = {
         "left.height": fade * (3 * mm * np.sin(tau) + 1 * mm * np.sin(5.0 * tau)),
         "right.height": fade * (3 * mm * np.sin(tau) - 2 * mm * np.sin(0.6 * tau)),
