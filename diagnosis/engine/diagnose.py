@@ -46,6 +46,7 @@ from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.suspects import suspects
+from diagnosis.engine.threads import aside
 from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.verdict import Judgement, final, judge
 from diagnosis.engine.wording import cause, rivals, scores, sentence
@@ -106,7 +107,10 @@ def _finding(
     """Compare both models and put everything that was concluded into the finding."""
     found, extended, named = judgement.found, judgement.model, judgement.screened.model
     base = _base_model(found, extended, named)
-    tests = panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else []
+    watching = aside(
+        config.workers,
+        lambda: panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else [],
+    )
     role, runs = held_back(data)
     after = predict(extended, runs, fixed=True)
     floors = not_above(found.floors, extended, after)
@@ -145,7 +149,7 @@ def _finding(
         next_runs=next_runs,
         next_sensors=next_sensors,
         shifts=shifts(best, extended, covariance if extended is named else widened(extended, ())),
-        panel=tests,
+        panel=watching(),
         confusability=confusability(screening),
         unknowns=list(judgement.unknowns),
         remains=_remains(data, judgement, left),

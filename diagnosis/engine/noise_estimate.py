@@ -25,11 +25,12 @@ import numpy as np
 from diagnosis.contracts import Array
 from diagnosis.engine.columns import Columns, packing_of
 from diagnosis.engine.config import DISPERSION_BLOCKS, VISIBLE_PART
-from diagnosis.engine.fitting.linear import Linearisation, Projection
+from diagnosis.engine.fitting.linear import Block, Linearisation, Projection
 from diagnosis.engine.fitting.linearise import from_quotients
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints
 from diagnosis.engine.noise import Noise, estimate, quietest, white
+from diagnosis.engine.threads import in_threads
 from diagnosis.engine.whitening import filters
 
 
@@ -47,18 +48,20 @@ def leftover_noise(replay: Replay, around: Footprints) -> Noise:
         deviations.append(max(float(np.sqrt(np.mean(errors**2))), quietest(channel), 1e-150))
     whiten = filters(white(deviations), replay.runs)
     linear = from_quotients(replay, point, whiten, residuals, around.parameter_columns)
-    projection = linear.project(f.columns(parts) for f, parts in zip(whiten, around.looked_for, strict=True))
+    extra = (f.columns(parts) for f, parts in zip(whiten, around.looked_for, strict=True))
+    projection = linear.project(extra, replay.workers)
     amplitudes = projection.estimate
     numbers = linear.step() - projection.regression @ amplitudes
-    leftovers = []
-    for run, residual, own, parts in zip(
-        replay.runs, residuals, around.parameter_columns, around.looked_for, strict=True
-    ):
-        packing, ends = packing_of(run), np.cumsum([part.size for part in parts])[:-1]
-        explained = own.along(numbers[point.places_of(run.experiment.record)])
+
+    def leftover(r: int) -> Array:
+        run, parts = replay.runs[r], around.looked_for[r]
+        ends = np.cumsum([part.size for part in parts])[:-1]
+        explained = around.parameter_columns[r].along(numbers[point.places_of(run.experiment.record)])
         for part, mine in zip(parts, np.split(amplitudes, ends), strict=True):
             explained += part.along(mine)
-        leftovers.append(residual - packing.spread(explained))
+        return residuals[r] - packing_of(run).spread(explained)
+
+    leftovers = in_threads(replay.workers, leftover, range(len(replay.runs)))
     spent = len(numbers) + int(np.linalg.matrix_rank(projection.cosines, tol=VISIBLE_PART))
     return estimate(channels, leftovers, masks, spent=spent)
 
@@ -68,26 +71,30 @@ def overdispersion(
     columns: Sequence[Columns],
     projection: Projection,
     directions: Array | None = None,
+    workers: int = 1,
 ) -> Array:
     """Return by how much the scores of columns scatter more than whitened noise allows (m,), at least 1.
 
     ``projection`` is that of the ``columns`` of each run. Of sums of them it is told if each has its coefficients in a
     row of ``directions`` (v, m). What the columns explain together counts as no error, so that an effect does not hide
-    itself.
+    itself. So many ``workers`` share the runs.
     """
     directions = np.eye(columns[0].size) if directions is None else directions
     seen = projection.along(directions)
     explained = directions.T @ seen.estimate
     imitated = projection.regression @ explained
     length = max(1, sum(len(block.packing.counted) for block in linearisation.blocks) // DISPERSION_BLOCKS)
-    squares, count = np.zeros(len(directions)), 0
-    for block, extra in zip(linearisation.blocks, columns, strict=True):
+
+    def scatter(pair: tuple[Block, Columns]) -> tuple[Array, int]:
+        block, extra = pair
         error = block.residual - extra.along(explained) + block.along(imitated)
         stretches = block.packing.blocks(length)
         own = np.concatenate([x.by_block(error, stretches) for _, x in block.parts])
         score = extra.by_block(error, stretches) - projection.regression[block.places].T @ own
-        squares += np.sum((directions @ score) ** 2, axis=1)
-        count += stretches.shape[1] - 1
+        return np.sum((directions @ score) ** 2, axis=1), stretches.shape[1] - 1
+
+    runs = in_threads(workers, scatter, zip(linearisation.blocks, columns, strict=True))
+    squares, count = sum((one for one, _ in runs), np.zeros(len(directions))), sum(n for _, n in runs)
     expected = seen.norm**2
     ratio = np.divide(squares, expected, out=np.ones_like(squares), where=seen.norm > 0.0)
     return np.maximum(ratio * count / max(count - 1, 1), 1.0)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, islice
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from diagnosis.engine.columns import Columns
 from diagnosis.engine.fitting.linear import Linearisation, Projection, solve
 from diagnosis.engine.noise_estimate import overdispersion
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
+from diagnosis.engine.threads import in_threads
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,19 +49,22 @@ def score_tests(
     columns: Sequence[Columns],
     projection: Projection,
     candidates: int,
+    workers: int = 1,
 ) -> tuple[Omnibus, ...]:
-    """Test every surface.
+    """Test every surface; so many ``workers`` share them.
 
     The whitened ``columns`` of each run, and their ``projection``, are those of so many ``candidates``, then of the
     surfaces.
     """
-    tests, start = [], candidates
-    for surface in surfaces:
-        inside = slice(start, start + len(surface.coefficients))
+
+    def test(one: tuple[Surface, int]) -> Omnibus:
+        surface, stop = one
+        inside = slice(stop - len(surface.coefficients), stop)
         own = [of_run.chosen(range(inside.start, inside.stop)) for of_run in columns]
-        tests.append(_score_test(linearisation, surface, own, projection, candidates, inside))
-        start = inside.stop
-    return tuple(tests)
+        return _score_test(linearisation, surface, own, projection, candidates, inside)
+
+    ends = accumulate((len(surface.coefficients) for surface in surfaces), initial=candidates)
+    return tuple(in_threads(workers, test, zip(surfaces, islice(ends, 1, None), strict=True)))
 
 
 def _score_test(

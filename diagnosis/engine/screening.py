@@ -18,7 +18,6 @@ a score is measured in. Where only one sign of an amplitude is physical, a score
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -34,8 +33,9 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Candidate, Footprints
 from diagnosis.engine.noise_estimate import leftover_noise, overdispersion
 from diagnosis.engine.omnibus import Omnibus, score_tests
+from diagnosis.engine.threads import in_threads
 from diagnosis.engine.threshold import threshold
-from diagnosis.engine.whitening import Filter, filters
+from diagnosis.engine.whitening import filters
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,18 +136,21 @@ def fit_and_screen(
     count = len(around.candidates)
     noise = leftover_noise(replay, around)
     whiten = filters(noise, replay.runs)
-    with ThreadPoolExecutor(replay.workers) as pool:
-        columns = list(pool.map(Filter.columns, whiten, around.looked_for))
+    workers = replay.workers
+    columns = in_threads(
+        workers, lambda one: one[0].columns(one[1]), zip(whiten, around.looked_for, strict=True)
+    )
     residuals = replay.residuals(around.predictions)
     known = from_quotients(replay, around.point, whiten, residuals, around.parameter_columns)
     model = fit(replay, noise, around.point, known)
-    inflation = overdispersion(model.linearisation, columns, model.linearisation.project(columns))
+    projection = model.linearisation.project(columns, workers)
+    inflation = overdispersion(model.linearisation, columns, projection, workers=workers)
     noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
     model = fit(replay, noise, model.point, model.linearisation, steps=steps)
-    projection = model.linearisation.project(columns)
+    projection = model.linearisation.project(columns, workers)
     surfaces = replay.simulator.surfaces if around.surface_columns else ()
     return ScreenedModel(
         model,
         Screening(around.candidates, projection.of(slice(count)), inflation[:count], alpha, seed),
-        score_tests(model.linearisation, surfaces, columns, projection, count),
+        score_tests(model.linearisation, surfaces, columns, projection, count, workers),
     )

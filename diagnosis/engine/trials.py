@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 from diagnosis.engine.config import SUBSTITUTE, WITH_RELATIVES
 from diagnosis.engine.family import richer_surcharge
@@ -28,6 +29,7 @@ from diagnosis.engine.footprints import candidates, confirmed, footprints
 from diagnosis.engine.gates import merely_rough, unfit, unphysical, useless
 from diagnosis.engine.screening import fit_and_screen
 from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
+from diagnosis.engine.threads import in_threads
 
 
 def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -> CurrentModel:
@@ -64,16 +66,14 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     """Fit what stands out against the current model, with its relatives, and judge it; best BIC first."""
-    current, best = state.current, math.inf
-    fitted: list[tuple[Trial, FittedModel | None]] = []
-    for name, place in _wanted(problem, current).items():
-        model = refit(problem, current.screening.start(current.model.point, place), current, best)
-        best = min(best, model.penalised_chi2)
-        failed = unfit(model, current.model) or too_rough(problem, current, model)
-        physical = not unphysical(model, current.model)
-        surcharge = richer_surcharge(problem, name, model, current)
-        # A model is large, and nothing is asked of one that has failed.
-        fitted.append((trial_of(name, model, None, failed, physical, surcharge), None if failed else model))
+    current = state.current
+    wanted = list(_wanted(problem, current).items())
+    if not wanted:
+        return ()
+    first, *others = wanted
+    fitted = [_fitted(problem, current, math.inf, first)]
+    best = fitted[0][0].penalised_chi2
+    fitted += in_threads(problem.replay.workers, partial(_fitted, problem, current, best), others)
     fitted.sort(key=lambda one: one[0].bic)
     trials = [trial for trial, _ in fitted]
     for i, (trial, passed) in enumerate(fitted):
@@ -84,6 +84,21 @@ def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
             if not failed:
                 break
     return tuple(trials)
+
+
+def _fitted(
+    problem: Problem, current: CurrentModel, target: float, wanted: tuple[str, int]
+) -> tuple[Trial, FittedModel | None]:
+    """Fit a hypothesis from a point of its grid, and judge it; a model is large, and one that has failed is not kept.
+
+    ``target`` is the penalised χ² of the one with the highest score, in whose light the others are fitted.
+    """
+    name, place = wanted
+    model = refit(problem, current.screening.start(current.model.point, place), current, target)
+    failed = unfit(model, current.model) or too_rough(problem, current, model)
+    physical = not unphysical(model, current.model)
+    surcharge = richer_surcharge(problem, name, model, current)
+    return trial_of(name, model, None, failed, physical, surcharge), None if failed else model
 
 
 def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:

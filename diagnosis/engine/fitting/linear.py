@@ -16,6 +16,7 @@ from diagnosis.contracts import Array
 from diagnosis.engine.columns import Columns, Packing
 from diagnosis.engine.config import EIGENVALUE_FLOOR, VISIBLE_PART
 from diagnosis.engine.fitting.point import Point
+from diagnosis.engine.threads import in_threads
 from diagnosis.engine.whitening import Filter
 
 #: Columns with the coordinates of the point that they belong to.
@@ -55,6 +56,11 @@ class Block:
         (_, shared), (_, own) = self.parts
         mixed = shared.against(own)
         return np.block([[shared.gram, mixed], [mixed.T, own.gram]])
+
+    def multiplied(self) -> Block:
+        """Return the block once the inner products of its columns are made, which these keep."""
+        _ = self.gram
+        return self
 
     def against(self, further: Columns) -> Array:
         """Return the inner products (k, m) of all columns with m further ones."""
@@ -211,16 +217,17 @@ class Linearisation:
         """Return the covariance (k, k) of the numbers by Laplace's approximation."""
         return inverse(self.information)
 
-    def project(self, extra: Iterable[Columns]) -> Projection:
-        """Project whitened columns of each run onto what no coordinate can imitate."""
-        size = len(self.point.numbers)
-        mixed, own, score = np.zeros((size, 1)), np.zeros((1, 1)), np.zeros(1)
-        for block, further in zip(self.blocks, extra, strict=True):
-            of_run = np.zeros((size, further.size))
-            of_run[block.places] = block.against(further)
-            mixed = mixed + of_run
-            own = own + further.gram
-            score = score + further.times(block.residual)
+    def project(self, extra: Iterable[Columns], workers: int = 1) -> Projection:
+        """Project whitened columns of each run onto what no coordinate can imitate; so many ``workers`` share them."""
+
+        def products(pair: tuple[Block, Columns]) -> tuple[Array, Array, Array]:
+            block, further = pair
+            mixed = np.zeros((len(self.point.numbers), further.size))
+            mixed[block.places] = block.against(further)
+            return mixed, further.gram, further.times(block.residual)
+
+        runs = in_threads(workers, products, zip(self.blocks, extra, strict=True))
+        mixed, own, score = (np.sum(parts, axis=0) for parts in zip(*runs, strict=True))
         regression = solve(self.information, mixed)
         return Projection(
             own - mixed.T @ regression,

@@ -9,6 +9,7 @@ from diagnosis.engine.columns import Columns
 from diagnosis.engine.fitting.linear import Block, Linearisation, Prior, Raw, prior_of
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.threads import in_threads
 from diagnosis.engine.whitening import Filter
 
 
@@ -37,8 +38,9 @@ def linearise(
     ]
     quotients = replay.sensitivities(point, predictions, missing, central=central)
     residuals = replay.residuals(predictions)
-    blocks = []
-    for r, filter_ in enumerate(whiten):
+
+    def block(r: int) -> Block:
+        filter_ = whiten[r]
         count = quotients[r].size - len(effects[r])
         raw, white = shared[r] or (Raw(quotients[r].chosen(range(count)), filter_), None)
         if white is None or raw.passed is not filter_:
@@ -46,8 +48,9 @@ def linearise(
             white = filter_.columns([raw.columns])
         own = filter_.columns([quotients[r].chosen(range(count, quotients[r].size))])
         parts = (nuisances[r], white), (effects[r], own)
-        blocks.append(Block(replay.names[r], filter_.packing, filter_(residuals[r]), parts, raw))
-    return Linearisation(point, prior, tuple(blocks))
+        return Block(replay.names[r], filter_.packing, filter_(residuals[r]), parts, raw).multiplied()
+
+    return Linearisation(point, prior, tuple(in_threads(replay.workers, block, range(len(whiten)))))
 
 
 def from_quotients(
@@ -58,15 +61,17 @@ def from_quotients(
     quotients: Sequence[Columns],
 ) -> Linearisation:
     """Linearise a model whose quotients by run are there already, under the priors of its parameters."""
-    blocks = []
-    for run, filter_, residual, columns in zip(replay.runs, whiten, residuals, quotients, strict=True):
+
+    def block(r: int) -> Block:
+        run, filter_, columns = replay.runs[r], whiten[r], quotients[r]
         record = run.experiment.record
         order, (shared, own) = point.places_of(record), _parted(point, record)
         raw = Raw(columns.chosen([order.index(i) for i in shared]), filter_)
         of_effects = columns.chosen([order.index(i) for i in own])
         parts = (shared, filter_.columns([raw.columns])), (own, filter_.columns([of_effects]))
-        blocks.append(Block(run.experiment.name, filter_.packing, filter_(residual), parts, raw))
-    return Linearisation(point, prior_of(point), tuple(blocks))
+        return Block(run.experiment.name, filter_.packing, filter_(residuals[r]), parts, raw).multiplied()
+
+    return Linearisation(point, prior_of(point), tuple(in_threads(replay.workers, block, range(len(whiten)))))
 
 
 def _parted(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import ceil
 from typing import TypeVar
@@ -24,6 +23,7 @@ from diagnosis.engine.config import LEAST_BATCH, LEAST_ROUGH, MOST_BATCH, SPOILT
 from diagnosis.engine.fitting.point import Point, halved, neighbour, opposite
 from diagnosis.engine.fitting.steady import chosen, root_mean_squares, steady
 from diagnosis.engine.simulation import checked, simulate
+from diagnosis.engine.threads import in_threads
 
 Out = TypeVar("Out")
 
@@ -175,14 +175,7 @@ class Replay:
             for i, outputs in enumerate(run(jobs[start : start + size]), start):
                 use(i, outputs)
 
-        starts = range(0, len(jobs), size)
-        if self.workers <= 1 or len(starts) < 2:
-            for start in starts:
-                work(start)
-            return
-        with ThreadPoolExecutor(self.workers) as pool:
-            for _ in pool.map(work, starts):
-                pass
+        in_threads(self.workers, work, range(0, len(jobs), size))
 
     def _outputs(self, jobs: Sequence[Job]) -> Iterator[Array]:
         if isinstance(self.simulator, BatchSimulator):

@@ -1,0 +1,33 @@
+"""Several threads for what does not depend on each other: long loops over samples release the interpreter meanwhile.
+
+What comes out is the same for any number of workers: results keep the order of what they were asked for, and nothing
+that one of them finds may change what another one does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Given = TypeVar("Given")
+Found = TypeVar("Found")
+
+
+def in_threads(workers: int, function: Callable[[Given], Found], given: Iterable[Given]) -> list[Found]:
+    """Return what a function makes of each item, by so many workers."""
+    items = list(given)
+    if workers <= 1 or len(items) < 2:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(min(workers, len(items))) as pool:
+        return list(pool.map(function, items))
+
+
+def aside(workers: int, function: Callable[[], Found]) -> Callable[[], Found]:
+    """Begin a calculation beside whatever follows, and return what waits for its result; one worker begins it then."""
+    if workers <= 1:
+        return function
+    pool = ThreadPoolExecutor(1)
+    future = pool.submit(function)
+    pool.shutdown(wait=False)
+    return future.result
