@@ -1,7 +1,8 @@
 """Memory that was used once goes back to the system: a diagnosis makes hundreds of megabytes of columns and drops them.
 
 The C library keeps what is freed between what is still in use, in a heap for each thread, and asks for more elsewhere:
-after a few rounds a process is half as large again as what it holds.
+after a few rounds a process is half as large again as what it holds. What goes back has to be got again, page by page:
+so it does where much was dropped, and not after every simulation.
 """
 
 from __future__ import annotations

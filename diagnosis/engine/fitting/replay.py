@@ -22,7 +22,6 @@ from diagnosis.engine.columns import Columns, ColumnsInWork, apart, packing_of, 
 from diagnosis.engine.config import LEAST_BATCH, LEAST_ROUGH, MOST_BATCH, SPOILT
 from diagnosis.engine.fitting.point import Point, halved, neighbour, opposite
 from diagnosis.engine.fitting.steady import chosen, root_mean_squares, steady
-from diagnosis.engine.memory import give_back
 from diagnosis.engine.simulation import checked, simulate
 from diagnosis.engine.threads import in_threads
 
@@ -158,9 +157,7 @@ class Replay:
         self._simulate([(r, point) for r, _, point, _ in rough], divide_rough, self._roughly)
         exact.sort(key=lambda job: job[:2])  # Threads append in any order.
         self._simulate([(r, point) for r, _, point, _ in exact], divide, self._outputs)
-        found = [of_run.done() for of_run in columns]
-        give_back()
-        return found
+        return [of_run.done() for of_run in columns]
 
     def _simulate(
         self,
