@@ -31,6 +31,7 @@ from diagnosis.engine.fitting.linearise import from_quotients
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Candidate, Footprints
+from diagnosis.engine.memory import give_back
 from diagnosis.engine.noise_estimate import leftover_noise, overdispersion
 from diagnosis.engine.omnibus import Omnibus, score_tests
 from diagnosis.engine.threads import in_threads
@@ -133,6 +134,7 @@ def fit_and_screen(
     replay: Replay, around: Footprints, *, alpha: float, seed: int, steps: int = FIT_STEPS
 ) -> ScreenedModel:
     """Estimate the noise around a model, fit the model under it, and score every candidate against it."""
+    give_back()  # What made the footprints was larger than they are.
     count = len(around.candidates)
     noise = leftover_noise(replay, around)
     whiten = filters(noise, replay.runs)

@@ -27,6 +27,7 @@ from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.footprints import candidates, confirmed, footprints
 from diagnosis.engine.gates import merely_rough, unfit, unphysical, useless
+from diagnosis.engine.memory import give_back
 from diagnosis.engine.screening import fit_and_screen
 from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
 from diagnosis.engine.threads import in_threads
@@ -98,6 +99,7 @@ def _fitted(
     failed = unfit(model, current.model) or too_rough(problem, current, model)
     physical = not unphysical(model, current.model)
     surcharge = richer_surcharge(problem, name, model, current)
+    give_back()
     return trial_of(name, model, None, failed, physical, surcharge), None if failed else model
 
 
