@@ -76,8 +76,11 @@ what exceeds that.
 What is reported is what is named, what may be a cause instead, and the suspects of an *unresolved* finding, which claim
 nothing: how often sound benches have some is told, too.
 
-Cases were counted while the diagnosis was still changed. Those whose verdict a change could touch were counted again,
-the others stand as they were; `make benchmark-diagnosis ARGS=--again` counts all anew.
+Cases were counted while the diagnosis was still changed. Since sensors [go along
+parabolas](../decisions/0041-sensors-go-along-parabolas.md) and constancy is [measured by sound
+rigs](../decisions/0042-constancy-is-measured-by-sound-rigs.md), of the bench all sibling rigs without an effect and the
+first seeds of the others were counted again, whatever had come of them; the rest stands as it was.
+`make benchmark-diagnosis ARGS=--again` counts all anew.
 
 Rates have exact 95 % intervals (Clopper and Pearson), and are told of at least 20 cases. An aim counts as met where the
 measured rate meets it; the interval says how sure that is.
