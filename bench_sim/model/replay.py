@@ -37,7 +37,7 @@ _ROUNDS: Final = 30
 def place(n: int, part: float, motion: Any, x: Any) -> None:
     """Put bolster and platform where Hermite's cubic has them, a ``part`` (0 … 1) of an interval after sample n."""
     q = motion.displacement
-    if part == 0.0:
+    if part == 0.0:  # at the sample itself, where most readings are made
         for k in range(DIRECTIONS):
             to = State.BOLSTER_LATERAL + k + (3 if k >= 3 else 0)
             x[to] = q[n, k]

@@ -72,7 +72,7 @@ def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
 
 @compiled
 def prepare_lags(mem: Any, par: Any, dt: float) -> None:
-    """Keep e = e^{−dt/τ}, g = (τ/dt)(1 − e) and (τ/dt)(g − e) − g/2 of all sensors, anew where τ or dt has changed."""
+    """Keep e = e^{−dt/τ}, g = (τ/dt)(1 − e), b = (τ/dt)(g − e) − g/2 of all sensors, anew where τ or dt changed."""
     fresh = mem.lag_step != dt
     mem.lag_step = dt
     for k in range(SENSORS):
@@ -86,15 +86,21 @@ def prepare_lags(mem: Any, par: Any, dt: float) -> None:
 
 
 @compiled
-def lagged(mem: Any, k: int, value: float) -> float:
+def curved(mem: Any) -> float:
+    """1.0, but 0.0 in the first step, which is straight: what was before is not known to be on the same curve."""
+    return 1.0 if mem.step > 1 else 0.0
+
+
+@compiled
+def lagged(mem: Any, k: int, value: float, curve: float) -> float:
     """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b (s_n − 2 s_{n−1} + s_{n−2}), by `prepare_lags`.
 
-    The first step is straight: what was before it is not known to have been on the same curve.
+    ``curve`` is that of `curved`, asked once for all sensors.
     """
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]
     last = mem.sensor_input[k]
-    bend = value - 2.0 * last + mem.sensor_input_before[k] if mem.step > 1 else 0.0
+    bend = curve * (value - 2.0 * last + mem.sensor_input_before[k])
     return (
         decay * mem.sensor_output[k] + (1.0 - ramp) * value + (ramp - decay) * last + mem.lag_bend[k] * bend
     )
@@ -149,8 +155,9 @@ def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
 @compiled
 def move_lags(mem: Any, par: Any, values: Any) -> None:
     """As `follow`, after `prepare_lags` for the same step and parameters."""
+    curve = curved(mem)
     for k in range(SENSORS):
-        output = lagged(mem, k, values[k])
+        output = lagged(mem, k, values[k], curve)
         mem.sensor_output[k] = output if abs(output) > TINY else 0.0
         mem.sensor_input_before[k] = mem.sensor_input[k]
         mem.sensor_input[k] = values[k]
@@ -163,8 +170,9 @@ def move_lags(mem: Any, par: Any, values: Any) -> None:
 @compiled
 def deliver(mem: Any, par: Any, values: Any) -> None:
     """Let the true values of one sampling instant pass the sensors' lags and delays, in place."""
+    curve = curved(mem)
     for k in range(SENSORS):
-        values[k] = lagged(mem, k, values[k])
+        values[k] = lagged(mem, k, values[k], curve)
     if arrives_late(par):
         for k in range(SENSORS):
             values[k] = delayed(mem, k, values[k], lateness(mem, par, k))

@@ -38,13 +38,13 @@ def quotients(
     """
     for c in range(len(moved)):
         after, before = outputs[c], predictions[c]
-        largest = np.float32(0.0)
+        changed = np.float32(0.0)  # a number of the width of the others: the loop stays one of vectors
         for i in range(bounds[c], bounds[c + 1]):
             k = instants[i]
             quotient = np.float32((after[k] - before[k]) / distance)
             out[i] = quotient
-            largest = largest if quotient == 0.0 else np.float32(1.0)
-        moved[c] = largest != 0.0
+            changed = changed if quotient == 0.0 else np.float32(1.0)
+        moved[c] = changed != 0.0
 
 
 @numba.njit(cache=True, nogil=True)
