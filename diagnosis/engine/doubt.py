@@ -16,6 +16,9 @@ spring leaves. Whether the spring is a cause or a likeness is asked of both:
 
 Only where a surface can do what effects do, where they are worth next to nothing beside it, and where it foretells
 something itself, are they doubtful and leave the model. Else the name stays: a surface may take what no name explains.
+
+One more is asked of each name that stays: is it there at all, if the model errs everywhere as much as surfaces show?
+The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the effect is `vague`.
 """
 
 from __future__ import annotations
@@ -35,8 +38,10 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.linear import inverse
 from diagnosis.engine.fitting.point import Point, surface_coordinates
 from diagnosis.engine.fitting.predict import predict
+from diagnosis.engine.model_error import widened
 from diagnosis.engine.omnibus import Omnibus
 from diagnosis.engine.search_state import Accepted
+from diagnosis.finding import Z95
 
 
 def doubtful(
@@ -51,6 +56,17 @@ def doubtful(
     if likenesses and _superfluous(model, test, likenesses, select, config):
         return tuple(one.effect for one in likenesses)
     return ()
+
+
+def vague(model: FittedModel, tests: Sequence[Omnibus], accepted: Sequence[Accepted]) -> tuple[str, ...]:
+    """Return the least certain accepted effect, if its amplitude may be 0 where the form errs as surfaces show."""
+    covariance = widened(model, tests)
+    certainty = {}
+    for one in accepted:
+        place = next(i for i, c in enumerate(model.point.coordinates) if c.owner == one.effect)
+        certainty[one.effect] = abs(model.point.numbers[place]) / float(np.sqrt(covariance[place, place]))
+    least = min(certainty, key=certainty.__getitem__)
+    return (least,) if certainty[least] < Z95 else ()
 
 
 def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:

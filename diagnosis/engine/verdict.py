@@ -35,7 +35,7 @@ from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
 from diagnosis.engine.config import FORETOLD, REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
 from diagnosis.engine.constancy import owed_to_form
-from diagnosis.engine.doubt import doubtful
+from diagnosis.engine.doubt import doubtful, vague
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.fitting.replay import Replay
@@ -120,6 +120,9 @@ def _leaving(
         return {least.effect: next(iter(impossible.values()))}
     if clear and (likenesses := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
         return dict.fromkeys(likenesses, f"is not needed beside {clear[0].surface.title}")
+    unsure = vague(model, screened.tests, found.accepted) if clear else ()
+    if unsure and not _foretold(problem, found, model, unsure[0]):
+        return {unsure[0]: f"may be nothing beside {clear[0].surface.title}"}
     owed = owed_to_form(model, found.accepted)
     if owed and clear:  # what has no name may be all that is wrong with the form
         beside, _ = explain(model, clear[0], screened.screening, problem.select)
