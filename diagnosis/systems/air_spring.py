@@ -360,7 +360,7 @@ def _shift(parameters: Mapping[str, float]) -> float:
 def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
     """The gas at the beginning of a run, from what its sensors read less what the model says that they are off by.
 
-    At rest a bellows and the chamber it is joined with have one pressure.
+    At rest a bellows and the chamber it is joined with have one pressure; one that is shut off has its own.
     """
     settings = experiment.settings
 
@@ -378,11 +378,11 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
             raise DiagnosisError(
                 f"run {experiment.name}: the setting {bellows} is missing: gauge pressure in Pa where it begins"
             )
-        gauge = unbiased(bellows)
-        joined = auxiliary not in settings or given(experiment, f"{side}.reservoir", 1.0)[0] > 0.0
-        shift = parameters.get(f"{side}.initial_pressure", 0.0) + par.atmospheric_pressure
-        pressure[i] = gauge + shift
-        pressure[SIDES + i] = shift + (gauge if joined else unbiased(auxiliary))
+        pressure[[i, SIDES + i]] = unbiased(bellows) + parameters.get(f"{side}.initial_pressure", 0.0)
+        if auxiliary in settings and not given(experiment, f"{side}.reservoir", 1.0)[0]:
+            own = parameters.get(f"{side}.auxiliary.initial_pressure", 0.0)
+            pressure[SIDES + i] = unbiased(auxiliary) + own
+    pressure += par.atmospheric_pressure
     for k, chamber in enumerate(CHAMBERS):
         name = f"{chamber}_temperature"
         start = unbiased(name) if name in settings else float(settled_temperature(par))

@@ -52,7 +52,8 @@ SEALS: Final = 100.0
 #: The transducer whose offset counts as an offset of the shear, which changes the forces of the springs.
 SHEAR: Final = "lateral.displacement"
 #: The chambers, each with a temperature of its own.
-CHAMBERS: Final = ("left.bellows", "right.bellows", "left.auxiliary", "right.auxiliary")
+AUXILIARY: Final = ("left.auxiliary", "right.auxiliary")
+CHAMBERS: Final = ("left.bellows", "right.bellows", *AUXILIARY)
 
 #: Steps of finite differences, in standard deviations and typical sizes. Where friction turns depends on its history,
 #: and a reversal that comes or goes is a jump: the larger the step, the less it counts.
@@ -110,9 +111,12 @@ def _drags(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
 
 
 def _initial_gas() -> Iterator[Nuisance]:
-    """Pressure of each spring and temperature of each chamber where a run begins."""
-    for side in _SIDES:
-        pressure = _nuisance(f"{side}.initial_pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0)
+    """Pressure of each spring and temperature of each chamber where a run begins.
+
+    An auxiliary chamber has a pressure of its own where it is shut off.
+    """
+    for place in (*_SIDES, *AUXILIARY):
+        pressure = _nuisance(f"{place}.initial_pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0)
         yield replace(pressure, per_run=True)
     for chamber in CHAMBERS:
         temperature = _nuisance(f"{chamber}.initial_temperature", "K", INITIAL_TEMPERATURE, "K")

@@ -1,6 +1,7 @@
 """The air spring as a system: a healthy rig is recognised down to its noise, and a hidden effect by its own name."""
 
 import tomllib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -270,6 +271,27 @@ def test_a_bias_that_the_set_knows_does_not_move_the_gas():
     difference = read - true
     assert difference[:, 0] == pytest.approx(1000.0, abs=1e-6)
     assert np.abs(difference[:, 1:]).max() < 1e-6
+
+
+@pytest.mark.parametrize("opened", [0.0, 1.0])
+def test_an_auxiliary_chamber_that_is_shut_off_has_a_pressure_of_its_own(made, opened):
+    begin = {"left.bellows_pressure": 2.06e5, "left.auxiliary_pressure": 2.0e5}
+    run = short(**begin)
+    run = replace(run, inputs={**run.inputs, "left.reservoir": np.full(len(run.time), opened)})
+    names = [channel.name for channel in made.simulator.channels]
+    base = made.simulator.run(run, {}, {})
+    start = base[0, names.index("left.auxiliary_pressure")]
+    assert start == pytest.approx(2.06e5 if opened else 2.0e5, abs=1.0)
+
+    def moved(by):
+        return (made.simulator.run(run, {by: 50.0}, {}) - base)[0]
+
+    own, joint = moved("left.auxiliary.initial_pressure"), moved("left.initial_pressure")
+    auxiliary = names.index("left.auxiliary_pressure")
+    assert own[auxiliary] == pytest.approx(0.0 if opened else 50.0, abs=1e-6)
+    assert joint[auxiliary] == pytest.approx(50.0 if opened else 0.0, abs=1e-6)
+    assert joint[names.index("left.bellows_pressure")] == pytest.approx(50.0, abs=1e-6)
+    assert np.abs(np.delete(own, auxiliary)).max() < 1e-6
 
 
 def test_the_walls_temperature_is_a_setting_of_a_run(made):
