@@ -7,6 +7,10 @@ by Whittaker's method: the motion x minimises
 
 over all samples y_n that there are, and bridges the others. σ is the noise of the sensor; q_n, the size of the third
 difference around sample n, is that of the motion itself: small at rest, large where it turns.
+
+What that takes from the motion is still in y − x. So y − x is smoothed as well and given back (twicing; Tukey,
+Exploratory Data Analysis, 1977), both with less of q: as much noise goes, and waves stay what they are. Once smoothed,
+12.5 Hz of 0.5 mm were weaker by 0.08 %, and forces that follow them as if they lagged by half a millisecond.
 """
 
 from collections.abc import Mapping
@@ -27,6 +31,10 @@ _REACH: Final = 8
 _ROUNDS: Final = 8
 #: q/σ² to begin with (passes 25 Hz of 200 Hz), and its bounds (pass 3 Hz and everything).
 _FIRST, _SMALLEST, _LARGEST = 0.25, 1e-6, 20.0
+#: The part of q with which a motion is smoothed twice. A quarter is better than once with all of it in everything that
+#: was tried: waves of 0.1 to 12.5 Hz are off by less (4.8 µm instead of 4.9 at 8 Hz), their accelerations too (51 mm/s²
+#: instead of 63), and triangles as much as before.
+_TWICE: Final = 0.25
 #: Coefficients of the third difference.
 _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
 #: Fewer samples than this tell no motion.
@@ -107,7 +115,8 @@ def smooth(values: Array, noise: float) -> Array:
     for _ in range(_ROUNDS):
         square = (np.diff(_whittaker(values, known, ratio), 3) / noise) ** 2
         ratio = np.clip(uniform_filter1d(square, 2 * _REACH + 1, mode="nearest"), _SMALLEST, _LARGEST)
-    return _whittaker(values, known, ratio)
+    once = _whittaker(values, known, _TWICE * ratio)
+    return once + _whittaker(values - once, known, _TWICE * ratio)
 
 
 def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:

@@ -50,6 +50,17 @@ def test_noise_goes_and_the_motion_stays():
     assert np.abs(error[where["triangle"]]).max() < 5 * NOISE
 
 
+@pytest.mark.parametrize(("frequency", "size"), [(8.0, 5e-4), (12.5, 5e-4), (12.5, 3e-4)])
+def test_waves_are_not_weakened(frequency, size):
+    """Force transducers that lag by 0.5 ms weaken 12.5 Hz by 0.08 %, as much as smoothing once does."""
+    time = STEP * np.arange(4000)
+    wave = size * np.sin(2 * np.pi * frequency * time) * np.clip(np.minimum(time, 20.0 - time), 0.0, 1.0)
+    noise = NOISE * np.random.default_rng(5).standard_normal((16, len(time)))
+    # What passes of the noise is gone in the mean.
+    mean = np.mean([0.5 * (smooth(wave + one, NOISE) + smooth(wave - one, NOISE)) for one in noise], axis=0)
+    assert abs(wave @ mean / (wave @ wave) - 1.0) < 2e-4
+
+
 @given(
     coefficients=st.lists(st.floats(-1e-3, 1e-3), min_size=3, max_size=3),
     missing=st.sets(st.integers(1, 198), max_size=60),
