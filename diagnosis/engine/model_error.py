@@ -95,12 +95,12 @@ def _of_form(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
 
 def _of_inconstancy(model: FittedModel) -> Array:
     """Return the covariance (k, k) of what the causes of a model owe to its form."""
-    covariance, coordinates = model.covariance(), model.point.coordinates
+    covariance = model.covariance()
     total = np.zeros_like(covariance)
     for effect in model.effects:
         if effect not in model.replay.simulator.catalogue:
             continue  # a surface is no cause
-        place = next(i for i, c in enumerate(coordinates) if c.owner == effect)
+        place = model.point.place_of(effect)
         variance = covariance[place, place]
         if variance > 0.0 and (excess := inconstancy(model, effect)):
             total += OWED_TO_INTERVAL * excess / variance * np.outer(covariance[place], covariance[place])

@@ -144,11 +144,8 @@ def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
     """What the effects of the first model that the second lacks change in the outputs: whitened (N,) of each run."""
     point = first.point
     numbers = point.numbers.copy()
-    own = set(first.effects) - set(second.effects)
-    names = [c for c in point.coordinates if c.owner in own]
-    # An amplitude is 0 at its nominal value: the first parameter of each effect.
-    for owner in own:
-        place = point.place(next(c for c in names if c.owner == owner))
+    for own in set(first.effects) - set(second.effects):
+        place = point.place_of(own)
         numbers[place] = point.coordinates[place].to_number(0.0)
     without = first.replay.predictions(point.at(numbers))
     return [

@@ -47,7 +47,7 @@ def test_a_name_is_vague_where_the_surface_shows_an_error_of_its_size(
 ):
     found = named_quadratic(laboratory, force_surface, hidden)
     accepted = [SimpleNamespace(effect="quadratic")]
-    place = next(i for i, c in enumerate(found.model.point.coordinates) if c.owner == "quadratic")
+    place = found.model.point.place_of("quadratic")
     sure = abs(found.model.point.numbers[place]) / np.sqrt(found.model.covariance()[place, place])
     assert sure > 5.0  # noise alone leaves no doubt
     assert vague(found.model, found.tests, accepted) == unsure

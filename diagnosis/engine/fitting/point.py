@@ -119,6 +119,10 @@ class Point:
         """Return where a coordinate stands."""
         return self.coordinates.index(coordinate)
 
+    def place_of(self, effect: str) -> int:
+        """Return where the amplitude of an effect stands: before whatever else shapes it."""
+        return next(i for i, c in enumerate(self.coordinates) if c.owner == effect)
+
     def at(self, numbers: Array) -> Point:
         """Return the point with other numbers, moved into the range of each."""
         low, high = np.array([c.range for c in self.coordinates]).reshape(-1, 2).T
