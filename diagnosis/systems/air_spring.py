@@ -50,6 +50,7 @@ from diagnosis.systems.air_spring_parameters import (
     DRAG,
     SEAT,
     SHEAR,
+    SUPPLY,
     deviate,
     hypotheses,
     locate,
@@ -85,7 +86,13 @@ _DISPLAYED: Final = {"Pa": "mbar", "N": "N", "m": "mm", "K": "K"}
 #: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
 _SHIFTS: Final = (".offset", SEAT, DRAG)
 #: Offsets of sensors from whose readings a replay starts or is driven: these change the simulation.
-_PHYSICAL: Final = ("_pressure.offset", "_temperature.offset", f"{SHEAR}.offset", f"{SHEAR}{SEAT}")
+_PHYSICAL: Final = (
+    "_pressure.offset",
+    "_temperature.offset",
+    f"{SUPPLY}.offset",
+    f"{SHEAR}.offset",
+    f"{SHEAR}{SEAT}",
+)
 #: The effect whose period the readings themselves tell.
 _HELD: Final = "sample_and_hold"
 #: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
@@ -212,7 +219,7 @@ class AirSpring:
             record.wall_temperature_offset = (
                 experiment.settings["wall_temperature"] - record.ambient_temperature
             )
-        deviate(record, parameters)
+        deviate(record, parameters, leveling=self._prepare(experiment).fed)
         for name, values in self.parameters.effects.items():
             effect, place = find_effect(name)
             effect.change(record, place, values)
@@ -274,9 +281,9 @@ class AirSpring:
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
-        return self._replay(prepared, record, gas, _shift(parameters))
+        return self._replay(prepared, record, gas, _shift(parameters), _of_supply(prepared, parameters))
 
-    def _replay(self, prepared: PreparedRun, record: Any, gas: Gas, shift: float) -> Array:
+    def _replay(self, prepared: PreparedRun, record: Any, gas: Gas, shift: float, supply: float) -> Array:
         motion = prepared.motion
         if shift:
             motion = motion._replace(displacement=motion.displacement + shift * np.eye(DIRECTIONS)[0])
@@ -285,7 +292,7 @@ class AirSpring:
             record,
             motion,
             prepared.inputs,
-            prepared.supply,
+            prepared.supply - supply,
             gas,
             step=self.step,
             start=settings.get("start", 0.0),
@@ -302,13 +309,13 @@ class AirSpring:
         simulated = _simulated(job.parameters)
         record = self.record(job.experiment, simulated, job.effects)
         gas = _gas(job.experiment, simulated, record)
-        shift = _shift(simulated)
-        key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift
+        shift, supply = _shift(simulated), _of_supply(prepared, simulated)
+        key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, supply
         if key not in known:
             traced = prepared.rough if rough else prepared.traced
             crept = _crept(job.experiment.settings, record)
             springs = traced.springs(record, gas, shift, crept) if traced.fits(record) else ()
-            alone = partial(self._replay, prepared, record, gas, shift)
+            alone = partial(self._replay, prepared, record, gas, shift, supply)
             known[key] = Replayed(
                 traced,
                 prepared.kept,
@@ -355,6 +362,11 @@ def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
 def _shift(parameters: Mapping[str, float]) -> float:
     """How far the bolster is to the left of where it was seen: less by what its transducer reads too much."""
     return -parameters.get(f"{SHEAR}.offset", 0.0) - parameters.get(f"{SHEAR}{SEAT}", 0.0)
+
+
+def _of_supply(prepared: PreparedRun, parameters: Mapping[str, float]) -> float:
+    """What the gauge of the supply reads too much (Pa), where air comes from there."""
+    return parameters.get(f"{SUPPLY}.offset", 0.0) if prepared.fed else 0.0
 
 
 def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:

@@ -30,6 +30,12 @@ EACH_SIDE: Final[Mapping[str, float]] = MappingProxyType(
 BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
     {"membrane_length": 0.05, "shell_stiffness_lateral": 0.1}
 )
+#: The same of the leveling valves, and how well their levers' rods are adjusted (m): no zero of a laser knows where a
+#: valve has its own.
+VALVES: Final[Mapping[str, float]] = MappingProxyType({"fill_conductance": 0.05, "exhaust_conductance": 0.05})
+LEVER: Final = "lever_offset"
+SUPPLY: Final = "supply.pressure"
+LEVER_ADJUSTMENT: Final = 0.5e-3
 #: How well the gas is known where a run begins, from the first second of its rest: the end of a line through a hundred
 #: readings, to 40 Pa where noise is white and 150 Pa where it remembers with 0.9, and what thermometers miss.
 INITIAL_PRESSURE: Final = 150.0
@@ -73,6 +79,7 @@ def nuisances(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ..
         *_drags(measured),
         *_initial_gas(),
         *_tolerances(parameters),
+        *_leveling(parameters),
     )
 
 
@@ -130,6 +137,17 @@ def _tolerances(parameters: Parameters) -> Iterator[Nuisance]:
             yield _tolerance(parameters, name, f"{side}.{name}", place, share)
     for name, share in BOTH_SIDES.items():
         yield _tolerance(parameters, name, name, 0, share)
+
+
+def _leveling(parameters: Parameters) -> Iterator[Nuisance]:
+    """What only shows where leveling valves work: their own values, and the zero of the gauge of their supply."""
+    accuracy = float(parameters.record.sensor_accuracy[Sensor.SUPPLY_PRESSURE])
+    yield _nuisance(f"{SUPPLY}.offset", "Pa", accuracy / sqrt(3.0), "mbar", 100.0)
+    for place, side in enumerate(_SIDES):
+        for name, share in VALVES.items():
+            yield _tolerance(parameters, name, f"{side}.{name}", place, share)
+        lever = _nuisance(f"{side}.{LEVER}", "m", LEVER_ADJUSTMENT, "mm", 1e-3)
+        yield replace(lever, nominal=float(parameters.entries[LEVER].value[place]))
 
 
 def zeros_of_heights(parameters: Parameters) -> tuple[dict[str, float], ...]:
@@ -201,9 +219,9 @@ def _tolerance(parameters: Parameters, name: str, label: str, place: int, share:
     )
 
 
-def deviate(record: Any, values: Mapping[str, float]) -> None:
-    """Write the springs' own values among ``values`` into a parameter record."""
-    for name in EACH_SIDE:
+def deviate(record: Any, values: Mapping[str, float], *, leveling: bool) -> None:
+    """Write the springs' own values among ``values`` into a parameter record, and if they are fed, their valves'."""
+    for name in (*EACH_SIDE, *((*VALVES, LEVER) if leveling else ())):
         for place, side in enumerate(_SIDES):
             if f"{side}.{name}" in values:
                 record[name][place] = values[f"{side}.{name}"]

@@ -37,6 +37,8 @@ class PreparedRun:
         for name, place in _VALVES.items():
             default = 1.0 if name.endswith("reservoir") else 0.0
             self.inputs[:, place] = given(experiment, name, default)
+        #: Whether a leveling valve is connected at any time; else what is known of it changes nothing.
+        self.fed = bool(self.inputs[:, [Input.LEFT_LEVELING, Input.RIGHT_LEVELING]].any())
         self.supply = (
             given(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure
         )

@@ -294,6 +294,24 @@ def test_an_auxiliary_chamber_that_is_shut_off_has_a_pressure_of_its_own(made, o
     assert np.abs(np.delete(own, auxiliary)).max() < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("name", "low"),
+    [("left.fill_conductance", 2.2e-8), ("left.lever_offset", -9 * mm), ("supply.pressure.offset", 1e4)],
+)
+def test_what_is_uncertain_of_leveling_valves_counts_where_they_are_connected(made, name, low):
+    """The lever hangs 8 mm low and calls for air."""
+    low_lever = {"left.lever_offset": -8 * mm}
+    shut = short()
+    open_ = replace(shut, inputs={**shut.inputs, "left.leveling": np.ones(len(shut.time))})
+    assert np.array_equal(made.simulator.run(shut, low_lever | {name: low}, {}), made.base)
+    pressure = [channel.name for channel in made.simulator.channels].index("left.auxiliary_pressure")
+    fed = made.simulator.run(open_, low_lever, {})[-1, pressure]
+    assert fed > made.base[-1, pressure] + 1e3
+    moved = made.simulator.run(open_, low_lever | {name: low}, {})[-1, pressure] - fed
+    # More of what is uncertain lets in more air, but for a gauge: its supply is lower than it reads.
+    assert -moved > 10.0 if name.startswith("supply") else moved > 10.0
+
+
 def test_the_walls_temperature_is_a_setting_of_a_run(made):
     """Air that began at the hall's 293.15 K takes up heat from walls of 303.15 K; without sensors it begins as warm."""
 
