@@ -6,15 +6,25 @@ import sys
 import msgspec
 import pytest
 
+from astb.diagnose import with_roles
 from astb.rig_file import read as read_rig_file
 from astb.session import build_rig
+from bench_sim.model.effects import CATALOGUE
+from bench_sim.parameters import load
 from bench_sim.parameters.effects import find_effect
 from benchmarks.diagnosis import investigations
-from benchmarks.diagnosis.ground_truth import draw
+from benchmarks.diagnosis.ground_truth import GroundTruth, draw
 from benchmarks.diagnosis.investigated import ROOT, Investigated, hidden_in, write_rig
 from benchmarks.diagnosis.investigations import count, read, summary
 from benchmarks.diagnosis.lambda_per_unit import LambdaPerUnit
-from benchmarks.diagnosis.sealed import parameters_of
+from benchmarks.diagnosis.sealed import measure, parameters_of
+from diagnosis.engine.config import Config
+from diagnosis.engine.diagnose import diagnose
+from diagnosis.finding import Verdict
+from diagnosis.systems.air_spring import AirSpring
+from diagnosis.systems.records import read_records
+from test_plans.perform import programme_plan
+from test_plans.separating import MENU
 
 
 @pytest.mark.parametrize(("seed", "kind"), [(300_000, "single"), (300_004, "pair"), (300_005, "null")])
@@ -39,6 +49,22 @@ def test_a_faint_rig_has_a_fifth_of_a_near_miss():
         amplitude = parameter == find_effect(name)[0].amplitude.name
         assert faint.effects[name][parameter] == pytest.approx(value * (0.2 if amplitude else 1.0))
     assert shapes.part_apart(name, list(whole.effects[name].values())[1:]) < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("plan", ["isolated_reservoirs", "leveling_on"])
+def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_and_springs_are_fed(plan, tmp_path):
+    """What begins otherwise there, or is fed by what has a zero of its own, was an unknown heat."""
+    truth = GroundTruth(seed=7, kind="null", condition="white")
+    simulator = AirSpring(load(), effects=CATALOGUE)
+    records = [tmp_path / "screening", tmp_path / plan]
+    for record, what in zip(records, (None, programme_plan(MENU[plan])), strict=True):
+        measure(truth, record, what)
+    data = with_roles(read_records(records, simulator))
+    tried = ("heat", "pressure_gain", "auxiliary_volume", "leveling_deadband")
+    finding = diagnose(data, simulator, Config(seed=7, workers=2, with_panel=False, effects=tried))
+    assert finding.verdict is Verdict.NO_EFFECT, finding.sentence
 
 
 def one(seed, hidden, causes, rivals=(), first="named", **more):
