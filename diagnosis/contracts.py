@@ -238,8 +238,14 @@ class RoughSimulator(BatchSimulator, Protocol):
     """What a simulator may offer beside ``run_many``: outputs that are only good for being subtracted from each other.
 
     Their errors may be larger, such as those of a longer step, as long as those of neighbouring points are the same:
-    difference quotients are as good as ever.
+    difference quotients are as good as ever, to a few hundredths. What is told apart by less than that, because one is
+    nearly the sum of others, is named ``too_alike``, and differences in it are never rough.
     """
+
+    @property
+    def too_alike(self) -> frozenset[str]:
+        """Names of nuisances and effects."""
+        ...
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
         """Yield the outputs of each job in order, or None where they would not be good enough for that."""

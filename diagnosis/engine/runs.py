@@ -81,6 +81,10 @@ class MeasuredRough(MeasuredBatch):
 
     rough: RoughSimulator
 
+    @property
+    def too_alike(self) -> frozenset[str]:
+        return self.rough.too_alike
+
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
         places = list(self.places)
         for outputs in self.rough.run_roughly(jobs):

@@ -95,6 +95,8 @@ _PHYSICAL: Final = (
 )
 #: The effect whose period the readings themselves tell.
 _HELD: Final = "sample_and_hold"
+#: An orifice that lets less through is nearly the same on both sides as on each: what is told apart is a hundredth.
+_TOO_ALIKE: Final = frozenset({"discharge", *(f"{side}.discharge_coefficient" for side in bench.PLACES)})
 #: Experiments that are kept prepared, and outputs that are kept of each: two let offsets vary without a simulation.
 _PREPARED, _OUTPUTS = 64, 2
 
@@ -185,6 +187,11 @@ class AirSpring:
         for outputs in self._run_many(jobs, rough=False):
             assert outputs is not None  # what no lane can do is replayed alone
             yield outputs
+
+    @property
+    def too_alike(self) -> frozenset[str]:
+        """What is told apart by less than rough differences are wrong by: for an orifice two hundredths."""
+        return _TOO_ALIKE
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
         """Yield the outputs (n, c) of each job in order by steps of twice the length; None of what lanes cannot do so.

@@ -20,6 +20,7 @@ from diagnosis.contracts import (
 )
 from diagnosis.engine.fitting.point import base_point
 from diagnosis.engine.fitting.replay import Replay
+from diagnosis.engine.footprints import candidates, footprints
 from diagnosis.engine.runs import measured_channels
 from diagnosis.systems import air_spring_batch
 from diagnosis.systems.air_spring import AirSpring
@@ -278,9 +279,15 @@ class RoughLines(ManyLines):
     """Rough outputs are off by a constant; where the slope is larger than ``most`` there are none."""
 
     most = np.inf
+    too_alike = frozenset()
+
+    def __init__(self):
+        super().__init__()
+        self.slopes = set()
 
     def run_roughly(self, jobs):
         for job in jobs:
+            self.slopes.add(job.parameters["a"])
             outputs = Line().run(job.experiment, job.parameters, job.effects) + 100.0
             yield outputs if job.parameters["a"] < self.most else None
 
@@ -303,6 +310,40 @@ def test_differences_are_between_two_rough_outputs_or_two_good_ones(workers, mos
         assert [columns.along(unit) for unit in np.eye(2)] == pytest.approx(
             np.vstack([time, np.ones(11)]), abs=1e-5
         )
+
+
+@pytest.mark.parametrize(("too_alike", "slopes"), [((), 3), (("a",), 1)])
+def test_what_is_too_alike_is_never_rough(too_alike, slopes, monkeypatch):
+    """The slope differs by a step to either side, or rough outputs know it as it is."""
+    monkeypatch.setattr("diagnosis.engine.fitting.replay.LEAST_ROUGH", 2)
+    still = np.zeros(11, bool)
+    run = MeasuredRun(Experiment("0", np.linspace(0.0, 1.0, 11), {}), np.zeros((11, 1)), ~still, still)
+    simulator = RoughLines()
+    simulator.too_alike = frozenset(too_alike)
+    point = base_point(Line.nuisances, ["0"])
+    replay = Replay(simulator, (run,), 1)
+    (columns,) = replay.sensitivities(point, replay.predictions(point))
+    assert len(simulator.slopes) == slopes
+    expected = np.vstack([run.experiment.time, np.ones(11)])
+    assert [columns.along(unit) for unit in np.eye(2)] == pytest.approx(expected, abs=1e-5)
+
+
+def test_the_discharge_coefficient_is_seen_beside_the_tolerances_of_both_sides(bench):
+    """It is their sum, but for what is believed of these: rough differences, wrong by a fiftieth, hide that."""
+    experiment = shaken("orifice", seconds=5.0)
+    nothing = np.zeros(len(experiment.time), np.bool_)
+    run = MeasuredRun(experiment, bench.simulator.run(experiment, {}, {}), ~nothing, nothing)
+    replay = Replay(bench.simulator, (run,), 1)
+    point = base_point(bench.simulator.nuisances, ["orifice"])
+    around = footprints(replay, point, candidates([bench.simulator.catalogue["discharge"]]))
+    places = [
+        point.places_of("orifice").index(i)
+        for i, c in enumerate(point.coordinates)
+        if "discharge" in c.parameter.name
+    ]
+    both, whole = around.parameter_columns[0].chosen(places), around.candidate_columns[0]
+    left = whole.gram - whole.against(both) @ np.linalg.solve(both.gram, both.against(whole))
+    assert 0.0 < left[0, 0] < 2e-5 * whole.gram[0, 0]  # three times as much where they are rough
 
 
 def test_a_simulator_of_which_fewer_channels_were_measured_still_does_many_jobs_at_once(bench, integrated):

@@ -30,8 +30,9 @@ Out = TypeVar("Out")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Base:
-    """Where differences begin: the ``predictions`` (n, c) of each run at a point, and its ``rough`` outputs, if any."""
+    """A ``point`` where differences begin: ``predictions`` (n, c) of each run, and its ``rough`` outputs, if any."""
 
+    point: Point
     predictions: Sequence[Array]
     rough: Sequence[Array | None]
 
@@ -128,19 +129,20 @@ class Replay:
                 rough[worth[i][0]] = outputs
 
             self._simulate(worth, keep, self._roughly)
-        return Base(predictions, rough)
+        return Base(point, predictions, rough)
 
     def differences(self, base: Base, steps: Sequence[Sequence[tuple[Point, float] | None]]) -> list[Columns]:
         """Return the difference quotients of each run to its own k points at signed distances, 0 to None.
 
-        Both outputs are rough ones, or none is.
+        Both outputs are rough ones, or none is; none where they differ in what is too alike something else.
         """
         columns = [
             ColumnsInWork(packing_of(run), len(own)) for run, own in zip(self.runs, steps, strict=True)
         ]
         jobs = [(r, k, *step) for r, own in enumerate(steps) for k, step in enumerate(own) if step]
-        exact = [job for job in jobs if base.rough[job[0]] is None]
-        rough = [job for job in jobs if base.rough[job[0]] is not None]
+        roughly = [base.rough[r] is not None and not self._too_alike(base.point, to) for r, _, to, _ in jobs]
+        exact = [job for job, rough_will_do in zip(jobs, roughly, strict=True) if not rough_will_do]
+        rough = [job for job, rough_will_do in zip(jobs, roughly, strict=True) if rough_will_do]
 
         def divide_rough(i: int, outputs: Array | None) -> None:
             r, k, _, distance = rough[i]
@@ -158,6 +160,14 @@ class Replay:
         exact.sort(key=lambda job: job[:2])  # Threads append in any order.
         self._simulate([(r, point) for r, _, point, _ in exact], divide, self._outputs)
         return [of_run.done() for of_run in columns]
+
+    def _too_alike(self, base: Point, to: Point) -> bool:
+        """Return whether a point, perhaps a larger one, differs from a base in what rough outputs do not tell apart."""
+        assert isinstance(self.simulator, RoughSimulator)
+        known = len(base.numbers)
+        moved = np.flatnonzero(to.numbers[:known] != base.numbers)
+        further = (*(to.coordinates[i] for i in moved), *to.coordinates[known:])
+        return not self.simulator.too_alike.isdisjoint(c.owner or c.parameter.name for c in further)
 
     def _simulate(
         self,
