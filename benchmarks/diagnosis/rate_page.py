@@ -78,8 +78,9 @@ nothing: how often sound benches have some is told, too.
 
 Cases were counted while the diagnosis was still changed. Since sensors [go along
 parabolas](../decisions/0041-sensors-go-along-parabolas.md) and constancy is [measured by sound
-rigs](../decisions/0042-constancy-is-measured-by-sound-rigs.md), of the bench all sibling rigs without an effect and the
-first seeds of the others were counted again, whatever had come of them; the rest stands as it was.
+rigs](../decisions/0042-constancy-is-measured-by-sound-rigs.md), all of the bench but its ordinary nulls was counted
+again, whatever had come of it, nearly half of it since motions are [smoothed
+twice](../decisions/0043-a-motion-is-smoothed-twice.md); the oscillators were counted with the diagnosis as it is.
 `make benchmark-diagnosis ARGS=--again` counts all anew.
 
 Rates have exact 95 % intervals (Clopper and Pearson), and are told of at least 20 cases. An aim counts as met where the
