@@ -114,6 +114,11 @@ def read_samples(
         mem.step += 1
 
 
+def feeds(inputs: NDArray[np.float64]) -> bool:
+    """Whether inputs (n, `INPUTS`) connect a spring at any time with the supply or the atmosphere."""
+    return bool(inputs[:, _FEEDING].any())
+
+
 class TracedReplay:
     """The replay of one ``motion`` in two stages: springs to be integrated in lanes, and readings from their traces.
 
@@ -139,7 +144,7 @@ class TracedReplay:
         self.step = motion.interval / self.steps
         self.geometry = _geometry(parameters)
         self.joined = bool(inputs[:, Input.DPV_CONNECTED].any())
-        self.fed = bool(inputs[:, _FEEDING].any())
+        self.fed = feeds(inputs)
         rows = (len(motion.displacement) - 1) * self.steps + 1
         places = np.empty((SIDES, 2 * rows - 1, 4))
         follow_plates(motion, _one(parameters), self.steps, places)

@@ -81,7 +81,7 @@ def changes(model: FittedModel, effect: str) -> list[tuple[float, float]]:
 def _directions(linearisation: Linearisation, effect: str) -> Array:
     """Return the numbers (2, k) that make the column of an effect's amplitude, and its best imitation by all others."""
     information = linearisation.information
-    amplitude = linearisation.point.place_of(effect)
+    amplitude = linearisation.point.place_of_amplitude(effect)
     others = np.arange(len(information)) != amplitude
     directions = np.zeros((2, len(information)))
     directions[0, amplitude] = 1.0

@@ -63,7 +63,7 @@ def vague(model: FittedModel, tests: Sequence[Omnibus], accepted: Sequence[Accep
     covariance = widened(model, tests)
     certainty = {}
     for one in accepted:
-        place = model.point.place_of(one.effect)
+        place = model.point.place_of_amplitude(one.effect)
         certainty[one.effect] = abs(model.point.numbers[place]) / float(np.sqrt(covariance[place, place]))
     least = min(certainty, key=certainty.__getitem__)
     return (least,) if certainty[least] < Z95 else ()
@@ -72,7 +72,7 @@ def vague(model: FittedModel, tests: Sequence[Omnibus], accepted: Sequence[Accep
 def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
     """Return whether most of what the data say of an effect's amplitude is gone beside a surface."""
     linearisation = model.linearisation
-    place = linearisation.point.place_of(effect)
+    place = linearisation.point.place_of_amplitude(effect)
     variance = linearisation.covariance()[place, place]
     imitation = test.projection.regression[place]
     ridge = np.eye(len(test.start)) / WIDER_SURFACE**2

@@ -100,7 +100,7 @@ def _of_inconstancy(model: FittedModel) -> Array:
     for effect in model.effects:
         if effect not in model.replay.simulator.catalogue:
             continue  # a surface is no cause
-        place = model.point.place_of(effect)
+        place = model.point.place_of_amplitude(effect)
         variance = covariance[place, place]
         if variance > 0.0 and (excess := inconstancy(model, effect)):
             total += OWED_TO_INTERVAL * excess / variance * np.outer(covariance[place], covariance[place])

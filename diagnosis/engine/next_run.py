@@ -145,7 +145,7 @@ def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
     point = first.point
     numbers = point.numbers.copy()
     for own in set(first.effects) - set(second.effects):
-        place = point.place_of(own)
+        place = point.place_of_amplitude(own)
         numbers[place] = point.coordinates[place].to_number(0.0)
     without = first.replay.predictions(point.at(numbers))
     return [

@@ -288,9 +288,11 @@ class AirSpring:
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
-        return self._replay(prepared, record, gas, _shift(parameters), _of_supply(prepared, parameters))
+        return self._replay(prepared, record, gas, _shift(parameters), _supply_error(prepared, parameters))
 
-    def _replay(self, prepared: PreparedRun, record: Any, gas: Gas, shift: float, supply: float) -> Array:
+    def _replay(
+        self, prepared: PreparedRun, record: Any, gas: Gas, shift: float, supply_error: float
+    ) -> Array:
         motion = prepared.motion
         if shift:
             motion = motion._replace(displacement=motion.displacement + shift * np.eye(DIRECTIONS)[0])
@@ -299,7 +301,7 @@ class AirSpring:
             record,
             motion,
             prepared.inputs,
-            prepared.supply - supply,
+            prepared.supply - supply_error,
             gas,
             step=self.step,
             start=settings.get("start", 0.0),
@@ -316,13 +318,13 @@ class AirSpring:
         simulated = _simulated(job.parameters)
         record = self.record(job.experiment, simulated, job.effects)
         gas = _gas(job.experiment, simulated, record)
-        shift, supply = _shift(simulated), _of_supply(prepared, simulated)
-        key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, supply
+        shift, error = _shift(simulated), _supply_error(prepared, simulated)
+        key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, error
         if key not in known:
             traced = prepared.rough if rough else prepared.traced
             crept = _crept(job.experiment.settings, record)
             springs = traced.springs(record, gas, shift, crept) if traced.fits(record) else ()
-            alone = partial(self._replay, prepared, record, gas, shift, supply)
+            alone = partial(self._replay, prepared, record, gas, shift, error)
             known[key] = Replayed(
                 traced,
                 prepared.kept,
@@ -371,7 +373,7 @@ def _shift(parameters: Mapping[str, float]) -> float:
     return -parameters.get(f"{SHEAR}.offset", 0.0) - parameters.get(f"{SHEAR}{SEAT}", 0.0)
 
 
-def _of_supply(prepared: PreparedRun, parameters: Mapping[str, float]) -> float:
+def _supply_error(prepared: PreparedRun, parameters: Mapping[str, float]) -> float:
     """What the gauge of the supply reads too much (Pa), where air comes from there."""
     return parameters.get(f"{SUPPLY}.offset", 0.0) if prepared.fed else 0.0
 

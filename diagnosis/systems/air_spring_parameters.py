@@ -34,8 +34,9 @@ BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
 #: valve has its own.
 VALVES: Final[Mapping[str, float]] = MappingProxyType({"fill_conductance": 0.05, "exhaust_conductance": 0.05})
 LEVER: Final = "lever_offset"
-SUPPLY: Final = "supply.pressure"
 LEVER_ADJUSTMENT: Final = 0.5e-3
+#: The signal of the gauge whose zero is one more thing that is not known of what the valves let in.
+SUPPLY: Final = "supply.pressure"
 #: How well the gas is known where a run begins, from the first second of its rest: the end of a line through a hundred
 #: readings, to 40 Pa where noise is white and 150 Pa where it remembers with 0.9, and what thermometers miss.
 INITIAL_PRESSURE: Final = 150.0

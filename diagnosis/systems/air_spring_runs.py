@@ -9,7 +9,7 @@ import numpy as np
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import INPUTS, Input
 from bench_sim.model.replay import Motion
-from bench_sim.model.traces import TracedReplay
+from bench_sim.model.traces import TracedReplay, feeds
 from diagnosis.contracts import Array, DiagnosisError, Experiment
 from diagnosis.systems.air_spring_batch import KeptTraces
 
@@ -38,7 +38,7 @@ class PreparedRun:
             default = 1.0 if name.endswith("reservoir") else 0.0
             self.inputs[:, place] = given(experiment, name, default)
         #: Whether a leveling valve is connected at any time; else what is known of it changes nothing.
-        self.fed = bool(self.inputs[:, [Input.LEFT_LEVELING, Input.RIGHT_LEVELING]].any())
+        self.fed = feeds(self.inputs)
         self.supply = (
             given(experiment, "supply.pressure", float(par.supply_pressure)) + par.atmospheric_pressure
         )

@@ -23,7 +23,7 @@ QUADRATIC = {"quadratic": {"amplitude": 1500.0}}
 
 
 def named_quadratic(laboratory, force_surface, hidden):
-    """Fit a quadratic damper to what was hidden, and test the surface beside it."""
+    """Fit a quadratic spring to what was hidden, and test the surface beside it."""
     lab = laboratory()
     replay = Replay(replace(lab.simulator, surfaces=(force_surface,)), lab.measure(3, hidden).of("fit"), 1)
     quadratic = lab.simulator.catalogue["quadratic"]
@@ -47,7 +47,7 @@ def test_a_name_is_vague_where_the_surface_shows_an_error_of_its_size(
 ):
     found = named_quadratic(laboratory, force_surface, hidden)
     accepted = [SimpleNamespace(effect="quadratic")]
-    place = found.model.point.place_of("quadratic")
+    place = found.model.point.place_of_amplitude("quadratic")
     sure = abs(found.model.point.numbers[place]) / np.sqrt(found.model.covariance()[place, place])
     assert sure > 5.0  # noise alone leaves no doubt
     assert vague(found.model, found.tests, accepted) == unsure

@@ -119,7 +119,7 @@ class Point:
         """Return where a coordinate stands."""
         return self.coordinates.index(coordinate)
 
-    def place_of(self, effect: str) -> int:
+    def place_of_amplitude(self, effect: str) -> int:
         """Return where the amplitude of an effect stands: before whatever else shapes it."""
         return next(i for i, c in enumerate(self.coordinates) if c.owner == effect)
 
