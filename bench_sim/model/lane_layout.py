@@ -11,8 +11,12 @@ from bench_sim.model.layout import EXTRA_BRANCHES
 
 #: Springs that are integrated together: as many as the widest vectors of today's processors hold.
 LANES: Final = 8
+#: Benches of which both springs are integrated together.
+PAIRS: Final = LANES // 2
 #: Friction elements that a lane may have beyond its own.
 LANE_FRICTIONS: Final = 3
+#: What a course says of the valves: reservoir, leveling, service, supply, differential pressure.
+GIVEN: Final = 5
 #: Coefficients of the polynomial that stands for a power.
 POWERS: Final = 19
 
@@ -35,6 +39,7 @@ class LaneState(_Rows):
     WALL = auto()
     AUXILIARY_WALL = auto()
     CREEP = auto()
+    LEVER = auto()  #: of the leveling valve, where springs are fed
     DASHPOT_Z = auto()
     DASHPOT_Z_2 = auto()
     DASHPOT_Z_3 = auto()
@@ -52,8 +57,15 @@ class Lane(_Rows):
     HEIGHT_SPEED = auto()
     LATERAL = auto()
     LATERAL_SPEED = auto()
-    OPENING = auto()  #: of the reservoir valve
-    SHIFT = auto()  #: m that this lane lies to the left of its course
+    # what its valves do during a step (`GIVEN` rows, as in a course), where springs are fed or joined all of it
+    OPENING = auto()  #: of the reservoir valve, 0 … 1
+    LEVELING = auto()  #: connection of the leveling valve, 0 … 1
+    SERVICE = auto()  #: opening of the service valve, −1 exhausting … 1 filling
+    SUPPLY = auto()  #: Pa absolute
+    JOINED = auto()  #: connection of the differential pressure valve, 0 … 1
+    # how far this lane is from its course
+    SHIFT = auto()  #: m to the left
+    SUPPLY_ERROR = auto()  #: Pa that the supply is below
     # Newton's method
     TRY_Z = auto()  #: m, where Newton's method looks at the bellows
     TRY_Y = auto()

@@ -9,7 +9,7 @@ the nozzle is a polynomial, 3e-15 close over the ratios at which it is not choke
 """
 
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.gas import enthalpy_per_kelvin
@@ -17,7 +17,20 @@ from bench_sim.model.inertance import missing_flow
 from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
 from bench_sim.model.lane_algebra import lane_algebra
 from bench_sim.model.lane_layout import EXTRA_SPEED, LANES, SLOPE, STAGE, Lane, LaneState
+from bench_sim.model.lane_valves import feed, join
 from bench_sim.model.surface import surface
+
+
+class Having(NamedTuple):
+    """What any of the lanes has; what none of them has is left out."""
+
+    extra: int  #: branches of rubber, as many as the lane with most of them has
+    frictions: int  #: elements of friction, likewise
+    inert: bool  #: the air in a connection has inertia
+    leaking: bool  #: a bellows leaks
+    surfaces: bool  #: a surface without a name takes part
+    fed: bool  #: a spring is connected with the supply or the atmosphere
+    joined: bool  #: the first half of the lanes are left springs, the other their right ones, and air may pass between
 
 
 @compiled
@@ -265,31 +278,24 @@ def work(w: Any) -> None:
 
 
 @compiled_once
-def lane_slope(
-    w: Any,
-    ahead: float,
-    extra: int,
-    frictions: int,
-    inert: bool,
-    leaking: bool,
-    surfaces: bool,
-    parameters: Any,
-) -> None:
+def lane_slope(w: Any, ahead: float, having: Any, sides: Any, memory: Any, parameters: Any) -> None:
     """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and everything that follows from the states.
 
-    ``extra`` branches and ``frictions`` elements are as many as the lane with most of them has; ``inert``: the air in
-    the connection of one of them has inertia; ``leaking``: one of them leaks; ``surfaces``: one of them has a surface,
-    whose coefficients stand in ``parameters`` (LANES).
+    What not all springs are ``having`` stands in ``memory`` and ``parameters`` (LANES), at the ``sides`` (LANES).
     """
-    lane_algebra(w, ahead, extra, frictions)
+    lane_algebra(w, ahead, having.extra, having.frictions)
     orifice(w)
-    if inert:
+    if having.inert:
         hold_back(w, ahead, parameters)
     carry(w)
-    if leaking:
+    if having.fed:
+        feed(w, sides, memory, parameters)
+    if having.joined:
+        join(w, memory, parameters)
+    if having.leaking:
         leak(w)
     heat(w)
-    if surfaces:
+    if having.surfaces:
         gas_surfaces(w, parameters)
-    relax(w, extra)
+    relax(w, having.extra)
     work(w)

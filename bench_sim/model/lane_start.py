@@ -97,12 +97,26 @@ SURFACES: Final = (
     "heat_surface_pressure",
     "heat_surface_temperature",
 )
+#: Quantities of what fills and exhausts a spring, where anything does.
+FEEDING: Final = (
+    "leveling_deadband",
+    "leveling_hysteresis",
+    "leveling_range",
+    "lever_offset",
+    "leveling_lag",
+    "fill_conductance",
+    "exhaust_conductance",
+    "service_conductance",
+    "supply_temperature",
+    "valve_critical_ratio",
+)
+#: Quantities of what joins both springs of a bench, where that opens or leaks.
+JOINING: Final = ("dpv_opening", "dpv_reclosing", "dpv_conductance", "dpv_leak", "valve_critical_ratio")
 #: Quantities with which a lane cannot deal unless they are 0.
 _ABSENT: Final = ("pipe_length",)
 #: Quantities of what an imposed motion leaves out, or of the readings alone.
 _ELSEWHERE: Final = frozenset(
     [
-        "supply_temperature",
         "supply_pressure",
         "sawtooth_low",
         "sawtooth_high",
@@ -112,18 +126,6 @@ _ELSEWHERE: Final = frozenset(
         "supply_lag",
         "pipe_diameter",
         "pipe_friction",
-        "leveling_deadband",
-        "leveling_hysteresis",
-        "leveling_range",
-        "lever_offset",
-        "leveling_lag",
-        "fill_conductance",
-        "exhaust_conductance",
-        "service_conductance",
-        "valve_critical_ratio",
-        "dpv_opening",
-        "dpv_reclosing",
-        "dpv_conductance",
         "contact_loss",
         "torsional_stiffness",
         "torsional_stiffness_slope",
@@ -165,7 +167,6 @@ _ELSEWHERE: Final = frozenset(
         "pressure_hold_period",
         "extra_stop_stiffness",
         "extra_stop_gap",
-        "dpv_leak",
         "force_surface",
         "force_surface_displacement",
         "force_surface_speed",
@@ -181,7 +182,14 @@ _ELSEWHERE: Final = frozenset(
         "sensor_accuracy",
     ]
 )
-_UNKNOWN: Final = set(PARAMETERS.names or ()) ^ {*_IN_COLUMN, *SURFACES, *_ABSENT, *_ELSEWHERE}
+_UNKNOWN: Final = set(PARAMETERS.names or ()) ^ {
+    *_IN_COLUMN,
+    *SURFACES,
+    *FEEDING,
+    *JOINING,
+    *_ABSENT,
+    *_ELSEWHERE,
+}
 assert not _UNKNOWN, f"what do lanes do with {', '.join(sorted(_UNKNOWN))}?"
 
 

@@ -2,9 +2,10 @@
 
 Theory of operation
 -------------------
-In a replay left and right meet only in the readings (`bench_sim.model.replay`), unless air passes between them or in
-from a supply. So one spring is one lane, whichever side, run or parameters it belongs to, and what a spring has gone
-through is a `TRACE`: from it, the motion and the parameters every reading follows (`bench_sim.model.traces`).
+In a replay left and right meet only in the readings (`bench_sim.model.replay`), unless air passes between them. So
+one spring is one lane, whichever side, run or parameters it belongs to, and what a spring has gone through is a
+`TRACE`: from it, the motion and the parameters every reading follows (`bench_sim.model.traces`). Where air passes
+between them, both springs of a bench are integrated together (`bench_sim.model.lane_valves`), four benches at a time.
 
 The method, its step and what happens once per step are those of the scalar replay (`bench_sim.model.runge_kutta`,
 `bench_sim.model.step_start`), which is the oracle: pressures agree to a thousandth of a pascal, the width that the
@@ -16,7 +17,7 @@ both differences (Hairer and Wanner, Solving Ordinary Differential Equations II,
 is that of what moves. A bench has 0.1 at a step of 2.5 ms.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -33,6 +34,7 @@ from bench_sim.model.lane_layout import (
     LANE_FRICTIONS,
     LANES,
     LENGTH,
+    PAIRS,
     SLOPE,
     STAGE,
     START,
@@ -40,8 +42,14 @@ from bench_sim.model.lane_layout import (
     Lane,
     LaneState,
 )
-from bench_sim.model.lane_slope import lane_slope
-from bench_sim.model.lane_start import SURFACES
+from bench_sim.model.lane_slope import Having, lane_slope
+from bench_sim.model.lane_start import FEEDING, JOINING, SURFACES
+from bench_sim.model.lane_valves import (
+    gather_valves,
+    settle_levers,
+    switch_between,
+    switch_leveling_valves,
+)
 from bench_sim.model.layout import EXTRA_BRANCHES, STATES, TINY
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.replay import STEP
@@ -59,16 +67,17 @@ AUXILIARY_PRESSURE: Final = 2
 class Course(NamedTuple):
     """Where the plates of one spring go, in ``steps`` steps for each interval of the motion."""
 
-    step: float  #: s, to twelve digits: clocks of two runs differ in the last ones
+    step: float  #: s
     places: NDArray[np.float64]  #: (2 rows − 1, 4) every half step: ζ and its speed, y and its speed
-    opening: NDArray[np.float64]  #: (rows,) of the reservoir valve during each step, 0 … 1
+    valves: NDArray[np.float64]  #: (rows, GIVEN) what they do during each step, from `Lane.OPENING` on
+    fed: bool  #: whether air comes from elsewhere, or goes there, at any time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaneSpring:
     """One spring to be integrated: its column (`bench_sim.model.lane_start`), parameter record, side and course.
 
-    Its plate lies ``shift`` m to the left of the course.
+    Its plate lies ``shift`` m to the left of the course, and its supply is ``supply_error`` Pa below what that says.
     """
 
     column: NDArray[np.float64]
@@ -76,17 +85,28 @@ class LaneSpring:
     side: int
     course: Course
     shift: float
+    supply_error: float = 0.0
 
     @property
-    def key(self) -> tuple[int, float, bytes]:
+    def key(self) -> Hashable:
         """Equal for springs of one trajectory, as long as their course lives."""
-        surfaces = b"".join(self.parameters[name].tobytes() for name in SURFACES) if self.surfaced else b""
-        return id(self.course), self.shift, self.column.tobytes() + surfaces
+        beside = (*(SURFACES if self.surfaced else ()), *(FEEDING if self.course.fed else ()))
+        return id(self.course), self.shift, self.supply_error, self.column.tobytes(), self.all_of(beside)
+
+    def all_of(self, names: Iterable[str]) -> bytes:
+        """Return some quantities, to be compared."""
+        return b"".join(self.parameters[name].tobytes() for name in names)
 
     @property
     def surfaced(self) -> bool:
         """Whether a surface takes part."""
         return any(bool(self.parameters[name].any()) for name in ("flow_surface", "heat_surface"))
+
+
+def key_of(springs: Sequence[LaneSpring]) -> Hashable:
+    """As of one spring, of those that go through it together: one, or left and right with a valve between them."""
+    own = tuple(spring.key for spring in springs)
+    return own if len(springs) == 1 else (*own, springs[0].all_of(JOINING))
 
 
 @compiled
@@ -250,17 +270,19 @@ def integrate_lanes(
     parameters: Any,
     sides: Any,
     courses: Any,
-    openings: Any,
+    valves: Any,
     rows: Any,
     dt: float,
     surfaces: bool,
+    fed: bool,
+    joined: bool,
     traces: Any,
     changed: Any,
 ) -> None:
     """Integrate all lanes to the end of the longest by steps of ``dt`` s; ``w`` (LENGTH) holds their columns.
 
     Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE); ``courses``
-    and ``openings`` are tuples of what is in a `Course`. To ``changed`` (3, LANES) is added by how much slopes of the
+    and ``valves`` are tuples of what is in a `Course`. To ``changed`` (3, LANES) is added by how much slopes of the
     first three stages of each step differ from those before.
     """
     saved = np.empty(LENGTH)
@@ -270,22 +292,29 @@ def integrate_lanes(
     frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
     inert = most(w, Lane.INERTANCE, 1) > 0
     leaking = most(w, Lane.LEAK, 1) > 0 or most(w, Lane.LEAK_LAMINAR, 1) > 0
+    having = Having(extra, frictions, inert, leaking, surfaces, fed, joined)
     size = LaneState.EXTRA + 2 * LANES * extra
     recall(w, sides, memory, np.zeros(STATES))
     for k in range(size):
         w[START + k] = w[STAGE + k]
     last = traces.shape[1] - 1
+    gather(w, 0, courses, rows)
+    if fed:
+        settle_levers(w, sides, parameters)
     for n in range(last + 1):
         gather(w, 2 * n, courses, rows)
-        for i in range(LANES):
-            w[Lane.OPENING + i] = openings[i][min(n, rows[i] - 1)]
+        gather_valves(w, n, valves, rows, fed or joined)
+        if fed:
+            switch_leveling_valves(w, sides, memory, parameters)
+        if joined:
+            switch_between(w, memory, parameters)
         since = dt if n > 0 else 0.0
-        lane_slope(w, since, extra, frictions, inert, leaking, surfaces, parameters)
+        lane_slope(w, since, having, sides, memory, parameters)
         if inert:
             note_flow(w)
         if note_motion(w, sides, memory, parameters, since, turned):
             saved[:] = w
-            lane_slope(w, 0.0, extra, frictions, inert, leaking, surfaces, parameters)
+            lane_slope(w, 0.0, having, sides, memory, parameters)
             restore(w, saved, turned)
         note_gas(w, sides, memory, parameters)
         note_trace(w, n, traces)
@@ -294,14 +323,14 @@ def integrate_lanes(
         note_change(w, known, changed[0])
         stage(w, size, 1.0, 0.5 * dt)
         gather(w, 2 * n + 1, courses, rows)
-        lane_slope(w, 0.5 * dt, extra, frictions, inert, leaking, surfaces, parameters)
+        lane_slope(w, 0.5 * dt, having, sides, memory, parameters)
         note_change(w, known, changed[1])
         stage(w, size, 2.0, 0.5 * dt)
-        lane_slope(w, 0.5 * dt, extra, frictions, inert, leaking, surfaces, parameters)
+        lane_slope(w, 0.5 * dt, having, sides, memory, parameters)
         note_change(w, known, changed[2])
         stage(w, size, 2.0, dt)
         gather(w, 2 * n + 2, courses, rows)
-        lane_slope(w, dt, extra, frictions, inert, leaking, surfaces, parameters)
+        lane_slope(w, dt, having, sides, memory, parameters)
         finish(w, size, dt)
 
 
@@ -311,15 +340,35 @@ def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]
     Lanes that are left over repeat the last spring. What is too stiff for a step longer than that of a replay has a
     trace of NaN: near the end of what is stable nothing grows beyond all bounds, but the gas swings as it should not.
     """
-    if not 0 < len(springs) <= LANES or len({spring.course.step for spring in springs}) > 1:
+    _check(springs, len(springs), LANES, "springs")
+    return _integrate([*springs, *[springs[-1]] * (LANES - len(springs))], joined=False)[: len(springs)]
+
+
+def integrate_pairs(
+    pairs: Sequence[tuple[LaneSpring, LaneSpring]],
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return the traces of both springs of each of at most PAIRS benches between whose sides air may pass."""
+    _check([spring for pair in pairs for spring in pair], len(pairs), PAIRS, "pairs of springs")
+    filled = [*pairs, *[pairs[-1]] * (PAIRS - len(pairs))]
+    traces = _integrate([left for left, _ in filled] + [right for _, right in filled], joined=True)
+    return list(zip(traces[: len(pairs)], traces[PAIRS:], strict=False))
+
+
+def _check(springs: Sequence[LaneSpring], count: int, most: int, what: str) -> None:
+    steps = sorted({spring.course.step for spring in springs})
+    if not 0 < count <= most or len(steps) > 1:
         raise ValueError(
-            f"{len(springs)} springs with steps of {sorted({spring.course.step for spring in springs})} s: "
-            f"1 to {LANES} springs with one step go together"
+            f"{count} {what} with steps of {steps} s: 1 to {most} {what} with one step go together"
         )
-    filled = [*springs, *[springs[-1]] * (LANES - len(springs))]
-    rows = np.array([len(spring.course.opening) for spring in filled])
+
+
+def _integrate(filled: Sequence[LaneSpring], *, joined: bool) -> list[NDArray[np.float64]]:
+    """Return the traces of as many springs as there are lanes."""
+    rows = np.array([len(spring.course.valves) for spring in filled])
+    step = filled[0].course.step
     w = np.ascontiguousarray(np.column_stack([spring.column for spring in filled])).ravel()
     w[Lane.SHIFT : Lane.SHIFT + LANES] = [spring.shift for spring in filled]
+    w[Lane.SUPPLY_ERROR : Lane.SUPPLY_ERROR + LANES] = [spring.supply_error for spring in filled]
     traces = np.empty((LANES, rows.max(), TRACE))
     changed = np.zeros((3, LANES))
     integrate_lanes(
@@ -328,14 +377,15 @@ def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]
         np.array([spring.parameters for spring in filled], PARAMETERS).view(np.recarray),
         np.array([spring.side for spring in filled]),
         tuple(spring.course.places for spring in filled),
-        tuple(spring.course.opening for spring in filled),
+        tuple(spring.course.valves for spring in filled),
         rows,
-        filled[0].course.step,
-        any(spring.surfaced for spring in springs),
+        step,
+        any(spring.surfaced for spring in filled),
+        any(spring.course.fed for spring in filled),
+        joined,
         traces,
         changed,
     )
-    step = filled[0].course.step
     if step > STEP:
         traces[~(2.0 * changed[2] < STIFFEST * changed[1])] = np.nan
-    return [traces[k, : rows[k]] for k in range(len(springs))]
+    return [traces[k, :count] for k, count in enumerate(rows)]

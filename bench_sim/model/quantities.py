@@ -216,9 +216,12 @@ MEMORY: Final = np.dtype(
         # air with inertia: the flow that the orifice would pass without it, and what is missing from that
         ("steady_flow", np.float64, _SIDE),
         ("missing_flow", np.float64, _SIDE),
-        # latches: leveling −1 filling, 0 closed, +1 exhausting; differential pressure valve 0 or 1
+        # latches: leveling −1 filling, 0 closed, +1 exhausting; differential pressure valve 0 or 1, the share of the
+        # step for which it is open, and p_L − p_R where the step began (0: not known yet)
         ("leveling_latch", np.int64, _SIDE),
         ("dpv_latch", np.int64),
+        ("dpv_share", np.float64),
+        ("dpv_difference", np.float64),
         # actuators: the mode in force, its slewed set-point, the delay line, what leaves it
         ("mode", np.int64, _ACTUATOR),
         ("setpoint", np.float64, _ACTUATOR),

@@ -67,6 +67,7 @@ def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, 
     n, part, motion = given
     place(n, part + ahead / motion.interval, motion, x)
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
+    dx[State.SUPPLY_LINE] = 0.0  # it was measured as well
 
 
 @compiled

@@ -123,8 +123,8 @@ class TracedReplay:
     """The replay of one ``motion`` in two stages: springs to be integrated in lanes, and readings from their traces.
 
     What it is given is as for `bench_sim.model.replay.replay`. ``parameters`` say where the springs stand under the
-    bolster. It holds while no air comes from elsewhere: `fits` says so beforehand, `stays_shut` of the differential
-    pressure valve afterwards.
+    bolster. Springs go each by itself while no air passes between them: `leaks_between` says so beforehand,
+    `stays_shut` of the differential pressure valve afterwards.
     """
 
     def __init__(
@@ -141,7 +141,8 @@ class TracedReplay:
         self.supply = supply
         self.start = start
         self.steps = ceil(motion.interval / step - 1e-9)
-        self.step = motion.interval / self.steps
+        #: s, to twelve digits: clocks of two runs differ in the last ones.
+        self.step = float(f"{motion.interval / self.steps:.12g}")
         self.geometry = _geometry(parameters)
         self.joined = bool(inputs[:, Input.DPV_CONNECTED].any())
         self.fed = feeds(inputs)
@@ -149,24 +150,24 @@ class TracedReplay:
         places = np.empty((SIDES, 2 * rows - 1, 4))
         follow_plates(motion, _one(parameters), self.steps, places)
         self.courses = tuple(
-            Course(
-                float(f"{motion.interval / self.steps:.12g}"),
-                places[i],
-                np.clip(np.repeat(inputs[:, Input.LEFT_RESERVOIR_VALVE + i], self.steps)[:rows], 0.0, 1.0),
-            )
-            for i in range(SIDES)
+            Course(self.step, places[i], self._valves(inputs, i, rows), self.fed) for i in range(SIDES)
         )
 
     def fits(self, parameters: Any) -> bool:
-        """Whether lanes can integrate springs with these parameters on this motion."""
-        leaking = self.joined and parameters.dpv_leak != 0.0
+        """Whether lanes can integrate springs with these parameters on this motion.
+
+        By a step longer than that of a replay they cannot where anything switches or happens within it.
+        """
+        sudden = self.fed or self.leaks_between(parameters)
         return (
             has_lanes(parameters)
             and _geometry(parameters) == self.geometry
-            and not self.fed
-            and not leaking
-            and (self.step <= STEP or not _quick(parameters, self.step))
+            and (self.step <= STEP or not (sudden or _quick(parameters, self.step)))
         )
+
+    def leaks_between(self, parameters: Any) -> bool:
+        """Whether air passes between the springs all the time."""
+        return self.joined and parameters.dpv_leak != 0.0
 
     def stays_shut(self, parameters: Any, traces: Sequence[NDArray[np.float64]]) -> bool:
         """Whether the differential pressure valve never opens between springs with these traces (rows, TRACE)."""
@@ -176,11 +177,16 @@ class TracedReplay:
         return bool(np.abs(left - right).max() < parameters.dpv_opening - _MARGIN)
 
     def springs(
-        self, parameters: Any, gas: Gas, shift: float, crept: NDArray[np.float64] | None = None
-    ) -> tuple[LaneSpring, ...]:
+        self,
+        parameters: Any,
+        gas: Gas,
+        shift: float,
+        crept: NDArray[np.float64] | None = None,
+        supply_error: float = 0.0,
+    ) -> tuple[LaneSpring, LaneSpring]:
         """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion.
 
-        ``crept`` is as for `bench_sim.model.replay.replay`.
+        ``crept`` is as for `bench_sim.model.replay.replay`; the supply is ``supply_error`` Pa below what was told.
         """
         x = np.zeros(STATES)
         if crept is not None:
@@ -192,7 +198,23 @@ class TracedReplay:
         memory = np.zeros(1, MEMORY).view(np.recarray)
         powers = power_coefficients(float(parameters.heat_capacity_ratio))
         begin_springs(x, memory, _one(parameters), gas, powers, columns)
-        return tuple(LaneSpring(columns[i], parameters, i, self.courses[i], shift) for i in range(SIDES))
+        left, right = (
+            LaneSpring(columns[i], parameters, i, self.courses[i], shift, supply_error) for i in range(SIDES)
+        )
+        return left, right
+
+    def _valves(self, inputs: NDArray[np.float64], side: int, rows: int) -> NDArray[np.float64]:
+        """Return what the valves of one side do during each step (rows, GIVEN)."""
+        every = np.column_stack(
+            (
+                np.clip(inputs[:, Input.LEFT_RESERVOIR_VALVE + side], 0.0, 1.0),
+                np.clip(inputs[:, Input.LEFT_LEVELING + side], 0.0, 1.0),
+                np.clip(inputs[:, Input.LEFT_SERVICE_VALVE + side], -1.0, 1.0),
+                self.supply,
+                np.clip(inputs[:, Input.DPV_CONNECTED], 0.0, 1.0),
+            )
+        )
+        return np.repeat(every, self.steps, axis=0)[:rows]
 
     def readings(
         self,

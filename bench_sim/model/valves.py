@@ -104,17 +104,16 @@ def lever_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 
 @compiled
-def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: Any, dx: Any) -> float:
-    """Flow in kg/s into one auxiliary chamber from the supply or to the atmosphere, through these conductances.
+def chamber_flow(
+    supply: float, p: float, T: float, fill: float, exhaust: float, par: Any
+) -> tuple[float, float]:
+    """Flow in kg/s into a chamber from the supply or to the atmosphere, and the enthalpy that it carries in W.
 
-    A check valve keeps air from flowing back into the supply; an open exhaust lets air in where the chamber is below
-    atmosphere.
+    ``fill`` and ``exhaust`` are conductances. A check valve keeps air from flowing back into the supply; an open
+    exhaust lets air in where the chamber is below atmosphere.
     """
     c_p = enthalpy_per_kelvin(par)
     b = par.valve_critical_ratio
-    supply = x[State.SUPPLY_LINE]
-    p = out[Algebraic.AUXILIARY_PRESSURE + side]
-    T = out[Algebraic.AUXILIARY_TEMPERATURE + side]
     flow = 0.0
     power = 0.0
     if fill > 0.0 and supply > p:
@@ -126,24 +125,47 @@ def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: 
         )
         flow -= G
         power -= G * c_p * (T if G > 0.0 else par.ambient_temperature)
+    return flow, power
+
+
+@compiled
+def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: Any, dx: Any) -> float:
+    """Flow in kg/s into one auxiliary chamber from the supply or to the atmosphere (`chamber_flow`)."""
+    p = out[Algebraic.AUXILIARY_PRESSURE + side]
+    T = out[Algebraic.AUXILIARY_TEMPERATURE + side]
+    flow, power = chamber_flow(x[State.SUPPLY_LINE], p, T, fill, exhaust, par)
     dx[State.AUXILIARY_MASS + side] += flow
     dx[State.AUXILIARY_ENERGY + side] += power
     return flow
 
 
 @compiled
+def valve_opening(lever: float, mem: Any, par: Any, side: int) -> float:
+    """How far the leveling valve of one side is open: −1 fills, +1 exhausts."""
+    deadband, hysteresis = par.leveling_deadband[side], par.leveling_hysteresis[side]
+    return leveling_opening(lever, mem.leveling_latch[side], deadband, hysteresis, par.leveling_range[side])
+
+
+@compiled
+def leveling_conductances(opening: float, par: Any, side: int) -> tuple[float, float]:
+    """To fill and to exhaust one auxiliary chamber through its leveling valve."""
+    return max(-opening, 0.0) * par.fill_conductance[side], max(opening, 0.0) * par.exhaust_conductance[side]
+
+
+@compiled
+def service_conductances(opening: float, par: Any, side: int) -> tuple[float, float]:
+    """To fill and to exhaust one auxiliary chamber through the rig's service valve."""
+    conductance = par.service_conductance[side]
+    return max(opening, 0.0) * conductance, max(-opening, 0.0) * conductance
+
+
+@compiled
 def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Filling and exhausting of each auxiliary chamber by its leveling valve."""
     for i in range(2):
-        opening = min(max(u[Input.LEFT_LEVELING + i], 0.0), 1.0) * leveling_opening(
-            x[State.LEVER + i],
-            mem.leveling_latch[i],
-            par.leveling_deadband[i],
-            par.leveling_hysteresis[i],
-            par.leveling_range[i],
-        )
-        fill = max(-opening, 0.0) * par.fill_conductance[i]
-        exhaust = max(opening, 0.0) * par.exhaust_conductance[i]
+        connected = min(max(u[Input.LEFT_LEVELING + i], 0.0), 1.0)
+        opening = connected * valve_opening(x[State.LEVER + i], mem, par, i)
+        fill, exhaust = leveling_conductances(opening, par, i)
         out[Algebraic.LEVELING_FLOW + i] = chamber_term(x, par, i, fill, exhaust, out, dx)
 
 
@@ -152,19 +174,35 @@ def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Filling and exhausting of each auxiliary chamber by the rig's service valve, beside its leveling valve."""
     for i in range(2):
         opening = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
-        fill = max(opening, 0.0) * par.service_conductance[i]
-        exhaust = max(-opening, 0.0) * par.service_conductance[i]
+        fill, exhaust = service_conductances(opening, par, i)
         out[Algebraic.SERVICE_FLOW + i] = chamber_term(x, par, i, fill, exhaust, out, dx)
 
 
 @compiled
-def dpv_latch(difference: float, latch: int, opening: float, reclosing: float) -> int:
-    """1 open, 0 closed: opens above ``opening``, recloses below ``reclosing`` (both Pa, of |p_L − p_R|)."""
-    if abs(difference) > opening:
-        return 1
-    if abs(difference) < reclosing:
-        return 0
-    return latch
+def switch_dpv(difference: float, mem: Any, par: Any) -> None:
+    """Let the differential pressure valve open above its opening and shut below its reclosing pressure of |p_L − p_R|.
+
+    It does so somewhere within a step: where, the ``difference`` at its start (Pa) and that a step ago tell, and that
+    ``dpv_share`` of the step it is open. What passes then depends smoothly on all parameters, not on where steps begin.
+    """
+    now, before = abs(difference), abs(mem.dpv_difference)
+    then = 2.0 * now - before if before > 0.0 else now
+    share = float(mem.dpv_latch)
+    if mem.dpv_latch == 0 and max(now, then) > par.dpv_opening:
+        mem.dpv_latch = 1
+        share = 1.0 if now >= par.dpv_opening else (then - par.dpv_opening) / (then - now)
+    elif mem.dpv_latch == 1 and min(now, then) < par.dpv_reclosing:
+        mem.dpv_latch = 0
+        share = 0.0 if now <= par.dpv_reclosing else (now - par.dpv_reclosing) / (now - then)
+    mem.dpv_share = share
+    mem.dpv_difference = difference
+
+
+@compiled
+def switch_leveling(lever: float, mem: Any, par: Any, side: int) -> None:
+    """Latch of one leveling valve."""
+    deadband, hysteresis = par.leveling_deadband[side], par.leveling_hysteresis[side]
+    mem.leveling_latch[side] = leveling_latch(lever, mem.leveling_latch[side], deadband, hysteresis)
 
 
 @compiled
@@ -172,32 +210,31 @@ def switch_valves(x: Any, mem: Any, par: Any) -> None:
     """Latches of the leveling valves and the differential pressure valve, from the state at the start of a step."""
     kappa = par.heat_capacity_ratio
     for i in range(2):
-        mem.leveling_latch[i] = leveling_latch(
-            x[State.LEVER + i], mem.leveling_latch[i], par.leveling_deadband[i], par.leveling_hysteresis[i]
-        )
+        switch_leveling(x[State.LEVER + i], mem, par, i)
     left = pressure(x[State.AUXILIARY_ENERGY], par.auxiliary_volume[0], kappa)
     right = pressure(x[State.AUXILIARY_ENERGY + 1], par.auxiliary_volume[1], kappa)
-    mem.dpv_latch = dpv_latch(left - right, mem.dpv_latch, par.dpv_opening, par.dpv_reclosing)
+    switch_dpv(left - right, mem, par)
+
+
+@compiled
+def dpv_flow(
+    mem: Any, connected: float, p_left: float, T_left: float, p_right: float, T_right: float, par: Any
+) -> tuple[float, float]:
+    """Flow in kg/s from the left to the right chamber while the valve is open or leaks, and its enthalpy in J/kg."""
+    conductance = (mem.dpv_share * par.dpv_conductance + par.dpv_leak) * min(max(connected, 0.0), 1.0)
+    if conductance == 0.0:
+        return 0.0, 0.0
+    b = par.valve_critical_ratio
+    flow = valve_between(p_left, T_left, p_right, T_right, conductance, b, par.laminar_limit)
+    return flow, enthalpy_per_kelvin(par) * (T_left if p_left > p_right else T_right)
 
 
 @compiled
 def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Flow from the left to the right auxiliary chamber while the differential pressure valve is open or leaks."""
-    flow = 0.0
-    conductance = (par.dpv_conductance if mem.dpv_latch == 1 else 0.0) + par.dpv_leak
-    if conductance > 0.0 and u[Input.DPV_CONNECTED] > 0.0:
-        T_left = out[Algebraic.AUXILIARY_TEMPERATURE]
-        T_right = out[Algebraic.AUXILIARY_TEMPERATURE + 1]
-        flow = valve_between(
-            out[Algebraic.AUXILIARY_PRESSURE],
-            T_left,
-            out[Algebraic.AUXILIARY_PRESSURE + 1],
-            T_right,
-            conductance * min(u[Input.DPV_CONNECTED], 1.0),
-            par.valve_critical_ratio,
-            par.laminar_limit,
-        )
-        enthalpy = enthalpy_per_kelvin(par) * (T_left if flow > 0.0 else T_right)
+    p, T = Algebraic.AUXILIARY_PRESSURE, Algebraic.AUXILIARY_TEMPERATURE
+    flow, enthalpy = dpv_flow(mem, u[Input.DPV_CONNECTED], out[p], out[T], out[p + 1], out[T + 1], par)
+    if flow != 0.0:
         transfer(dx, State.AUXILIARY_MASS, State.AUXILIARY_MASS + 1, flow, enthalpy)
     out[Algebraic.DPV_FLOW] = flow
 

@@ -323,7 +323,7 @@ class AirSpring:
         if key not in known:
             traced = prepared.rough if rough else prepared.traced
             crept = _crept(job.experiment.settings, record)
-            springs = traced.springs(record, gas, shift, crept) if traced.fits(record) else ()
+            springs = traced.springs(record, gas, shift, crept, error) if traced.fits(record) else ()
             alone = partial(self._replay, prepared, record, gas, shift, error)
             known[key] = Replayed(
                 traced,
@@ -332,7 +332,8 @@ class AirSpring:
                 shift,
                 springs,
                 self._sensors,
-                (lambda: None) if rough else alone,
+                alone,
+                rough,
             )
         return known[key]
 

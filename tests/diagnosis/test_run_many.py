@@ -76,15 +76,37 @@ def everything(simulator, experiment):
             yield surface.name, Job(experiment, {}, {surface.name: {coefficient.name: coefficient.spread}})
 
 
-def test_the_whole_catalogue_is_the_same_in_many_as_in_one(bench):
-    names, jobs = zip(*everything(bench.simulator, shaken("first", 1.2)), strict=True)
+#: Where air passes between the sides, and in and out by the leveling valves.
+AIR = {
+    "none": ({}, {}),
+    "between the sides": ({"dpv": np.ones(240)}, {"left.bellows_pressure": 4.2e5}),
+    "from the supply": (
+        {
+            "left.height": np.full(240, -11 * mm),
+            "left.leveling": np.ones(240),
+            "right.leveling": 0.5 * np.ones(240),
+        },
+        {},
+    ),
+}
+
+
+@pytest.mark.parametrize("air", AIR)
+def test_the_whole_catalogue_is_the_same_in_many_as_in_one(bench, air):
+    inputs, settings = AIR[air]
+    simulator = AirSpring(load("astb"), effects=CATALOGUE)
+    names, jobs = zip(*everything(simulator, shaken("first", 1.2, inputs=inputs, **settings)), strict=True)
     base = None
-    for name, job, outputs in zip(names, jobs, bench.simulator.run_many(jobs), strict=True):
+    for name, job, outputs in zip(names, jobs, simulator.run_many(jobs), strict=True):
         alone = bench.simulator.run(job.experiment, job.parameters, job.effects)
         base = alone if base is None else base
         apart = np.abs(outputs - alone).max(axis=0) / bench.noise
         moved = np.abs(alone - base).max(axis=0) / bench.noise
         assert apart.max() < 1e-4 + 1e-5 * moved.max(), name
+    assert simulator.effort["alone"] == 0
+    shut = {name: motion for name, motion in inputs.items() if name.endswith("height")}
+    still = simulator.run(shaken("first", 1.2, inputs=shut, **settings), {}, {})
+    assert ((np.abs(base - still) / bench.noise).max() > 10.0) == (air != "none"), "air does pass"
 
 
 def test_differences_of_rough_runs_are_those_of_good_ones(bench):
@@ -138,17 +160,8 @@ def test_samples_that_are_close_enough_already_are_not_done_more_roughly(bench):
         assert np.array_equal(one, other)
 
 
-@pytest.mark.parametrize(
-    ("inputs", "settings"),
-    [
-        ({"left.leveling": 1.0}, {}),
-        ({}, {"pipe_length": 1.0}),
-    ],
-)
-def test_what_no_lane_can_do_is_replayed_as_ever(bench, integrated, inputs, settings):
-    experiment = shaken(
-        "odd", 0.5, inputs={name: np.full(100, value) for name, value in inputs.items()}, **settings
-    )
+def test_what_no_lane_can_do_is_replayed_as_ever(bench, integrated):
+    experiment = shaken("odd", 0.5, pipe_length=1.0)
     jobs = [
         Job(experiment, {}, {}),
         Job(experiment, {"load_cell.1.offset": 5.0}, {"leak.left": {"area": 1e-7}}),
@@ -159,18 +172,34 @@ def test_what_no_lane_can_do_is_replayed_as_ever(bench, integrated, inputs, sett
 
 
 @pytest.mark.parametrize(
-    ("pressure", "leak", "alone"), [(2.1e5, False, 0), (2.1e5, True, 1), (5.2e5, False, 1)]
+    ("pressure", "leak", "packs"), [(2.1e5, False, 1), (2.1e5, True, 1), (5.2e5, False, 2)]
 )
-def test_springs_are_apart_while_nothing_passes_the_valve_between_them(bench, pressure, leak, alone):
-    """A differential pressure valve that is connected but shut joins nothing; open or leaking, it does."""
+def test_springs_are_apart_while_nothing_passes_the_valve_between_them(bench, pressure, leak, packs):
+    """A differential pressure valve that is connected but shut joins nothing; open or leaking, it does.
+
+    That it opens shows when both springs have been integrated apart; from then on they go together, and not roughly.
+    """
     begin = {"left.bellows_pressure": pressure}
     experiment = shaken("joined", 0.5, inputs={"dpv": np.ones(100)}, **begin)
     simulator = AirSpring(load("astb"), effects=CATALOGUE)
-    effects = {"dpv_leak": {"area": 1e-6}} if leak else {}
-    (many,) = simulator.run_many([Job(experiment, {}, effects)])
-    one = simulator.run(experiment, {}, effects)
-    assert simulator.effort["alone"] == alone
-    assert np.array_equal(many, one) if alone else (np.abs(many - one) / bench.noise).max() < 1e-4
+    job = Job(experiment, {}, {"dpv_leak": {"area": 1e-6}} if leak else {})
+    (many,) = simulator.run_many([job])
+    one = simulator.run(experiment, {}, job.effects)
+    assert (np.abs(many - one) / bench.noise).max() < 1e-4
+    assert (simulator.effort["packs"], simulator.effort["alone"]) == (packs, 0)
+    other = Job(experiment, {"left.bellows_volume": 0.031}, job.effects)
+    together = list(simulator.run_many([other, job]))
+    assert np.array_equal(together[1], many), "bit for bit, whatever is integrated beside it"
+    assert simulator.effort["packs"] == packs + 1
+    assert [outputs is None for outputs in simulator.run_roughly([job])] == [leak or packs > 1]
+
+
+def test_a_rough_job_tells_itself_that_the_valve_opens(bench):
+    experiment = shaken("opening", 0.5, inputs={"dpv": np.ones(100)}, **{"left.bellows_pressure": 5.2e5})
+    simulator = AirSpring(load("astb"), effects=CATALOGUE)
+    assert list(simulator.run_roughly([Job(experiment, {}, {})])) == [None]
+    assert list(simulator.run_roughly([Job(experiment, {}, {})])) == [None]
+    assert simulator.effort["packs"] == 1, "and it is tried once"
 
 
 def test_only_what_differs_is_integrated(bench, integrated):

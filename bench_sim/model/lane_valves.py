@@ -1,0 +1,94 @@
+"""Air that lanes get from elsewhere: from the supply, and one side from the other.
+
+Theory of operation
+-------------------
+Valves are mostly shut, and their equations are those of `bench_sim.model.valves`: lane by lane, with its functions.
+Where the differential pressure valve joins both sides of a bench, the left one is a lane of the first half, and the
+right one is the same lane of the second half.
+"""
+
+from typing import Any
+
+from bench_sim.model.compiled import compiled
+from bench_sim.model.gas import pressure
+from bench_sim.model.lane_layout import GIVEN, LANES, PAIRS, SLOPE, STAGE, START, Lane, LaneState
+from bench_sim.model.valves import (
+    chamber_flow,
+    dpv_flow,
+    leveling_conductances,
+    service_conductances,
+    switch_dpv,
+    switch_leveling,
+    valve_opening,
+)
+
+
+@compiled
+def gather_valves(w: Any, n: int, valves: Any, rows: Any, everything: bool) -> None:
+    """Let the valves of all lanes do what their courses say of step n, or the reservoir valves alone."""
+    given = GIVEN if everything else 1
+    for i in range(LANES):
+        row = min(n, rows[i] - 1)
+        for k in range(given):
+            w[Lane.OPENING + LANES * k + i] = valves[i][row, k]
+        w[Lane.SUPPLY + i] -= w[Lane.SUPPLY_ERROR + i]
+
+
+@compiled
+def settle_levers(w: Any, sides: Any, parameters: Any) -> None:
+    """Let every lever have stood for ever where its plate is."""
+    for i in range(LANES):
+        w[STAGE + LaneState.LEVER + i] = w[Lane.HEIGHT + i] + parameters[i].lever_offset[sides[i]]
+        w[START + LaneState.LEVER + i] = w[STAGE + LaneState.LEVER + i]
+
+
+@compiled
+def switch_leveling_valves(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
+    """Latches of the leveling valves, from the state at the start of a step."""
+    for i in range(LANES):
+        switch_leveling(w[START + LaneState.LEVER + i], memory[i], parameters[i], sides[i])
+
+
+@compiled
+def switch_between(w: Any, memory: Any, parameters: Any) -> None:
+    """Latches of the differential pressure valves, from the state at the start of a step; left lanes keep them."""
+    for i in range(PAIRS):
+        j = PAIRS + i
+        kappa = w[Lane.HEAT_RATIO + i]
+        left = pressure(w[START + LaneState.AUXILIARY_ENERGY + i], w[Lane.AUXILIARY_VOLUME + i], kappa)
+        right = pressure(w[START + LaneState.AUXILIARY_ENERGY + j], w[Lane.AUXILIARY_VOLUME + j], kappa)
+        switch_dpv(left - right, memory[i], parameters[i])
+
+
+@compiled
+def feed(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
+    """Leveling and service valves fill and exhaust the auxiliary chambers; levers follow the heights."""
+    for i in range(LANES):
+        side = sides[i]
+        par = parameters[i]
+        p, T = w[Lane.AUXILIARY_PRESSURE + i], w[Lane.AUXILIARY_TEMPERATURE + i]
+        lever = w[STAGE + LaneState.LEVER + i]
+        target = w[Lane.HEIGHT + i] + par.lever_offset[side]
+        w[SLOPE + LaneState.LEVER + i] = (target - lever) / par.leveling_lag[side]
+        opening = w[Lane.LEVELING + i] * valve_opening(lever, memory[i], par, side)
+        fill, exhaust = leveling_conductances(opening, par, side)
+        flow, power = chamber_flow(w[Lane.SUPPLY + i], p, T, fill, exhaust, par)
+        fill, exhaust = service_conductances(w[Lane.SERVICE + i], par, side)
+        more_flow, more_power = chamber_flow(w[Lane.SUPPLY + i], p, T, fill, exhaust, par)
+        w[SLOPE + LaneState.AUXILIARY_MASS + i] += flow + more_flow
+        w[SLOPE + LaneState.AUXILIARY_ENERGY + i] += power + more_power
+
+
+@compiled
+def join(w: Any, memory: Any, parameters: Any) -> None:
+    """Flow through the differential pressure valves."""
+    for i in range(PAIRS):
+        j = PAIRS + i
+        T_left, T_right = w[Lane.AUXILIARY_TEMPERATURE + i], w[Lane.AUXILIARY_TEMPERATURE + j]
+        p_left, p_right = w[Lane.AUXILIARY_PRESSURE + i], w[Lane.AUXILIARY_PRESSURE + j]
+        connected = w[Lane.JOINED + i]
+        flow, enthalpy = dpv_flow(memory[i], connected, p_left, T_left, p_right, T_right, parameters[i])
+        w[SLOPE + LaneState.AUXILIARY_MASS + i] -= flow
+        w[SLOPE + LaneState.AUXILIARY_MASS + j] += flow
+        w[SLOPE + LaneState.AUXILIARY_ENERGY + i] -= flow * enthalpy
+        w[SLOPE + LaneState.AUXILIARY_ENERGY + j] += flow * enthalpy
