@@ -24,9 +24,10 @@ from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.engine.config import AR_ORDER
-from diagnosis.systems.air_spring import GAS, AirSpring
+from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring
 from diagnosis.systems.load_history import remembered_loads
 from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise
+from diagnosis.systems.twice_rounded import TwiceRounded, twice_rounded
 
 REPLAY: Final = "replay "
 CONDITION: Final = "condition"
@@ -37,7 +38,8 @@ STEP: Final = 1.0 / FAST_RATE
 _REMEMBERED: Final = AR_ORDER
 #: A signal is coarse if it is rounded to more than so many times its noise: then the noise does not move it about.
 _COARSE: Final = 2.0
-#: A coarse signal is quick where its readings change by more than this part of a step on average over so many of them.
+#: A coarse signal is quick where its readings change by more than this part of a step on average over so many of them,
+#: and by more than one step altogether.
 _QUICK, _QUICK_WINDOW = 0.5, 11
 #: The state at the beginning of a run is read from so much of its first rest (s).
 _FIRST: Final = 1.0
@@ -54,7 +56,8 @@ def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
     channels = _as_read(simulator.channels, records)
     for directory, record in zip(directories, records, strict=True):
         digest.update(record.path.read_bytes())
-        found = [_run(record, phase, simulator, channels) for phase in _phases(record)]
+        twice = _twice_rounded(record, simulator)
+        found = [_run(record, phase, simulator, channels, twice) for phase in _phases(record)]
         if not found:
             raise DiagnosisError(
                 f"{directory} holds no phase whose name begins with {REPLAY!r}, so there is nothing to replay; the "
@@ -109,7 +112,25 @@ def _rounded_to(values: Array) -> float:
     return float(apart.min()) if apart.size else 0.0
 
 
-def _run(record: Record, phase: Phase, simulator: AirSpring, channels: Sequence[Channel]) -> MeasuredRun:
+def _twice_rounded(record: Record, simulator: AirSpring) -> dict[str, TwiceRounded]:
+    """Return which channels were rounded by their converter and, to a grid that it does not share, by the wire."""
+    found = {}
+    for channel in simulator.channels:
+        converter = float(simulator.parameters.record.sensor_resolution[OUTPUTS[channel.name]])
+        if channel.name in record.signals and converter < channel.resolution:
+            _, readings = record.series(channel.name)
+            if (one := twice_rounded(readings, converter, channel.noise)) is not None:
+                found[channel.name] = one
+    return found
+
+
+def _run(
+    record: Record,
+    phase: Phase,
+    simulator: AirSpring,
+    channels: Sequence[Channel],
+    twice: Mapping[str, TwiceRounded],
+) -> MeasuredRun:
     grid = _grid(record, phase)
     measured = {name: _sampled(record, name, grid) for name in (*SENSORS, *BESIDE)}
     measured = {name: values for name, values in measured.items() if np.isfinite(values).any()}
@@ -118,7 +139,7 @@ def _run(record: Record, phase: Phase, simulator: AirSpring, channels: Sequence[
             raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
     settings = _SettingsOfRecord(record)
     inputs = motion_inputs(measured, STEP, simulator.parameters) | settings.valves(grid)
-    outputs = _outputs(record, grid, inputs, simulator, channels)
+    outputs = _outputs(record, grid, inputs, simulator, channels, twice)
     inputs["supply.pressure"] = _interpolated(_sampled(record, "supply.pressure", grid), simulator.parameters)
     inside = [p for p in record.phases if phase.start <= p.start and p.end <= phase.end and p is not phase]
     conditioned = max((p.end for p in inside if p.name.startswith(CONDITION)), default=phase.start)
@@ -148,6 +169,7 @@ def _outputs(
     inputs: Mapping[str, Array],
     simulator: AirSpring,
     channels: Sequence[Channel],
+    twice: Mapping[str, TwiceRounded],
 ) -> Array:
     """The channels (n, c); actuator forces are NaN where the acceleration of the bolster is not known well enough."""
     par = simulator.parameters.record
@@ -168,6 +190,8 @@ def _outputs(
     for k, (channel, believed) in enumerate(zip(channels, simulator.channels, strict=True)):
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan
+        if channel.name in twice:
+            outputs[:, k] = twice[channel.name].rounded_once(outputs[:, k])
         if believed.resolution > _COARSE * believed.noise:
             outputs[:, k] = _at_its_steps(outputs[:, k])
         elif channel.resolution > believed.resolution:
@@ -200,20 +224,28 @@ def _at_its_steps(values: Array) -> Array:
     """Return the readings (n,) of a signal rounded more coarsely than it is noisy, where they say something, else NaN.
 
     Where it is slow, only its steps: a hundred equal readings say no more than one, and at a step the signal was
-    half-way between both. Where it is quick, every reading: half-way between two samples a wave is not half-way between
-    their readings but further out, by a fifth of its amplitude for 2 Hz seen ten times a second.
+    half-way between both. While it stays near there, noise makes it step to and fro, which says that once: of steps
+    between the same two readings the middle one counts. Where it is quick, every reading: half-way between two samples
+    a wave is not half-way between their readings but further out, by a fifth of its amplitude for 2 Hz seen ten times a
+    second.
     """
-    from scipy.ndimage import uniform_filter1d
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
     result = np.full(len(values), np.nan)
     known = np.flatnonzero(np.isfinite(values))
     moved = np.abs(np.diff(values[known]))
     if not moved.any():
         return result
-    quick = uniform_filter1d(moved, _QUICK_WINDOW, mode="nearest") > _QUICK * moved[moved > 0.0].min()
+    step = moved[moved > 0.0].min()
+    wide = maximum_filter1d(values[known], _QUICK_WINDOW) - minimum_filter1d(values[known], _QUICK_WINDOW)
+    quick = uniform_filter1d(moved, _QUICK_WINDOW, mode="nearest") > _QUICK * step
+    quick &= wide[:-1] > 1.5 * step
     steps = np.flatnonzero((moved > 0.0) & ~quick)
     before, after = known[steps], known[steps + 1]
-    result[(before + after) // 2] = 0.5 * (values[before] + values[after])
+    between = 0.5 * (values[before] + values[after])
+    groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(between)) + 1)
+    once = np.array([group[len(group) // 2] for group in groups if len(group)], np.intp)
+    result[(before[once] + after[once]) // 2] = between[once]
     readings = known[:-1][quick]
     result[readings] = values[readings]
     return result

@@ -68,6 +68,18 @@ def test_a_coarse_reading_that_is_slow_counts_where_it_steps():
     )
 
 
+def test_a_coarse_reading_that_stays_near_its_step_says_so_once():
+    """Noise makes it step to and fro for minutes; each step is wrong by the same."""
+    time = np.arange(0.0, 300.0, STEP)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(len(time))
+    cooling = 295.033 + 0.5 * np.exp(-time / 20.0)
+    kept = _at_its_steps(sampled_thermometer(time, cooling + noise))
+    there = np.isfinite(kept)
+    assert 8 <= there.sum() <= 12, "half a kelvin in steps of 0.05 K"
+    assert np.sum(time[there] > 150.0) <= 1
+    assert kept[there] == pytest.approx(cooling[there], abs=0.03)
+
+
 @pytest.mark.parametrize("hertz", [0.7, 1.3, 2.1, 3.3])
 def test_a_coarse_reading_that_is_quick_shows_the_whole_wave(hertz):
     """Half-way between samples a wave is further out than half-way between their readings: each stands for itself."""
