@@ -5,7 +5,7 @@ Theory of operation
 Noise moves a reading about between the steps of one rounding, and their mean is right to a millionth where the noise is
 as large as the steps. Two roundings beat. Of steps of 25 N over a converter of 8 N, one code in eight stands for four
 numbers of the converter and the others for three: the mean is up to 2.5 N wrong, the same as long as the force stays
-within some 50 N of where it is. In a rest of eight seconds that is ten times what the noise leaves.
+within some 50 N of where it is. In a rest of eight seconds that is five times what the noise leaves.
 
 So each code gets the number for which the mean is right at every force: with P(k|F), the chance of code k at the force
 F, and b(F), what the mean of the codes is wrong by, Σ_k P(k|F) c_k = b(F) is solved for the corrections c. Codes repeat
@@ -53,11 +53,12 @@ class TwiceRounded:
 
 
 def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRounded | None:
-    """Return how a signal with these readings (n,), equally far apart in time, was rounded twice; None if it was not.
+    """Return how a signal with these readings (n,) of equal intervals was rounded twice; None if it was not.
 
     ``converter`` is the finer step, ``noise`` the standard deviation before both. None as well where the noise is too
     small for the mean to tell anything, and where the readings speak against it.
     """
+    readings = readings[np.isfinite(readings)]
     apart = np.diff(np.unique(readings))
     wire = float(apart.min()) if apart.size else 0.0
     codes = _codes(converter, wire)
@@ -68,7 +69,7 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
     met = np.round(seen[:-1][np.abs(np.diff(seen)) > _WAY * noise] / wire).astype(np.int64) % codes
     if np.bincount(met, minlength=codes) @ np.log(codes * chances.mean(axis=0)) < -_AGAINST:
         return None
-    corrections = np.linalg.lstsq(chances, bias, rcond=_SEEN)[0]
+    corrections: Array = np.linalg.lstsq(chances, bias, rcond=_SEEN)[0].astype(np.float64)
     return TwiceRounded(wire, corrections) if np.abs(corrections).max() > _LEAST * noise else None
 
 

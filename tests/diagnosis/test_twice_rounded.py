@@ -21,7 +21,7 @@ def read(force, seed, converter=CONVERTER, wire=WIRE):
 
 def swinging(count=40_000):
     k = np.arange(count)
-    return 36e3 + 3000.0 * np.sin(0.0113 * k) + 900.0 * np.sin(0.0171 * k)
+    return np.where(k % 997, 36e3 + 3000.0 * np.sin(0.0113 * k) + 900.0 * np.sin(0.0171 * k), np.nan)
 
 
 @pytest.mark.parametrize("force", [36_040.0, 36_060.0, 36_111.0, -36_155.0])
@@ -29,8 +29,9 @@ def test_the_mean_at_rest_is_right(force):
     """By the codes it is wrong by up to 2.5 N, twenty-five times what the noise leaves of so many."""
     found = twice_rounded(read(swinging(), 1), CONVERTER, NOISE)
     still = read(np.full(60_000, force), 2)
-    assert abs(found.rounded_once(still).mean() - force) < 0.3
-    assert abs(still.mean() - force) > 1.0
+    still[::100] = np.nan
+    assert abs(np.nanmean(found.rounded_once(still)) - force) < 0.3
+    assert abs(np.nanmean(still) - force) > 1.0
     assert np.isnan(found.rounded_once(np.array([np.nan, 0.0]))).tolist() == [True, False]
 
 
