@@ -89,7 +89,7 @@ class Generator(Device):
         self._link.settings.write({f"generator.{name}": value for name, value in settings.items()})
         self._link.settings.act("action.program_run")
         # Frames on their way still tell of the program before: only after two beats do they speak of this one.
-        self._link.wait_beats(STREAM_BEATS)
+        self._link.wait_beats(STREAM_BEATS, "rig.program")
 
     def wait_done(self, within: float) -> None:
         """Wait until the program has ended by itself; RigFault if it ended before its last cycle."""

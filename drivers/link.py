@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -28,6 +29,8 @@ SHOWN_MAX: Final = 12
 #: How long set-points are averaged and streamed before a control mode changes: several beats, no visible pause.
 AVERAGE_OVER: Final = 200 * ms
 STREAM_BEATS: Final = 3
+#: A rig of which other signals come tells each of its status signals within this time.
+TOLD_WITHIN: Final = 5 * s
 
 
 class Link:
@@ -122,9 +125,16 @@ class Link:
             self.clock.sleep_until(min(deadline, now + self._to_beat(now)))
             self.check()
 
-    def wait_beats(self, beats: int) -> None:
-        """Let so many beats pass that each of the last ``beats`` carries the present set-points, and shows."""
-        self.wait((beats + 1) * BEAT / NS + self.wiring.capabilities.latency)
+    def wait_beats(self, beats: int, *told: str) -> None:
+        """Let so many beats pass that each of the last ``beats`` carries the present set-points, and shows.
+
+        Of signals ``told`` it goes on until they were told in one of the last two beats or later: frames are lost.
+        """
+        latency = self.wiring.capabilities.latency
+        since = self.now + (beats - 1) * BEAT / NS + latency
+        self.wait((beats + 1) * BEAT / NS + latency)
+        for name in told:
+            self._until(partial(self._told_since, name, since), TOLD_WITHIN, f"{name} told again")
 
     def wait_for(
         self,
@@ -254,6 +264,9 @@ class Link:
 
     def _on_lost(self, reason: str) -> None:
         self._lost = reason or f"the connection to {self.wiring.rig} is closed"
+
+    def _told_since(self, name: str, since: float) -> bool:
+        return self.now - self.readings.sample(name).age > since
 
     def _to_beat(self, now: int) -> int:
         return BEAT - (now - self.commander.origin) % BEAT

@@ -1,12 +1,17 @@
 """The drivers and the simulated rig meet on the wire, in virtual time."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from astb.rig_in_memory import RigInMemory
-from bench_protocol.units import Hz, bar, kN, minutes, mm, s
+from bench_protocol.units import NS, Hz, bar, kN, minutes, mm, s
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from drivers.errors import Refused, RigFault
+
+#: The frame that tells the rig's state and that of its program.
+STATE = 0x282
 
 
 @pytest.fixture
@@ -15,6 +20,24 @@ def pair():
     rig = Rig(load())
     with RigInMemory(rig).bench() as bench:
         yield rig, bench
+
+
+@pytest.fixture
+def losing():
+    """A connected bench, and a function that loses the frames with the rig's state for some seconds from now on."""
+    rig = Rig(load())
+    lost = SimpleNamespace(until=0)
+
+    def run(ticks):
+        block = rig.run(ticks)
+        return block[(block["id"] != STATE) | (memory.clock.now() > lost.until)]
+
+    def lose(seconds):
+        lost.until = memory.clock.now() + round(seconds * NS)
+
+    memory = RigInMemory(rig, run)
+    with memory.bench() as bench:
+        yield bench, lose
 
 
 def test_a_spring_is_lifted_filled_loaded_shaken_and_emptied(pair):
@@ -45,6 +68,16 @@ def test_a_spring_is_lifted_filled_loaded_shaken_and_emptied(pair):
     assert bench.rig.state == "DISABLED"
     assert bench.wiring.tally()["lost"] == bench.wiring.tally()["repeated"] == 0
     assert bench.rig.rejected_commands == 0
+
+
+def test_a_program_whose_first_frames_are_lost_is_not_taken_for_the_one_before(losing):
+    bench, lose = losing
+    bench.arm()
+    bench.vertical.hold_position()
+    bench.generator.run("vertical", amplitude=2 * mm, frequency=5 * Hz, cycles=3)
+    lose(0.08 * s)
+    bench.generator.run("vertical", amplitude=2 * mm, frequency=5 * Hz, cycles=8)
+    assert bench.generator.cycles == 8
 
 
 def test_plates_and_pipes_are_changed_on_an_empty_bench_only(pair):
