@@ -231,6 +231,28 @@ def most(w: Any, row: int, count: int) -> int:
 
 
 @compiled
+def taking_part(w: Any, surfaces: bool, fed: bool, joined: bool) -> Having:
+    """Return what any of the lanes has."""
+    extra = most(w, EXTRA_RATIO, EXTRA_BRANCHES)
+    frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
+    inert = most(w, Lane.INERTANCE, 1) > 0
+    leaking = most(w, Lane.LEAK, 1) > 0 or most(w, Lane.LEAK_LAMINAR, 1) > 0
+    return Having(extra, frictions, inert, leaking, surfaces, fed, joined)
+
+
+@compiled
+def move_valves(
+    w: Any, n: int, having: Having, valves: Any, rows: Any, sides: Any, memory: Any, parameters: Any
+) -> None:
+    """Do with all valves what they do at the start of step ``n``."""
+    gather_valves(w, n, valves, rows, having.fed or having.joined)
+    if having.fed:
+        switch_leveling_valves(w, sides, memory, parameters)
+    if having.joined:
+        switch_between(w, memory, parameters)
+
+
+@compiled
 def stage(w: Any, size: int, weight: float, ahead: float) -> None:
     """Add ``weight`` slopes to the sum, and go ``ahead`` s from the start of the step along the slope."""
     for k in range(size):
@@ -288,12 +310,8 @@ def integrate_lanes(
     saved = np.empty(LENGTH)
     known = np.zeros(LANES)
     turned = np.zeros(LANES, np.bool_)
-    extra = most(w, EXTRA_RATIO, EXTRA_BRANCHES)
-    frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
-    inert = most(w, Lane.INERTANCE, 1) > 0
-    leaking = most(w, Lane.LEAK, 1) > 0 or most(w, Lane.LEAK_LAMINAR, 1) > 0
-    having = Having(extra, frictions, inert, leaking, surfaces, fed, joined)
-    size = LaneState.EXTRA + 2 * LANES * extra
+    having = taking_part(w, surfaces, fed, joined)
+    size = LaneState.EXTRA + 2 * LANES * having.extra
     recall(w, sides, memory, np.zeros(STATES))
     for k in range(size):
         w[START + k] = w[STAGE + k]
@@ -303,14 +321,10 @@ def integrate_lanes(
         settle_levers(w, sides, parameters)
     for n in range(last + 1):
         gather(w, 2 * n, courses, rows)
-        gather_valves(w, n, valves, rows, fed or joined)
-        if fed:
-            switch_leveling_valves(w, sides, memory, parameters)
-        if joined:
-            switch_between(w, memory, parameters)
+        move_valves(w, n, having, valves, rows, sides, memory, parameters)
         since = dt if n > 0 else 0.0
         lane_slope(w, since, having, sides, memory, parameters)
-        if inert:
+        if having.inert:
             note_flow(w)
         if note_motion(w, sides, memory, parameters, since, turned):
             saved[:] = w
