@@ -15,8 +15,6 @@ LANES: Final = 8
 PAIRS: Final = LANES // 2
 #: Friction elements that a lane may have beyond its own.
 LANE_FRICTIONS: Final = 3
-#: What a course says of the valves: reservoir, leveling, service, supply, differential pressure.
-GIVEN: Final = 5
 #: Coefficients of the polynomial that stands for a power.
 POWERS: Final = 19
 
@@ -180,6 +178,9 @@ class Lane(_Rows):
     LEAK_LAMINAR = auto()
     POWER = auto()  #: coefficients of r^(1/κ) from the critical ratio to 1, the constant first
 
+
+#: What a course says of the valves, from `Lane.OPENING` on.
+GIVEN: Final = (Lane.JOINED - Lane.OPENING) // LANES + 1
 
 EXTRA_RATIO: Final = Lane.POWER + LANES * POWERS
 EXTRA_SPEED: Final = EXTRA_RATIO + LANES * EXTRA_BRANCHES

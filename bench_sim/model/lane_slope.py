@@ -281,7 +281,7 @@ def work(w: Any) -> None:
 def lane_slope(w: Any, ahead: float, having: Any, sides: Any, memory: Any, parameters: Any) -> None:
     """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and everything that follows from the states.
 
-    What not all springs are ``having`` stands in ``memory`` and ``parameters`` (LANES), at the ``sides`` (LANES).
+    What is rare, and has no rows in ``w``, is in ``memory`` and ``parameters`` (LANES), at the ``sides`` (LANES).
     """
     lane_algebra(w, ahead, having.extra, having.frictions)
     orifice(w)

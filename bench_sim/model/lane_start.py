@@ -1,7 +1,7 @@
 """What a spring of a lane is made of and where it begins: its column of `bench_sim.model.lane_layout`.
 
-The column holds everything that the integration of this spring depends on, beside its course and its surfaces: springs
-with equal columns on one course have one trajectory.
+The column holds most of what the integration of this spring depends on. Beside it are the course of its plates and, of
+surfaces and valves, quantities of its parameter record: which, `bench_sim.model.lanes.LaneSpring.key` says.
 """
 
 from functools import lru_cache

@@ -31,7 +31,8 @@ def gather_valves(w: Any, n: int, valves: Any, rows: Any, everything: bool) -> N
         row = min(n, rows[i] - 1)
         for k in range(given):
             w[Lane.OPENING + LANES * k + i] = valves[i][row, k]
-        w[Lane.SUPPLY + i] -= w[Lane.SUPPLY_ERROR + i]
+        if everything:
+            w[Lane.SUPPLY + i] -= w[Lane.SUPPLY_ERROR + i]
 
 
 @compiled

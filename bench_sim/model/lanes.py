@@ -104,7 +104,7 @@ class LaneSpring:
 
 
 def key_of(springs: Sequence[LaneSpring]) -> Hashable:
-    """As of one spring, of those that go through it together: one, or left and right with a valve between them."""
+    """`LaneSpring.key` of what is integrated together: one spring, or left and right with a valve between them."""
     own = tuple(spring.key for spring in springs)
     return own if len(springs) == 1 else (*own, springs[0].all_of(JOINING))
 
@@ -368,11 +368,11 @@ def integrate_pairs(
     return list(zip(traces[: len(pairs)], traces[PAIRS:], strict=False))
 
 
-def _check(springs: Sequence[LaneSpring], count: int, most: int, what: str) -> None:
+def _check(springs: Sequence[LaneSpring], count: int, limit: int, what: str) -> None:
     steps = sorted({spring.course.step for spring in springs})
-    if not 0 < count <= most or len(steps) > 1:
+    if not 0 < count <= limit or len(steps) > 1:
         raise ValueError(
-            f"{count} {what} with steps of {steps} s: 1 to {most} {what} with one step go together"
+            f"{count} {what} with steps of {steps} s: 1 to {limit} {what} with one step go together"
         )
 
 

@@ -179,14 +179,22 @@ def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
 
 
 @compiled
+def ahead(now: float, before: float) -> float:
+    """How far both sides will be apart (Pa, no less than 0) a step from now, if they were ``before`` a step ago."""
+    return max(2.0 * now - before, 0.0) if before > 0.0 else now
+
+
+@compiled
 def switch_dpv(difference: float, mem: Any, par: Any) -> None:
     """Let the differential pressure valve open above its opening and shut below its reclosing pressure of |p_L − p_R|.
 
-    It does so somewhere within a step: where, the ``difference`` at its start (Pa) and that a step ago tell, and that
-    ``dpv_share`` of the step it is open. What passes then depends smoothly on all parameters, not on where steps begin.
+    It does so somewhere within a step, but for the first one: where, the line through the ``difference`` at its start
+    (Pa) and that a step ago tells, and that ``dpv_share`` of the step it is open. What passes then depends smoothly on
+    all parameters, not on where steps begin. A line goes further than a peak: the valve opens as well at one that stays
+    within a thousandth below its opening.
     """
-    now, before = abs(difference), abs(mem.dpv_difference)
-    then = 2.0 * now - before if before > 0.0 else now
+    now = abs(difference)
+    then = ahead(now, abs(mem.dpv_difference))
     share = float(mem.dpv_latch)
     if mem.dpv_latch == 0 and max(now, then) > par.dpv_opening:
         mem.dpv_latch = 1

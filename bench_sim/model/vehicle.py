@@ -183,6 +183,7 @@ class Vehicle:
                 ) / par.emergency_stiffness_vertical[side]
                 top[1, side] -= out[Algebraic.STACK_LATERAL + side] / par.emergency_stiffness_lateral[side]
         mem.solved_time = mem.time
+        mem.dpv_difference = 0.0
         roll = (top[0, 0] - top[0, 1]) / (2.0 * par.spring_half_spacing)
         x[State.BOLSTER_LATERAL : State.PLATFORM_LATERAL] = 0.0
         place_bogie(0.0, self.car, x)

@@ -8,7 +8,8 @@ What differs is not told by names: two springs are one if everything that their 
 bit (`bench_sim.model.lanes.key_of`).
 
 Where air passes between the sides, both springs of a job are integrated together. A differential pressure valve that is
-connected may stay shut, which shows when both have been integrated; once it has opened, no job of that run tries.
+connected may stay shut, which shows when both have been integrated. Once it has opened for one job of a run, the others
+of that run are not tried apart: together their springs do the same bit by bit, if it stays shut for them.
 """
 
 from collections import Counter, OrderedDict
@@ -49,10 +50,15 @@ class Replayed:
     rough: bool
 
     def parts(self) -> list[Together]:
-        """Return the springs, those together that have to be."""
-        if self.kept.opened or self.traced.leaks_between(self.record):
-            return [self.springs] if self.springs and not self.rough else []
+        """Return the springs, those together that have to be; never those of a ``rough`` one."""
+        joined = self.traced.leaks_between(self.record) or (self.kept.opened and not self.rough)
+        if joined and self.springs:
+            return [self.springs]
         return [(spring,) for spring in self.springs]
+
+    def opens(self, traces: Sequence[Array]) -> bool:
+        """Whether the differential pressure valve opens between springs that went through these traces apart."""
+        return not self.traced.stays_shut(self.record, traces)
 
     def read(self, traces: Sequence[Array]) -> Array:
         """Return the readings (n, c) from the traces of both springs."""
@@ -65,7 +71,7 @@ class KeptTraces:
     def __init__(self) -> None:
         self._lock = Lock()
         self._traces: OrderedDict[Hashable, Traces] = OrderedDict()
-        #: Whether the differential pressure valve has been seen to open.
+        #: Whether the differential pressure valve has been seen to open. No output depends on it.
         self.opened = False
 
     def get(self, key: Hashable) -> Traces | None:
@@ -85,11 +91,11 @@ class KeptTraces:
 
 
 class _Missing(NamedTuple):
-    """What has to be integrated, and whether it is kept for later batches."""
+    """What has to be integrated, and whether nothing else is asked of its experiment."""
 
     springs: Together
     kept: KeptTraces
-    keep: bool
+    sole: bool
 
 
 def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array | None]:
@@ -100,74 +106,112 @@ def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array |
     What was done is added to the ``effort``: ``springs`` integrated in ``packs``, ``readings``, and among these replays
     ``alone``.
     """
-    parts = {id(job): {key_of(springs): springs for springs in job.parts()} for job in jobs}
-    uses = Counter(key for job in jobs for key in parts[id(job)])
-    left = Counter(id(job) for job in jobs)
-    sole = Counter(id(job.traced) for job in jobs)
-    traces: dict[Hashable, Traces] = {}
-    missing: dict[Hashable, _Missing] = {}
+    batch = _Batch(jobs, effort)
     for job in jobs:
-        for key, springs in parts[id(job)].items():
+        yield batch.readings(job)
+        batch.leave(job)
+
+
+class _Batch:
+    """Jobs that are read in order, each as often as it is there, and the traces that are needed until then."""
+
+    def __init__(self, jobs: Sequence[Replayed], effort: Counter[str]) -> None:
+        self._effort = effort
+        self._jobs = {id(job): job for job in jobs}
+        self._left = Counter(id(job) for job in jobs)
+        self._sole = Counter(id(job.traced) for job in jobs)
+        self._parts: dict[int, dict[Hashable, Together]] = {}
+        self._uses: Counter[Hashable] = Counter()
+        self._missing: dict[Hashable, _Missing] = {}
+        self._traces: dict[Hashable, Traces] = {}
+        self._readings: dict[int, Array | None] = {}
+        for job in self._jobs.values():
+            self._ask(job)
+
+    def readings(self, job: Replayed) -> Array | None:
+        """Return what a job reads; None if it is rough and lanes cannot do so."""
+        if id(job) not in self._readings:
+            self._readings[id(job)] = self._read(job)
+        return self._readings[id(job)]
+
+    def leave(self, job: Replayed) -> None:
+        """Forget what nobody needs any more after a job has been read once."""
+        self._release(job, 1)
+        self._left[id(job)] -= 1
+        if not self._left[id(job)]:
+            del self._readings[id(job)]
+
+    def _ask(self, job: Replayed) -> None:
+        self._parts[id(job)] = {key_of(springs): springs for springs in job.parts()}
+        for key, springs in self._parts[id(job)].items():
+            self._uses[key] += self._left[id(job)]
+            if key in self._traces or key in self._missing:
+                continue
             if (found := job.kept.get(key)) is not None:
-                traces[key] = found
+                self._traces[key] = found
             else:
-                missing[key] = _Missing(springs, job.kept, uses[key] > 1 or sole[id(job.traced)] == 1)
-    readings: dict[int, Array | None] = {}
-    for job in jobs:
-        mine = id(job)
-        if mine not in readings:
-            while any(key in missing for key in parts[mine]):
-                traces.update(_integrated(missing, effort))
-            ours = [trace for key in parts[mine] for trace in traces[key]]
-            readings[mine] = _readings(job, ours, len(parts[mine]) > 1, effort)
-        yield readings[mine]
-        left[mine] -= 1
-        if not left[mine]:
-            del readings[mine]
-        for key in parts[mine]:
-            uses[key] -= 1
-            if not uses[key]:
-                del traces[key]
+                self._missing[key] = _Missing(springs, job.kept, self._sole[id(job.traced)] == 1)
 
+    def _release(self, job: Replayed, times: int) -> None:
+        for key in self._parts[id(job)]:
+            self._uses[key] -= times
+            if not self._uses[key]:
+                self._traces.pop(key, None)
+                self._missing.pop(key, None)
 
-def _readings(job: Replayed, traces: Sequence[Array], apart: bool, effort: Counter[str]) -> Array | None:
-    """Return what a job reads, from the traces of both springs if they are any good; integrated ``apart``, or not."""
-    if traces and all(
-        bool(np.isfinite(trace[-1]).all()) for trace in traces
-    ):  # NaN would be there until the end
-        if apart and not job.traced.stays_shut(job.record, traces):
+    def _read(self, job: Replayed) -> Array | None:
+        traces = self._traces_of(job)
+        if len(self._parts[id(job)]) > 1 and _good(traces) and job.opens(traces):
             job.kept.opened = True
             if job.rough:
                 return None
-            left, right = job.springs
-            (traces,) = integrate_pairs([(left, right)])
-            effort.update(packs=1, springs=2)
-        effort.update(readings=1)
-        return job.read(traces)
-    if job.rough:
-        return None
-    effort.update(readings=1, alone=1)
-    return job.alone()
+            self._join(job.kept)
+            traces = self._traces_of(job)
+        if _good(traces):
+            self._effort.update(readings=1)
+            return job.read(traces)
+        if job.rough:
+            return None
+        self._effort.update(readings=1, alone=1)
+        return job.alone()
+
+    def _traces_of(self, job: Replayed) -> list[Array]:
+        parts = self._parts[id(job)]
+        while any(key in self._missing for key in parts):
+            self._integrate()
+        return [trace for key in parts for trace in self._traces[key]]
+
+    def _join(self, kept: KeptTraces) -> None:
+        """Ask again, for springs together, where they are still apart in a run whose valve has opened."""
+        for mine, job in self._jobs.items():
+            unread = self._left[mine] and mine not in self._readings
+            if unread and job.kept is kept and not job.rough and len(self._parts[mine]) > 1:
+                self._release(job, self._left[mine])
+                self._ask(job)
+
+    def _integrate(self) -> None:
+        """Integrate the springs that are needed next, as many as there are lanes."""
+        first = next(iter(self._missing.values())).springs
+        pack = [
+            key
+            for key, (springs, _, _) in self._missing.items()
+            if len(springs) == len(first) and springs[0].course.step == first[0].course.step
+        ][: LANES // len(first)]
+        chosen = [self._missing.pop(key) for key in pack]
+        traces: list[Traces]
+        if len(first) == 1:
+            traces = [(trace,) for trace in integrate_springs([one.springs[0] for one in chosen])]
+        else:
+            traces = list(integrate_pairs([(one.springs[0], one.springs[1]) for one in chosen]))
+        self._effort.update(packs=1, springs=len(first) * len(pack))
+        for key, (_, kept, sole), found in zip(pack, chosen, traces, strict=True):
+            self._traces[key] = found
+            if sole or self._uses[key] > 1:
+                # A copy: the lanes beside it need not live as long.
+                self._traces[key] = tuple(trace.copy() for trace in found)
+                kept.keep(key, self._traces[key])
 
 
-def _integrated(missing: dict[Hashable, _Missing], effort: Counter[str]) -> dict[Hashable, Traces]:
-    """Integrate the springs that are needed next, as many as there are lanes, and take them from the ``missing``."""
-    first = next(iter(missing.values())).springs
-    pack = [
-        key
-        for key, (springs, _, _) in missing.items()
-        if len(springs) == len(first) and springs[0].course.step == first[0].course.step
-    ][: LANES // len(first)]
-    chosen = [missing.pop(key) for key in pack]
-    traces: list[Traces]
-    if len(first) == 1:
-        traces = [(trace,) for trace in integrate_springs([one.springs[0] for one in chosen])]
-    else:
-        traces = list(integrate_pairs([(one.springs[0], one.springs[1]) for one in chosen]))
-    effort.update(packs=1, springs=len(first) * len(pack))
-    for k, (key, (_, kept, keep)) in enumerate(zip(pack, chosen, strict=True)):
-        if keep:
-            # A copy: the lanes beside it need not live as long.
-            traces[k] = tuple(trace.copy() for trace in traces[k])
-            kept.keep(key, traces[k])
-    return dict(zip(pack, traces, strict=True))
+def _good(traces: Sequence[Array]) -> bool:
+    """Whether there are traces, of finite numbers: NaN would be there until the end."""
+    return bool(traces) and all(bool(np.isfinite(trace[-1]).all()) for trace in traces)

@@ -243,7 +243,8 @@ def _at_its_steps(values: Array) -> Array:
     steps = np.flatnonzero((moved > 0.0) & ~quick)
     before, after = known[steps], known[steps + 1]
     between = 0.5 * (values[before] + values[after])
-    groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(between)) + 1)
+    elsewhere = (np.diff(between) != 0.0) | (np.diff(np.cumsum(quick)[steps]) > 0)
+    groups = np.split(np.arange(len(steps)), np.flatnonzero(elsewhere) + 1)
     once = np.array([group[len(group) // 2] for group in groups if len(group)], np.intp)
     result[(before[once] + after[once]) // 2] = between[once]
     readings = known[:-1][quick]

@@ -74,11 +74,15 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
 
 
 def _codes(converter: float, wire: float) -> int:
-    """After how many codes both grids meet; 1 where one is in the other, and where they do not meet soon."""
+    """After how many codes both grids meet; 1 where one is in the other, and where they do not meet soon.
+
+    Also where numbers of the converter lie half-way between two codes: which of them they get nobody knows.
+    """
     if not 0.0 < converter < wire:
         return 1
     ratio = Fraction(wire / converter).limit_denominator(_CODES)
-    return ratio.denominator if abs(float(ratio) * converter - wire) < 1e-6 * converter else 1
+    known = ratio.numerator % 2 and abs(float(ratio) * converter - wire) < 1e-6 * converter
+    return ratio.denominator if known else 1
 
 
 def _chances(converter: float, wire: float, noise: float, codes: int) -> tuple[Array, Array]:

@@ -80,6 +80,18 @@ def test_a_coarse_reading_that_stays_near_its_step_says_so_once():
     assert kept[there] == pytest.approx(cooling[there], abs=0.03)
 
 
+def test_steps_on_both_sides_of_a_quick_stretch_are_two():
+    """A signal that swings in between has been elsewhere."""
+    time = np.arange(0.0, 120.0, STEP)
+    swing = 0.5 * np.sin(2.0 * np.pi * 1.3 * time) * ((time > 40.0) & (time < 80.0))
+    kept = _at_its_steps(
+        sampled_thermometer(
+            time, 295.0 + np.interp(time, [0.0, 20.0, 100.0, 120.0], [0.0, 0.04, 0.04, 0.0]) + swing
+        )
+    )
+    assert [np.isfinite(kept[part]).sum() for part in (time < 39.0, time > 81.0)] == [1, 1]
+
+
 @pytest.mark.parametrize("hertz", [0.7, 1.3, 2.1, 3.3])
 def test_a_coarse_reading_that_is_quick_shows_the_whole_wave(hertz):
     """Half-way between samples a wave is further out than half-way between their readings: each stands for itself."""

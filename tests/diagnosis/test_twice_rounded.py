@@ -51,7 +51,8 @@ def test_corrections_repeat_and_are_odd_about_where_both_grids_meet():
             NOISE,
         ),  # readings speak against what the sheet says
         (read(swinging(), 5), 0.0, NOISE),  # nothing is known of a converter
-        (read(swinging(), 6), 12.5, NOISE),  # every second number is a code
+        (read(swinging(), 6), 12.5, NOISE),  # numbers half-way between two codes get either
+        (read(swinging(), 6, converter=10.0, wire=16.0), 10.0, NOISE),
         (read(swinging(), 7), 8.1234567, NOISE),  # the grids do not meet
         (read(swinging(), 8), CONVERTER, 5.0),  # the mean of so little noise says nothing
         (np.full(1000, 36e3), CONVERTER, NOISE),
@@ -64,8 +65,19 @@ def test_what_was_not_rounded_twice_is_left_alone(readings, converter, noise):
 
 def test_vertical_load_cells_of_the_bench_are_rounded_twice(bench_record):
     from diagnosis.systems.records import read as read_record
+    from diagnosis.systems.records import read_records
     from tests.diagnosis.test_records import SHORT
 
     recorded = bench_record("plain", SHORT[:1])
-    found = _twice_rounded(read_record(recorded.directory), AirSpring(load("astb"), effects={}))
+    simulator = AirSpring(load("astb"), effects={})
+    found = _twice_rounded(read_record(recorded.directory), simulator)
     assert set(found) == {f"load_cell.{k}" for k in range(1, 5)}
+    dataset = read_records([recorded.directory], simulator)
+    for k, channel in enumerate(dataset.channels):
+        if channel.name in found:
+            told = dataset.runs[0].outputs[:, k]
+            told = told[np.isfinite(told)]
+            code = np.rint(told / WIRE)
+            corrections = found[channel.name].corrections[code.astype(int) % 8]
+            assert told == pytest.approx(WIRE * code - corrections, abs=1e-6)
+            assert len(np.unique(corrections)) == 8

@@ -1,5 +1,7 @@
 """Air in and out: flow laws, filling times, leaks, leveling and differential pressure valves."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -142,6 +144,43 @@ def test_leveling_latch_and_opening():
     assert valves.leveling_opening(8 * mm, 1, deadband, hysteresis, span) == pytest.approx(0.5)
     assert valves.leveling_opening(-20 * mm, -1, deadband, hysteresis, span) == -1.0
     assert valves.leveling_opening(8 * mm, 0, deadband, hysteresis, span) == 0.0
+
+
+def switched(differences, opening=1.2 * bar, reclosing=1.0 * bar, latch=0):
+    """Shares of the steps that begin with these differences for which the differential pressure valve is open."""
+    memory = SimpleNamespace(dpv_latch=latch, dpv_share=0.0, dpv_difference=0.0)
+    record = SimpleNamespace(dpv_opening=opening, dpv_reclosing=reclosing)
+    shares = []
+    for difference in differences:
+        valves.switch_dpv.py_func(difference, memory, record)
+        shares.append(memory.dpv_share)
+    return shares
+
+
+@pytest.mark.parametrize(
+    ("differences", "shares"),
+    [
+        # a step that begins a quarter of its way below the opening is open for three of them
+        ([1.15e5, 1.19e5, 1.23e5], [0.0, 0.75, 1.0]),
+        ([-1.15e5, -1.19e5, -1.23e5], [0.0, 0.75, 1.0]),
+        # and one that begins an eighth of its way above the reclosing for an eighth
+        ([1.25e5, 1.17e5, 1.09e5, 1.01e5, 0.93e5], [1.0, 1.0, 1.0, 0.125, 0.0]),
+        # in the first step nothing is known of the one before
+        ([1.19e5], [0.0]),
+        ([1.21e5], [1.0]),
+        # both sides change places
+        ([0.5e5, 0.2e5, -0.2e5, -0.5e5], [0.0, 0.0, 0.0, 0.0]),
+        ([1.5e5, 0.2e5], [1.0, 0.0]),
+    ],
+)
+def test_the_dpv_opens_and_shuts_within_a_step(differences, shares):
+    assert switched(differences) == pytest.approx(shares)
+
+
+@pytest.mark.parametrize("differences", [[3000.0, 1000.0, 300.0], [200.0, 20.0, -20.0, -200.0], [0.0, 0.0]])
+def test_a_dpv_that_is_stuck_open_or_never_recloses_stays_open(differences):
+    assert set(switched(differences, opening=-1.0, reclosing=-1.0)) == {1.0}
+    assert set(switched(differences, reclosing=0.0, latch=1)) == {1.0}
 
 
 def test_dpv_moves_between_opening_and_reclosing(resting):
