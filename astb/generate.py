@@ -90,7 +90,8 @@ def signals_page() -> str:
     )
     print(
         f"Map hash `{TABLE.map_hash:08x}`: the rig publishes it (CAN message `Identity`, input registers 1 and 2),\n"
-        "and the drivers refuse to arm a rig with another one.\n",
+        "and drivers with another one compare the maps. They command the rig only if\n"
+        "[what matters agrees](../decisions/0026-a-map-that-agrees-where-it-matters.md).\n",
         file=out,
     )
     _print_signals(out)
@@ -300,14 +301,21 @@ def commands_page() -> str:
     print("Exit codes: 0 pass, 1 fail, 2 misuse, 3 blocked (the rig or a precondition broke),", file=out)
     print("4 incomplete (what the rig can measure passes, and something is not available on it),", file=out)
     print("5 refused (rehearsed in virtual time, a plan trips a limit).\n", file=out)
-    of_all = click.Context(commands)
-    for name in ("", *commands.list_commands(of_all)):
-        command = commands.get_command(of_all, name) if name else commands
-        assert command is not None
-        title = f"astb {name}".strip()
+    for title, command in _with_all_below("astb", commands):
         context = click.Context(command, info_name=title, terminal_width=100)
         print(f"## `{title}`\n\n```text\n{command.get_help(context)}\n```\n", file=out)
     return out.getvalue()
+
+
+def _with_all_below(title: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
+    """Yield ``command`` and, of a group, the commands in it, each with what is typed to call it."""
+    yield title, command
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            inner = command.get_command(context, name)
+            assert inner is not None
+            yield from _with_all_below(f"{title} {name}", inner)
 
 
 def hidden_effect_page() -> str:

@@ -51,8 +51,9 @@ def diagnose_command(
     """Find what a model gets wrong, name the cause, add it, and measure the gain.
 
     DATA are directories that `astb run screening` has written, or any files that --map explains; files whose columns
-    are named like the signals of a --simulator need no map. Writes DIR/finding.json, report.html and, for the bench,
-    extended.toml: a model that `astb run --model` takes. Ends with 0 whatever the verdict, 2 for misuse.
+    are named like the signals of a --simulator need no map. Writes DIR/finding.json, report.html and, where something
+    was found on the bench, extended.toml: a model that `astb run --model` takes. Ends with 0 whatever the verdict, 2
+    for misuse.
     """
     _keep_algebra_to_one_core()
     from rich.console import Console
