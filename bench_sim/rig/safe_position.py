@@ -1,6 +1,6 @@
 """The safe position: shut-in actuators hold the bolster until its springs are empty, set it down, and only then let go.
 
-Actuators that unloaded while there is pressure would let the springs throw the bolster up: 120 mm at 1.6 bar. So what
+Actuators that unloaded while there is pressure would let the springs throw the bolster up: 172 mm at 1.56 bar. So what
 has once been engaged keeps its grip, whatever becomes of commander, wires and power: the valves of the actuators shut
 by their springs, the exhausts of the springs open by theirs, and the orifice of a lowering valve does the rest.
 """
