@@ -27,7 +27,7 @@ from diagnosis.engine.config import AR_ORDER
 from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring
 from diagnosis.systems.load_history import remembered_loads
 from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise
-from diagnosis.systems.twice_rounded import TwiceRounded, twice_rounded
+from diagnosis.systems.twice_rounded import TwiceRounded, rounded_to, twice_rounded
 
 REPLAY: Final = "replay "
 CONDITION: Final = "condition"
@@ -96,20 +96,12 @@ def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Ch
     found = []
     for channel in channels:
         steps = [
-            _rounded_to(record.series(channel.name)[1])
-            for record in records
-            if channel.name in record.signals
+            rounded_to(record.series(channel.name)[1]) for record in records if channel.name in record.signals
         ]
         step = min((step for step in steps if step > 0.0), default=0.0)
         coarse = step > max(_COARSE * channel.noise, 1.5 * channel.resolution)
         found.append(replace(channel, resolution=step) if coarse else channel)
     return tuple(found)
-
-
-def _rounded_to(values: Array) -> float:
-    """Return the smallest difference between readings (n,); 0 where they are all the same."""
-    apart = np.diff(np.unique(values[np.isfinite(values)]))
-    return float(apart.min()) if apart.size else 0.0
 
 
 def _twice_rounded(record: Record, simulator: AirSpring) -> dict[str, TwiceRounded]:

@@ -52,6 +52,12 @@ class TwiceRounded:
         return np.asarray(readings - self.corrections[code % len(self.corrections)])
 
 
+def rounded_to(values: Array) -> float:
+    """Return the smallest difference between readings (n,); 0 where they are all the same."""
+    apart = np.diff(np.unique(values[np.isfinite(values)]))
+    return float(apart.min()) if apart.size else 0.0
+
+
 def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRounded | None:
     """Return how a signal with these readings (n,) of equal intervals was rounded twice; None if it was not.
 
@@ -59,8 +65,7 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
     small for the mean to tell anything, and where the readings speak against it.
     """
     readings = readings[np.isfinite(readings)]
-    apart = np.diff(np.unique(readings))
-    wire = float(apart.min()) if apart.size else 0.0
+    wire = rounded_to(readings)
     codes = _codes(converter, wire)
     if codes < 2 or noise < _MOVED * wire:
         return None
