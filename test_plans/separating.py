@@ -69,6 +69,33 @@ _PROGRAMMES: Final = (
         ),
     ),
     _programme(
+        "fast_lateral_sines",
+        "Large lateral sines of 2 to 12.5 Hz: a lag of the force transducers or a latency.",
+        "Both are late by τ; only a lag also weakens, by ω²τ²/2, which takes large forces to be seen.",
+        (
+            AW0,
+            _one(
+                Wave("lateral", 3 * mm, 2 * Hz, 20),
+                Wave("lateral", 3 * mm, 5 * Hz, 50),
+                Wave("lateral", 3 * mm, 8 * Hz, 80),
+                Wave("lateral", 2 * mm, 12.5 * Hz, 250),
+            ),
+        ),
+    ),
+    _programme(
+        "fast_vertical_sines",
+        "Large vertical sines of 2 to 12.5 Hz: a lag of the pressure transducers or a latency.",
+        "Both are late by τ; only a lag also weakens, by ω²τ²/2, which takes large pressures to be seen.",
+        (
+            AW3,
+            _one(
+                Wave("vertical", 3 * mm, 2 * Hz, 20),
+                Wave("vertical", 3 * mm, 5 * Hz, 50),
+                Wave("vertical", 2 * mm, 12.5 * Hz, 250),
+            ),
+        ),
+    ),
+    _programme(
         "large_sines",
         "Large sines of 1 and 2 Hz: the law of the orifice, and whether it is the same both ways.",
         "A flow that is not the same both ways parts the mean pressures with the square of the amplitude.",

@@ -227,10 +227,11 @@ MEMORY: Final = np.dtype(
         ("setpoint", np.float64, _ACTUATOR),
         ("delay_line", np.float64, (ACTUATORS, DELAY_CAPACITY)),
         ("delayed", np.float64, _ACTUATOR),
-        # sensor lags: filter output and last two inputs, and their coefficients for (lag, step)
+        # sensor lags: filter output and last three inputs, and their coefficients for (lag, step)
         ("sensor_output", np.float64, _SENSOR),
         ("sensor_input", np.float64, _SENSOR),
         ("sensor_input_before", np.float64, _SENSOR),
+        ("sensor_input_earlier", np.float64, _SENSOR),
         # their last outputs, written only where readings arrive late
         ("sensor_history", np.float64, (SENSORS, HISTORY)),
         ("lag_time", np.float64, _SENSOR),
@@ -238,5 +239,6 @@ MEMORY: Final = np.dtype(
         ("lag_decay", np.float64, _SENSOR),
         ("lag_ramp", np.float64, _SENSOR),
         ("lag_bend", np.float64, _SENSOR),
+        ("lag_twist", np.float64, _SENSOR),
     ]
 )

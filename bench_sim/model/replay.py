@@ -71,18 +71,35 @@ def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, 
 
 
 @compiled
+def between(n: int, part: float, acceleration: Any, k: int) -> float:
+    """An acceleration a ``part`` of an interval after sample n: on the cubic through two samples on each side of it.
+
+    A straight line would lie inside every wave: by 2 % half-way between samples of 5 ms at 12.5 Hz.
+    """
+    before = acceleration[n, k]
+    if part == 0.0:
+        return before
+    after = acceleration[n + 1, k]
+    line = before + part * (after - before)
+    if n == 0 or n + 2 >= acceleration.shape[0]:
+        return line
+    earlier = acceleration[n - 1, k]
+    bend = after - 2.0 * before + earlier
+    twist = acceleration[n + 2, k] - 3.0 * after + 3.0 * before - earlier
+    return line + part * (part - 1.0) * (0.5 * bend + (part + 1.0) / 6.0 * twist)
+
+
+@compiled
 def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: Any) -> None:
     """What the actuators do to the bolster by Newton's law, from the forces of the springs gathered in ``dx``.
 
     F_a = m ÿ − ΣF_y − F_bs;  F_l + F_r = ΣF_z − m (z̈ + g);  (F_l − F_r) b_a = ΣM − h_a F_a − J φ̈
     """
-    before = motion.acceleration[n]
-    after = motion.acceleration[n + 1]
-    y = before[0] + part * (after[0] - before[0])
-    z = before[1] + part * (after[1] - before[1])
-    phi = before[2] + part * (after[2] - before[2])
+    y = between(n, part, motion.acceleration, 0)
+    z = between(n, part, motion.acceleration, 1)
+    phi = between(n, part, motion.acceleration, 2)
     for k in range(2):
-        out[Algebraic.PLATFORM_ACCELERATION + k] = before[3 + k] + part * (after[3 + k] - before[3 + k])
+        out[Algebraic.PLATFORM_ACCELERATION + k] = between(n, part, motion.acceleration, 3 + k)
     bump = stop_force(x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL], par)
     lateral = par.bolster_mass * y - dx[State.BOLSTER_LATERAL_SPEED] - bump
     both = dx[State.BOLSTER_VERTICAL_SPEED] - par.bolster_mass * (z + par.gravity)

@@ -59,6 +59,6 @@ def settle_sensors(mem: Any, par: Any, values: Any, dt: float) -> None:
     prepare_lags(mem, par, dt)
     for k in range(SENSORS):
         mem.sensor_output[k] = values[k]
-        mem.sensor_input[k] = mem.sensor_input_before[k] = values[k]
+        mem.sensor_input[k] = mem.sensor_input_before[k] = mem.sensor_input_earlier[k] = values[k]
         for j in range(HISTORY):
             mem.sensor_history[k, j] = values[k]

@@ -1,11 +1,11 @@
 """The measuring chain: s_m = (1+g) D H s + b + d t + Σ c_jk D H s_k + noise, quantised and limited to its range.
 
-The lag H = 1/(1+τs) is discretised for an input that is a parabola through the last three samples, so that a τ far
-below the step acts as it does in nature: as a delay τ, linear in τ down to zero. The delay D, by which the readings of
-a group of sensors arrive late, takes the same parabolas through the outputs of the last `HISTORY` steps: a longer delay
-than those span (0.25 s at 1 ms) is cut off there. Straight lines in the place of parabolas would damp an oscillation by
-ω²h²/12 and ω²h²/8 at a step h; what a lag and a delay of τ differ in is ω²τ²/2, no more than that where τ is a
-millisecond.
+The lag H = 1/(1+τs) is discretised for an input that is a cubic through the last four samples, so that a τ far below
+the step acts as it does in nature: as a delay τ, linear in τ down to zero. The delay D, by which the readings of a
+group of sensors arrive late, takes the same cubics through the outputs of the last `HISTORY` steps: a longer delay than
+those span (0.25 s at 1 ms) is cut off there. Straight lines in the place of cubics would damp an oscillation by
+ω²h²/12 and ω²h²/8 at a step h, and parabolas shift it by as much of (ωh)³. What a lag and a delay of τ differ in is
+ω²τ²/2, no more than that where τ is a millisecond.
 """
 
 from math import exp, floor
@@ -72,7 +72,10 @@ def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
 
 @compiled
 def prepare_lags(mem: Any, par: Any, dt: float) -> None:
-    """Keep e = e^{−dt/τ}, g = (τ/dt)(1 − e), b = (τ/dt)(g − e) − g/2 of all sensors, anew where τ or dt changed."""
+    """Keep e = e^{−dt/τ}, g = θ(1 − e), b = θ(g − e) − g/2 and c = θ(3g − 6b − e − 2)/6 of all sensors, with θ = τ/dt.
+
+    They are worked out anew where τ or dt changed.
+    """
     fresh = mem.lag_step != dt
     mem.lag_step = dt
     for k in range(SENSORS):
@@ -81,28 +84,37 @@ def prepare_lags(mem: Any, par: Any, dt: float) -> None:
             mem.lag_time[k] = tau
             decay = exp(-dt / tau) if tau > 0.0 else 0.0
             mem.lag_decay[k] = decay
-            mem.lag_ramp[k] = tau / dt * (1.0 - decay)
-            mem.lag_bend[k] = tau / dt * (mem.lag_ramp[k] - decay) - 0.5 * mem.lag_ramp[k]
+            ramp = tau / dt * (1.0 - decay)
+            bend = tau / dt * (ramp - decay) - 0.5 * ramp
+            mem.lag_ramp[k] = ramp
+            mem.lag_bend[k] = bend
+            mem.lag_twist[k] = tau / dt * (3.0 * ramp - 6.0 * bend - decay - 2.0) / 6.0
 
 
 @compiled
-def curved(mem: Any) -> float:
-    """1.0, but 0.0 in the first step, which is straight: what was before is not known to be on the same curve."""
-    return 1.0 if mem.step > 1 else 0.0
+def curves(mem: Any) -> tuple[float, float]:
+    """1.0 for a bend and for a twist; 0.0 in the first steps, when what was before is not known to be on the curve."""
+    return (1.0 if mem.step > 1 else 0.0), (1.0 if mem.step > 2 else 0.0)
 
 
 @compiled
-def lagged(mem: Any, k: int, value: float, curve: float) -> float:
-    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b (s_n − 2 s_{n−1} + s_{n−2}), by `prepare_lags`.
+def lagged(mem: Any, k: int, value: float, bends: float, twists: float) -> float:
+    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b Δ²s_n + c Δ³s_n, by `prepare_lags`.
 
-    ``curve`` is that of `curved`, asked once for all sensors.
+    ``bends`` and ``twists`` are those of `curves`, asked once for all sensors.
     """
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]
     last = mem.sensor_input[k]
-    bend = curve * (value - 2.0 * last + mem.sensor_input_before[k])
+    before = mem.sensor_input_before[k]
+    bend = value - 2.0 * last + before
+    twist = bend - (last - 2.0 * before + mem.sensor_input_earlier[k])
     return (
-        decay * mem.sensor_output[k] + (1.0 - ramp) * value + (ramp - decay) * last + mem.lag_bend[k] * bend
+        decay * mem.sensor_output[k]
+        + (1.0 - ramp) * value
+        + (ramp - decay) * last
+        + bends * mem.lag_bend[k] * bend
+        + twists * mem.lag_twist[k] * twist
     )
 
 
@@ -135,14 +147,22 @@ def lateness(mem: Any, par: Any, sensor: int) -> float:
 
 @compiled
 def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
-    """What one sensor delivered ``delay`` ago, ``value`` being what it delivers now; parabolas between the steps."""
-    back = min(delay / mem.lag_step, HISTORY - 2.0)
+    """What one sensor delivered ``delay`` ago, ``value`` being what it delivers now; cubics between the steps."""
+    back = min(delay / mem.lag_step, HISTORY - 3.0)
     steps = int(back)
+    part = back - steps
     newer = value if steps == 0 else mem.sensor_history[sensor, (mem.step - steps) % HISTORY]
     older = mem.sensor_history[sensor, (mem.step - steps - 1) % HISTORY]
     oldest = mem.sensor_history[sensor, (mem.step - steps - 2) % HISTORY]
-    part = back - steps
-    return newer + part * (older - newer) + 0.5 * part * (part - 1.0) * (newer - 2.0 * older + oldest)
+    before = mem.sensor_history[sensor, (mem.step - steps - 3) % HISTORY]
+    bend = newer - 2.0 * older + oldest
+    twist = older - 2.0 * oldest + before - bend
+    return (
+        newer
+        + part * (older - newer)
+        + 0.5 * part * (part - 1.0) * bend
+        + part * (part - 1.0) * (part - 2.0) / 6.0 * twist
+    )
 
 
 @compiled
@@ -155,10 +175,11 @@ def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
 @compiled
 def move_lags(mem: Any, par: Any, values: Any) -> None:
     """As `follow`, after `prepare_lags` for the same step and parameters."""
-    curve = curved(mem)
+    bends, twists = curves(mem)
     for k in range(SENSORS):
-        output = lagged(mem, k, values[k], curve)
+        output = lagged(mem, k, values[k], bends, twists)
         mem.sensor_output[k] = output if abs(output) > TINY else 0.0
+        mem.sensor_input_earlier[k] = mem.sensor_input_before[k]
         mem.sensor_input_before[k] = mem.sensor_input[k]
         mem.sensor_input[k] = values[k]
     if arrives_late(par):
@@ -170,9 +191,9 @@ def move_lags(mem: Any, par: Any, values: Any) -> None:
 @compiled
 def deliver(mem: Any, par: Any, values: Any) -> None:
     """Let the true values of one sampling instant pass the sensors' lags and delays, in place."""
-    curve = curved(mem)
+    bends, twists = curves(mem)
     for k in range(SENSORS):
-        values[k] = lagged(mem, k, values[k], curve)
+        values[k] = lagged(mem, k, values[k], bends, twists)
     if arrives_late(par):
         for k in range(SENSORS):
             values[k] = delayed(mem, k, values[k], lateness(mem, par, k))

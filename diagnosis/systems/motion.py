@@ -37,6 +37,8 @@ _FIRST, _SMALLEST, _LARGEST = 0.25, 1e-6, 20.0
 _TWICE: Final = 0.25
 #: Coefficients of the third difference.
 _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
+#: Of a fourth difference, 1/42.7 is what a cubic is off by half-way between its samples.
+_CUBIC: Final = 128.0 / 3.0
 #: Fewer samples than this tell no motion.
 _LEAST: Final = 8
 #: Means over so many samples show whether there is more than noise; motion above 20 or 2 Hz would average out.
@@ -59,10 +61,10 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
     """Return the inputs of `AirSpring` that tell the motion, each (n,), from readings (n,) every ``step`` s.
 
     ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample.
-    Without ``lateral.force`` the give of the lateral actuator's frame stays in the shear. With the transducer
-    d = y_B − h_a φ_B + F/k of that actuator and φ_B = (ζ_L − ζ_R)/2b + φ_P the springs are sheared by
+    Without ``lateral.force`` the give q of the lateral actuator's frame stays in the shear. With the transducer
+    d = y_B − h_a φ_B + q of that actuator, F = k q + c dq/dt and φ_B = (ζ_L − ζ_R)/2b + φ_P the springs are sheared by
 
-        y = d − F/k + (h_a + e) φ_B − y_P + h φ_P
+        y = d − q + (h_a + e) φ_B − y_P + h φ_P
     """
     par = parameters.record
 
@@ -79,11 +81,13 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
     if "lateral.displacement" in places:
         zero = np.zeros(len(places["left.height"]))
         force = seen("lateral.force") if "lateral.force" in measured else zero
+        stiffness = float(par.frame_stiffness[LATERAL])
+        give = with_lag(force / stiffness, float(par.frame_damping[LATERAL]) / stiffness, step)
         platform = places.get("platform.roll", zero)
         roll = 0.5 * (places["left.height"] - places["right.height"]) / par.spring_half_spacing + platform
         inputs["shear"] = (
             places["lateral.displacement"]
-            - force / par.frame_stiffness[LATERAL]
+            - give
             + (par.lateral_actuator_height + par.centre_height) * roll
             - places.get("platform.lateral", zero)
             + par.column_height * platform
@@ -131,12 +135,44 @@ def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
     return np.asarray(maximum_filter1d(third, 2 * _REACH + 1, mode="nearest") > 0.1 * noise)
 
 
+def sudden(acceleration: Array, noise: float) -> NDArray[np.bool_]:
+    """Return where an ``acceleration`` (n,) that an accelerometer tells changes so fast that it is not known.
+
+    A replay joins its samples by cubics, which are off by 3/128 of the fourth difference half-way between two of them:
+    there that exceeds the ``noise`` of the sensor.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    fourth = np.pad(np.abs(np.diff(acceleration, 4)), 2, mode="edge")
+    return np.asarray(maximum_filter1d(fourth, 2 * _REACH + 1, mode="nearest") > _CUBIC * noise)
+
+
 def without_lag(values: Array, lag: float, step: float) -> Array:
     """Return x = y + τ dy/dt, what a sensor of first-order ``lag`` τ (s) measured, from its smooth signal y (n,)."""
     from scipy.interpolate import CubicSpline
 
     time = step * np.arange(len(values))
     return values + lag * CubicSpline(time, values)(time, 1)
+
+
+def with_lag(values: Array, lag: float, step: float) -> Array:
+    """Return y with y + τ dy/dt = x for a smooth signal x (n,): what follows it with a first-order ``lag`` τ (s).
+
+    Exact for the cubic spline through x: a cubic p is followed by p − τ p′ + τ² p″ − τ³ p‴, and what is left of the
+    difference to it fades as e^{−t/τ}. At the first sample y is x.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.signal import lfilter
+
+    if lag == 0.0:
+        return values
+    time = step * np.arange(len(values))
+    spline = CubicSpline(time, values)
+    continuous = values - lag * spline(time, 1) + lag**2 * spline(time, 2)
+    decay = np.exp(-step / lag)
+    kink = 6.0 * lag**3 * spline.c[0]
+    drive = np.concatenate(([values[0] - continuous[0]], (decay - 1.0) * kink))
+    return np.asarray(continuous + lfilter([1.0], [1.0, -decay], drive))
 
 
 def _is_noise_alone(seen: Array, noise: float) -> bool:

@@ -26,7 +26,7 @@ from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experim
 from diagnosis.engine.config import AR_ORDER
 from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring
 from diagnosis.systems.load_history import remembered_loads
-from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise
+from diagnosis.systems.motion import BESIDE, SENSORS, abrupt, motion_inputs, sensor_noise, sudden
 from diagnosis.systems.twice_rounded import TwiceRounded, rounded_to, twice_rounded
 
 REPLAY: Final = "replay "
@@ -178,7 +178,10 @@ def _outputs(
     # The lateral actuator is above the bolster's centre: the vertical ones hold its moment.
     anywhere = np.logical_or.reduce(tuple(turns.values()))
     unknown = {"vertical_left.force": anywhere, "vertical_right.force": anywhere}
-    unknown["lateral.force"] = turns.get("shear", anywhere)
+    if (acceleration := inputs.get("lateral.acceleration")) is not None:
+        unknown["lateral.force"] = sudden(acceleration, sensor_noise("lateral.acceleration", par))
+    else:
+        unknown["lateral.force"] = turns.get("shear", anywhere)
     for k, (channel, believed) in enumerate(zip(channels, simulator.channels, strict=True)):
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan

@@ -9,7 +9,7 @@ import pytest
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.layout import INPUTS, SENSORS, Input, Mode, Sensor, State
 from bench_sim.model.plant import Plant
-from bench_sim.model.replay import DIRECTIONS, Gas, Motion, replay
+from bench_sim.model.replay import DIRECTIONS, Gas, Motion, between, replay
 from bench_sim.parameters import load
 
 INTERVAL = 5e-3
@@ -70,6 +70,18 @@ def free():
 
 def again(free, **changes):
     return replay(free.record, free.motion, free.inputs, free.supply, free.gas, **changes)
+
+
+@pytest.mark.parametrize(("first", "last", "off"), [(1, 197, 6e-4), (0, 0, 2e-2), (198, 198, 2e-2)])
+def test_accelerations_between_samples_go_along_cubics(first, last, off):
+    """By 3/128 (ωh)⁴ they are off at 12.5 Hz; in the first and last interval by (ωh)²/8, for those are straight."""
+    time = INTERVAL * np.arange(200)
+    omega = 2 * np.pi * 12.5
+    rows = np.repeat(np.cos(omega * time)[:, None], DIRECTIONS, axis=1)
+    for n in range(first, last + 1):
+        for part in (0.0, 0.3, 0.5, 1.0):
+            expected = np.cos(omega * (time[n] + part * INTERVAL))
+            assert abs(between(n, part, rows, 4) - expected) < (off if 0.0 < part < 1.0 else 1e-12)
 
 
 def test_the_replay_reads_what_the_free_bench_read(free):

@@ -67,6 +67,41 @@ def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_and_springs_are_f
     assert finding.verdict is Verdict.NO_EFFECT, finding.sentence
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    ("hidden", "parameter", "size", "rival", "plan"),
+    [
+        ("force_lag", "lag", 0.12e-3, "force_latency", "fast_lateral_sines"),
+        ("force_latency", "delay", 0.12e-3, "force_lag", "fast_lateral_sines"),
+        ("pressure_lag", "lag", 0.3e-3, "pressure_latency", "fast_vertical_sines"),
+        ("pressure_latency", "delay", 0.3e-3, "pressure_lag", "fast_vertical_sines"),
+    ],
+)
+def test_a_lag_and_a_latency_are_told_apart_by_fast_sines(hidden, parameter, size, rival, plan, tmp_path):
+    """A screening cannot: they differ by ω²τ²/2 in gain, a thousandth of a per cent of its forces."""
+    truth = GroundTruth(seed=11, kind="single", condition="white", effects={hidden: {parameter: size}})
+    simulator = AirSpring(load(), effects=CATALOGUE)
+    records = [tmp_path / "screening", tmp_path / plan]
+    for record, what in zip(records, (None, programme_plan(MENU[plan])), strict=True):
+        measure(truth, record, what)
+
+    def found(*these):
+        data = with_roles(read_records(these, simulator))
+        return diagnose(
+            data, simulator, Config(seed=7, workers=2, with_panel=False, effects=(hidden, rival, "friction"))
+        )
+
+    screened = found(records[0])
+    assert screened.verdict is Verdict.AMBIGUOUS, screened.sentence
+    both = found(*records)
+    assert both.verdict is Verdict.NAMED, both.sentence
+    (cause,) = both.causes
+    assert cause.effect == hidden
+    (estimate,) = (one for one in cause.parameters if one.name == parameter)
+    assert estimate.low <= size <= estimate.high
+
+
 def one(seed, hidden, causes, rivals=(), first="named", **more):
     return Investigated(
         seed=seed,

@@ -194,6 +194,7 @@ def test_a_lag_delays_a_ramp_by_its_time_constant(resting):
         plant.memory.sensor_output[:] = 0.0
         plant.memory.sensor_input[:] = 0.0
         plant.memory.sensor_input_before[:] = 0.0
+        plant.memory.sensor_input_earlier[:] = 0.0
         for n in range(2001):
             values = np.full(27, 1e-3 * n)
             sensors.follow(plant.memory, plant.parameters, values, 1e-3)

@@ -42,16 +42,22 @@ def shaken(plant: Plant, steps: int = 400) -> np.ndarray:
 
 
 def earlier(rows: np.ndarray, delay: np.ndarray | float) -> np.ndarray:
-    """The same readings ``delay`` seconds earlier, by Newton's backward differences of second order.
+    """The same readings ``delay`` seconds earlier, by Newton's backward differences of third order.
 
-    Not those of before the third row, where the bench was still at rest.
+    Not those of before the fourth row, where the bench was still at rest.
     """
     back = np.broadcast_to(delay, len(rows)) / MS
     whole = np.floor(back + 1e-9)
-    place = np.maximum(np.arange(len(rows)) - whole.astype(int), 2)
+    place = np.maximum(np.arange(len(rows)) - whole.astype(int), 3)
     part = (back - whole)[:, None]
     first, second = rows[place] - rows[place - 1], rows[place] - 2.0 * rows[place - 1] + rows[place - 2]
-    return rows[place] - part * first + 0.5 * part * (part - 1.0) * second
+    third = second - (rows[place - 1] - 2.0 * rows[place - 2] + rows[place - 3])
+    return (
+        rows[place]
+        - part * first
+        + 0.5 * part * (part - 1.0) * second
+        - part * (part - 1.0) * (part - 2.0) / 6.0 * third
+    )
 
 
 @pytest.mark.parametrize("delay", [0.2 * MS, 1.0 * MS, 3.7 * MS, 90.0 * MS])
@@ -60,7 +66,7 @@ def earlier(rows: np.ndarray, delay: np.ndarray | float) -> np.ndarray:
 )
 def test_what_is_late_is_what_was(rig, name, late, delay):
     healthy, given = shaken(rig()), shaken(rig({name: {"delay": delay}}))
-    skip = round(delay / MS) + 3
+    skip = round(delay / MS) + 4
     expected = earlier(healthy, delay)[skip:, late]
     np.testing.assert_allclose(given[skip:, late], expected, rtol=1e-12, atol=1e-7)
     others = np.setdiff1d(np.arange(len(Sensor)), late)
@@ -87,7 +93,7 @@ def test_a_slow_clock_falls_behind_until_the_history_ends(rig):
     for plant in plants:
         plant.memory.time = plant.memory.solved_time = 1000.0  # 2 s behind: more than is kept
     healthy, given = (shaken(plant, 600) for plant in plants)
-    longest = MS * (HISTORY - 2)
+    longest = MS * (HISTORY - 3)
     np.testing.assert_allclose(
         given[300:, PRESSURES], earlier(healthy, longest)[300:][:, PRESSURES], rtol=1e-10
     )

@@ -1,6 +1,6 @@
 """Force lag: the amplifiers of load cells and force transducers are slow, H = 1/(1 + (τ₀+τ)s) instead of 1/(1 + τ₀s).
 
-Discretised for inputs along parabolas through the samples (`bench_sim.model.sensors`): the readings are smooth in τ
+Discretised for inputs along cubics through the samples (`bench_sim.model.sensors`): the readings are smooth in τ
 however short it is against the step.
 """
 
