@@ -42,7 +42,7 @@ def wanted(system: str, count: int, white: int, coloured: int, of_another_form: 
 @click.option("--again", is_flag=True, help="Forget what is kept.")
 @click.option("--page-only", is_flag=True, help="Write the page from what is kept.")
 def main(count: int, small: int, systems: str, processes: int, again: bool, page_only: bool) -> None:
-    """Carry out the cases that are not kept yet in runs/diagnosis, and write docs/reference/diagnosis-benchmark.md."""
+    """Carry out the cases that were not counted yet, and write docs/reference/diagnosis-benchmark.md."""
     console = Console() if sys.stdout.isatty() else Console(width=170)
     if again:
         for system in systems.split(","):
@@ -64,10 +64,9 @@ def main(count: int, small: int, systems: str, processes: int, again: bool, page
         }
         for system in systems.split(","):
             run(wanted(system, *asked[system]), processes, tell)
-    from benchmarks.diagnosis.investigations import INVESTIGATIONS, read
     from benchmarks.diagnosis.rate_page import write
 
-    page = write({system: done(system) for system in SYSTEMS}, read(INVESTIGATIONS))
+    page = write({system: done(system) for system in SYSTEMS})
     console.print(f"page: {page}", highlight=False)
 
 

@@ -14,7 +14,8 @@ from benchmarks.diagnosis.judge import Judged, failed, judge
 from campaigns.core import carried_out
 from campaigns.workers import cluster
 
-KEPT: Final = Path(__file__).parents[2] / "runs" / "diagnosis"
+#: What was counted is part of the sources: it took days of a core, and the pages can be checked against it.
+COUNTED: Final = Path(__file__).parent / "counted"
 #: The kinds of cases, drawn in this order again and again: half of them ordinary, the others difficult.
 ROUND: Final[tuple[tuple[Kind, Condition], ...]] = (
     ("single", "white"),
@@ -67,7 +68,7 @@ def siblings(system: str, count: int) -> list[Case]:
 
 def file_of(system: str) -> Path:
     """Where the lines of a system are kept."""
-    return KEPT / f"{system}.jsonl"
+    return COUNTED / f"{system}.jsonl"
 
 
 def done(system: str) -> list[Judged]:
@@ -121,7 +122,7 @@ def run(wanted: Sequence[Case], processes: int, tell: Callable[[Judged, int], No
         (j.system, j.kind, j.condition, j.seed) for system in {c.system for c in wanted} for j in done(system)
     }
     left = [c for c in wanted if (c.system, c.kind, c.condition, c.seed) not in kept]
-    KEPT.mkdir(parents=True, exist_ok=True)
+    COUNTED.mkdir(parents=True, exist_ok=True)
     for number, judged in enumerate(_carried_out(left, processes)):
         with file_of(judged.system).open("ab") as file:
             file.write(msgspec.json.encode(judged) + b"\n")

@@ -1,7 +1,7 @@
 """``python -m benchmarks.diagnosis.investigations``: sealed rigs are investigated, and the right names counted.
 
-`python -m benchmarks.diagnosis --page-only` puts what was counted on the page of rates. Every rig takes minutes of a
-core. What is known of each is kept at once as a line of JSON, and a count goes on where it stopped.
+Every rig takes minutes of a core. What is known of each is kept at once as a line of JSON, and a count goes on where it
+stopped. In the end the page is written.
 """
 
 import math
@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import click
 import msgspec
 
-from benchmarks.diagnosis.campaign import KEPT
+from benchmarks.diagnosis.campaign import COUNTED
 from benchmarks.diagnosis.investigated import Asked, Investigated, investigated
 from benchmarks.diagnosis.statistics import Rate
 from campaigns.core import carried_out
@@ -24,7 +24,7 @@ from diagnosis.finding import Verdict
 
 ROUND: Final[tuple[Asked, ...]] = ("single", "faint", "near", "faint", "pair", "null")
 BUDGET: Final = "40 min"
-INVESTIGATIONS: Final = KEPT / "investigations.jsonl"
+INVESTIGATIONS: Final = COUNTED / "investigations.jsonl"
 
 
 class Figure(NamedTuple):
@@ -98,12 +98,18 @@ def read(kept: Path) -> list[Investigated]:
 @click.option("--processes", default=2, show_default=True)
 @click.option("--budget", default=BUDGET, show_default=True, help="Time of the bench for each.")
 @click.option("--kept", default=INVESTIGATIONS, type=click.Path(path_type=Path), help="What is known.")
-def main(number: int, processes: int, budget: str, kept: Path) -> None:
-    """Investigate sealed rigs of which nothing is known yet, and print how often the end was right."""
+@click.option(
+    "--page", type=click.Path(path_type=Path), help="Where the page is written, if not among the docs."
+)
+def main(number: int, processes: int, budget: str, kept: Path, page: Path | None) -> None:
+    """Investigate sealed rigs of which nothing is known yet; print and write down how often the end was right."""
+    from benchmarks.diagnosis.investigation_page import PAGE, write
+
     wanted = [(300_000 + i, ROUND[i % len(ROUND)]) for i in range(number)]
     count(wanted, processes, kept, click.echo, budget)
     for line in summary(read(kept)):
         click.echo(line)
+    write(read(kept), page or PAGE)
 
 
 if __name__ == "__main__":

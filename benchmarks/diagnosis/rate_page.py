@@ -6,8 +6,6 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Final
 
-from benchmarks.diagnosis.investigated import Investigated
-from benchmarks.diagnosis.investigation_page import section
 from benchmarks.diagnosis.judge import Judged, covered
 from benchmarks.diagnosis.rate_drawings import confusion, power, reliability
 from benchmarks.diagnosis.statistics import Rate
@@ -88,8 +86,8 @@ measured rate meets it; the interval says how sure that is.
 """
 
 
-def write(kept: Mapping[str, Sequence[Judged]], investigated: Sequence[Investigated] = ()) -> Path:
-    """Write the page and its drawings from what is kept of each system and of investigations; return its path."""
+def write(kept: Mapping[str, Sequence[Judged]]) -> Path:
+    """Write the page and its drawings from what is kept of each system; return its path."""
     good = {system: [j for j in cases if not j.failure] for system, cases in kept.items()}
     lines = [_INTRODUCTION]
     lines += [f"* {key}: {value}" for key, value in machine().items()]
@@ -114,7 +112,6 @@ def write(kept: Mapping[str, Sequence[Judged]], investigated: Sequence[Investiga
             path = DRAWINGS / f"diagnosis-{system}-{draw.__name__}.svg"
             draw(path, cases)
             lines += [f"{title}:", "", f"![{title}, {system}](../gallery/{path.name})", ""]
-    lines += section(investigated)
     lines += ["## Failures", "", *_failures(kept)]
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     return PAGE

@@ -155,7 +155,7 @@ def test_a_count_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason(tmp_path):
-    kept = tmp_path / "kept.jsonl"
+    kept, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
     command = [
         sys.executable,
         "-m",
@@ -166,7 +166,7 @@ def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason(tmp_path)
         "1",
     ]
     done = subprocess.run(
-        [*command, "--budget", "1 min", "--kept", str(kept)],
+        [*command, "--budget", "1 min", "--kept", str(kept), "--page", str(page)],
         check=True,
         capture_output=True,
         text=True,
@@ -177,3 +177,4 @@ def test_a_rig_that_cannot_be_investigated_is_a_result_with_its_reason(tmp_path)
     assert "budget = 1 min: screening alone takes" in known.failure
     assert known.hidden and not known.right
     assert "no verdict: 1 of 1" in done.stdout
+    assert "screening alone takes" in page.read_text(encoding="utf-8")
