@@ -71,22 +71,20 @@ def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, 
 
 
 @compiled
-def between(n: int, part: float, acceleration: Any, k: int) -> float:
-    """An acceleration a ``part`` of an interval after sample n: on the cubic through two samples on each side of it.
+def between(n: int, part: float, motion: Any, k: int) -> float:
+    """An acceleration a ``part`` of an interval after sample n, on the cubic spline through the samples.
 
-    A straight line would lie inside every wave: by 2 % half-way between samples of 5 ms at 12.5 Hz.
+    Half-way between samples of 5 ms at 12.5 Hz it is off by (ωh)⁴/384 = 0.006 %; a straight line would be by 2 %.
     """
-    before = acceleration[n, k]
+    before = motion.acceleration[n, k]
     if part == 0.0:
         return before
-    after = acceleration[n + 1, k]
-    line = before + part * (after - before)
-    if n == 0 or n + 2 >= acceleration.shape[0]:
-        return line
-    earlier = acceleration[n - 1, k]
-    bend = after - 2.0 * before + earlier
-    twist = acceleration[n + 2, k] - 3.0 * after + 3.0 * before - earlier
-    return line + part * (part - 1.0) * (0.5 * bend + (part + 1.0) / 6.0 * twist)
+    a = part
+    b = 1.0 - a
+    rise = motion.acceleration[n + 1, k] - before
+    start = motion.interval * motion.jerk[n, k]
+    end = motion.interval * motion.jerk[n + 1, k]
+    return before + a * a * (3.0 - 2.0 * a) * rise + a * b * (b * start - a * end)
 
 
 @compiled
@@ -95,11 +93,11 @@ def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: An
 
     F_a = m ÿ − ΣF_y − F_bs;  F_l + F_r = ΣF_z − m (z̈ + g);  (F_l − F_r) b_a = ΣM − h_a F_a − J φ̈
     """
-    y = between(n, part, motion.acceleration, 0)
-    z = between(n, part, motion.acceleration, 1)
-    phi = between(n, part, motion.acceleration, 2)
+    y = between(n, part, motion, 0)
+    z = between(n, part, motion, 1)
+    phi = between(n, part, motion, 2)
     for k in range(2):
-        out[Algebraic.PLATFORM_ACCELERATION + k] = between(n, part, motion.acceleration, 3 + k)
+        out[Algebraic.PLATFORM_ACCELERATION + k] = between(n, part, motion, 3 + k)
     bump = stop_force(x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL], par)
     lateral = par.bolster_mass * y - dx[State.BOLSTER_LATERAL_SPEED] - bump
     both = dx[State.BOLSTER_VERTICAL_SPEED] - par.bolster_mass * (z + par.gravity)
@@ -217,6 +215,7 @@ class Motion(NamedTuple):
     displacement: NDArray[np.float64]  #: (n, DIRECTIONS), m and rad
     speed: NDArray[np.float64]  #: (n, DIRECTIONS)
     acceleration: NDArray[np.float64]  #: (n, DIRECTIONS)
+    jerk: NDArray[np.float64]  #: (n, DIRECTIONS), the slopes of the cubic spline through the accelerations
 
     @classmethod
     def through(cls, displacement: NDArray[np.float64], interval: float) -> "Motion":
@@ -231,8 +230,19 @@ class Motion(NamedTuple):
             raise ValueError("a motion has gaps (NaN); fill them before it is replayed")
         time = interval * np.arange(len(displacement))
         spline = CubicSpline(time, displacement)
-        samples = displacement, spline(time, 1), spline(time, 2)
+        acceleration = spline(time, 2)
+        samples = displacement, spline(time, 1), acceleration, CubicSpline(time, acceleration)(time, 1)
         return cls(interval, *(np.ascontiguousarray(rows, dtype=np.float64) for rows in samples))
+
+    def accelerated(self, direction: int, acceleration: NDArray[np.float64]) -> "Motion":
+        """Return the same motion with an ``acceleration`` (n,) in one direction that was measured by itself."""
+        from scipy.interpolate import CubicSpline
+
+        time = self.interval * np.arange(len(acceleration))
+        both = self.acceleration.copy(), self.jerk.copy()
+        both[0][:, direction] = acceleration
+        both[1][:, direction] = CubicSpline(time, acceleration)(time, 1)
+        return self._replace(acceleration=both[0], jerk=both[1])
 
 
 class Gas(NamedTuple):

@@ -31,7 +31,7 @@ class PreparedRun:
         self.motion = Motion.through(_motion(experiment, par), experiment.step)
         if "lateral.acceleration" in experiment.inputs:
             # An accelerometer is quieter than the second derivative of a displacement.
-            self.motion.acceleration[:, 0] = experiment.inputs["lateral.acceleration"]
+            self.motion = self.motion.accelerated(0, experiment.inputs["lateral.acceleration"])
         self.inputs = np.zeros((n, INPUTS))
         self.inputs[:, Input.SUPPLY] = 1.0
         for name, place in _VALVES.items():
