@@ -27,11 +27,13 @@ def begin(rig_file, plan, out):
 
 @pytest.mark.timeout(280)
 def test_aw0_and_aw3_run_on_both_at_once(started, tmp_path):
-    with ExitStack() as rigs:
+    with ExitStack() as open_:
         runs = {}
         for name, plan in (("plant_a", "aw0"), ("hall_b", "aw3")):
-            rig_file, _ = rigs.enter_context(started(name))
-            runs[name] = plan, begin(rig_file, plan, tmp_path / name)
+            rig_file, _ = open_.enter_context(started(name))
+            process = open_.enter_context(begin(rig_file, plan, tmp_path / name))
+            open_.callback(process.kill)  # Where one fails, none of them goes on.
+            runs[name] = plan, process
         for name, (plan, process) in runs.items():
             said, _ = process.communicate(timeout=250)
             assert process.returncode == INCOMPLETE, said
