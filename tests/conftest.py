@@ -65,3 +65,20 @@ def pytest_collection_finish() -> None:
     """Set aside what exists now and stays: a thousand tests and all libraries, 0.2 s in each full collection."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A real browser, the same for all tests: there can be only one in a process. Skipped where there is none."""
+    from bench_records import printing
+
+    found = printing.browser()
+    if found is None:
+        pytest.skip("this machine has no chromium; `apt-get install chromium` brings it")
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as playwright:
+        one = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        try:
+            yield one
+        finally:
+            one.close()

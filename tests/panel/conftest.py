@@ -26,7 +26,6 @@ from astb.panel.watch import Status, Watch
 from astb.rig_file import RigFile, Simulation
 from bench_protocol.clock import VirtualClock
 from bench_protocol.units import NS
-from bench_records import printing
 from bench_records.layout import SignalInfo
 from bench_records.recorder import Recorder
 from bench_records.result import Sample, check, conclude
@@ -140,21 +139,6 @@ def bench_panel(tmp_path_factory) -> Iterator[PanelProcess]:
         yield panel
     finally:
         panel.stop()
-
-
-@pytest.fixture(scope="package")
-def browser():
-    """A real browser; skipped where there is none."""
-    found = printing.browser()
-    if found is None:
-        pytest.skip("this machine has no chromium; `apt-get install chromium` brings it")
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as playwright:
-        one = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        try:
-            yield one
-        finally:
-            one.close()
 
 
 @pytest.fixture

@@ -8,34 +8,22 @@ from typing import Any
 import pytest
 
 from bench_records.layout import RecordError
-from bench_records.printing import CHOSEN, browser, write_pdf
+from bench_records.printing import CHOSEN, write_pdf
 from bench_records.report import write_report
 
 
 @pytest.fixture(scope="module")
-def program() -> str:
-    found = browser()
-    if found is None:
-        pytest.skip("needs Chromium")
-    return found
-
-
-@pytest.fixture(scope="module")
-def page(program: str, passed_run: Path) -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
+def page(browser: Any, passed_run: Path) -> Iterator[Any]:
     source = write_report(passed_run)
-    with sync_playwright() as tool:
-        window = tool.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        page = window.new_page(viewport={"width": 1100, "height": 900})
-        page.route("**", lambda route: route.continue_() if "file:" in route.request.url else route.abort())
-        page.faults = []
-        page.on("pageerror", lambda error: page.faults.append(str(error)))
-        page.on("requestfailed", lambda request: page.faults.append(request.url))
-        page.goto(source.as_uri())
-        page.wait_for_selector("[data-plots=live]", timeout=30_000)
-        yield page
-        window.close()
+    page = browser.new_page(viewport={"width": 1100, "height": 900})
+    page.route("**", lambda route: route.continue_() if "file:" in route.request.url else route.abort())
+    page.faults = []
+    page.on("pageerror", lambda error: page.faults.append(str(error)))
+    page.on("requestfailed", lambda request: page.faults.append(request.url))
+    page.goto(source.as_uri())
+    page.wait_for_selector("[data-plots=live]", timeout=30_000)
+    yield page
+    page.close()
 
 
 @pytest.mark.slow
@@ -77,7 +65,7 @@ def test_in_print_there_are_pictures_instead(page: Any) -> None:
 
 @pytest.mark.slow
 def test_a_pdf_has_page_numbers_and_says_on_each_page_which_record_it_is_of(
-    program: str, passed_run: Path, tmp_path: Path
+    browser: Any, passed_run: Path, tmp_path: Path
 ) -> None:
     pypdf = pytest.importorskip("pypdf")
     for name in ("record.parquet", "result.json"):
