@@ -203,6 +203,12 @@ def deliver(mem: Any, par: Any, values: Any) -> None:
 def read_exactly(mem: Any, par: Any, values: Any, readings: Any) -> None:
     """As `read_sensors`, without noise and quantisation."""
     deliver(mem, par, values)
+    express(mem, par, values, readings)
+
+
+@compiled
+def express(mem: Any, par: Any, values: Any, readings: Any) -> None:
+    """Readings without noise and quantisation of what the sensors deliver."""
     for k in range(SENSORS):
         readings[k] = (
             (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time

@@ -16,7 +16,7 @@ from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, Sensor, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
 from bench_sim.model.replay import STEP, Gas, Motion, balance, place
 from bench_sim.model.rest import settle_sensors
-from bench_sim.model.sensors import move_lags, read_exactly, true_values
+from bench_sim.model.sensors import arrives_late, express, move_lags, read_exactly, true_values
 from bench_sim.model.spring import displacements, spring_term
 
 #: Inputs through which air comes from the supply, or leaves.
@@ -85,6 +85,7 @@ def read_samples(
     ideal = np.zeros(SENSORS)
     read = np.zeros(SENSORS)
     dt = motion.interval / steps
+    late = arrives_late(par)
     last = motion.displacement.shape[0] - 1
     for row in range(left.shape[0]):
         n = row // steps
@@ -104,12 +105,16 @@ def read_samples(
         if k == 0:
             if n == 0:
                 settle_sensors(mem, par, values, dt)
-            for j in range(SENSORS):
-                ideal[j] = values[j]
-            read_exactly(mem, par, ideal, read)
+            if late:
+                for j in range(SENSORS):
+                    ideal[j] = values[j]
+                read_exactly(mem, par, ideal, read)
+        move_lags(mem, par, values)
+        if k == 0:
+            if not late:  # What is read then is where the lags have just moved to.
+                express(mem, par, mem.sensor_output, read)
             for j in range(sensors.shape[0]):
                 readings[j, n] = read[sensors[j]]
-        move_lags(mem, par, values)
         mem.time += dt
         mem.step += 1
 
