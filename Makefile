@@ -5,7 +5,7 @@ ARGS ?=
 BIN := .venv/bin
 READY := .venv/.ready
 PYTEST := $(BIN)/python -m pytest
-COMPILE := $(BIN)/python -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation()); import drivers.beat'
+COMPILE := $(BIN)/python -m tools.compile_model
 
 # Tests, benchmarks and diagnoses use the cores themselves: threads of the algebra library would be in their way.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -99,6 +99,6 @@ $(READY): pyproject.toml
 	@$(PYTHON) -m venv .venv || \
 		{ echo "$(PYTHON) cannot make environments: on Debian and Ubuntu, apt-get install python3-venv" >&2; exit 2; }
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --editable '.[dev]'
-	@echo "compiling the model (again after each change of it, about half a minute)"
+	@echo "compiling the model (again after each change of it, about a minute)"
 	@$(COMPILE)
 	@touch $@

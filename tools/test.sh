@@ -21,7 +21,7 @@ said=$(mktemp) || exit 2
 trap 'rm -f "$said"' EXIT
 {
     # A changed model is compiled here, where no test waits for its rig meanwhile.
-    "$python" -c 'from astb.rig_file import Simulation; from astb.session import build_rig; build_rig(Simulation())' &&
+    "$python" -c 'from tools.compile_model import compile_rig; compile_rig()' &&
         exec "$python" -m pytest "${colour[@]}" -m "$choice and real_time" --reruns 1 "$@"
 } >"$said" 2>&1 </dev/null &
 timed_process=$!

@@ -1,0 +1,51 @@
+"""Compile what would be compiled when it is first used: python -m tools.compile_model.
+
+The rig's tick and the beat of a commander take half a minute, what a diagnosis replays as long again. Nothing waits for
+it later: not a rig that has to keep time, nor the first diagnosis.
+"""
+
+from typing import Final
+
+import numpy as np
+
+#: Hz and samples of a motion that has everything in it: rests, fast and slow waves.
+RATE, LENGTH = 200.0, 2000
+GAUGE: Final = 2e5  # Pa
+
+
+def compile_rig() -> None:
+    """Build a rig, which compiles its tick, and load the beat."""
+    from astb.rig_file import Simulation
+    from astb.session import build_rig
+
+    build_rig(Simulation())
+    import drivers.beat  # noqa: F401  compiled when it is imported
+
+
+def compile_diagnosis() -> None:
+    """Diagnose a few seconds of a bench that is sound."""
+    from bench_sim.model.effects import CATALOGUE
+    from bench_sim.parameters import load
+    from diagnosis.contracts import Dataset, Experiment, MeasuredRun
+    from diagnosis.engine.config import Config
+    from diagnosis.engine.diagnose import diagnose
+    from diagnosis.systems.air_spring import AirSpring
+
+    bench = AirSpring(load(), effects=CATALOGUE)
+    noise = np.array([channel.noise for channel in bench.channels])
+    time = np.arange(LENGTH) / RATE
+    moving = (time > 2.0) & (time < 8.0)
+    runs = []
+    for k, frequency in enumerate((0.5, 1.0, 2.0)):
+        height = np.where(moving, 3e-3 * np.sin(2.0 * np.pi * frequency * time), 0.0)
+        inputs = {"left.height": height, "right.height": 0.5 * height}
+        settings = {"left.bellows_pressure": GAUGE, "right.bellows_pressure": GAUGE}
+        one = Experiment(f"run {k}", time, inputs, settings)
+        outputs = bench.run(one, {}, {}) + noise * np.random.default_rng(k).normal(size=(LENGTH, len(noise)))
+        runs.append(MeasuredRun(one, outputs, np.ones(LENGTH, bool), ~moving))
+    diagnose(Dataset(bench.channels, tuple(runs)), bench, Config(effects=("leak.left", "sample_and_hold")))
+
+
+if __name__ == "__main__":
+    compile_rig()
+    compile_diagnosis()
