@@ -79,10 +79,9 @@ parabolas](../decisions/0041-sensors-go-along-parabolas.md) and constancy is [me
 rigs](../decisions/0042-constancy-is-measured-by-sound-rigs.md), all of the bench but its ordinary nulls was counted
 again, whatever had come of it, nearly half of it since motions are [smoothed
 twice](../decisions/0043-a-motion-is-smoothed-twice.md). That [rounding is taken
-back](../decisions/0045-what-rounding-does-to-a-mean-is-taken-back.md), that [sensors go along
-cubics](../decisions/0046-fast-sines-tell-a-lag-from-a-latency.md) and that [base models buy few
-columns](../decisions/0047-a-base-model-buys-few-columns.md) came later. `make benchmark-diagnosis ARGS=--again` counts
-all anew. How often a diagnosis that may ask for further runs is right stands [on a page of its
+back](../decisions/0045-what-rounding-does-to-a-mean-is-taken-back.md) and [sensors go along
+cubics](../decisions/0046-fast-sines-tell-a-lag-from-a-latency.md) came later. `make benchmark-diagnosis ARGS=--again`
+counts all anew. How often a diagnosis that may ask for further runs is right stands [on a page of its
 own](investigation-benchmark.md).
 
 Rates have exact 95 % intervals (Clopper and Pearson), and are told of at least 20 cases. An aim counts as met where the

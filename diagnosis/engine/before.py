@@ -29,7 +29,7 @@ def best_before(base: FittedModel, after: Prediction, floors: Array) -> tuple[Fi
     """
     fits = [base]
     for noise in _noises(base):
-        fits.append(fit(base.replay, noise, fits[-1].point, fits[-1].linearisation, lends=False))
+        fits.append(fit(base.replay, noise, fits[-1].point, fits[-1].linearisation))
     runs, known = after.replay.runs, after.linearisation
     arms = [(model, predict(model, runs, known, fixed=True)) for model in fits]
     return min(arms, key=lambda arm: noise_ratio(arm[1], floors))

@@ -88,8 +88,6 @@ FIT_TOLERANCE: Final = 0.01
 FIT_RELATIVE_TOLERANCE: Final = 1e-5
 #: A step that gains less than this part of the predicted decrease was taken with poor columns: they are computed anew.
 POOR_STEP: Final = 0.75
-#: The same where nobody borrows the columns, and they would be those of all nuisances: it goes on along old ones.
-POOR_DEAR_STEP: Final = 0.3
 #: A step that gains this part of the predicted decrease had good columns: a failure after it is one of length.
 GOOD_STEP: Final = 0.9
 #: A step is taken if it gains this part of the predicted decrease.
@@ -101,8 +99,6 @@ HOPELESS_STEP: Final = 0.02
 ROUGH_OPTIMUM: Final = 4.0
 #: Better columns are not worth their simulations for a predicted decrease of χ² below this.
 WORTH_NEW_COLUMNS: Final = 1.0
-#: The same of a base model, as a part of its χ² beyond the noise: how large that is, to a thousandth, decides nothing.
-WORTH_DEAR_COLUMNS: Final = 1e-3
 #: A step that fails though it is damped so much lets the columns of the nuisances be doubted.
 DOUBTFUL_DAMPING: Final = 0.01
 #: Part of a squared step that the effects' own parameters must make for Broyden's rule to learn from it.

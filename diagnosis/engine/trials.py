@@ -62,8 +62,7 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
     gap = current.model.penalised_chi2 - target
     ceiling = current.model.penalised_chi2 - SUBSTITUTE * gap if 0.0 < gap < math.inf else math.inf
     model = current.model
-    known = model.linearisation
-    return fit(problem.replay, model.noise, start, known, target=target, ceiling=ceiling, lends=False)
+    return fit(problem.replay, model.noise, start, model.linearisation, target=target, ceiling=ceiling)
 
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:

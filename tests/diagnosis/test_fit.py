@@ -145,35 +145,6 @@ def test_columns_of_a_neighbour_lead_to_as_good_a_fit(laboratory):
     assert np.all(np.abs(borrowed.point.numbers - own.point.numbers) < 0.25 * sd)
 
 
-def test_a_base_model_that_nobody_borrows_from_buys_no_more_columns_and_is_as_good_to_a_hundredth(
-    laboratory, monkeypatch
-):
-    """Of its χ² beyond the noise, which a cubic spring has made a hundred times that of the noise."""
-    lab = laboratory()
-    replay = Replay(lab.simulator, lab.measure(3, {"cubic": {"amplitude": 2e5}}).of("fit"), 1)
-    noise = white([c.noise for c in lab.simulator.channels])
-    bought = []
-
-    def bought_anew(replay, whiten, point, predictions, prior, known=None, **more):
-        bought.append(known is None)
-        return linearise(replay, whiten, point, predictions, prior, known, **more)
-
-    monkeypatch.setattr("diagnosis.engine.fitting.fit.linearise", bought_anew)
-    start = base_point(lab.simulator.nuisances, replay.names)
-    fits, prices = [], []
-    for lends in (True, False):
-        bought.clear()
-        fits.append(fit(replay, noise, start, lends=lends))
-        prices.append(sum(bought))
-    best = fit(replay, noise, fits[0].point, refresh=True).linearisation.chi2
-    excess = best - fits[0].samples
-    assert excess > 100 * fits[0].samples
-    assert prices[1] <= prices[0]
-    for one in fits:
-        assert one.converged
-        assert one.linearisation.chi2 - best < 1e-2 * excess
-
-
 def test_columns_that_come_from_under_another_noise_are_those_of_this_one(laboratory):
     lab = laboratory(samples=300)
     replay = Replay(lab.simulator, lab.measure(7).of("fit"), 1)

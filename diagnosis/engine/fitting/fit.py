@@ -13,8 +13,6 @@ bought only when they are needed, in the order of their price (`ColumnSource`):
 * where these fail too the step is shortened, by damping. Along a narrow curved valley good steps are short: the
   damping falls slowly, and a step that fails after good ones is tried shorter before its columns are doubted;
 * only where a shorter step fails, too, are the columns of the nuisances doubted, which are by far the dearest;
-* a base model has no others. It buys none for less than a thousandth of its χ² beyond the noise, and one whose columns
-  nobody will borrow goes on along old ones while its steps gain anything like what they promise;
 * a fit that is to be compared with others, and even by its linear model stays behind the best of them, buys none of
   those, and one that stays above a ``ceiling`` no central differences either: nothing depends on how far above it ends.
 
@@ -40,10 +38,8 @@ from diagnosis.engine.config import (
     GOOD_STEP,
     HOPELESS_STEP,
     LEAST_STEP,
-    POOR_DEAR_STEP,
     POOR_STEP,
     ROUGH_OPTIMUM,
-    WORTH_DEAR_COLUMNS,
     WORTH_NEW_COLUMNS,
 )
 from diagnosis.engine.fitting.linear import Linearisation, Prior, prior_of
@@ -120,15 +116,13 @@ def fit(
     target: float = math.inf,
     ceiling: float = math.inf,
     steps: int = FIT_STEPS,
-    lends: bool = True,
 ) -> FittedModel:
     """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces that of the parameters.
 
     ``known`` may hold columns of the nuisances, under whatever noise; ``refresh`` computes all columns anew at
     the end. A fit that stays far above ``target``, the penalised χ² of another model, is not carried to the last
     digit; one that promises to stay above the ``ceiling`` ends where new columns of the effects do not help; none
-    takes more than so many ``steps``. ``lends`` says whether others will borrow its columns. Raises ``DiagnosisError``
-    where the model fails at the start.
+    takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
     """
     whiten = filters(noise, replay.runs)
     predictions = replay.predictions(start)
@@ -136,8 +130,8 @@ def fit(
     prior = (prior or prior_of(start)).times(noise.dispersion)
     first = linearise(replay, whiten, start, predictions, prior, known)
     source = ColumnSource.BORROWED if known else ColumnSource.FRESH
+    descent = _Descent(replay, noise, whiten, prior, target, first, predictions, source)
     samples = sum(int(run.counted.sum()) for run in replay.runs)
-    descent = _Descent(replay, noise, whiten, prior, target, samples, lends, first, predictions, source)
     converged = False
     for _ in range(steps):
         at = descent.at
@@ -172,8 +166,6 @@ class _Descent:
     whiten: Sequence[Filter]
     prior: Prior
     target: float
-    samples: int
-    lends: bool
     at: Linearisation
     predictions: Sequence[Array]
     source: ColumnSource
@@ -191,11 +183,11 @@ class _Descent:
         gain = (self.at.penalised_chi2 - there.penalised_chi2) / decrease
         if gain > LEAST_STEP:
             self.at, self.predictions, self.source = there, predictions, ColumnSource.BORROWED
-            if self._poor(gain, decrease):
+            if gain < POOR_STEP:
                 self.linearise(self._cheapest)
             self.damping = self.damping / 3.0 if self.damping > 1e-6 else 0.0
             self.trusted = gain > GOOD_STEP and self.damping > 0.0
-        elif (self.source >= ColumnSource.OWN or self._all_dear) and decrease < self._worth_columns:
+        elif self.source >= ColumnSource.OWN and decrease < WORTH_NEW_COLUMNS * self.noise.dispersion:
             return not hopeless and self.renewed()
         elif self.trusted:
             self.damping, self.trusted = 2.0 * max(self.damping, 1e-6), False
@@ -234,23 +226,6 @@ class _Descent:
         self.at = linearise(
             self.replay, self.whiten, self.at.point, self.predictions, self.prior, known, central=central
         )
-
-    def _poor(self, gain: float, decrease: float) -> bool:
-        """Whether a step that was taken gained so little of its predicted ``decrease`` that new columns are due."""
-        if not self._all_dear:
-            return gain < POOR_STEP
-        return gain < (POOR_STEP if self.lends else POOR_DEAR_STEP) and decrease > self._worth_columns
-
-    @property
-    def _worth_columns(self) -> float:
-        """The decrease of the penalised χ² from which better columns are worth their simulations."""
-        least = WORTH_NEW_COLUMNS * self.noise.dispersion
-        return max(least, WORTH_DEAR_COLUMNS * (self.at.chi2 - self.samples)) if self._all_dear else least
-
-    @property
-    def _all_dear(self) -> bool:
-        """Whether it is a base model with all its numbers: where some are held, few columns are left."""
-        return not any(c.owner or c.held for c in self.at.point.coordinates)
 
     @property
     def _has_own(self) -> bool:
