@@ -68,16 +68,22 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(scope="session")
-def browser():
-    """A real browser, the same for all tests: there can be only one in a process. Skipped where there is none."""
+def chromium() -> str:
+    """Where a real browser lies; skipped where there is none."""
     from bench_records import printing
 
     found = printing.browser()
     if found is None:
         pytest.skip("this machine has no chromium; `apt-get install chromium` brings it")
+    return found
+
+
+@pytest.fixture(scope="session")
+def browser(chromium):
+    """A real browser, the same for all tests: there can be only one that is commanded in a process."""
     api = pytest.importorskip("playwright.sync_api")
     with api.sync_playwright() as playwright:
-        one = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        one = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         try:
             yield one
         finally:

@@ -34,6 +34,16 @@ _ROUNDS: Final = 30
 
 
 @compiled
+def hermite(part: float, rise: float, start: float, end: float) -> float:
+    """By how much Hermite's cubic has risen a ``part`` (0 … 1) of an interval after its start.
+
+    ``rise`` is that over the interval, ``start`` and ``end`` are its slopes times the interval.
+    """
+    rest = 1.0 - part
+    return part * part * (3.0 - 2.0 * part) * rise + part * rest * (rest * start - part * end)
+
+
+@compiled
 def place(n: int, part: float, motion: Any, x: Any) -> None:
     """Put bolster and platform where Hermite's cubic has them, a ``part`` (0 … 1) of an interval after sample n."""
     q = motion.displacement
@@ -51,7 +61,7 @@ def place(n: int, part: float, motion: Any, x: Any) -> None:
         rise = q[n + 1, k] - q[n, k]
         start = motion.interval * motion.speed[n, k]
         end = motion.interval * motion.speed[n + 1, k]
-        x[to] = q[n, k] + a * a * (3.0 - 2.0 * a) * rise + a * b * (b * start - a * end)
+        x[to] = q[n, k] + hermite(a, rise, start, end)
         x[to + 3] = (
             6.0 * a * b * rise + b * (1.0 - 3.0 * a) * start + a * (1.0 - 3.0 * b) * end
         ) / motion.interval
@@ -79,12 +89,10 @@ def between(n: int, part: float, motion: Any, k: int) -> float:
     before = motion.acceleration[n, k]
     if part == 0.0:
         return before
-    a = part
-    b = 1.0 - a
     rise = motion.acceleration[n + 1, k] - before
     start = motion.interval * motion.jerk[n, k]
     end = motion.interval * motion.jerk[n + 1, k]
-    return before + a * a * (3.0 - 2.0 * a) * rise + a * b * (b * start - a * end)
+    return before + hermite(part, rise, start, end)
 
 
 @compiled
@@ -238,6 +246,11 @@ class Motion(NamedTuple):
         """Return the same motion with an ``acceleration`` (n,) in one direction that was measured by itself."""
         from scipy.interpolate import CubicSpline
 
+        if acceleration.shape != (len(self.displacement),) or not np.isfinite(acceleration).all():
+            raise ValueError(
+                f"an acceleration has shape {acceleration.shape} and {np.isnan(acceleration).sum()} gaps (NaN); "
+                f"({len(self.displacement)},) without gaps would fit this motion"
+            )
         time = self.interval * np.arange(len(acceleration))
         both = self.acceleration.copy(), self.jerk.copy()
         both[0][:, direction] = acceleration

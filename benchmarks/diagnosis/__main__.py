@@ -6,7 +6,7 @@ from typing import Final
 import click
 from rich.console import Console
 
-from benchmarks.diagnosis.campaign import Case, cases, done, file_of, nulls, run, siblings
+from benchmarks.diagnosis.campaign import COUNTED, Case, cases, done, file_of, nulls, run, siblings
 from benchmarks.diagnosis.ground_truth import NOISES
 from benchmarks.diagnosis.judge import Judged
 
@@ -66,7 +66,12 @@ def main(count: int, small: int, systems: str, processes: int, again: bool, page
             run(wanted(system, *asked[system]), processes, tell)
     from benchmarks.diagnosis.rate_page import write
 
-    page = write({system: done(system) for system in SYSTEMS})
+    kept = {system: done(system) for system in SYSTEMS}
+    if lacking := [system for system, cases in kept.items() if not cases]:
+        raise click.ClickException(
+            f"nothing is kept of {', '.join(lacking)} in {COUNTED}: the page stays as it is, or it would lose figures"
+        )
+    page = write(kept)
     console.print(f"page: {page}", highlight=False)
 
 

@@ -99,7 +99,7 @@ def read(kept: Path) -> list[Investigated]:
 @click.option("--budget", default=BUDGET, show_default=True, help="Time of the bench for each.")
 @click.option("--kept", default=INVESTIGATIONS, type=click.Path(path_type=Path), help="What is known.")
 @click.option(
-    "--page", type=click.Path(path_type=Path), help="Where the page is written, if not among the docs."
+    "--page", type=click.Path(path_type=Path), help="Where the page is written; else among the docs."
 )
 def main(number: int, processes: int, budget: str, kept: Path, page: Path | None) -> None:
     """Investigate sealed rigs of which nothing is known yet; print and write down how often the end was right."""
@@ -109,7 +109,10 @@ def main(number: int, processes: int, budget: str, kept: Path, page: Path | None
     count(wanted, processes, kept, click.echo, budget)
     for line in summary(read(kept)):
         click.echo(line)
-    write(read(kept), page or PAGE)
+    if page or (
+        kept == INVESTIGATIONS and budget == BUDGET
+    ):  # The page among the docs is of what is kept beside it.
+        write(read(kept), page or PAGE, budget)
 
 
 if __name__ == "__main__":

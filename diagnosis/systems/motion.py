@@ -42,12 +42,12 @@ _TWICE: Final = 0.25
 _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
 #: Of a fourth difference, 1/42.7 is what a cubic is off by half-way between its samples.
 _CUBIC: Final = 128.0 / 3.0
-#: Around a sample, so many others show what goes in step with another motion: one deviation of their weights (0.4 s).
-_IN_STEP: Final = 80
+#: Around a sample, so long (s) shows what goes in step with another motion: one deviation of the weights.
+_IN_STEP: Final = 0.4
 #: χ² of two degrees of freedom up to which it is chance.
 _CHANCE: Final = 10.0
 #: Fewer samples than this tell no motion.
-_LEAST: Final = 8
+LEAST: Final = 8
 #: Means over so many samples show whether there is more than noise; motion above 20 or 2 Hz would average out.
 _BLOCKS: Final = (5, 50)
 
@@ -95,18 +95,22 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
     if "lateral.displacement" in places:
         zero = np.zeros(len(places["left.height"]))
         force = seen("lateral.force") if "lateral.force" in measured else zero
-        stiffness = float(par.frame_stiffness[LATERAL])
-        give = with_lag(force / stiffness, float(par.frame_damping[LATERAL]) / stiffness, step)
         platform = places.get("platform.roll", zero)
         roll = 0.5 * (places["left.height"] - places["right.height"]) / par.spring_half_spacing + platform
         inputs["shear"] = (
             places["lateral.displacement"]
-            - give
+            - give(force, LATERAL, par, step)
             + (par.lateral_actuator_height + par.centre_height) * roll
             - places.get("platform.lateral", zero)
             + par.column_height * platform
         )
     return inputs
+
+
+def give(force: Array, actuator: int, par: Any, step: float) -> Array:
+    """Return by how much (n,) the frame of an actuator gives way to a smooth ``force`` F (n,): F = k q + c dq/dt."""
+    stiffness = float(par.frame_stiffness[actuator])
+    return with_lag(force / stiffness, float(par.frame_damping[actuator]) / stiffness, step)
 
 
 def sensor_noise(name: str, par: Any) -> float:
@@ -125,8 +129,8 @@ def smooth(values: Array, noise: float) -> Array:
     from scipy.ndimage import uniform_filter1d
 
     known = np.isfinite(values)
-    if known.sum() < _LEAST:
-        raise DiagnosisError(f"{known.sum()} samples of a motion were measured; at least {_LEAST} are needed")
+    if known.sum() < LEAST:
+        raise DiagnosisError(f"{known.sum()} samples of a motion were measured; at least {LEAST} are needed")
     if _is_noise_alone(values[known], noise):
         return np.full(len(values), np.mean(values[known]))
     ratio = np.full(len(values) - 3, _FIRST)
@@ -141,7 +145,8 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
     """Return what of the samples that are ``left`` (n,), NaN where there are none, goes in step with a ``motion`` (n,).
 
     That is α times its acceleration and β times its speed, both fitted around every sample: nothing where their χ² is
-    no more than chance has, all where it is much larger.
+    no more than chance has, all where it is much larger. What is left may scatter more than the ``noise`` of the data
+    sheet: then χ² counts in that.
     """
     from scipy.interpolate import CubicSpline
     from scipy.ndimage import gaussian_filter1d
@@ -151,19 +156,21 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
     speed, acceleration = spline(time, 1), spline(time, 2)
     known = np.isfinite(left)
     seen = np.where(known, left, 0.0)
+    width = _IN_STEP / step
 
     def around(values: Array) -> Array:
-        # As sums over samples, of which so many count as one each.
-        count = 2.0 * np.sqrt(np.pi) * _IN_STEP
-        return np.asarray(count * gaussian_filter1d(np.where(known, values, 0.0), _IN_STEP))
+        # As sums over samples, of which so many count as one each; beyond the ends there are none.
+        count = 2.0 * np.sqrt(np.pi) * width
+        return np.asarray(count * gaussian_filter1d(np.where(known, values, 0.0), width, mode="constant"))
 
+    power = around(seen**2) / np.maximum(around(np.ones(len(left))), 1.0)
     vv, aa, va = around(speed**2), around(acceleration**2), around(speed * acceleration)
     sv, sa = around(seen * speed), around(seen * acceleration)
     determinant = vv * aa - va**2
     told = determinant > 1e-6 * vv * aa
     determinant = np.where(told, determinant, 1.0)
     beta, alpha = (aa * sv - va * sa) / determinant, (vv * sa - va * sv) / determinant
-    chi2 = np.where(told, beta * sv + alpha * sa, 0.0) / noise**2
+    chi2 = np.where(told, beta * sv + alpha * sa, 0.0) / np.maximum(noise**2, power)
     part = 1.0 - (_CHANCE / np.maximum(chi2, _CHANCE)) ** 2
     return np.asarray(part * (beta * speed + alpha * acceleration))
 

@@ -157,6 +157,20 @@ def test_nothing_goes_in_step_by_chance():
     assert np.abs(found).max() < 0.3 * NOISE
 
 
+@pytest.mark.parametrize(("samples", "scatter"), [(20, 1.0), (50, 1.0), (4000, 1.0), (4000, 3.0)])
+def test_short_runs_ends_and_a_data_sheet_that_is_too_good_invent_no_motion(samples, scatter):
+    """Beyond the ends there is nothing: mirrored, noise would count twice there."""
+    time = STEP * np.arange(samples)
+    sideways = 2e-3 * np.sin(2 * np.pi * 8.0 * time)
+    found = []
+    for seed in range(40):
+        measured = scatter * NOISE * np.random.default_rng(seed).standard_normal(samples)
+        found.append(in_step(measured, sideways, STEP, NOISE) != 0.0)
+    assert np.mean(found) < 0.05
+    ends = np.array(found)[:, [*range(10), *range(-10, 0)]]
+    assert np.mean(ends) < 0.05
+
+
 def test_nothing_goes_in_step_with_what_stands_still():
     _, _, measured = rolled(8.0, 0.0, 1)
     for still in (np.zeros(4000), np.full(4000, 1e-3)):

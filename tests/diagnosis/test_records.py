@@ -12,7 +12,16 @@ from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring, _gas
 from diagnosis.systems.air_spring_parameters import CHAMBERS
-from diagnosis.systems.records import STEP, _at_its_steps, _SettingsOfRecord, _while_it_moves, read_records
+from diagnosis.systems.motion import sensor_noise
+from diagnosis.systems.records import (
+    STEP,
+    _at_its_steps,
+    _lateral_acceleration_is_unknown,
+    _SettingsOfRecord,
+    _while_it_moves,
+    _without_frame_dampers,
+    read_records,
+)
 from drivers.memory import Faults
 from test_plans.motions import Stand, Stretch, Valves, Wave
 
@@ -218,6 +227,63 @@ class Told:
 
     def time_of(self, event):
         return event.time_ns / 1e9
+
+
+class Sampled:
+    """A record of samples alone, NaN where one was lost."""
+
+    def __init__(self, **signals):
+        self.signals = {name.replace("__", "."): values for name, values in signals.items()}
+
+    def series(self, name):
+        values = self.signals[name]
+        known = np.isfinite(values)
+        return STEP * np.arange(len(values))[known], values[known]
+
+
+def test_where_an_accelerometer_lost_its_samples_nobody_tells_the_acceleration():
+    """A gap of two samples is bridged; a longer one hides what happens in it, however smoothly it is bridged."""
+    par, grid = load().record, STEP * np.arange(400)
+    wave = 5.0 * np.sin(2.0 * np.pi * 2.0 * grid)
+    seen = wave.copy()
+    seen[100:102] = np.nan
+    seen[200:205] = np.nan
+    inputs = {"lateral.acceleration": wave}
+    told = _lateral_acceleration_is_unknown(Sampled(lateral__acceleration=seen), grid, inputs, par)
+    assert np.flatnonzero(told).tolist() == [200, 201, 202, 203, 204]
+    assert _lateral_acceleration_is_unknown(Sampled(), grid, {}, par) is None
+
+
+def test_an_accelerometer_that_shows_nothing_is_not_believed():
+    par, grid = load().record, STEP * np.arange(400)
+    record = Sampled(lateral__acceleration=np.zeros(400))
+    flat = {"lateral.acceleration": np.full(400, 1e-4 * sensor_noise("lateral.acceleration", par))}
+    assert _lateral_acceleration_is_unknown(record, grid, flat, par) is None
+
+
+def test_a_held_piston_reads_as_if_its_frame_had_no_damper():
+    """F = k q + c dq/dt: at 12.5 Hz q is behind F/k by an angle of atan(ωc/k)."""
+    simulator = AirSpring(load(), effects={})
+    par, grid = simulator.parameters.record, STEP * np.arange(2000)
+    omega = 2.0 * np.pi * 12.5
+    k, c = float(par.frame_stiffness[0]), float(par.frame_damping[0])
+    force = 20e3 * np.sin(omega * grid)
+    behind = 20e3 / np.hypot(k, omega * c) * np.sin(omega * grid - np.arctan2(omega * c, k))
+    place = [channel.name for channel in simulator.channels].index("vertical_left.displacement")
+    outputs = np.zeros((len(grid), len(simulator.channels)))
+    outputs[:, place] = 1e-3 - behind  # The vertical ones push down.
+    record = Sampled(vertical_left__force=force)
+    settings = _SettingsOfRecord(
+        Told((0.0, {"vertical.control": "displacement"}), (5.0, {"vertical.control": "force"}))
+    )
+    inside, force_controlled = slice(200, 980), slice(1005, 2000)
+    before = outputs.copy()
+    _without_frame_dampers(outputs, record, grid, settings, simulator)
+    wrong = before[inside, place] - (1e-3 - force[inside] / k)
+    assert np.abs(wrong).max() > 5e-6
+    assert np.abs(outputs[inside, place] - (1e-3 - force[inside] / k)).max() < 0.05 * np.abs(wrong).max()
+    assert np.array_equal(outputs[force_controlled], before[force_controlled])
+    assert not np.delete(outputs, place, axis=1).any()
 
 
 def test_after_a_service_valve_was_at_work_nothing_is_scored():

@@ -84,6 +84,13 @@ def test_accelerations_between_samples_go_along_a_spline():
             assert between(n, part, motion, 3) == 0.0
 
 
+@pytest.mark.parametrize("acceleration", [np.zeros(199), np.array([*np.zeros(199), np.nan])])
+def test_an_acceleration_that_does_not_fit_its_motion_is_refused(acceleration):
+    motion = Motion.through(np.zeros((200, DIRECTIONS)), INTERVAL)
+    with pytest.raises(ValueError, match=r"an acceleration has shape .*\(200,\) without gaps would fit"):
+        motion.accelerated(0, acceleration)
+
+
 def test_the_replay_reads_what_the_free_bench_read(free):
     noise = load("astb").record.sensor_noise
     error = (again(free) - free.readings) / noise

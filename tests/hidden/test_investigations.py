@@ -54,8 +54,8 @@ def test_a_faint_rig_has_a_fifth_of_a_near_miss():
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("plan", ["isolated_reservoirs", "leveling_on"])
-def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_and_springs_are_fed(plan, tmp_path):
+@pytest.mark.parametrize("plan", ["isolated_reservoirs", "leveling_on", "fast_vertical_sines"])
+def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_springs_are_fed_or_all_is_fast(plan, tmp_path):
     """What begins otherwise there, or is fed by what has a zero of its own, was an unknown heat."""
     truth = GroundTruth(seed=7, kind="null", condition="white")
     simulator = AirSpring(load(), effects=CATALOGUE)
@@ -63,7 +63,7 @@ def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_and_springs_are_f
     for record, what in zip(records, (None, programme_plan(MENU[plan])), strict=True):
         measure(truth, record, what)
     data = with_roles(read_records(records, simulator))
-    tried = ("heat", "pressure_gain", "auxiliary_volume", "leveling_deadband")
+    tried = ("heat", "pressure_gain", "auxiliary_volume", "leveling_deadband", "frame_compliance")
     finding = diagnose(data, simulator, Config(seed=7, workers=2, with_panel=False, effects=tried))
     assert finding.verdict is Verdict.NO_EFFECT, finding.sentence
 

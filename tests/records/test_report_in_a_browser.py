@@ -65,7 +65,7 @@ def test_in_print_there_are_pictures_instead(page: Any) -> None:
 
 @pytest.mark.slow
 def test_a_pdf_has_page_numbers_and_says_on_each_page_which_record_it_is_of(
-    browser: Any, passed_run: Path, tmp_path: Path
+    chromium: str, passed_run: Path, tmp_path: Path
 ) -> None:
     pypdf = pytest.importorskip("pypdf")
     for name in ("record.parquet", "result.json"):
