@@ -128,7 +128,8 @@ def investigated(case: tuple[int, Asked], budget: str) -> Investigated:
         )
         elapsed = time.perf_counter() - start
         if done.returncode:
-            why = f"exit status {done.returncode}: {done.stderr.strip().rpartition(chr(10))[2]}"
+            said = done.stderr.strip() or done.stdout.strip()
+            why = f"exit status {done.returncode}: {said.rpartition(chr(10))[2]}"
             return msgspec.structs.replace(known, failure=why, elapsed=elapsed)
         log = msgspec.json.decode((out / LOG).read_bytes(), type=Investigation)
     last = log.steps[-1]

@@ -20,11 +20,12 @@ _INTRODUCTION: Final = """\
 `astb investigate` gets a sealed rig and decides itself what is run, with the whole catalogue and {budget} of the bench:
 a screening first, then whatever separates the causes that are left. What is hidden is drawn as for [the rates of single
 diagnoses](diagnosis-benchmark.md), where a screening takes twenty seconds a run; here it takes a minute. λ is that of
-the shorter one. Near misses, and such of {faint:.0f} % of their size, are half of the rigs, since those are the
-ones that a screening alone leaves ambiguous.
+the shorter one. Near misses, and such of {faint:.0f} % of their size, are half of the rigs, since those are the ones
+that a screening alone leaves ambiguous.
 
 A name is right if it is exactly what is hidden, with no rival beside it; wrong if it is neither that nor next of kin.
-Intervals of rates hold 95 % (Clopper and Pearson).
+Intervals of rates hold 95 % (Clopper and Pearson). The first 54 were counted before the dampers of the vertical frames
+were reckoned with ([decision 46](../decisions/0046-fast-sines-tell-a-lag-from-a-latency.md)).
 """
 
 
