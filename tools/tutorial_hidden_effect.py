@@ -76,6 +76,10 @@ def _score(finding: Any, effect: str) -> str:
     return f"{next(s['score'] for s in finding['scores'] if s['effect'] == effect):.0f}"
 
 
+def _outcome(finding: Any, effect: str) -> str:
+    return str(next(s["outcome"] for s in finding["scores"] if s["effect"] == effect)).replace("-", "\u2212")
+
+
 def _area(finding: Any, *ends: str, digits: int) -> tuple[str, ...]:
     (area,) = finding["causes"][0]["parameters"]
     return tuple(f"{area[end]:.{digits}f}" for end in ends)
@@ -119,9 +123,18 @@ FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
     (r"above the threshold of ([\d.]+)\.", lambda r: (f"{r['found']['threshold']:.2f}",)),
     (r"\| leak, orifice, left \| (\d+)", lambda r: (_score(r["found"], "leak.left"),)),
     (r"\| leak, laminar, left \| (\d+)", lambda r: (_score(r["found"], "leak_laminar.left"),)),
-    (r"\| gain of the pressure transmitters \| (\d+)", lambda r: (_score(r["found"], "pressure_gain"),)),
-    (r"\| pressure drift, left \| (\d+)", lambda r: (_score(r["found"], "pressure_drift.left"),)),
-    (r"\| heat exchange with the walls \| (\d+)", lambda r: (_score(r["found"], "heat"),)),
+    (
+        r"\| gain of the pressure transmitters \| (\d+) \| ([^|]*) \|",
+        lambda r: (_score(r["found"], "pressure_gain"), _outcome(r["found"], "pressure_gain")),
+    ),
+    (
+        r"\| pressure drift, left \| (\d+) \| ([^|]*) \|",
+        lambda r: (_score(r["found"], "pressure_drift.left"), _outcome(r["found"], "pressure_drift.left")),
+    ),
+    (
+        r"\| heat exchange with the walls \| (\d+) \| ([^|]*) \|",
+        lambda r: (_score(r["found"], "heat"), _outcome(r["found"], "heat")),
+    ),
     (r"found from ([\d.]+) mm² on", lambda r: (_smallest(r["found"], "leak.right"),)),
     (r"cosine of ([\d.]+),", lambda r: (_cosine(r["found"], "leak.left", "leak_laminar.left"),)),
     (
