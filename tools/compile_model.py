@@ -8,9 +8,11 @@ from typing import Final
 
 import numpy as np
 
-#: Hz and samples of a motion that has everything in it: rests, fast and slow waves.
-RATE, LENGTH = 200.0, 2000
-GAUGE: Final = 2e5  # Pa
+#: Samples each second and in all, of motions that rest, shake and rest again.
+RATE: Final = 200.0
+LENGTH: Final = 2000
+#: Gauge pressure in the springs, Pa.
+GAUGE: Final = 2e5
 
 
 def compile_rig() -> None:

@@ -72,12 +72,16 @@ def _errors(finding: Any, channel: str, digits: int) -> tuple[str, str]:
     return f"{gain['rmse_before']:.{digits}f}", f"{gain['rmse_after']:.{digits}f}"
 
 
+def _candidate(finding: Any, effect: str) -> Any:
+    return next(score for score in finding["scores"] if score["effect"] == effect)
+
+
 def _score(finding: Any, effect: str) -> str:
-    return f"{next(s['score'] for s in finding['scores'] if s['effect'] == effect):.0f}"
+    return f"{_candidate(finding, effect)['score']:.0f}"
 
 
 def _outcome(finding: Any, effect: str) -> str:
-    return str(next(s["outcome"] for s in finding["scores"] if s["effect"] == effect)).replace("-", "\u2212")
+    return str(_candidate(finding, effect)["outcome"]).replace("-", "\u2212")
 
 
 def _area(finding: Any, *ends: str, digits: int) -> tuple[str, ...]:

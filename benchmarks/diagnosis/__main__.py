@@ -67,7 +67,7 @@ def main(count: int, small: int, systems: str, processes: int, again: bool, page
     from benchmarks.diagnosis.rate_page import write
 
     kept = {system: done(system) for system in SYSTEMS}
-    if lacking := [system for system, cases in kept.items() if not cases]:
+    if lacking := [system for system, judged in kept.items() if not judged]:
         raise click.ClickException(
             f"nothing is kept of {', '.join(lacking)} in {COUNTED}: the page stays as it is, or it would lose figures"
         )

@@ -109,10 +109,11 @@ def main(number: int, processes: int, budget: str, kept: Path, page: Path | None
     count(wanted, processes, kept, click.echo, budget)
     for line in summary(read(kept)):
         click.echo(line)
-    if page or (
-        kept == INVESTIGATIONS and budget == BUDGET
-    ):  # The page among the docs is of what is kept beside it.
-        write(read(kept), page or PAGE, budget)
+    # The page among the docs is of what is kept beside it.
+    if page is None and (kept, budget) == (INVESTIGATIONS, BUDGET):
+        page = PAGE
+    if page is not None:
+        write(read(kept), page, budget)
 
 
 if __name__ == "__main__":
