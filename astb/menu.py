@@ -64,7 +64,7 @@ def _experiment(name: str, spring: Specimen, load: str, stretch: Stretch, cost: 
     asked = trajectory(stretch)
     still = np.zeros_like(asked.time)
     heights = {side: _band_limited(height) for side, height in asked.heights.items()}
-    settings = {"nominal_preload": spring.load(load).preload}
+    settings = {"nominal_preload": spring.load(load).preload, "conditioned": asked.conditioned}
     for side in SIDES:
         pressure = _pressure(spring, load, float(heights[side][0]))
         for chamber in ("bellows", "auxiliary"):
@@ -91,7 +91,7 @@ def _experiment(name: str, spring: Specimen, load: str, stretch: Stretch, cost: 
 def _band_limited(asked: Array) -> Array:
     """Return set-points (n,) without what is faster than `BANDWIDTH`, which rounds their corners.
 
-    At a corner the actuator forces of a record are not scored: kept sharp, corners would promise too large a gap.
+    No actuator makes a sharp corner, and a record is smoothed.
     """
     from scipy.signal import butter, sosfiltfilt
 

@@ -281,6 +281,15 @@ class SharpensCatalogue(Protocol):
 
 
 @runtime_checkable
+class HasRecords(Protocol):
+    """A simulator that knows what records of its system count; of any other, every sample would count."""
+
+    def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
+        """Return which samples (n, c) of a planned experiment its record would count, if it had these ``outputs``."""
+        ...
+
+
+@runtime_checkable
 class HasReferences(Protocol):
     """A simulator that knows how to learn some of its nuisances otherwise, such as by a calibration."""
 

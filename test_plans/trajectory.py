@@ -64,8 +64,8 @@ def trajectory(stretch: Stretch, rate: float = RATE) -> Trajectory:
     walk.rest(REST_BEFORE)
     for wave in stretch.condition:
         walk.add(wave)
-    walk.rest(REST_BETWEEN)
     conditioned = walk.samples / rate
+    walk.rest(REST_BETWEEN)
     for segment in stretch.segments:
         walk.add(segment)
     walk.rest(REST_AFTER)

@@ -21,7 +21,7 @@ from itertools import combinations
 
 import numpy as np
 
-from diagnosis.contracts import Array, DiagnosisError, Experiment, HasReferences, MeasuredRun
+from diagnosis.contracts import Array, DiagnosisError, Experiment, HasRecords, HasReferences, MeasuredRun
 from diagnosis.engine.config import MOST_REFERENCES, SEPARABLE, WORTH_A_REFERENCE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
@@ -76,11 +76,18 @@ class _Forecast:
 
 
 def _simulated(models: Sequence[FittedModel], experiment: Experiment) -> dict[FittedModel, MeasuredRun]:
-    """Return the experiment as each model predicts it."""
-    shape = (experiment.time.size, len(models[0].replay.simulator.channels))
+    """Return the experiment as each model predicts it; NaN where its record would not count what it reads."""
+    simulator = models[0].replay.simulator
+    shape = (experiment.time.size, len(simulator.channels))
     always, never = np.ones(shape[0], dtype=bool), np.zeros(shape[0], dtype=bool)
     blank = MeasuredRun(experiment, np.zeros(shape), always, never)
-    return {m: replace(blank, outputs=m.replay.of([blank]).predictions(m.point)[0]) for m in models}
+    outputs = [m.replay.of([blank]).predictions(m.point)[0] for m in models]
+    # What counts is asked once: rivals are compared by the same samples.
+    counted = simulator.counted(experiment, outputs[0]) if isinstance(simulator, HasRecords) else True
+    return {
+        m: replace(blank, outputs=np.where(counted, predicted, np.nan))
+        for m, predicted in zip(models, outputs, strict=True)
+    }
 
 
 def _distance(first: FittedModel, second: FittedModel, runs: Mapping[FittedModel, MeasuredRun]) -> float:

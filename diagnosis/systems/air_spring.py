@@ -8,7 +8,8 @@ valves as 0 … 1, ``left.leveling``, ``left.reservoir`` (and right), ``dpv``; `
 Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
 the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
 ``start``, the s since the bench was switched on, from when sensors drift, and what the springs carried before it begins
-(`diagnosis.systems.load_history`). Only the bellows' pressures are required.
+(`diagnosis.systems.load_history`). Only the bellows' pressures are required. One that is only planned has
+``conditioned``, from when on (s) a record of it would count.
 """
 
 from collections import Counter, OrderedDict
@@ -19,6 +20,7 @@ from threading import Lock
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench_protocol.signals import Group
 from bench_protocol.table import TABLE
@@ -60,6 +62,7 @@ from diagnosis.systems.air_spring_parameters import (
 from diagnosis.systems.air_spring_parity import parity
 from diagnosis.systems.air_spring_runs import PreparedRun, given
 from diagnosis.systems.air_spring_surfaces import TERMS
+from diagnosis.systems.counted import counted_if_recorded
 from diagnosis.systems.held_samples import Reading, held_period, of_period, readings_of
 from diagnosis.systems.load_history import remembered
 from diagnosis.systems.system import KINDS
@@ -160,6 +163,10 @@ class AirSpring:
         self.effort: Counter[str] = Counter()
         self._lock = Lock()
         self._prepared: OrderedDict[int, PreparedRun] = OrderedDict()
+
+    def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
+        """Return which samples (n, c) of a planned experiment its record would count (`diagnosis.contracts`)."""
+        return counted_if_recorded(experiment, outputs, self.channels, self.parameters.record)
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
         """Return the outputs (n, c): what noiseless sensors would have read."""

@@ -24,14 +24,13 @@ from bench_sim.model.actuator import actuator_sense
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
-from diagnosis.engine.config import AR_ORDER
 from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring
+from diagnosis.systems.counted import at_its_steps, coarse, forces_untold, while_it_moves
 from diagnosis.systems.load_history import remembered_loads
 from diagnosis.systems.motion import (
     BESIDE,
     LEAST,
     SENSORS,
-    abrupt,
     give,
     motion_inputs,
     sensor_noise,
@@ -45,13 +44,6 @@ CONDITION: Final = "condition"
 REST: Final = "rest"
 #: Sampling interval of what travels on CAN at its full rate.
 STEP: Final = 1.0 / FAST_RATE
-#: Samples over which noise may remember: rounding errors that stay the same for longer are no noise.
-_REMEMBERED: Final = AR_ORDER
-#: A signal is coarse if it is rounded to more than so many times its noise: then the noise does not move it about.
-_COARSE: Final = 2.0
-#: A coarse signal is quick where its readings change by more than this part of a step on average over so many of them,
-#: and by more than one step altogether.
-_QUICK, _QUICK_WINDOW = 0.5, 11
 #: So many samples in a row that an accelerometer lost are bridged well enough.
 _BRIDGED: Final = 2
 #: The state at the beginning of a run is read from so much of its first rest (s).
@@ -112,8 +104,8 @@ def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Ch
             rounded_to(record.series(channel.name)[1]) for record in records if channel.name in record.signals
         ]
         step = min((step for step in steps if step > 0.0), default=0.0)
-        coarse = step > max(_COARSE * channel.noise, 1.5 * channel.resolution)
-        found.append(replace(channel, resolution=step) if coarse else channel)
+        as_read = replace(channel, resolution=step)
+        found.append(as_read if coarse(as_read) and step > 1.5 * channel.resolution else channel)
     return tuple(found)
 
 
@@ -180,29 +172,16 @@ def _outputs(
     """The channels (n, c); actuator forces are NaN where the acceleration of the bolster is not known well enough."""
     par = simulator.parameters.record
     outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
-    turns = {
-        name: abrupt(inputs[name], sensor_noise(sensor, par))
-        for name, sensor in (
-            ("left.height", "left.height"),
-            ("right.height", "right.height"),
-            ("shear", "lateral.displacement"),
-        )
-        if name in inputs
-    }
-    # The lateral actuator is above the bolster's centre: the vertical ones hold its moment.
-    anywhere = np.logical_or.reduce(tuple(turns.values()))
-    unknown = {"vertical_left.force": anywhere, "vertical_right.force": anywhere}
-    told = _lateral_acceleration_is_unknown(record, grid, inputs, par)
-    unknown["lateral.force"] = turns.get("shear", anywhere) if told is None else told
+    unknown = forces_untold(inputs, par, _lateral_acceleration_is_unknown(record, grid, inputs, par))
     for k, (channel, believed) in enumerate(zip(channels, simulator.channels, strict=True)):
         if channel.name in unknown:
             outputs[unknown[channel.name], k] = np.nan
         if channel.name in twice:
             outputs[:, k] = twice[channel.name].rounded_once(outputs[:, k])
-        if believed.resolution > _COARSE * believed.noise:
-            outputs[:, k] = _at_its_steps(outputs[:, k])
+        if coarse(believed):
+            outputs[:, k] = at_its_steps(outputs[:, k])
         elif channel.resolution > believed.resolution:
-            outputs[:, k] = _while_it_moves(outputs[:, k], channel.resolution)
+            outputs[:, k] = while_it_moves(outputs[:, k], channel.resolution)
     return outputs
 
 
@@ -242,59 +221,6 @@ def _lateral_acceleration_is_unknown(
         return None
     gaps = binary_opening(np.isnan(_sampled(record, name, grid)), np.ones(_BRIDGED + 1))
     return np.asarray(sudden(inputs[name], noise) | gaps)
-
-
-def _while_it_moves(values: Array, step: float) -> Array:
-    """Return the readings (n,) of a quick signal that is rounded to a coarse ``step``, one of each stretch at rest.
-
-    While a signal moves, rounding errors change from sample to sample, and pass for noise. Where it stays within a step
-    for longer than noise remembers, the error stays the same: of such a stretch its middle is kept, else NaN.
-    """
-    result = values.copy()
-    known = np.flatnonzero(np.isfinite(values))
-    start = 0
-    for k in range(1, len(known) + 1):
-        if k < len(known) and abs(values[known[k]] - values[known[start]]) < 1.5 * step:
-            continue
-        stretch = known[start:k]
-        if len(stretch) > _REMEMBERED:
-            result[stretch] = np.nan
-            middle = stretch[len(stretch) // 2]
-            result[middle] = values[middle]
-        start = k
-    return result
-
-
-def _at_its_steps(values: Array) -> Array:
-    """Return the readings (n,) of a signal rounded more coarsely than it is noisy, where they say something, else NaN.
-
-    Where it is slow, only its steps: a hundred equal readings say no more than one, and at a step the signal was
-    half-way between both. While it stays near there, noise makes it step to and fro, which says that once: of steps
-    between the same two readings the middle one counts. Where it is quick, every reading: half-way between two samples
-    a wave is not half-way between their readings but further out, by a fifth of its amplitude for 2 Hz seen ten times a
-    second.
-    """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
-
-    result = np.full(len(values), np.nan)
-    known = np.flatnonzero(np.isfinite(values))
-    moved = np.abs(np.diff(values[known]))
-    if not moved.any():
-        return result
-    step = moved[moved > 0.0].min()
-    wide = maximum_filter1d(values[known], _QUICK_WINDOW) - minimum_filter1d(values[known], _QUICK_WINDOW)
-    quick = uniform_filter1d(moved, _QUICK_WINDOW, mode="nearest") > _QUICK * step
-    quick &= wide[:-1] > 1.5 * step
-    steps = np.flatnonzero((moved > 0.0) & ~quick)
-    before, after = known[steps], known[steps + 1]
-    between = 0.5 * (values[before] + values[after])
-    elsewhere = (np.diff(between) != 0.0) | (np.diff(np.cumsum(quick)[steps]) > 0)
-    groups = np.split(np.arange(len(steps)), np.flatnonzero(elsewhere) + 1)
-    once = np.array([group[len(group) // 2] for group in groups if len(group)], np.intp)
-    result[(before[once] + after[once]) // 2] = between[once]
-    readings = known[:-1][quick]
-    result[readings] = values[readings]
-    return result
 
 
 def _grid(record: Record, phase: Phase) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from diagnosis.engine.footprints import candidates, footprints
 from diagnosis.engine.next_run import rank, sensors, separation
 from diagnosis.engine.noise import white
 from diagnosis.engine.screening import fit_and_screen
+from diagnosis.systems.oscillator import Oscillator
 
 
 class Bench:
@@ -139,6 +140,38 @@ def test_the_best_run_of_the_menu_decides(laboratory, ambiguous):
     assert gap > 10 and gap > before
     # The promise is made by the rivals as one run left them, so that it is only about right.
     assert 0.4 < (gap - before) / ranking[0].bic_gap < 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class SelectiveRecords(Oscillator):
+    """An oscillator of whose records every so many samples count; 0: none."""
+
+    every: int = 1
+
+    def counted(self, experiment, outputs):
+        return (
+            (np.arange(outputs.size).reshape(outputs.shape) % self.every == 0)
+            if self.every
+            else outputs > np.inf
+        )
+
+
+def test_a_run_promises_no_more_than_its_record_will_count(ambiguous):
+    bench, *models = ambiguous
+    best = bench.lab.experiments()[1]
+
+    def promised(every):
+        simulator = SelectiveRecords(
+            **{f.name: getattr(bench.simulator, f.name) for f in fields(Oscillator)}, every=every
+        )
+        rivals = [replace(m, replay=replace(m.replay, simulator=simulator)) for m in models]
+        return rank(rivals, [best])[0].bic_gap
+
+    every_sample = rank(models, [best])[0].bic_gap
+    assert promised(1) == pytest.approx(every_sample)
+    # Fewer samples let parameters adapt as well: a part between a third and all is left.
+    assert 0.2 * every_sample < promised(3) < 0.6 * every_sample
+    assert promised(0) == 0.0
 
 
 def test_a_model_is_not_separated_from_itself(ambiguous):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from astb.menu import experiments
 from bench_protocol.rates import TICK
 from bench_protocol.units import Hz, mm
 from bench_records.layout import RecordedEvent
@@ -12,18 +13,18 @@ from bench_sim.parameters import load
 from diagnosis.contracts import DiagnosisError, Experiment
 from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring, _gas
 from diagnosis.systems.air_spring_parameters import CHAMBERS
+from diagnosis.systems.counted import at_its_steps, while_it_moves
 from diagnosis.systems.motion import sensor_noise
 from diagnosis.systems.records import (
     STEP,
-    _at_its_steps,
     _lateral_acceleration_is_unknown,
     _SettingsOfRecord,
-    _while_it_moves,
     _without_frame_dampers,
     read_records,
 )
 from drivers.memory import Faults
-from test_plans.motions import Stand, Stretch, Valves, Wave
+from test_plans.loads import AW0
+from test_plans.motions import Part, Programme, Stand, Stretch, Valves, Wave
 
 SHORT = (
     Stretch((Wave("vertical", 3 * mm, 1.0 * Hz, 4), Wave("lateral", 3 * mm, 1.0 * Hz, 3))),
@@ -69,7 +70,7 @@ def test_a_coarse_reading_that_is_slow_counts_where_it_steps():
     """A thermometer is rounded to 0.05 K and noisy by 0.01 K: between its steps it says nothing new."""
     time = np.arange(0.0, 60.0, STEP)
     warm = sampled_thermometer(time, 295.0 - 0.1 * time)
-    kept = _at_its_steps(warm)
+    kept = at_its_steps(warm)
     there = np.isfinite(kept)
     assert 100 < there.sum() < 140
     assert kept[there] == pytest.approx(295.0 - 0.1 * time[there], abs=0.0051), (
@@ -82,7 +83,7 @@ def test_a_coarse_reading_that_stays_near_its_step_says_so_once():
     time = np.arange(0.0, 300.0, STEP)
     noise = 0.01 * np.random.default_rng(1).standard_normal(len(time))
     cooling = 295.033 + 0.5 * np.exp(-time / 20.0)
-    kept = _at_its_steps(sampled_thermometer(time, cooling + noise))
+    kept = at_its_steps(sampled_thermometer(time, cooling + noise))
     there = np.isfinite(kept)
     assert 8 <= there.sum() <= 12, "half a kelvin in steps of 0.05 K"
     assert np.sum(time[there] > 150.0) <= 1
@@ -93,7 +94,7 @@ def test_steps_on_both_sides_of_a_quick_stretch_are_two():
     """A signal that swings in between has been elsewhere."""
     time = np.arange(0.0, 120.0, STEP)
     swing = 0.5 * np.sin(2.0 * np.pi * 1.3 * time) * ((time > 40.0) & (time < 80.0))
-    kept = _at_its_steps(
+    kept = at_its_steps(
         sampled_thermometer(
             time, 295.0 + np.interp(time, [0.0, 20.0, 100.0, 120.0], [0.0, 0.04, 0.04, 0.0]) + swing
         )
@@ -106,7 +107,7 @@ def test_a_coarse_reading_that_is_quick_shows_the_whole_wave(hertz):
     """Half-way between samples a wave is further out than half-way between their readings: each stands for itself."""
     time = np.arange(0.0, 200.0, STEP)
     cooling, wave = 295.0 - 0.0037 * time, 0.2 * np.sin(2.0 * np.pi * hertz * time)
-    kept = _at_its_steps(sampled_thermometer(time, cooling + wave))
+    kept = at_its_steps(sampled_thermometer(time, cooling + wave))
     there = np.isfinite(kept)
     seen, true = (kept - cooling)[there], wave[there]
     assert seen @ true / (true @ true) == pytest.approx(1.0, abs=0.005)
@@ -145,10 +146,35 @@ def test_readings_show_a_coarser_step_than_the_data_sheet(rounded, dataset):
 def test_of_a_stretch_within_one_step_its_middle_counts():
     still, quick = [300.0] * 8 + [400.0] + [300.0] * 12, [600.0, 900.0, 1200.0, 1200.0, 800.0]
     values = np.array([*still, *quick, np.nan])
-    kept = _while_it_moves(values, 100.0)
+    kept = while_it_moves(values, 100.0)
     assert np.flatnonzero(np.isfinite(kept)).tolist() == [10, *range(21, 26)]
     assert kept[10] == 300.0
     assert kept[21:26].tolist() == quick
+
+
+def test_a_planned_record_counts_what_the_record_of_the_bench_then_counts(bench_record):
+    """Forces where the bolster moves slowly, thermometers where they step; nothing before friction has forgotten."""
+    stretch = Stretch(
+        (
+            Wave("vertical", 8 * mm, 0.1 * Hz, 3),
+            Wave("vertical", 2 * mm, 8.0 * Hz, 60),
+            Wave("lateral", 3 * mm, 8.0 * Hz, 40),
+        )
+    )
+    planned = Programme("short", "Short motions", (Part(AW0, (stretch,)),), "To be replayed.")
+    (experiment,) = experiments({"short": planned})
+    recorded = bench_record("planned", (stretch,))
+    simulator = AirSpring(recorded.parameters, effects={})
+    (run,) = read_records([recorded.directory], simulator).runs
+    assert experiment.name == run.experiment.name
+    told = simulator.counted(experiment, simulator.run(experiment, {}, {})).sum(axis=0)
+    for k, (channel, samples) in enumerate(zip(simulator.channels, run.counted.sum(axis=0), strict=True)):
+        tolerance = 0.3 if channel.name.endswith("temperature") else 0.03
+        assert told[k] == pytest.approx(samples, rel=tolerance), channel.name
+    pressure, forces = (
+        told[list(OUTPUTS).index(name)] for name in ("left.bellows_pressure", "vertical_left.force")
+    )
+    assert forces < 0.8 * pressure < 0.8 * len(experiment.time)
 
 
 def test_what_conditions_is_not_scored_and_what_rests_is_told(dataset):

@@ -1,0 +1,140 @@
+"""What of a record counts: readings that say something, and forces where it is known how the bolster is accelerated.
+
+A record that is only planned will count no more than that (`counted_if_recorded`): a run whose forces will not count
+cannot decide by them, and a thermometer that is rounded to 50 mK says something a hundred times less often than it is
+read.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench_protocol.table import TABLE
+from diagnosis.contracts import Array, Channel, Experiment
+from diagnosis.engine.config import AR_ORDER
+from diagnosis.systems.motion import abrupt, sensor_noise, sudden
+
+#: Samples over which noise may remember: rounding errors that stay the same for longer are no noise.
+_REMEMBERED: Final = AR_ORDER
+#: A signal is coarse if it is rounded to more than so many times its noise: then the noise does not move it about.
+_COARSE: Final = 2.0
+#: A coarse signal is quick where its readings change by more than this part of a step on average over so many of them,
+#: and by more than one step altogether.
+_QUICK, _QUICK_WINDOW = 0.5, 11
+#: The sensors that see each input turn.
+_SEEN_BY: Final = {
+    "left.height": "left.height",
+    "right.height": "right.height",
+    "shear": "lateral.displacement",
+}
+
+
+def counted_if_recorded(
+    experiment: Experiment, outputs: Array, channels: Sequence[Channel], par: Any
+) -> NDArray[np.bool_]:
+    """Return which samples (n, c) a record of a planned experiment would count, if its channels read ``outputs``.
+
+    The bench's accelerometer tells the lateral acceleration. The setting ``conditioned`` is when friction has forgotten
+    what was before, in s of the experiment.
+    """
+    inputs, step = experiment.inputs, experiment.step
+    acceleration = np.gradient(np.gradient(inputs["shear"], step), step) if "shear" in inputs else None
+    unknown = forces_untold(
+        inputs,
+        par,
+        None if acceleration is None else sudden(acceleration, sensor_noise("lateral.acceleration", par)),
+    )
+    rates = {field.signal: message.rate for message in TABLE.messages for field in message.fields}
+    counted = np.empty(outputs.shape, np.bool_)
+    counted[:] = (experiment.time >= experiment.settings.get("conditioned", 0.0))[:, np.newaxis]
+    for k, channel in enumerate(channels):
+        if channel.name in unknown:
+            counted[unknown[channel.name], k] = False
+        if coarse(channel):
+            read = np.full(len(outputs), np.nan)
+            times = slice(0, None, max(round(1.0 / (rates[channel.name] * step)), 1))
+            read[times] = channel.resolution * np.rint(outputs[times, k] / channel.resolution)
+            counted[:, k] &= np.isfinite(at_its_steps(read))
+    return counted
+
+
+def forces_untold(
+    inputs: Mapping[str, Array], par: Any, lateral: NDArray[np.bool_] | None = None
+) -> dict[str, NDArray[np.bool_]]:
+    """Return where (n,) forces of actuators tell too little of the springs, by channel.
+
+    There the acceleration of the bolster is not known well enough. ``lateral`` is where no accelerometer tells the
+    lateral one; None if there is none.
+    """
+    turns = {
+        name: abrupt(inputs[name], sensor_noise(sensor, par))
+        for name, sensor in _SEEN_BY.items()
+        if name in inputs
+    }
+    # The lateral actuator is above the bolster's centre: the vertical ones hold its moment.
+    anywhere = np.logical_or.reduce(tuple(turns.values()))
+    return {
+        "vertical_left.force": anywhere,
+        "vertical_right.force": anywhere,
+        "lateral.force": turns.get("shear", anywhere) if lateral is None else lateral,
+    }
+
+
+def coarse(channel: Channel) -> bool:
+    """Whether a channel is rounded so coarsely that its noise does not move it about."""
+    return channel.resolution > _COARSE * channel.noise
+
+
+def while_it_moves(values: Array, step: float) -> Array:
+    """Return the readings (n,) of a quick signal that is rounded to a coarse ``step``, one of each stretch at rest.
+
+    While a signal moves, rounding errors change from sample to sample, and pass for noise. Where it stays within a step
+    for longer than noise remembers, the error stays the same: of such a stretch its middle is kept, else NaN.
+    """
+    result = values.copy()
+    known = np.flatnonzero(np.isfinite(values))
+    start = 0
+    for k in range(1, len(known) + 1):
+        if k < len(known) and abs(values[known[k]] - values[known[start]]) < 1.5 * step:
+            continue
+        stretch = known[start:k]
+        if len(stretch) > _REMEMBERED:
+            result[stretch] = np.nan
+            middle = stretch[len(stretch) // 2]
+            result[middle] = values[middle]
+        start = k
+    return result
+
+
+def at_its_steps(values: Array) -> Array:
+    """Return the readings (n,) of a signal rounded more coarsely than it is noisy, where they say something, else NaN.
+
+    Where it is slow, only its steps: a hundred equal readings say no more than one, and at a step the signal was
+    half-way between both. While it stays near there, noise makes it step to and fro, which says that once: of steps
+    between the same two readings the middle one counts. Where it is quick, every reading: half-way between two samples
+    a wave is not half-way between their readings but further out, by a fifth of its amplitude for 2 Hz seen ten times a
+    second.
+    """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+    result = np.full(len(values), np.nan)
+    known = np.flatnonzero(np.isfinite(values))
+    moved = np.abs(np.diff(values[known]))
+    if not moved.any():
+        return result
+    step = moved[moved > 0.0].min()
+    wide = maximum_filter1d(values[known], _QUICK_WINDOW) - minimum_filter1d(values[known], _QUICK_WINDOW)
+    quick = uniform_filter1d(moved, _QUICK_WINDOW, mode="nearest") > _QUICK * step
+    quick &= wide[:-1] > 1.5 * step
+    steps = np.flatnonzero((moved > 0.0) & ~quick)
+    before, after = known[steps], known[steps + 1]
+    between = 0.5 * (values[before] + values[after])
+    elsewhere = (np.diff(between) != 0.0) | (np.diff(np.cumsum(quick)[steps]) > 0)
+    groups = np.split(np.arange(len(steps)), np.flatnonzero(elsewhere) + 1)
+    once = np.array([group[len(group) // 2] for group in groups if len(group)], np.intp)
+    result[(before[once] + after[once]) // 2] = between[once]
+    readings = known[:-1][quick]
+    result[readings] = values[readings]
+    return result
