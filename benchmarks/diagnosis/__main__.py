@@ -57,13 +57,13 @@ def main(count: int, small: int, systems: str, processes: int, again: bool, page
         style = "red" if judged.failure or judged.wrong else ""
         console.print(f"{line} → {text}; {judged.elapsed:.0f} s, {left} left", style=style, highlight=False)
 
+    asked = {
+        "oscillator": wanted("oscillator", small, NULLS, COLOURED_NULLS, SIBLINGS),
+        "bench": wanted("bench", count, BENCH_NULLS, BENCH_NULLS, BENCH_SIBLINGS),
+    }
     if not page_only:
-        asked = {
-            "oscillator": (small, NULLS, COLOURED_NULLS, SIBLINGS),
-            "bench": (count, BENCH_NULLS, BENCH_NULLS, BENCH_SIBLINGS),
-        }
         for system in systems.split(","):
-            run(wanted(system, *asked[system]), processes, tell)
+            run(asked[system], processes, tell)
     from benchmarks.diagnosis.rate_page import write
 
     kept = {system: done(system) for system in SYSTEMS}
@@ -71,7 +71,7 @@ def main(count: int, small: int, systems: str, processes: int, again: bool, page
         raise click.ClickException(
             f"nothing is kept of {', '.join(lacking)} in {COUNTED}: the page stays as it is, or it would lose figures"
         )
-    page = write(kept)
+    page = write(kept, {system: len(cases) for system, cases in asked.items()})
     console.print(f"page: {page}", highlight=False)
 
 

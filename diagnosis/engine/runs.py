@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.contracts import (
     Array,
@@ -15,6 +16,7 @@ from diagnosis.contracts import (
     DiagnosisError,
     Effects,
     Experiment,
+    HasRecords,
     HasReferences,
     HasUnseenErrors,
     Hypothesis,
@@ -58,6 +60,13 @@ class MeasuredChannels:
     @property
     def references(self) -> Mapping[str, str]:
         return self.simulator.references if isinstance(self.simulator, HasReferences) else {}
+
+    def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
+        if not isinstance(self.simulator, HasRecords):
+            return np.ones(outputs.shape, np.bool_)
+        everything = np.full((len(outputs), len(self.simulator.channels)), np.nan)
+        everything[:, list(self.places)] = outputs
+        return self.simulator.counted(experiment, everything)[:, list(self.places)]
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
         return self.simulator.run(experiment, parameters, effects)[:, list(self.places)]

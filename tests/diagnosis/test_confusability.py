@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import pytest
 
-from diagnosis.contracts import DiagnosisError, Experiment
+from diagnosis.contracts import DiagnosisError, Experiment, HasRecords
 from diagnosis.engine.config import POWER95
 from diagnosis.engine.confusability import confusability, typical, unseen
 from diagnosis.engine.fitting.fit import fit
@@ -16,6 +16,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import candidates, footprints
 from diagnosis.engine.next_run import rank, sensors, separation
 from diagnosis.engine.noise import white
+from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import fit_and_screen
 from diagnosis.systems.oscillator import Oscillator
 
@@ -172,6 +173,19 @@ def test_a_run_promises_no_more_than_its_record_will_count(ambiguous):
     # Fewer samples let parameters adapt as well: a part between a third and all is left.
     assert 0.2 * every_sample < promised(3) < 0.6 * every_sample
     assert promised(0) == 0.0
+
+
+def test_what_a_record_counts_is_also_known_where_few_channels_were_measured(laboratory):
+    lab = laboratory()
+    measured = replace(lab.measure(1), channels=(replace(lab.simulator.channels[1], resolution=1.0),))
+    measured = replace(measured, runs=tuple(replace(r, outputs=r.outputs[:, 1:]) for r in measured.runs))
+    (run, *_) = measured.runs
+    for simulator, counts in ((SelectiveRecords(every=2), False), (lab.simulator, True)):
+        _, seen = measured_channels(measured, simulator)
+        assert isinstance(seen, HasRecords)
+        counted = seen.counted(run.experiment, run.outputs)
+        # Of two channels every second number is of the first.
+        assert counted.shape == run.outputs.shape and (counted == counts).all()
 
 
 def test_a_model_is_not_separated_from_itself(ambiguous):

@@ -25,5 +25,5 @@ EFFECT: Final = Effect(
     confusers=("force_latency", "maxwell", "fractional"),
     equation="τ dF_m/dt + F_m = F",
     source="first-order low-pass of a strain-gauge amplifier",
-    separated_by="steel block or known mass instead of the spring; 5 to 20 Hz at small amplitude",
+    separated_by="steel block or known mass instead of the spring; large sines up to 12.5 Hz",
 )

@@ -24,5 +24,5 @@ EFFECT: Final = Effect(
     confusers=("force_lag", "maxwell"),
     equation="F_m(t) = F(t − τ)",
     source="queueing in a gateway or on a busy bus",
-    separated_by="5 to 20 Hz at small amplitude: a delay turns the phase and leaves the amplitude, a lag does both",
+    separated_by="large sines up to 12.5 Hz: a delay turns the phase and leaves the amplitude, a lag does both",
 )

@@ -20,5 +20,5 @@ EFFECT: Final = Effect(
     confusers=("pressure_lag", "sample_and_hold", "clock_skew"),
     equation="p_m(t) = p(t − τ)",
     source="polling period of a fieldbus gateway",
-    separated_by="5 to 12 Hz at small amplitude: a delay turns the phase and leaves the amplitude, a lag does both",
+    separated_by="large sines up to 12.5 Hz: a delay turns the phase and leaves the amplitude, a lag does both",
 )
