@@ -316,7 +316,7 @@ def _failures(kept: Mapping[str, Sequence[Judged]]) -> list[str]:
     for system, judged in kept.items():
         for j in sorted(judged, key=lambda j: (j.kind, j.condition, j.seed)):
             if said := j.amiss:
-                hidden = ", ".join(j.hidden) or "nothing"
+                hidden = ", ".join(j.hidden) or ("not opened" if j.failure else "nothing")
                 size = f" ({j.weakest:.3g})" if j.hidden else ""
                 lines.append(f"| {system} | {j.seed} | {j.kind}, {j.condition} | {hidden}{size} | {said} |")
     return lines if len(lines) > 2 else ["None."]
