@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, MeasuredRun
 from diagnosis.engine.kernels import block_products, quotients, weighted_sum
+from diagnosis.engine.memory import first_rows, room
 
 Floats = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -181,14 +182,14 @@ class Columns:
         return Columns(self.size, traces)
 
     def chosen(self, places: Sequence[int]) -> Columns:
-        """Return some of the columns, in the order of their ``places``."""
+        """Return some of the columns, in the order of their ``places``; neighbours are not copied."""
         if list(places) == list(range(self.size)):
             return self
         order = np.full(self.size, -1)
         order[list(places)] = np.arange(len(places))
         traces = []
         for trace in self.traces:
-            inside = order[trace.rows] >= 0
+            inside = _stretch(np.flatnonzero(order[trace.rows] >= 0))
             traces.append(Trace(order[trace.rows[inside]], trace.values[inside], trace.scale))
         return Columns(len(places), traces)
 
@@ -196,6 +197,13 @@ class Columns:
         """Return the columns at their ``places`` among ``size``, the others 0."""
         order = np.asarray(places, np.intp)
         return Columns(size, [replace(trace, rows=order[trace.rows]) for trace in self.traces])
+
+
+def _stretch(places: Places) -> Places | slice:
+    """Return increasing ``places`` as a slice if they are neighbours: it makes a view."""
+    if len(places) and places[-1] - places[0] == len(places) - 1:
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places
 
 
 class JoinedColumns(Columns):
@@ -253,10 +261,7 @@ class ColumnsInWork:
 
     def __init__(self, packing: Packing, size: int) -> None:
         self._packing, self._size = packing, size
-        # There is room for all, but a row that is never written takes no memory.
-        self._values = [
-            np.empty((size, stop - start), np.float32) for start, stop in pairwise(packing.bounds)
-        ]
+        self._values = [room((size, stop - start)) for start, stop in pairwise(packing.bounds)]
         self._moved = np.zeros((size, len(self._values)), bool)
 
     def put(self, place: int, outputs: Array, predictions: Array, distance: float = 1.0) -> None:
@@ -273,12 +278,11 @@ class ColumnsInWork:
         """Return the columns, all of which have been put, and keep nothing."""
         traces = []
         for c, rows in enumerate(map(np.flatnonzero, self._moved.T)):
-            values, self._values[c] = self._values[c], np.empty((0, 0), np.float32)
+            values, self._values[c] = self._values[c], room((0, 0))
             for to, row in enumerate(rows.tolist()):
                 if to < row:
                     values[to] = values[row]
-            values.resize((len(rows), values.shape[1]), refcheck=False)
-            traces.append(Trace(rows, values))
+            traces.append(Trace(rows, first_rows(values, len(rows))))
         return Columns(self._size, traces)
 
 
@@ -297,7 +301,7 @@ def mixed(parts: Sequence[Columns], weights: Array) -> Columns:
         inside = [weight[trace.rows] != 0.0 for trace, weight in zip(channel, weights, strict=True)]
         chosen = [trace.rows[mine] for trace, mine in zip(channel, inside, strict=True)]
         rows = np.unique(np.concatenate(chosen))
-        values = np.zeros((len(rows), channel[0].values.shape[1]), channel[0].values.dtype)
+        values = room((len(rows), channel[0].values.shape[1]), channel[0].values.dtype)
         for trace, mine, own, weight in zip(channel, inside, chosen, weights, strict=True):
             factors = (trace.scale * weight[own]).astype(values.dtype)
             values[np.searchsorted(rows, own)] += factors[:, None] * trace.values[mine]

@@ -38,6 +38,7 @@ from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
 from diagnosis.engine.intervals import intervals
+from diagnosis.engine.memory import share_heap
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.remainder import Remainder, held_back, remainder
@@ -65,6 +66,7 @@ def diagnose(
     Runs that all have the same role are split by ``split``. ``menu`` holds the runs that the rig could do next, each
     with its minutes. Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
     """
+    share_heap()
     config = config or Config()
     tell = progress or (lambda _text, _part: None)
     data, model = measured_channels(dataset, simulator)

@@ -1,18 +1,59 @@
 """Memory that was used once goes back to the system: a diagnosis makes hundreds of megabytes of columns and drops them.
 
 The C library keeps what is freed between what is still in use, in a heap for each thread, and asks for more elsewhere:
-after a few rounds a process is half as large again as what it holds. What goes back has to be got again, page by page:
-so it does where much was dropped, and not after every simulation.
+after a few rounds a process is half as large again as what it holds. So columns have pages of their own (`room`), which
+go with them, and all threads share one heap (`share_heap`). What is free there goes back where much was dropped
+(`give_back`), and not after every simulation: it has to be got again, page by page.
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
+import mmap
 import sys
+from typing import Final
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+#: The parameter M_ARENA_MAX of glibc's mallopt: the largest number of heaps.
+_ARENA_MAX: Final = -8
+#: Bytes from which on an array has pages of its own.
+OWN_PAGES: Final = 64 * mmap.PAGESIZE
+
+
+def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[np.floating]:
+    """Return zeros, those of a large array in pages that go back with it, and that take nothing until written to."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if sys.platform != "linux" or size < OWN_PAGES:
+        return np.zeros(shape, dtype)
+    return np.frombuffer(mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS), dtype).reshape(shape)
+
+
+def first_rows(values: NDArray[np.floating], count: int) -> NDArray[np.floating]:
+    """Return so many rows of what `room` gave (m, n); the pages of the others go back, whatever is in them."""
+    kept = values[:count]
+    start = -(-(values.ctypes.data + kept.nbytes) // mmap.PAGESIZE) * mmap.PAGESIZE
+    size = (values.ctypes.data + values.nbytes - start) // mmap.PAGESIZE * mmap.PAGESIZE
+    if sys.platform == "linux" and values.nbytes >= OWN_PAGES and size > 0:
+        advise = ctypes.CDLL(None).madvise
+        advise(ctypes.c_void_p(start), ctypes.c_size_t(size), mmap.MADV_DONTNEED)
+    return kept
+
+
+def share_heap() -> None:
+    """Let threads that begin from now on share one heap, where the C library can (glibc)."""
+    _call("mallopt", _ARENA_MAX, 1)
 
 
 def give_back() -> None:
     """Return memory that is free to the system, where the C library can (glibc)."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
-    if trim is not None:
-        trim(0)
+    _call("malloc_trim", 0)
+
+
+def _call(function: str, *arguments: int) -> None:
+    """Call a function of the C library, if it has that."""
+    found = getattr(ctypes.CDLL(None), function, None) if sys.platform == "linux" else None
+    if found is not None:
+        found(*arguments)

@@ -34,13 +34,10 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
 
     ``progress`` is told in words what is done, and which part of the diagnosis lies behind.
     """
-    replay, config = problem.replay, problem.config
     progress("fitting the base model", 0.0)
-    current = current_model(problem, fit_base_model(replay))
-    floors = noise_floors(replay.simulator.channels, (*replay.runs, *problem.select), current.model.noise)
-    state = SearchState(current, floors)
+    state = _start(problem)
     while True:
-        done = len(state.current.effects) / config.max_effects
+        done = len(state.current.effects) / problem.config.max_effects
         trials: tuple[Trial, ...] = ()
         if done < 1.0:
             model = " + ".join(("the base model", *state.current.effects))
@@ -50,6 +47,17 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
         if chosen is None:
             break
-        state = swap(problem, admit(problem, state, chosen, trials))
+        state = admit(
+            problem, state, chosen, trials
+        )  # The former state, which is large, is gone before the swaps.
+        state = swap(problem, state)
     progress("weighing what was found", 0.9)
     return weigh(problem, state)
+
+
+def _start(problem: Problem) -> SearchState:
+    """Return the base model, with nothing tried yet."""
+    replay = problem.replay
+    current = current_model(problem, fit_base_model(replay))
+    floors = noise_floors(replay.simulator.channels, (*replay.runs, *problem.select), current.model.noise)
+    return SearchState(current, floors)

@@ -21,6 +21,7 @@ from diagnosis.contracts import Array, MeasuredRun
 from diagnosis.engine.columns import Columns, Floats, JoinedColumns, Mask, Packing, Places, Trace, packing_of
 from diagnosis.engine.config import BRIDGED_GAP
 from diagnosis.engine.kernels import filter_rows
+from diagnosis.engine.memory import room
 from diagnosis.engine.noise import ChannelNoise, Noise
 
 
@@ -80,7 +81,7 @@ def _whitened(channel: ChannelFilter, raw: Trace) -> Trace:
     """Whiten one channel of columns; under white noise nothing is copied."""
     if channel.deviation:
         return raw.scaled(1.0 / channel.deviation)
-    white = np.empty(raw.values.shape, np.float32)
+    white = room(raw.values.shape)
     channel(raw.values, white)
     return Trace(raw.rows, white)
 

@@ -8,6 +8,7 @@ from math import ceil
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.contracts import (
     Array,
@@ -112,12 +113,14 @@ class Replay:
             for mine, a, b in zip(kept, first, second, strict=True)
         ]
         third, fourth = (self.differences(base, chosen(half, wanted, spoilt)) for half in halves)
-        return [
-            steady(parts, np.array((1.0 - half, half, 0.0 * half, 0.0 * half)), again, errors)
-            for *parts, half, again in zip(
-                first, second, third, fourth, [0.5 * np.array(mine) for mine in twice], spoilt, strict=True
-            )
-        ]
+
+        def mean(mine: Sequence[bool], again: NDArray[np.bool_]) -> Columns:
+            # All four are as large as their mean: those of each run go as it is made.
+            parts = [columns.pop(0) for columns in (first, second, third, fourth)]
+            half = 0.5 * np.array(mine)
+            return steady(parts, np.array((1.0 - half, half, 0.0 * half, 0.0 * half)), again, errors)
+
+        return [mean(mine, again) for mine, again in zip(twice, spoilt, strict=True)]
 
     def base(self, point: Point, predictions: Sequence[Array], counts: Sequence[int]) -> Base:
         """Return where differences begin, of each run so many that may be worth a rough simulation of its own."""
