@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
-from bench_protocol.units import bar, mbar, minutes
+from bench_protocol.units import bar, mbar, minutes, s
 from bench_protocol.words import SIDES
 from drivers.declarations import ChoiceSetting, Device, Setting
-from drivers.errors import Misuse
+from drivers.errors import BenchTimeout, Misuse
 
 #: The rig's controller and the reading are two transducers: their zeros may differ by tens of mbar.
 PRESSURE_TOLERANCE: Final = 60 * mbar
+#: What falls by less is noise, or air that grows warm again.
+PRESSURE_FALLS: Final = 5 * mbar
+#: A pressure that has not fallen for so long does not fall any more.
+STUCK: Final = 20 * s
 
 
 class Air(Device):
@@ -59,16 +64,30 @@ class Air(Device):
     ) -> None:
         """Let air out of both springs down ``to`` a pressure (Pa gauge), or one side; wait until it is there.
 
-        Air leaves a bellows only through its auxiliary chamber: Misuse where that is isolated.
+        Air leaves a bellows only through its auxiliary chamber: Misuse where that is isolated. Of a pressure that has
+        long stopped falling above its target, BenchTimeout says so.
         """
         targets = self._targets("vent", to if left is None and right is None else None, left, right)
         self._order("vent", targets)
         what = " and ".join(f"{side} vented to {target / bar:g} bar" for side, target in targets.items())
-        self._link.wait_for(
-            lambda: all(self._pressure(side) <= target + tolerance for side, target in targets.items()),
-            within=within,
-            what=what,
-        )
+        lowest, fell = dict.fromkeys(targets, math.inf), dict.fromkeys(targets, self._link.now)
+
+        def vented() -> bool:
+            for side in targets:
+                if (pressure := self._pressure(side)) < lowest[side] - PRESSURE_FALLS:
+                    lowest[side], fell[side] = pressure, self._link.now
+            return all(self._pressure(side) <= target + tolerance for side, target in targets.items())
+
+        try:
+            self._link.wait_for(vented, within=within, what=what)
+        except BenchTimeout as late:
+            stuck = [
+                f"; {side}.bellows_pressure has not fallen for {self._link.now - since:.0f} s: the zero of its "
+                "transducer may be off, or air comes in"
+                for side, since in fell.items()
+                if lowest[side] > targets[side] + tolerance and self._link.now - since > STUCK
+            ]
+            raise BenchTimeout(f"{late}{''.join(stuck)}") from None
 
     def level(self) -> None:
         """Hand both springs to their leveling valves."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench_protocol.units import Hz, bar, kN, mm, mrad, s
+from bench_protocol.units import Hz, bar, kN, mm, mrad, ms, s
 from drivers.errors import BenchTimeout, Misuse, RigFault
 
 # -- moving ------------------------------------------------------------------------------------------------------
@@ -154,6 +154,29 @@ def test_filling_too_slowly_is_a_time_out(armed):
         BenchTimeout, match=r"filled to 5 bar.*not reached within 1 s; now left\.bellows_pressure = 1"
     ):
         armed.air.fill(to=5 * bar, within=1 * s)
+
+
+@pytest.mark.parametrize(("starts", "within", "told"), [(0.5, 30, True), (8.0, 30, True), (8.0, 20, False)])
+def test_a_pressure_that_has_long_stopped_falling_is_told_from_one_that_has_not(
+    world, armed, starts, within, told
+):
+    values, step = world.peer.values, world.peer._step
+
+    def never_below_half_a_bar():
+        step()
+        values["left.bellows_pressure"] = max(values["left.bellows_pressure"], 0.5 * bar)
+
+    world.peer._step = never_below_half_a_bar
+    values["left.bellows_pressure"] = starts * bar
+    armed.wait(100 * ms)
+    with pytest.raises(
+        BenchTimeout, match=r"left vented to 0 bar.*not reached within .* s; now left"
+    ) as late:
+        armed.air.vent(within=within * s)
+    since = within - (starts - 0.5)  # it falls by 1 bar/s
+    words = f"left.bellows_pressure has not fallen for {since:.0f} s: the zero of its transducer may be off"
+    assert (words in str(late.value)) == told
+    assert str(late.value).count("has not fallen") == told
 
 
 # -- generator ---------------------------------------------------------------------------------------------------
