@@ -287,3 +287,8 @@ LEAST_BATCH: Final = 4
 MOST_BATCH: Final = 128
 #: Differences in one run from which on a rough simulation of where they begin pays.
 LEAST_ROUGH: Final = 4
+
+# -- memory: memory.py -------------------------------------------------------------------------------------------------
+
+#: Pages from which on an array of columns has pages of its own: of fewer, most would be half empty.
+OWN_PAGES: Final = 64

@@ -12,21 +12,17 @@ import ctypes
 import math
 import mmap
 import sys
-from typing import Final
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-#: The parameter M_ARENA_MAX of glibc's mallopt: the largest number of heaps.
-_ARENA_MAX: Final = -8
-#: Bytes from which on an array has pages of its own.
-OWN_PAGES: Final = 64 * mmap.PAGESIZE
+from diagnosis.engine.config import OWN_PAGES
 
 
 def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[np.floating]:
     """Return zeros, those of a large array in pages that go back with it, and that take nothing until written to."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if sys.platform != "linux" or size < OWN_PAGES:
+    if sys.platform != "linux" or size < OWN_PAGES * mmap.PAGESIZE:
         return np.zeros(shape, dtype)
     return np.frombuffer(mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS), dtype).reshape(shape)
 
@@ -36,7 +32,7 @@ def first_rows(values: NDArray[np.floating], count: int) -> NDArray[np.floating]
     kept = values[:count]
     start = -(-(values.ctypes.data + kept.nbytes) // mmap.PAGESIZE) * mmap.PAGESIZE
     size = (values.ctypes.data + values.nbytes - start) // mmap.PAGESIZE * mmap.PAGESIZE
-    if sys.platform == "linux" and values.nbytes >= OWN_PAGES and size > 0:
+    if sys.platform == "linux" and values.nbytes >= OWN_PAGES * mmap.PAGESIZE and size > 0:
         advise = ctypes.CDLL(None).madvise
         advise(ctypes.c_void_p(start), ctypes.c_size_t(size), mmap.MADV_DONTNEED)
     return kept
@@ -44,7 +40,8 @@ def first_rows(values: NDArray[np.floating], count: int) -> NDArray[np.floating]
 
 def share_heap() -> None:
     """Let threads that begin from now on share one heap, where the C library can (glibc)."""
-    _call("mallopt", _ARENA_MAX, 1)
+    largest_number_of_heaps = -8  # M_ARENA_MAX of malloc.h
+    _call("mallopt", largest_number_of_heaps, 1)
 
 
 def give_back() -> None:

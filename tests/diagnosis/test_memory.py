@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import sys
 from pathlib import Path
 
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 
 from diagnosis.engine.columns import Columns, Trace
-from diagnosis.engine.memory import OWN_PAGES, first_rows, room
+from diagnosis.engine.config import OWN_PAGES
+from diagnosis.engine.memory import first_rows, room
 
-ROWS, SAMPLES = 500, 4 * OWN_PAGES // 100
+ROWS, SAMPLES = 500, 40 * OWN_PAGES * mmap.PAGESIZE // 1000
 
 
 def resident() -> int:
