@@ -9,7 +9,7 @@ At the end the stream becomes a Parquet file whose bytes do not depend on how th
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -151,7 +151,7 @@ class Recorder:
         if due and self._in_background:
             self._wake.set()
         elif due:
-            self._drain()
+            _undisturbed(self._drain)
 
     def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
         """Keep what happened at ``time_ns``: a change of state, a trip, a check.  ``data`` must fit into JSON."""
@@ -180,7 +180,7 @@ class Recorder:
         """Hand everything kept so far to the operating system before returning."""
         with self._lock:
             self._refuse_if_unwritable()
-        self._drain()
+        _undisturbed(self._drain)
 
     def close(self, **meta: Any) -> Path:
         """Turn the stream into ``record.parquet`` and ``meta.json``; ``meta`` adds what only the end knows.
@@ -200,7 +200,7 @@ class Recorder:
         if self.dropped:
             meta["dropped"] = self.dropped
         with self._file:  # held until there is a record: nobody takes the run for one that was cut off
-            self._finish_stream()
+            _undisturbed(self._finish_stream)
             convert(self.directory / STREAM, meta)
         return target
 
@@ -268,6 +268,26 @@ class Recorder:
             except (OSError, pa.ArrowException) as error:
                 self._failure = error
         self._refuse_if_failed()
+
+
+def _undisturbed(write: Callable[[], None]) -> None:
+    """Write in a thread of its own, where no Ctrl-C comes: half a batch would make all that follow unreadable.
+
+    Who is interrupted meanwhile leaves the thread to end what it does; whoever writes next waits for it.
+    """
+    failed: list[Exception] = []
+
+    def work() -> None:
+        try:
+            write()
+        except Exception as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=work, name="recorder")
+    thread.start()
+    thread.join()
+    if failed:
+        raise failed[0]
 
 
 def _no_samples() -> list[npt.NDArray[Any]]:
