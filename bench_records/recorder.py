@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -273,21 +274,10 @@ class Recorder:
 def _undisturbed(write: Callable[[], None]) -> None:
     """Write in a thread of its own, where no Ctrl-C comes: half a batch would make all that follow unreadable.
 
-    Who is interrupted meanwhile leaves the thread to end what it does; whoever writes next waits for it.
+    Who is interrupted meanwhile hears of it when the thread has ended what it does.
     """
-    failed: list[Exception] = []
-
-    def work() -> None:
-        try:
-            write()
-        except Exception as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=work, name="recorder")
-    thread.start()
-    thread.join()
-    if failed:
-        raise failed[0]
+    with ThreadPoolExecutor(1, "recorder") as pool:
+        pool.submit(write).result()
 
 
 def _no_samples() -> list[npt.NDArray[Any]]:

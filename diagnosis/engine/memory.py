@@ -12,6 +12,7 @@ import ctypes
 import math
 import mmap
 import sys
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -22,7 +23,7 @@ from diagnosis.engine.config import OWN_PAGES
 def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[np.floating]:
     """Return zeros, those of a large array in pages that go back with it, and that take nothing until written to."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if sys.platform != "linux" or size < OWN_PAGES * mmap.PAGESIZE:
+    if not _has_own_pages(size):
         return np.zeros(shape, dtype)
     return np.frombuffer(mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS), dtype).reshape(shape)
 
@@ -32,10 +33,13 @@ def first_rows(values: NDArray[np.floating], count: int) -> NDArray[np.floating]
     kept = values[:count]
     start = -(-(values.ctypes.data + kept.nbytes) // mmap.PAGESIZE) * mmap.PAGESIZE
     size = (values.ctypes.data + values.nbytes - start) // mmap.PAGESIZE * mmap.PAGESIZE
-    if sys.platform == "linux" and values.nbytes >= OWN_PAGES * mmap.PAGESIZE and size > 0:
-        advise = ctypes.CDLL(None).madvise
-        advise(ctypes.c_void_p(start), ctypes.c_size_t(size), mmap.MADV_DONTNEED)
+    if _has_own_pages(values.nbytes) and size > 0:
+        _call("madvise", ctypes.c_void_p(start), ctypes.c_size_t(size), mmap.MADV_DONTNEED)
     return kept
+
+
+def _has_own_pages(size: int) -> bool:
+    return sys.platform == "linux" and size >= OWN_PAGES * mmap.PAGESIZE
 
 
 def share_heap() -> None:
@@ -49,7 +53,7 @@ def give_back() -> None:
     _call("malloc_trim", 0)
 
 
-def _call(function: str, *arguments: int) -> None:
+def _call(function: str, *arguments: Any) -> None:
     """Call a function of the C library, if it has that."""
     found = getattr(ctypes.CDLL(None), function, None) if sys.platform == "linux" else None
     if found is not None:
