@@ -16,9 +16,19 @@ from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.bolster import stop_force
 from bench_sim.model.compiled import compiled, compiled_once, compiled_parallel
-from bench_sim.model.layout import ACTUATORS, INPUTS, LATERAL, SENSORS, SIDES, STATES, State
+from bench_sim.model.layout import (
+    ACTUATORS,
+    EXTRA_BRANCHES,
+    EXTRA_DASHPOTS,
+    INPUTS,
+    LATERAL,
+    SENSORS,
+    SIDES,
+    STATES,
+    State,
+)
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.rest import fill_chamber, relax_rubber, settle_sensors, settled_temperature
+from bench_sim.model.rest import fill_chamber, hold_back, relax_rubber, settle_sensors, settled_temperature
 from bench_sim.model.runge_kutta import runge_kutta, step_scheme
 from bench_sim.model.sensors import follow, read_exactly, true_values
 from bench_sim.model.spring import load_bellows, spring_algebra, stretch, volume
@@ -121,12 +131,12 @@ def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: An
 
 
 @compiled_once
-def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
+def settle(x: Any, mem: Any, par: Any, gas: Any, behind: Any, out: Any) -> None:
     """Fill the chambers where the bolster stands at rest.
 
-    The rubber is relaxed, but has crept as far as ``x`` says. ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y are found
-    by repetition, for the pressure is given and not the energy: the emergency spring is so much stiffer that this
-    converges.
+    The rubber is relaxed, but has crept as far as ``x`` says, and its extra dash-pots are ``behind`` (`Before`).
+    ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y are found by repetition, for the pressure is given and not the
+    energy: the emergency spring is so much stiffer that this converges.
     """
     pressure, temperature = gas.pressure, gas.temperature
     for i in range(SIDES):
@@ -144,6 +154,7 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, out: Any) -> None:
             V = volume(par, i, z_b, y_b) + stretch(par, i, pressure[i])
             fill_chamber(x, par, State.BELLOWS_MASS + i, pressure[i], V, temperature[i])
             relax_rubber(x, mem, i, z_b, y_b)
+            hold_back(x, i, behind)
             load_bellows(x, mem, par, i, z_b, y_b, out)
             if par.emergency_spring == 0.0:
                 break
@@ -167,6 +178,7 @@ def replay_samples(
     inputs: Any,
     supply: Any,
     gas: Any,
+    behind: Any,
     steps: int,
     readings: Any,
     rows: Any,
@@ -185,7 +197,7 @@ def replay_samples(
     pieces, states = step_scheme(par, dt)
     last = motion.displacement.shape[0] - 1
     place(0, 0.0, motion, x)
-    settle(x, mem, par, gas, out)
+    settle(x, mem, par, gas, behind, out)
     for n in range(last + 1):
         u = inputs[n]
         x[State.SUPPLY_LINE] = supply[n]
@@ -265,6 +277,19 @@ class Gas(NamedTuple):
     temperature: NDArray[np.float64]  #: (4,), K
 
 
+class Before(NamedTuple):
+    """What rubber remembers where a replay begins."""
+
+    crept: NDArray[np.float64]  #: (SIDES,) m by which the emergency springs have crept together
+    #: (EXTRA_BRANCHES, EXTRA_DASHPOTS) m by which the dash-pots of the extra branches are behind their bellows
+    behind: NDArray[np.float64]
+
+    @classmethod
+    def nothing(cls) -> "Before":
+        """Return that of rubber which has stood there for ever."""
+        return cls(np.zeros(SIDES), np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS)))
+
+
 def replay(
     parameters: Any,
     motion: Motion,
@@ -274,16 +299,16 @@ def replay(
     *,
     step: float = STEP,
     start: float = 0.0,
-    crept: NDArray[np.float64] | None = None,
+    before: Before | None = None,
     rows: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Return what each sensor reads (n, SENSORS) without noise and quantisation while the bench makes ``motion``.
 
     ``parameters`` is a record (``bench_sim.parameters.Parameters.record``), ``inputs`` (n, INPUTS) holds the valves
     over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. It starts at rest with
-    relaxed rubber, ``start`` s after the bench was switched on: sensors drift from then on. By then the emergency
-    springs have ``crept`` together (2,) m. The steps are equal parts of an interval, at most ``step`` s long. ``rows``
-    (n, ALGEBRAICS) is filled with what lies behind the readings. Other threads run meanwhile.
+    relaxed rubber but for what that remembers of ``before``, ``start`` s after the bench was switched on: sensors drift
+    from then on. The steps are equal parts of an interval, at most ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled
+    with what lies behind the readings. Other threads run meanwhile.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(
@@ -300,8 +325,8 @@ def replay(
     memory.time = memory.solved_time = start
     readings = np.empty((n, SENSORS))
     x = np.zeros(STATES)
-    if crept is not None:
-        x[State.CREEP : State.CREEP + SIDES] = crept
+    before = before or Before.nothing()
+    x[State.CREEP : State.CREEP + SIDES] = before.crept
     replay_samples(
         x,
         memory,
@@ -310,6 +335,7 @@ def replay(
         inputs,
         supply,
         gas,
+        before.behind,
         ceil(motion.interval / step - 1e-9),
         readings,
         np.empty((0, ALGEBRAICS)) if rows is None else rows,

@@ -11,6 +11,7 @@ from bench_sim.model.layout import (
     EXTRA_FRICTIONS,
     HISTORY,
     SENSORS,
+    SIDES,
     State,
 )
 from bench_sim.model.sensors import prepare_lags
@@ -51,6 +52,14 @@ def relax_rubber(x: Any, mem: Any, side: int, z: float, y: float) -> None:
     mem.bellows_lateral[side] = y
     mem.bellows_vertical_speed[side] = 0.0
     mem.bellows_lateral_speed[side] = 0.0
+
+
+@compiled
+def hold_back(x: Any, side: int, behind: Any) -> None:
+    """Let the extra dash-pots of one relaxed bellows be ``behind`` it, (EXTRA_BRANCHES, EXTRA_DASHPOTS) m."""
+    for j in range(EXTRA_BRANCHES):
+        x[State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, side]
+        x[State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, SIDES + side]
 
 
 @compiled

@@ -14,7 +14,7 @@ from bench_sim.model.lane_start import begin_springs, has_lanes, power_coefficie
 from bench_sim.model.lanes import AUXILIARY_PRESSURE, STIFFEST, Course, LaneSpring
 from bench_sim.model.layout import SENSORS, SIDES, STATES, Input, Sensor, State
 from bench_sim.model.quantities import MEMORY, PARAMETERS
-from bench_sim.model.replay import STEP, Gas, Motion, balance, place
+from bench_sim.model.replay import STEP, Before, Gas, Motion, balance, place
 from bench_sim.model.rest import settle_sensors
 from bench_sim.model.sensors import arrives_late, express, move_lags, read_exactly, true_values
 from bench_sim.model.spring import displacements, spring_term
@@ -188,23 +188,23 @@ class TracedReplay:
         parameters: Any,
         gas: Gas,
         shift: float,
-        crept: NDArray[np.float64] | None = None,
+        before: Before | None = None,
         supply_error: float = 0.0,
     ) -> tuple[LaneSpring, LaneSpring]:
         """Return both springs as they begin with ``gas``, their plates ``shift`` m to the left of the motion.
 
-        ``crept`` is as for `bench_sim.model.replay.replay`; the supply is ``supply_error`` Pa below what was told.
+        ``before`` is as for `bench_sim.model.replay.replay`; the supply is ``supply_error`` Pa below what was told.
         """
         x = np.zeros(STATES)
-        if crept is not None:
-            x[State.CREEP : State.CREEP + SIDES] = crept
+        before = before or Before.nothing()
+        x[State.CREEP : State.CREEP + SIDES] = before.crept
         x[State.BOLSTER_LATERAL : State.BOLSTER_ROLL + 1] = self.motion.displacement[0, :3]
         x[State.PLATFORM_LATERAL : State.PLATFORM_ROLL + 1] = self.motion.displacement[0, 3:]
         x[State.BOLSTER_LATERAL] += shift
         columns = np.empty((SIDES, LENGTH // LANES))
         memory = np.zeros(1, MEMORY).view(np.recarray)
         powers = power_coefficients(float(parameters.heat_capacity_ratio))
-        begin_springs(x, memory, _one(parameters), gas, powers, columns)
+        begin_springs(x, memory, _one(parameters), gas, before.behind, powers, columns)
         left, right = (
             LaneSpring(columns[i], parameters, i, self.courses[i], shift, supply_error) for i in range(SIDES)
         )

@@ -7,8 +7,8 @@ valves as 0 … 1, ``left.leveling``, ``left.reservoir`` (and right), ``dpv``; `
 
 Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
 the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
-``start``, the s since the bench was switched on, from when sensors drift, and what the springs carried before it begins
-(`diagnosis.systems.load_history`). Only the bellows' pressures are required. One that is only planned has
+``start``, the s since the bench was switched on, from when sensors drift, and what the springs went through before it
+begins (`diagnosis.systems.history`). Only the bellows' pressures are required. One that is only planned has
 ``conditioned``, from when on (s) a record of it would count.
 """
 
@@ -29,7 +29,7 @@ from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
 from bench_sim.model.layout import SIDES, Sensor
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.replay import DIRECTIONS, STEP, Gas, replay
+from bench_sim.model.replay import DIRECTIONS, STEP, Before, Gas, replay
 from bench_sim.model.rest import settled_temperature
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
@@ -46,6 +46,7 @@ from diagnosis.contracts import (
     Nuisance,
     Surface,
 )
+from diagnosis.systems import history
 from diagnosis.systems.air_spring_batch import Replayed, read_all
 from diagnosis.systems.air_spring_parameters import (
     CHAMBERS,
@@ -64,7 +65,6 @@ from diagnosis.systems.air_spring_runs import PreparedRun, given
 from diagnosis.systems.air_spring_surfaces import TERMS
 from diagnosis.systems.counted import counted_if_recorded
 from diagnosis.systems.held_samples import Reading, held_period, of_period, readings_of
-from diagnosis.systems.load_history import remembered
 from diagnosis.systems.system import KINDS
 
 _SIDE_NAMES: Final = bench.PLACES
@@ -312,7 +312,7 @@ class AirSpring:
             gas,
             step=self.step,
             start=settings.get("start", 0.0),
-            crept=_crept(settings, record),
+            before=_before(settings, record),
         )
         return readings[:, self._sensors]
 
@@ -329,8 +329,8 @@ class AirSpring:
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, error
         if key not in known:
             traced = prepared.rough if rough else prepared.traced
-            crept = _crept(job.experiment.settings, record)
-            springs = traced.springs(record, gas, shift, crept, error) if traced.fits(record) else ()
+            before = _before(job.experiment.settings, record)
+            springs = traced.springs(record, gas, shift, before, error) if traced.fits(record) else ()
             alone = partial(self._replay, prepared, record, gas, shift, error)
             known[key] = Replayed(
                 traced,
@@ -419,11 +419,15 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
     return Gas(pressure, temperature)
 
 
-def _crept(settings: Mapping[str, float], par: Any) -> Array:
-    """How far both emergency springs have crept together where a run begins (m), r L(τ)/k."""
-    crept = np.zeros(SIDES)
+def _before(settings: Mapping[str, float], par: Any) -> Before:
+    """What rubber remembers where a run begins: emergency springs have crept by r M(τ)/k, dash-pots are behind."""
+    before = Before.nothing()
     for i, side in enumerate(_SIDE_NAMES):
         if par.creep_ratio[i]:
-            load = remembered(settings, side, float(par.creep_time[i]))
-            crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
-    return crept
+            load = history.remembered(settings, side, float(par.creep_time[i]))
+            before.crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
+    places = (*_SIDE_NAMES, history.SHEAR, history.SHEAR)
+    for j in np.flatnonzero(par.extra_branch_ratio):
+        time = float(par.extra_branch_time[j])
+        before.behind[j] = [history.behind(settings, place, time) for place in places]
+    return before

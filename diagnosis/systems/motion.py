@@ -70,10 +70,7 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
     """Return the inputs of `AirSpring` that tell the motion, each (n,), from readings (n,) every ``step`` s.
 
     ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample.
-    Without ``lateral.force`` the give q of the lateral actuator's frame stays in the shear. With the transducer
-    d = y_B − h_a φ_B + q of that actuator, F = k q + c dq/dt and φ_B = (ζ_L − ζ_R)/2b + φ_P the springs are sheared by
-
-        y = d − q + (h_a + e) φ_B − y_P + h φ_P
+    Without ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, stays in the shear.
     """
     par = parameters.record
 
@@ -93,18 +90,29 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
     if "lateral.acceleration" in measured:
         inputs["lateral.acceleration"] = seen("lateral.acceleration")
     if "lateral.displacement" in places:
-        zero = np.zeros(len(places["left.height"]))
-        force = seen("lateral.force") if "lateral.force" in measured else zero
-        platform = places.get("platform.roll", zero)
-        roll = 0.5 * (places["left.height"] - places["right.height"]) / par.spring_half_spacing + platform
-        inputs["shear"] = (
-            places["lateral.displacement"]
-            - give(force, LATERAL, par, step)
-            + (par.lateral_actuator_height + par.centre_height) * roll
-            - places.get("platform.lateral", zero)
-            + par.column_height * platform
-        )
+        force = seen("lateral.force") if "lateral.force" in measured else np.zeros(len(places["left.height"]))
+        inputs["shear"] = sheared(places, give(force, LATERAL, par, step), par)
     return inputs
+
+
+def sheared(places: Mapping[str, Array], given_way: Array, par: Any) -> Array:
+    """Return the shear y (n,) of the springs from what the `SENSORS` that there are read, each (n,).
+
+    With the transducer d = y_B − h_a φ_B + q of the lateral actuator, whose frame has ``given_way`` by q (n,), and
+    φ_B = (ζ_L − ζ_R)/2b + φ_P
+
+        y = d − q + (h_a + e) φ_B − y_P + h φ_P
+    """
+    zero = np.zeros(len(given_way))
+    platform = places.get("platform.roll", zero)
+    roll = 0.5 * (places["left.height"] - places["right.height"]) / par.spring_half_spacing + platform
+    return (
+        places["lateral.displacement"]
+        - given_way
+        + (par.lateral_actuator_height + par.centre_height) * roll
+        - places.get("platform.lateral", zero)
+        + par.column_height * platform
+    )
 
 
 def give(force: Array, actuator: int, par: Any, step: float) -> Array:

@@ -26,7 +26,7 @@ from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, Channel, Dataset, DiagnosisError, Experiment, MeasuredRun
 from diagnosis.systems.air_spring import GAS, OUTPUTS, AirSpring
 from diagnosis.systems.counted import at_its_steps, coarse, forces_untold, while_it_moves
-from diagnosis.systems.load_history import remembered_loads
+from diagnosis.systems.history import Past, remembered_loads, remembered_places
 from diagnosis.systems.motion import (
     BESIDE,
     LEAST,
@@ -146,13 +146,15 @@ def _run(
         if p.name == REST:
             rest |= (grid >= p.start) & (grid < p.end)
     on = _switched_on(record, grid[0])
+    past = Past(record, grid[0], on)
     experiment = Experiment(
         phase.name.removeprefix(REPLAY),
         grid - grid[0],
         inputs,
         {
             "start": on,
-            **remembered_loads(record, grid[0], on, simulator.parameters),
+            **remembered_loads(past, simulator.parameters),
+            **remembered_places(past, simulator.parameters, settings.preload),
             **settings.constants(grid[0]),
             **_beginning(record, grid, rest, simulator.parameters),
         },
@@ -310,6 +312,10 @@ class _SettingsOfRecord:
             **{f"{side}.reservoir": self.where(f"air.{side}_reservoir", "on", grid, "on") for side in SIDES},
             "dpv": self.where("air.dpv", "on", grid, "on"),
         }
+
+    def preload(self, times: Array) -> Array:
+        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if nobody said."""
+        return np.array(self._over("rig.nominal_preload", times, 0.0), np.float64)
 
     def constants(self, time: float) -> dict[str, float]:
         """Return the settings of a run: its load and what is fitted."""

@@ -10,7 +10,7 @@ from bench_sim.model.lane_layout import LANES
 from bench_sim.model.lane_start import has_lanes, power_coefficients
 from bench_sim.model.lanes import integrate_pairs, integrate_springs
 from bench_sim.model.layout import INPUTS, Input, Sensor
-from bench_sim.model.replay import DIRECTIONS, STEP, Gas, Motion, replay
+from bench_sim.model.replay import DIRECTIONS, STEP, Before, Gas, Motion, replay
 from bench_sim.model.traces import TracedReplay
 from bench_sim.parameters import load
 
@@ -81,9 +81,12 @@ def test_lanes_go_where_the_scalar_replay_goes(name):
     record = load("astb").with_values(**SPRINGS[name]).record
     run = shaken(300)
     rows = np.zeros((300, ALGEBRAICS))
-    readings = replay(record, run.motion, run.inputs, run.supply, run.gas, rows=rows)
+    before = Before.nothing()
+    before.crept[:] = 1e-4, 2e-4
+    before.behind[:2] = np.outer((3e-3, -1e-3), (1.0, 2.0, 3.0, 4.0))
+    readings = replay(record, run.motion, run.inputs, run.supply, run.gas, before=before, rows=rows)
     both = traced(record, run)
-    traces = integrate_springs(both.springs(record, run.gas, 0.0))
+    traces = integrate_springs(both.springs(record, run.gas, 0.0, before))
     for i, trace in enumerate(traces):
         for k, what in enumerate(COLUMNS):
             error = np.abs(trace[:: both.steps, k] - rows[:, what + i]).max()

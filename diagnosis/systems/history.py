@@ -1,0 +1,167 @@
+"""What a bench went through before a run began, as its rubber remembers it.
+
+Theory of operation
+-------------------
+What happened before a run is not replayed. Rubber that is slow knows it all the same, by a mean over the past in which
+s seconds ago count as e^{−s/τ}:
+
+    M(τ) = ∫ x(s) e^{−(t − s)/τ} ds/τ
+
+A Kelvin element has crept under a force F by q = (r/k) M(τ) of F, and the dash-pot of a Maxwell branch stands where
+M(τ) of the bellows' displacement is: it is *behind* by x − M(τ) and pulls with so much. A fractional element has
+branches of half a minute and of minutes; they still pull from when the bellows was filled. So a record is asked for M
+at memories from seconds to hours; between them it is smooth in ln τ.
+
+Before the bench was switched on nothing is known: no load is assumed, and that it stood where it is first seen. The
+bellows' displacement is that of the spring less what its emergency spring gives, ζ_b = ζ + (F − P)/k; shims under that,
+for another P, do not move it. Sideways the emergency spring takes a twentieth of the shear, which is left out.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import cache, lru_cache
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.words import SIDES
+from bench_records.record import Record
+from bench_sim.model.layout import LATERAL
+from bench_sim.parameters import Parameters
+from diagnosis.contracts import Array
+from diagnosis.systems.air_spring_parity import CELLS, spring_forces
+from diagnosis.systems.motion import SENSORS, sheared
+
+#: Memories in s at which the past is told, half a decade apart.
+MEMORIES: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
+#: Readings are averaged over so many seconds: no memory is shorter.
+_MEAN: Final = 1.0
+#: Where it ends, over so many: a run begins at rest.
+_NOW: Final = 0.1
+#: A dash-pot as fast as this (s) is where its bellows is when a run begins, and with `MEMORIES` the next that is told.
+_AT_ONCE: Final = 0.3
+#: What dash-pots follow: the bellows of both sides, and the shear of both.
+SHEAR: Final = "shear"
+
+
+class Past:
+    """A record up to a ``time`` at which the bench had been on for ``on`` s, by means over its n seconds.
+
+    ``edges`` (n + 1,) bound these. A signal is held where it has no sample, before the first one too.
+    """
+
+    def __init__(self, record: Record, time: float, on: float) -> None:
+        self._record = record
+        self._time = time
+        self.edges = np.arange(time - _MEAN * np.ceil(on / _MEAN), time + 0.5 * _MEAN, _MEAN)
+        self.means = cache(self._means)
+
+    def __bool__(self) -> bool:
+        """Whether there is any past."""
+        return len(self.edges) > 1
+
+    def knows(self, *names: str) -> bool:
+        """Whether each of some signals was read by then."""
+        return all(name in self._record.signals and self.means(name).size for name in names)
+
+    def until_now(self, name: str) -> Array:
+        """Return the means (n + 1,) of a signal, and behind them what it is where the past ends."""
+        times, values = self._record.series(name)
+        now = np.isfinite(values) & (times >= self._time) & (times < self._time + _NOW)
+        means = self.means(name)
+        return np.append(means, values[now].mean() if now.any() else means[-1])
+
+    def forgotten(self, memory: float) -> tuple[Array, float]:
+        """Return the weights (n,) that e^{−s/τ} gives each second, and that of all before them."""
+        left = np.exp(-np.maximum(self._time - self.edges, 0.0) / memory)
+        return np.diff(left), float(left[0])
+
+    def _means(self, name: str) -> Array:
+        """Return the means (n,) of a signal; () if it was never read."""
+        times, values = self._record.series(name)
+        known = np.isfinite(values)
+        count, _ = np.histogram(times[known], self.edges)
+        total, _ = np.histogram(times[known], self.edges, weights=values[known])
+        seen = np.flatnonzero(count)
+        if not seen.size:
+            return np.empty(0)
+        return np.interp(np.arange(len(count)), seen, total[seen] / count[seen])
+
+
+def load_setting(side: str, memory: float) -> str:
+    """Return the name of the setting that tells M of one spring's load for a memory of so many seconds."""
+    return f"{side}.load_over_{memory:g}_s"
+
+
+def behind_setting(place: str, memory: float) -> str:
+    """Return the name of the setting that tells how far a dash-pot of so many seconds is behind its bellows."""
+    return f"{place}.behind_over_{memory:g}_s"
+
+
+def remembered_loads(past: Past, parameters: Parameters) -> dict[str, float]:
+    """Return the settings that tell M(τ) of both springs' loads (N); none without load cells."""
+    if not past or not past.knows(*CELLS):
+        return {}
+    forces = spring_forces({name: past.means(name) for name in CELLS}, parameters.record)
+    return {
+        load_setting(side, memory): float(past.forgotten(memory)[0] @ force)
+        for side, force in zip(SIDES, forces, strict=True)
+        for memory in MEMORIES
+    }
+
+
+def remembered_places(
+    past: Past, parameters: Parameters, preload: Callable[[Array], Array]
+) -> dict[str, float]:
+    """Return the settings that tell x − M(τ) of both bellows' displacements and of their shear (m).
+
+    ``preload`` (N per spring) is what the springs were shimmed for at some times (n,). None are told without heights;
+    without load cells emergency springs are taken for rigid, and what else is missing for at rest.
+    """
+    if not past or not past.knows(*(f"{side}.height" for side in SIDES)):
+        return {}
+    par = parameters.record
+    seen = {name: past.until_now(name) for name in SENSORS if past.knows(name)}
+    places = {side: seen[f"{side}.height"].copy() for side in SIDES}
+    if par.emergency_spring != 0.0 and past.knows(*CELLS):
+        forces = spring_forces({name: past.until_now(name) for name in CELLS}, par)
+        for side, force, stiffness in zip(SIDES, forces, par.emergency_stiffness_vertical, strict=True):
+            places[side] += (force - preload(past.edges)) / float(stiffness)
+    if "lateral.displacement" in seen:
+        known = past.knows("lateral.force")
+        force = past.until_now("lateral.force") if known else np.zeros(len(past.edges))
+        places[SHEAR] = sheared(seen, force / float(par.frame_stiffness[LATERAL]), par)
+    told = {}
+    for place, values in places.items():
+        for memory in MEMORIES:
+            weights, before = past.forgotten(memory)
+            mean = weights @ values[:-1] + before * values[0]
+            told[behind_setting(place, memory)] = float(values[-1] - mean)
+    return told
+
+
+def remembered(settings: Mapping[str, float], side: str, memory: float) -> float:
+    """Return M of a spring's load (N) for a memory of so many seconds; 0 where no setting tells it."""
+    if load_setting(side, MEMORIES[0]) not in settings:
+        return 0.0
+    loads = tuple(settings[load_setting(side, known)] for known in MEMORIES)
+    return _between(MEMORIES, loads, memory)
+
+
+def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
+    """Return how far a dash-pot of so many seconds is behind (m) one side's bellows or `SHEAR`; 0 where nothing tells.
+
+    The bench's own dash-pots are fast: a run has made them forget before anything of it counts.
+    """
+    if behind_setting(place, MEMORIES[0]) not in settings:
+        return 0.0
+    told = tuple(settings[behind_setting(place, known)] for known in MEMORIES)
+    return _between((_AT_ONCE, *MEMORIES), (0.0, *told), memory)
+
+
+@lru_cache(maxsize=4096)
+def _between(memories: tuple[float, ...], values: tuple[float, ...], memory: float) -> float:
+    """Return what is told of some memories at another one, smooth in its logarithm; beyond the ends as at them."""
+    from scipy.interpolate import PchipInterpolator
+
+    place = np.log(np.clip(memory, memories[0], memories[-1]))
+    return float(PchipInterpolator(np.log(memories), values)(place))
