@@ -12,9 +12,10 @@ M(τ) of the bellows' displacement is: it is *behind* by x − M(τ) and pulls w
 branches of half a minute and of minutes; they still pull from when the bellows was filled. So a record is asked for M
 at memories from seconds to hours; between them it is smooth in ln τ.
 
-Before the bench was switched on nothing is known: no load is assumed, and that it stood where it is first seen. The
-bellows' displacement is that of the spring less what its emergency spring gives, ζ_b = ζ + (F − P)/k; shims under that,
-for another P, do not move it. Sideways the emergency spring takes a twentieth of the shear, which is left out.
+Before its first sample a record knows nothing. A bench is taken to have stood as it is first seen, with no load before
+it was switched on. The bellows' displacement is that of the spring less what its emergency spring gives,
+ζ_b = ζ + (F − P)/k; shims under that, for another P, do not move it. Sideways the emergency spring takes a twentieth of
+the shear, which is left out.
 """
 
 from collections.abc import Callable, Mapping
