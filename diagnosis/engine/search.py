@@ -47,7 +47,8 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
         if chosen is None:
             break
-        # One after the other: the former state, which is large, is gone before the swaps.
+        # One after the other: columns are large, and the former ones are gone before there are others.
+        state = state.without_columns()
         state = admit(problem, state, chosen, trials)
         state = swap(problem, state)
     progress("weighing what was found", 0.9)

@@ -97,6 +97,11 @@ class SearchState:
             last_fit={**self.last_fit, **{trial.effect: trial.point for trial in trials}},
         )
 
+    def without_columns(self) -> SearchState:
+        """Return the state without the columns of all candidates, which are large: no trial asks for them."""
+        bare = self.current.footprints.without_columns()
+        return replace(self, current=replace(self.current, footprints=bare))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accepted:
@@ -142,8 +147,7 @@ class SearchResult:
 
     def without_footprints(self) -> SearchResult:
         """Return the result without the columns of all candidates, which are large."""
-        bare = replace(self.state.current, footprints=self.state.current.footprints.without_columns())
-        return replace(self, state=replace(self.state, current=bare))
+        return replace(self, state=self.state.without_columns())
 
     def ambiguous(self, gap: float) -> list[tuple[Accepted, Trial]]:
         """Return accepted effects with each rival that comes within a BIC gap of them."""
