@@ -121,7 +121,10 @@ class Trace:
 
 
 class Columns:
-    """Sensitivities of one run to so many (``size``) numbers, as the traces of its channels; never changed."""
+    """Sensitivities of one run to so many (``size``) numbers, as the traces of its channels; never changed.
+
+    Large ones may be let go of (`let_go`), which is the end of them.
+    """
 
     def __init__(self, size: int, traces: Sequence[Trace]) -> None:
         self.size = size
@@ -192,6 +195,10 @@ class Columns:
             inside = _stretch(np.flatnonzero(order[trace.rows] >= 0))
             traces.append(Trace(order[trace.rows[inside]], trace.values[inside], trace.scale))
         return Columns(len(places), traces)
+
+    def let_go(self) -> None:
+        """Keep nothing, so that the memory is free whoever else holds these columns: nobody may ask for them again."""
+        del self.traces
 
     def among(self, places: Sequence[int], size: int) -> Columns:
         """Return the columns at their ``places`` among ``size``, the others 0."""

@@ -24,9 +24,10 @@ from functools import cached_property
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
+from diagnosis.engine.columns import Columns
 from diagnosis.engine.config import FIT_STEPS
 from diagnosis.engine.fitting.fit import FittedModel, fit
-from diagnosis.engine.fitting.linear import Projection
+from diagnosis.engine.fitting.linear import Linearisation, Projection
 from diagnosis.engine.fitting.linearise import from_quotients
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.fitting.replay import Replay
@@ -36,7 +37,7 @@ from diagnosis.engine.noise_estimate import leftover_noise, overdispersion
 from diagnosis.engine.omnibus import Omnibus, score_tests
 from diagnosis.engine.threads import in_threads
 from diagnosis.engine.threshold import threshold
-from diagnosis.engine.whitening import filters
+from diagnosis.engine.whitening import Filter, filters
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,23 +132,39 @@ def signs(effects: Sequence[Hypothesis], scores: Array) -> Array:
 
 
 def fit_and_screen(
-    replay: Replay, around: Footprints, *, alpha: float, seed: int, steps: int = FIT_STEPS
+    replay: Replay,
+    around: Footprints,
+    *,
+    alpha: float,
+    seed: int,
+    steps: int = FIT_STEPS,
+    last: bool = False,
 ) -> ScreenedModel:
-    """Estimate the noise around a model, fit the model under it, and score every candidate against it."""
+    """Estimate the noise around a model, fit the model under it, and score every candidate against it.
+
+    Where nobody asks for the footprints again they are let go of: it is the ``last`` time.
+    """
     give_back()  # What made the footprints was larger than they are.
     count = len(around.candidates)
     noise = leftover_noise(replay, around)
+    give_back()  # What is free between what is kept adds up: it goes back before each of the largest steps.
     whiten = filters(noise, replay.runs)
     workers = replay.workers
-    columns = in_threads(
-        workers, lambda one: one[0].columns(one[1]), zip(whiten, around.looked_for, strict=True)
-    )
-    residuals = replay.residuals(around.predictions)
-    known = from_quotients(replay, around.point, whiten, residuals, around.parameter_columns)
+
+    def whitened(r: int) -> Columns:
+        white = whiten[r].columns(around.looked_for[r])
+        for part in around.looked_for[r] if last else ():
+            part.let_go()
+        return white
+
+    columns = in_threads(workers, whitened, range(len(whiten)))
+    known = _linear(replay, around, whiten)
+    give_back()
     model = fit(replay, noise, around.point, known)
     projection = model.linearisation.project(columns, workers)
     inflation = overdispersion(model.linearisation, columns, projection, workers=workers)
     noise = replace(noise, dispersion=float(np.median(inflation)) if len(inflation) else 1.0)
+    give_back()
     model = fit(replay, noise, model.point, model.linearisation, steps=steps)
     projection = model.linearisation.project(columns, workers)
     surfaces = replay.simulator.surfaces if around.surface_columns else ()
@@ -156,3 +173,9 @@ def fit_and_screen(
         Screening(around.candidates, projection.of(slice(count)), inflation[:count], alpha, seed),
         score_tests(model.linearisation, surfaces, columns, projection, count, workers),
     )
+
+
+def _linear(replay: Replay, around: Footprints, whiten: Sequence[Filter]) -> Linearisation:
+    """Return the model as its footprints make it linear."""
+    residuals = replay.residuals(around.predictions)
+    return from_quotients(replay, around.point, whiten, residuals, around.parameter_columns)

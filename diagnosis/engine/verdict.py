@@ -158,7 +158,7 @@ def _with_select(
     point = around.point.with_records(there.records)
     further = with_surfaces(there, footprints(there, point, around.candidates))
     both = replay.of((*replay.runs, *select))
-    return fit_and_screen(both, joined(around, further), alpha=config.alpha, seed=config.seed)
+    return fit_and_screen(both, joined(around, further), alpha=config.alpha, seed=config.seed, last=True)
 
 
 def final(verdict: Verdict, left: Remainder, rivals: int = 0) -> Verdict:

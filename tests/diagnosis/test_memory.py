@@ -67,3 +67,12 @@ def test_neighbouring_columns_are_chosen_without_a_copy_and_others_with_the_same
         assert (told == expected[places]).all()
     assert np.shares_memory(columns.chosen([2, 3, 4]).traces[0].values, values)
     assert not np.shares_memory(columns.chosen([0, 3, 6]).traces[0].values, values)
+
+
+def test_columns_that_were_let_go_of_are_asked_for_in_vain():
+    columns = Columns(2, [Trace(np.arange(2), np.ones((2, 5)))])
+    other = Columns(2, [Trace(np.arange(2), np.ones((2, 5)))])
+    assert (columns.against(other) == 5.0).all()
+    columns.let_go()
+    with pytest.raises(AttributeError, match="traces"):
+        columns.against(other)
