@@ -25,8 +25,8 @@ from bench_sim.model.lanes import LaneSpring, integrate_pairs, integrate_springs
 from bench_sim.model.traces import TracedReplay
 from diagnosis.contracts import Array
 
-#: Trajectories of an experiment that are kept from one batch to the next: both sides at four points.
-_KEPT: Final = 8
+#: Trajectories of an experiment that are kept from one batch to the next: both sides at one point.
+_KEPT: Final = 2
 
 #: Springs that are integrated together: one, or both of a job.
 Together = tuple[LaneSpring, ...]

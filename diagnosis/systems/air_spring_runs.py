@@ -27,16 +27,10 @@ class PreparedRun:
 
     def __init__(self, experiment: Experiment, par: Any, step: float) -> None:
         self.experiment = experiment
-        n = len(experiment.time)
         self.motion = Motion.through(_motion(experiment, par), experiment.step)
         if "lateral.acceleration" in experiment.inputs:
             # An accelerometer is quieter than the second derivative of a displacement.
             self.motion = self.motion.accelerated(0, experiment.inputs["lateral.acceleration"])
-        self.inputs = np.zeros((n, INPUTS))
-        self.inputs[:, Input.SUPPLY] = 1.0
-        for name, place in _VALVES.items():
-            default = 1.0 if name.endswith("reservoir") else 0.0
-            self.inputs[:, place] = given(experiment, name, default)
         #: Whether a leveling valve is connected at any time; else what is known of it changes nothing.
         self.fed = feeds(self.inputs)
         self.supply = (
@@ -46,6 +40,16 @@ class PreparedRun:
         self.outputs: OrderedDict[str, Array] = OrderedDict()
         self.kept = KeptTraces()
         self._par, self._step = par, step
+
+    @property
+    def inputs(self) -> Array:
+        """All inputs of the bench (n, INPUTS), most of them 0: made when somebody asks, for few do."""
+        inputs = np.zeros((len(self.experiment.time), INPUTS))
+        inputs[:, Input.SUPPLY] = 1.0
+        for name, place in _VALVES.items():
+            default = 1.0 if name.endswith("reservoir") else 0.0
+            inputs[:, place] = given(self.experiment, name, default)
+        return inputs
 
     @cached_property
     def traced(self) -> TracedReplay:
