@@ -11,7 +11,7 @@ as long as both columns are: many linearisations share columns, and white noise 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import groupby, pairwise
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, MeasuredRun
-from diagnosis.engine.kernels import block_products, quotients, weighted_sum
+from diagnosis.engine.kernels import add_rows, block_products, quotients, weighted_sum
 from diagnosis.engine.memory import first_rows, room
 
 Floats = NDArray[np.floating]
@@ -303,29 +303,39 @@ def columns_of(packing: Packing, values: Floats) -> Columns:
 
 def mixed(parts: Sequence[Columns], weights: Array) -> Columns:
     """Return the sum of several sets of the same k columns, each column with its own ``weights`` (p, k)."""
-    traces = []
-    for channel in zip(*(part.traces for part in parts), strict=True):
-        inside = [weight[trace.rows] != 0.0 for trace, weight in zip(channel, weights, strict=True)]
-        chosen = [trace.rows[mine] for trace, mine in zip(channel, inside, strict=True)]
-        rows = np.unique(np.concatenate(chosen))
-        values = room((len(rows), channel[0].values.shape[1]), channel[0].values.dtype)
-        for trace, mine, own, weight in zip(channel, inside, chosen, weights, strict=True):
-            factors = (trace.scale * weight[own]).astype(values.dtype)
-            values[np.searchsorted(rows, own)] += factors[:, None] * trace.values[mine]
-        traces.append(Trace(rows, values))
-    return Columns(parts[0].size, traces)
+    channels = zip(*(part.traces for part in parts), strict=True)
+    return Columns(parts[0].size, [_mixed(channel, weights, room) for channel in channels])
+
+
+def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., Floats]) -> Trace:
+    """Return one channel of such a sum, in an array from ``zeros``."""
+    moved = [np.flatnonzero(weight[trace.rows] != 0.0) for trace, weight in zip(parts, weights, strict=True)]
+    places = [trace.rows[mine] for trace, mine in zip(parts, moved, strict=True)]
+    rows = np.unique(np.concatenate(places))
+    first = parts[0].values
+    values = zeros((len(rows), first.shape[1]), first.dtype)
+    for trace, mine, own, weight in zip(parts, moved, places, weights, strict=True):
+        factors = (trace.scale * weight[own]).astype(values.dtype)
+        add_rows(trace.values, mine, factors, np.searchsorted(rows, own), values)
+    return Trace(rows, values)
 
 
 def apart(first: Columns, second: Columns, scales: Array) -> Array:
     """Return how far two sets of k columns are apart: sums of squares (k,), channels in their ``scales`` (c,)."""
-    pairs = np.outer((1.0, -1.0), np.ones(first.size))
-    return squares(mixed((first, second), pairs), scales)
+    signs = np.outer((1.0, -1.0), np.ones(first.size))
+    # One channel after the other, in the same memory: pages of its own would be got for each anew.
+    pairs = zip(first.traces, second.traces, strict=True)
+    return _squares(first.size, (_mixed(pair, signs, np.zeros) for pair in pairs), scales)
 
 
 def squares(columns: Columns, scales: Array) -> Array:
     """Return the sums of squares of k columns (k,), channels in their ``scales`` (c,)."""
-    found = np.zeros(columns.size)
-    for trace, scale in zip(columns.traces, scales, strict=True):
+    return _squares(columns.size, columns.traces, scales)
+
+
+def _squares(size: int, traces: Iterable[Trace], scales: Array) -> Array:
+    found = np.zeros(size)
+    for trace, scale in zip(traces, scales, strict=True):
         own = np.einsum("ij,ij->i", trace.values, trace.values, dtype=np.float64)
         found[trace.rows] += (trace.scale / scale) ** 2 * own
     return found

@@ -77,3 +77,15 @@ def weighted_sum(numbers: Any, values: Any, out: Any) -> None:
         number, row = numbers[k], values[k]
         for i in range(len(out)):
             out[i] += number * row[i]
+
+
+@numba.njit(cache=True, nogil=True)
+def add_rows(values: Any, chosen: Any, factors: Any, places: Any, out: Any) -> None:
+    """Add the ``chosen`` (k,) rows of ``values`` (m, n), each times its factor, to those of ``out`` at ``places``.
+
+    Products and sums are of the width of ``out``.
+    """
+    for k in range(len(chosen)):
+        factor, row, line = factors[k], values[chosen[k]], out[places[k]]
+        for i in range(len(row)):
+            line[i] += factor * row[i]
