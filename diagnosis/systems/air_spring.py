@@ -172,9 +172,7 @@ class AirSpring:
         """Return the outputs (n, c): what noiseless sensors would have read."""
         prepared = self._prepare(experiment)
         simulated = _simulated(parameters)
-        key = repr(
-            (sorted(simulated.items()), sorted((name, sorted(v.items())) for name, v in effects.items()))
-        )
+        key = _asked(simulated, effects)
         with self._lock:
             outputs = prepared.outputs.get(key)
         if outputs is None:
@@ -323,6 +321,20 @@ class AirSpring:
         """
         prepared = self._prepare(job.experiment)
         simulated = _simulated(job.parameters)
+        asked = id(prepared), _asked(simulated, job.effects)
+        if asked not in known:
+            known[asked] = self._new_or_known(job, prepared, simulated, known, rough)
+        return known[asked]
+
+    def _new_or_known(
+        self,
+        job: Job,
+        prepared: PreparedRun,
+        simulated: Mapping[str, float],
+        known: dict[object, Replayed],
+        rough: bool,
+    ) -> Replayed:
+        """As `_replayed`, of what no job has asked for by the same parameters: others may make the same replay."""
         record = self.record(job.experiment, simulated, job.effects)
         gas = _gas(job.experiment, simulated, record)
         shift, error = _shift(simulated), _supply_error(prepared, simulated)
@@ -374,6 +386,11 @@ def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
         for name, value in parameters.items()
         if not name.endswith(_SHIFTS) or name.endswith(_PHYSICAL)
     }
+
+
+def _asked(simulated: Mapping[str, float], effects: Effects) -> str:
+    """Return a text that is the same for what asks for the same simulation in the same numbers."""
+    return repr((sorted(simulated.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
 
 
 def _shift(parameters: Mapping[str, float]) -> float:
