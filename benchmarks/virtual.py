@@ -17,8 +17,10 @@ from bench_records.report import write_report
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import load
 from benchmarks.measure import BenchmarkRow, Effort, Section, Spread, compare, interleaved
+from drivers.memory import InMemoryCan
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.recording import Recording
 
 TICK: Final = 1 * ms
 BATCH: Final = 20
@@ -55,11 +57,9 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
         if meter:
             rig.run = meter.of("rig: ticks", rig.run)
             rig.receive = meter.of("rig: commands", rig.receive)
-            stack.enter_context(metered_record(meter))
+            stack.enter_context(metered(meter, "drivers: frames", InMemoryCan, "deliver"))
+            stack.enter_context(metered(meter, "record", Recording, "take"))
         session = stack.enter_context(virtual_session(rig, Simulation()))
-        receiver: Any = session.bench.receiver
-        if meter:
-            receiver.accept = meter.of("drivers: frames", receiver.accept)
         session.bench.connect()
         simulated, start = session.clock.now(), time.perf_counter()
         result = execute(plans()[name], session.bench, directory / name, rig="virtual", seed=0)
@@ -70,17 +70,14 @@ def execute_plan(name: str, directory: Path, meter: Meter | None = None) -> tupl
 
 
 @contextlib.contextmanager
-def metered_record(meter: Meter) -> Iterator[None]:
-    """Time what plans give to the record."""
-    import test_plans.recording
-
-    recording: Any = test_plans.recording.Recording
-    original = recording.take
-    recording.take = meter.of("record", original)
+def metered(meter: Meter, part: str, owner: Any, method: str) -> Iterator[None]:
+    """Time a method of all objects of a class: they are made where nobody here sees them."""
+    original = getattr(owner, method)
+    setattr(owner, method, meter.of(part, original))
     try:
         yield
     finally:
-        recording.take = original
+        setattr(owner, method, original)
 
 
 def bare_plant(duration: float) -> float:
