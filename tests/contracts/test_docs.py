@@ -62,6 +62,7 @@ def test_a_decision_is_complete(page: Path) -> None:
     assert text.startswith(f"# {number}. ")
     assert re.search(r"^\*\*Status:\*\* (proposed|accepted|superseded by \[\d+\])", text, flags=re.MULTILINE)
     assert HEADING.findall(text)[1:] == ["Context", "Decision", "Consequences"]
+    assert f"(decisions/{page.name})" in (ROOT / "docs" / "index.md").read_text(), "the index lists decisions"
 
 
 def test_make_help_lists_every_target() -> None:
