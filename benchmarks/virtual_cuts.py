@@ -60,20 +60,20 @@ class VirtualCuts:
             can.close()
         if kind in (KILLED, MODBUS_CLOSED, BOTH_CLOSED):
             modbus.close()
-        if kind is CAN_HOLE:
+        if kind == CAN_HOLE:
             memory.bus.add(hole)
-        if kind is MODBUS_HOLE:
+        if kind == MODBUS_HOLE:
             bench.wiring.watchdog.stop()
-        if kind is ESTOP:
+        if kind == ESTOP:
             memory.rig.press_estop()
-        if kind is POWER:
+        if kind == POWER:
             memory.rig.cut_power()
         deadline = clock.now() + round(2 * SAFE_WITHIN * NS)
         while np.isnan(self._witness.safe) and clock.now() < deadline:
             clock.sleep_until(clock.now() + round(_STEP * NS))
-            if kind is MODBUS_HOLE and not np.isnan(self._witness.held):
+            if kind == MODBUS_HOLE and not np.isnan(self._witness.held):
                 give_up(bench)
-        if kind is CAN_HOLE:
+        if kind == CAN_HOLE:
             memory.bus.remove(hole)
         bench.commander.stop()
         bench.wiring.watchdog.stop()
