@@ -82,7 +82,8 @@ class PlotData:
         if key not in self._known:
             finite = numbers[np.isfinite(numbers)]
             low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-            scaled = (numbers - low) * (STEPS / (high - low) if high > low else 0.0)
+            # The quotient first: a range may be so small that STEPS over it is infinite.
+            scaled = STEPS * ((numbers - low) / (high - low if high > low else 1.0))
             steps = np.where(np.isfinite(scaled), np.rint(np.nan_to_num(scaled)), GAP).astype("<u2")
             self._parts.append(steps.tobytes())
             self._known[key] = [self._count, numbers.size, low, high]

@@ -5,7 +5,7 @@ import json
 import zlib
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bench_records.plot_data import GAP, STEPS, Plot, PlotData, Trace
@@ -19,7 +19,11 @@ def unpacked(data: PlotData, place: list[float]) -> np.ndarray:
     return np.where(part == GAP, np.nan, low + part * ((high - low) / STEPS))
 
 
-@given(st.lists(st.floats(-1e9, 1e9) | st.just(float("nan")), max_size=50), st.integers(1, 4))
+@example([0.0, 2.2250738585072014e-308], 1)
+@given(
+    st.lists(st.floats(-1e9, 1e9, allow_subnormal=False) | st.just(float("nan")), max_size=50),
+    st.integers(1, 4),
+)
 def test_numbers_come_back(values: list[float], copies: int) -> None:
     ys = np.array(values)
     xs = np.arange(ys.size, dtype=float)
