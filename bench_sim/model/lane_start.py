@@ -325,18 +325,18 @@ def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
 
 @compiled_entry
 def begin_springs(
-    x: Any, memory: Any, parameters: Any, gas: Any, behind: Any, powers: Any, columns: Any
+    x: Any, memory: Any, parameters: Any, gas: Any, before: Any, powers: Any, columns: Any
 ) -> None:
     """Settle both springs where bolster and platform stand in ``x``, and write their ``columns`` (SIDES, LENGTH/LANES).
 
-    ``memory`` and ``parameters`` are arrays of one, ``gas`` and what is ``behind`` as of `bench_sim.model.replay`,
+    ``memory`` and ``parameters`` are arrays of one, ``gas`` and ``before`` as of `bench_sim.model.replay`,
     ``powers`` as of `power_coefficients`.
     """
     mem = memory[0]
     par = parameters[0]
     w = np.zeros(LENGTH)
     out = np.zeros(ALGEBRAICS)
-    settle(x, mem, par, gas, behind, out)
+    settle(x, mem, par, gas, before, out)
     for i in range(SIDES):
         _fill_states(w, i, x, mem)
         _fill_rubber(w, i, par)

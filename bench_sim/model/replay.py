@@ -131,15 +131,16 @@ def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: An
 
 
 @compiled_once
-def settle(x: Any, mem: Any, par: Any, gas: Any, behind: Any, out: Any) -> None:
+def settle(x: Any, mem: Any, par: Any, gas: Any, before: Any, out: Any) -> None:
     """Fill the chambers where the bolster stands at rest.
 
-    The rubber is relaxed, but has crept as far as ``x`` says, and its extra dash-pots are ``behind`` (`Before`).
+    The rubber is relaxed but for what it remembers of ``before`` (`Before`).
     ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y are found by repetition, for the pressure is given and not the
     energy: the emergency spring is so much stiffer that this converges.
     """
     pressure, temperature = gas.pressure, gas.temperature
     for i in range(SIDES):
+        x[State.CREEP + i] = before.crept[i]
         fill_chamber(x, par, State.BELLOWS_MASS + i, pressure[i], par.bellows_volume[i], temperature[i])
         volume_a = par.auxiliary_volume[i]
         fill_chamber(x, par, State.AUXILIARY_MASS + i, pressure[2 + i], volume_a, temperature[2 + i])
@@ -154,7 +155,7 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, behind: Any, out: Any) -> None:
             V = volume(par, i, z_b, y_b) + stretch(par, i, pressure[i])
             fill_chamber(x, par, State.BELLOWS_MASS + i, pressure[i], V, temperature[i])
             relax_rubber(x, mem, i, z_b, y_b)
-            hold_back(x, i, behind)
+            hold_back(x, i, before.behind)
             load_bellows(x, mem, par, i, z_b, y_b, out)
             if par.emergency_spring == 0.0:
                 break
@@ -178,7 +179,7 @@ def replay_samples(
     inputs: Any,
     supply: Any,
     gas: Any,
-    behind: Any,
+    before: Any,
     steps: int,
     readings: Any,
     rows: Any,
@@ -197,7 +198,7 @@ def replay_samples(
     pieces, states = step_scheme(par, dt)
     last = motion.displacement.shape[0] - 1
     place(0, 0.0, motion, x)
-    settle(x, mem, par, gas, behind, out)
+    settle(x, mem, par, gas, before, out)
     for n in range(last + 1):
         u = inputs[n]
         x[State.SUPPLY_LINE] = supply[n]
@@ -324,18 +325,15 @@ def replay(
     memory = np.zeros(1, MEMORY).view(np.recarray)
     memory.time = memory.solved_time = start
     readings = np.empty((n, SENSORS))
-    x = np.zeros(STATES)
-    before = before or Before.nothing()
-    x[State.CREEP : State.CREEP + SIDES] = before.crept
     replay_samples(
-        x,
+        np.zeros(STATES),
         memory,
         record,
         motion,
         inputs,
         supply,
         gas,
-        before.behind,
+        before or Before.nothing(),
         ceil(motion.interval / step - 1e-9),
         readings,
         np.empty((0, ALGEBRAICS)) if rows is None else rows,

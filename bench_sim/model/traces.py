@@ -196,15 +196,13 @@ class TracedReplay:
         ``before`` is as for `bench_sim.model.replay.replay`; the supply is ``supply_error`` Pa below what was told.
         """
         x = np.zeros(STATES)
-        before = before or Before.nothing()
-        x[State.CREEP : State.CREEP + SIDES] = before.crept
         x[State.BOLSTER_LATERAL : State.BOLSTER_ROLL + 1] = self.motion.displacement[0, :3]
         x[State.PLATFORM_LATERAL : State.PLATFORM_ROLL + 1] = self.motion.displacement[0, 3:]
         x[State.BOLSTER_LATERAL] += shift
         columns = np.empty((SIDES, LENGTH // LANES))
         memory = np.zeros(1, MEMORY).view(np.recarray)
         powers = power_coefficients(float(parameters.heat_capacity_ratio))
-        begin_springs(x, memory, _one(parameters), gas, before.behind, powers, columns)
+        begin_springs(x, memory, _one(parameters), gas, before or Before.nothing(), powers, columns)
         left, right = (
             LaneSpring(columns[i], parameters, i, self.courses[i], shift, supply_error) for i in range(SIDES)
         )
