@@ -314,8 +314,13 @@ class _SettingsOfRecord:
         }
 
     def preload(self, times: Array) -> Array:
-        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if nobody said."""
-        return np.array(self._over("rig.nominal_preload", times, 0.0), np.float64)
+        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if nobody says.
+
+        Before that is first said it is what is said then.
+        """
+        name = "rig.nominal_preload"
+        first = self._changes.get(name, [(0.0, 0.0)])[0][1]
+        return np.array(self._over(name, times, first), np.float64)
 
     def constants(self, time: float) -> dict[str, float]:
         """Return the settings of a run: its load and what is fitted."""

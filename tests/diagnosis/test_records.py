@@ -327,6 +327,14 @@ def test_after_a_service_valve_was_at_work_nothing_is_scored():
 def test_a_pipe_that_is_fitted_has_its_length():
     settings = _SettingsOfRecord(Told((0.0, {"rig.pipe": "on", "rig.nominal_preload": 145e3})))
     assert settings.constants(1.0) == {"nominal_preload": 145e3, "pipe_length": 1.5}
+
+
+def test_springs_were_shimmed_before_a_record_for_what_it_first_says():
+    settings = _SettingsOfRecord(
+        Told((0.0, {"rig.nominal_preload": 53.5e3}), (9.0, {"rig.nominal_preload": 145e3}))
+    )
+    assert settings.preload(np.array([-600.0, 0.5, 9.5])).tolist() == [53.5e3, 53.5e3, 145e3]
+    assert _SettingsOfRecord(Told()).preload(np.zeros(1)).tolist() == [0.0]
     assert settings.constants(-1.0) == {}
 
 
