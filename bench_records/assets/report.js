@@ -13,8 +13,7 @@
   const kept = new Map();
   const numbers = ([start, count, low, high]) => {
     if (!kept.has(start)) {
-      const scale = (high - low) / STEPS;
-      const of = (word) => (word === GAP ? null : low + word * scale);
+      const of = (word) => (word === GAP ? null : low + (word / STEPS) * (high - low));
       kept.set(start, Array.from(words.subarray(start, start + count), of));
     }
     return kept.get(start);
