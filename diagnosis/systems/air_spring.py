@@ -1,8 +1,9 @@
 """The bench of two air springs as a system to be diagnosed: the model replayed through the motion that was measured.
 
 Inputs of an experiment (SI, pressures gauge): ``left.height`` and ``right.height`` of the springs; ``shear``, the
-lateral displacement of their top plates against the platform; ``platform.vertical``, ``.lateral`` and ``.roll``; the
-valves as 0 … 1, ``left.leveling``, ``left.reservoir`` (and right), ``dpv``; ``supply.pressure``; of the bolster
+lateral displacement of their top plates against the platform, and ``lateral.give``, by which the frame of the lateral
+actuator was taken to give way for it; ``platform.vertical``, ``.lateral`` and ``.roll``; the valves as 0 … 1,
+``left.leveling``, ``left.reservoir`` (and right), ``dpv``; ``supply.pressure``; of the bolster
 ``lateral.acceleration``. Only the heights are required.
 
 Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
@@ -27,9 +28,9 @@ from bench_protocol.table import TABLE
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
-from bench_sim.model.layout import SIDES, Sensor
+from bench_sim.model.layout import LATERAL, SIDES, Sensor
 from bench_sim.model.quantities import PARAMETERS
-from bench_sim.model.replay import DIRECTIONS, STEP, Before, Gas, replay
+from bench_sim.model.replay import DIRECTIONS, STEP, Gas, replay
 from bench_sim.model.rest import settled_temperature
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
@@ -293,7 +294,13 @@ class AirSpring:
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
+        prepared = prepared.given_way(self._softer(record))
         return self._replay(prepared, record, gas, _shift(parameters), _supply_error(prepared, parameters))
+
+    def _softer(self, record: Any) -> float:
+        """Return by what part more than in this set the frame of the lateral actuator gives way."""
+        own = self.parameters.record.frame_stiffness[LATERAL]
+        return float(own / record.frame_stiffness[LATERAL]) - 1.0
 
     def _replay(
         self, prepared: PreparedRun, record: Any, gas: Gas, shift: float, supply_error: float
@@ -310,7 +317,7 @@ class AirSpring:
             gas,
             step=self.step,
             start=settings.get("start", 0.0),
-            before=_before(settings, record),
+            before=history.before(settings, record),
         )
         return readings[:, self._sensors]
 
@@ -337,11 +344,12 @@ class AirSpring:
         """As `_replayed`, of what no job has asked for by the same parameters: others may make the same replay."""
         record = self.record(job.experiment, simulated, job.effects)
         gas = _gas(job.experiment, simulated, record)
+        prepared = prepared.given_way(self._softer(record))
         shift, error = _shift(simulated), _supply_error(prepared, simulated)
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, error
         if key not in known:
             traced = prepared.rough if rough else prepared.traced
-            before = _before(job.experiment.settings, record)
+            before = history.before(job.experiment.settings, record)
             springs = traced.springs(record, gas, shift, before, error) if traced.fits(record) else ()
             alone = partial(self._replay, prepared, record, gas, shift, error)
             known[key] = Replayed(
@@ -434,17 +442,3 @@ def _gas(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> G
         start = unbiased(name) if name in settings else float(settled_temperature(par))
         temperature[k] = start + parameters.get(f"{chamber}.initial_temperature", 0.0)
     return Gas(pressure, temperature)
-
-
-def _before(settings: Mapping[str, float], par: Any) -> Before:
-    """What rubber remembers where a run begins: emergency springs have crept by r M(τ)/k, dash-pots are behind."""
-    before = Before.nothing()
-    for i, side in enumerate(_SIDE_NAMES):
-        if par.creep_ratio[i]:
-            load = history.remembered(settings, side, float(par.creep_time[i]))
-            before.crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
-    places = (*_SIDE_NAMES, history.SHEAR, history.SHEAR)
-    for j in np.flatnonzero(par.extra_branch_ratio):
-        time = float(par.extra_branch_time[j])
-        before.behind[j] = [history.behind(settings, place, time) for place in places]
-    return before

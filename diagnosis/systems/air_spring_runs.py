@@ -1,8 +1,10 @@
 """An experiment as the replay of the bench takes it: where its plates go, what its valves do."""
 
 from collections import OrderedDict
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Final
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from bench_sim.model.replay import Motion
 from bench_sim.model.traces import TracedReplay, feeds
 from diagnosis.contracts import Array, DiagnosisError, Experiment
 from diagnosis.systems.air_spring_batch import KeptTraces
+from diagnosis.systems.motion import GIVE
 
 _VALVES: Final = {
     "left.leveling": Input.LEFT_LEVELING,
@@ -40,6 +43,22 @@ class PreparedRun:
         self.outputs: OrderedDict[str, Array] = OrderedDict()
         self.kept = KeptTraces()
         self._par, self._step = par, step
+        self._softer: WeakValueDictionary[float, PreparedRun] = WeakValueDictionary()
+
+    def given_way(self, more: float) -> "PreparedRun":
+        """Return the run as it was if the frame of the lateral actuator gives way by a part ``more`` than was thought.
+
+        The transducer sits in the actuator: by so much less were the springs sheared. It is kept while anybody uses it.
+        """
+        experiment = self.experiment
+        if more == 0.0 or GIVE not in experiment.inputs:
+            return self
+        softer = self._softer.get(more)
+        if softer is None:
+            shear = experiment.inputs["shear"] - more * experiment.inputs[GIVE]
+            seen = replace(experiment, inputs={**experiment.inputs, "shear": shear})
+            softer = self._softer[more] = PreparedRun(seen, self._par, self._step)
+        return softer
 
     @property
     def inputs(self) -> Array:

@@ -20,13 +20,14 @@ the shear, which is left out.
 
 from collections.abc import Callable, Mapping
 from functools import cache, lru_cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from bench_protocol.words import SIDES
 from bench_records.record import Record
 from bench_sim.model.layout import LATERAL
+from bench_sim.model.replay import Before
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array
 from diagnosis.systems.air_spring_parity import CELLS, spring_forces
@@ -137,6 +138,19 @@ def remembered_places(
             weights, before = past.forgotten(memory)
             mean = weights @ values[:-1] + before * values[0]
             told[behind_setting(place, memory)] = float(values[-1] - mean)
+    return told
+
+
+def before(settings: Mapping[str, float], par: Any) -> Before:
+    """Return what rubber remembers where a run begins, as a replay takes it, by the settings that tell it."""
+    told = Before.nothing()
+    for i, side in enumerate(SIDES):
+        if par.creep_ratio[i]:
+            load = remembered(settings, side, float(par.creep_time[i]))
+            told.crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
+    for j in np.flatnonzero(par.extra_branch_ratio):
+        time = float(par.extra_branch_time[j])
+        told.behind[j] = [behind(settings, place, time) for place in (*SIDES, SHEAR, SHEAR)]
     return told
 
 

@@ -64,13 +64,16 @@ SENSORS: Final = (
 _ROLLING: Final = ("left.height", "right.height")
 #: What else is known of the motion where the bench has it.
 BESIDE: Final = ("lateral.force", "lateral.acceleration")
+#: The input that tells by how much (m) the frame of the lateral actuator was taken to give way.
+GIVE: Final = "lateral.give"
 
 
 def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parameters) -> dict[str, Array]:
     """Return the inputs of `AirSpring` that tell the motion, each (n,), from readings (n,) every ``step`` s.
 
     ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample.
-    Without ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, stays in the shear.
+    With ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, is taken out of the shear and
+    told beside it.
     """
     par = parameters.record
 
@@ -91,7 +94,10 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
         inputs["lateral.acceleration"] = seen("lateral.acceleration")
     if "lateral.displacement" in places:
         force = seen("lateral.force") if "lateral.force" in measured else np.zeros(len(places["left.height"]))
-        inputs["shear"] = sheared(places, give(force, LATERAL, par, step), par)
+        given_way = give(force, LATERAL, par, step)
+        inputs["shear"] = sheared(places, given_way, par)
+        if "lateral.force" in measured:
+            inputs[GIVE] = given_way
     return inputs
 
 

@@ -348,6 +348,27 @@ def test_parity_signals_move_with_their_subsystem_alone(made):
     assert give["left mass of air, g"] < 1e-9
 
 
+def test_a_softer_frame_means_less_shear_where_the_give_is_told(made):
+    frame, lateral = {"frame_compliance": {"compliance": 2e-8}}, "load_cell.5"
+    place = [channel.name for channel in made.simulator.channels].index(lateral)
+    shear = 5 * mm * np.sin(np.linspace(0.0, 6.0, len(made.experiment.time)))
+
+    def read(effects, **inputs):
+        run = Experiment(
+            "sheared", made.experiment.time, made.experiment.inputs | inputs, made.experiment.settings
+        )
+        return made.simulator.run(run, {}, effects)[:, place]
+
+    give = {"lateral.give": 0.04 * shear}
+    stiff = read({}, shear=shear)
+    assert read(frame, shear=shear) == pytest.approx(stiff, abs=1e-9)
+    assert read({}, shear=shear, **give) == pytest.approx(stiff, abs=1e-9)
+    # c k = 0.8 of a give of 4 % of the shear.
+    softer = read(frame, shear=shear, **give)
+    assert softer == pytest.approx(read({}, shear=(1.0 - 0.8 * 0.04) * shear), abs=1e-6)
+    assert np.abs(softer - stiff).max() > 20.0
+
+
 def test_what_is_missing_is_named(made):
     lone = Experiment(
         "lone", made.experiment.time, {"left.height": made.experiment.inputs["left.height"]}, {}

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench_sim.model.layout import Input, Mode, Sensor
+from bench_sim.model.layout import LATERAL, Input, Mode, Sensor
 from bench_sim.model.plant import Plant
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
+from bench_sim.parameters.effects import with_effects
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.motion import (
     SENSORS,
@@ -202,9 +203,8 @@ def test_abrupt_marks_corners_and_nothing_else():
     assert abrupt(1e-3 * np.sin(2 * np.pi * 8.0 * time), NOISE).all()
 
 
-def test_the_springs_were_where_the_sensors_say():
-    """Heights and shear come back within half a step of the wire, though the platform rolls and the frame gives way."""
-    parameters = load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0)
+def swung(parameters):
+    """Readings by name, heights and shear that there were, of a bench that swings in every direction."""
     plant = Plant.at_rest(parameters.record)
     plant.inputs[Input.VERTICAL_LEFT_MODE : Input.LATERAL_MODE + 1] = Mode.DISPLACEMENT
     stand = plant.ideal()[Sensor.VERTICAL_LEFT_DISPLACEMENT : Sensor.LATERAL_DISPLACEMENT + 1]
@@ -222,15 +222,32 @@ def test_the_springs_were_where_the_sensors_say():
         plant.step()
     read = np.array(readings)
     measured = {name: read[:, sensor_of(name)] for name in SENSORS}
-    measured["lateral.force"] = read[:, Sensor.LATERAL_FORCE]
+    return measured | {"lateral.force": read[:, Sensor.LATERAL_FORCE]}, np.array(rows)
+
+
+#: A run begins and ends at rest, and what swings does not.
+INNER = slice(100, -100)
+
+
+def test_the_springs_were_where_the_sensors_say():
+    """Heights and shear come back within half a step of the wire, though the platform rolls and the frame gives way."""
+    measured, was = swung(load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0))
     inputs = motion_inputs(measured, STEP, load("astb"))
-    was = np.array(rows)
-    inner = slice(100, -100)  # a run begins and ends at rest, and this one does not
-    assert np.abs(inputs["left.height"] - was[:, 0])[inner].max() < 5e-6
-    assert np.abs(inputs["shear"] - was[:, 1])[inner].max() < 5e-6
+    assert np.abs(inputs["left.height"] - was[:, 0])[INNER].max() < 5e-6
+    assert np.abs(inputs["shear"] - was[:, 1])[INNER].max() < 5e-6
     # Without the give of the frame the shear would be off by F/k: the force matters.
     stiff = motion_inputs({name: measured[name] for name in SENSORS}, STEP, load("astb"))
-    assert np.abs(stiff["shear"] - was[:, 1])[inner].max() > 1e-5
+    assert np.abs(stiff["shear"] - was[:, 1])[INNER].max() > 1e-5
+    assert "lateral.give" not in stiff
+
+
+def test_if_the_frame_gives_way_more_the_springs_were_sheared_by_that_less():
+    bench = load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0)
+    measured, was = swung(with_effects(bench, {"frame_compliance": {"compliance": 1e-8}}))
+    inputs = motion_inputs(measured, STEP, load("astb"))
+    assert np.abs(inputs["shear"] - was[:, 1])[INNER].max() > 1e-5
+    more = 1e-8 * bench.record.frame_stiffness[LATERAL]
+    assert np.abs(inputs["shear"] - more * inputs["lateral.give"] - was[:, 1])[INNER].max() < 5e-6
 
 
 def test_the_frame_gives_way_behind_its_damper():

@@ -35,6 +35,7 @@ def shaken(name, seconds=2.0, rate=1.0, inputs=None, **settings):
         "left.height": fade * (3 * mm * np.sin(tau) + 1 * mm * np.sin(5.0 * tau)),
         "right.height": fade * (3 * mm * np.sin(tau) - 2 * mm * np.sin(0.6 * tau)),
         "shear": fade * 3 * mm * np.sin(0.9 * tau),
+        "lateral.give": fade * 0.1 * mm * np.sin(0.9 * tau),
     }
     begin = {"left.bellows_pressure": 2.06e5, "right.bellows_pressure": 2.06e5, **settings}
     return Experiment(name, time, motion | (inputs or {}), begin)
