@@ -5,6 +5,7 @@ real part K' stores energy, its imaginary part K'' loses it: ``c = K''/ω``, and
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import pi, tau
 from typing import Final
 
@@ -68,12 +69,21 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
         raise NotMeasured(f"{times.size} samples over {cycles:.3g} cycles do not make a first harmonic")
     if not np.isfinite(values).all():
         raise NotMeasured(f"{np.count_nonzero(~np.isfinite(values))} of {values.size} samples are missing")
-    middle = times - times.mean()
+    cosine, sine = _harmonic_rows(np.asarray(times, float).tobytes(), frequency) @ values
+    return complex(cosine, -sine)
+
+
+@lru_cache(maxsize=16)
+def _harmonic_rows(times: bytes, frequency: float) -> Samples:
+    """Return the rows, shape (2, n), that make the factors of cos ωt and sin ωt of samples at ``times`` (s).
+
+    Two of the pseudo-inverse, which is most of the work. An uncertainty asks for the same ones a hundred times over.
+    """
+    t = np.frombuffer(times)
     columns = np.column_stack(
-        [np.ones_like(times), middle, np.cos(tau * frequency * times), np.sin(tau * frequency * times)]
+        [np.ones_like(t), t - t.mean(), np.cos(tau * frequency * t), np.sin(tau * frequency * t)]
     )
-    fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
-    return complex(fit[2], -fit[3])
+    return np.linalg.pinv(columns)[2:]
 
 
 def one_cycle(
