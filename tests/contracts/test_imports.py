@@ -167,6 +167,7 @@ def test_the_tree_keeps_every_contract(tree: Path) -> None:
     assert reported(run.returncode, run.stdout + run.stderr) == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("contract", "act"),
     [pytest.param(name, (path, line), id=f"{path}: {line.strip()}") for name, path, line in SABOTAGE],

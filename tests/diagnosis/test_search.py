@@ -144,6 +144,7 @@ def test_panel_and_gain_can_be_left_out_and_change_no_verdict(laboratory):
     assert (short.verdict, short.causes, short.scores) == (whole.verdict, whole.causes, whole.scores)
 
 
+@pytest.mark.slow
 def test_a_stop_is_in_no_catalogue_and_stays_unknown(laboratory, oscillator, force_surface):
     lab = laboratory(oscillator(surfaces=(force_surface,)), samples=800)
     finding = diagnose(lab.measure(15, {"stop": {"amplitude": 300.0, "gap": 0.02}}), lab.simulator, ONE)

@@ -68,6 +68,7 @@ def test_an_honest_answer(judged, kind, condition, seed):
     assert not found.wrong
 
 
+@pytest.mark.slow
 def test_lost_frames_do_not_keep_a_bench_from_being_screened(tmp_path):
     """Every tenth reading is missing, now and then enough in a row to leave a gap; commands arrive."""
     truth = draw(17, "single", "frames lost")
@@ -98,6 +99,7 @@ def test_a_coarse_converter_has_steps_of_the_wire():
         assert coarse[sensor] / step == pytest.approx(round(coarse[sensor] / step))
 
 
+@pytest.mark.slow
 def test_a_sealed_record_says_nothing_of_what_is_hidden(tmp_path):
     record, truth = tmp_path / "record", tmp_path / "truth.json"
     command = [

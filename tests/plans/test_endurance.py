@@ -73,6 +73,7 @@ def test_a_rubber_that_creeps_sinks_and_keeps_its_air(judged):
     assert not failed & {f"air lost per minute, {side} spring" for side in SIDES}
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_keeps_what_it_has_seen_and_how_many_cycles_it_made(
     bench_composed, after, tmp_path
 ):

@@ -180,6 +180,7 @@ def test_what_reads_wrong_does_not_block_the_programme_that_looks_for_it(judged,
     assert (result.verdict, "not reached" in result.reason) == (Outcome.BLOCKED, True)
 
 
+@slow
 def test_the_screening_does_under_both_loads_what_was_predicted(bench_run):
     run = bench_run("screening", 1)
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed
@@ -251,6 +252,7 @@ def test_springs_that_do_not_follow_fail(bench_run, monkeypatch):
     assert run.failed == {"short 1 AW0: way of the springs, sideways"}
 
 
+@slow
 def test_a_record_with_few_holes_is_good_and_one_with_too_many_is_not(bench_run, monkeypatch):
     monkeypatch.setitem(plans(), "short", programme_plan(SHORT))
     run = bench_run("short", faults=Faults(lose=0.1))

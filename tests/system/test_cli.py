@@ -72,6 +72,7 @@ def test_light_commands_import_nothing_heavy(command):
     assert imported_by(*command.split()).isdisjoint(HEAVY)
 
 
+@pytest.mark.slow
 def test_a_virtual_run_and_its_report_import_only_what_they_use(tmp_path):
     imported = imported_by("run", "aw0", "--virtual", "--out", str(tmp_path))
     assert {"numba", "pyarrow", "matplotlib", "pymodbus"} <= imported

@@ -301,6 +301,7 @@ def test_whatever_ends_it_the_log_says_what(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_the_report_tells_how_it_was_found_out(tmp_path):
     log, _, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0)), NAMED])
     page = write_report(NAMED, tmp_path / "report.html", history(log)).read_text()

@@ -100,6 +100,7 @@ def ended(tmp_path_factory) -> str:
     return said
 
 
+@pytest.mark.slow
 def test_the_page_runs_as_printed(tmp_path):
     (code,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
     (tmp_path / "test_springs.py").write_text(code)
@@ -139,6 +140,7 @@ def test_the_catalogue_is_a_test_for_each_plan_that_judges_and_each_of_its_choic
     assert said.count("test_plan[lateral_stiffness load=AW3,amplitude=5 mm,offset=0 mm]") == 1
 
 
+@pytest.mark.slow
 def test_a_plan_of_the_catalogue_passes_on_a_sound_rig_and_leaves_its_record(tmp_path):
     options = ("--pyargs", "astb.catalogue", "-k", "tightness", "--plan-set", "hold=20s")
     code, said = pytest_run(tmp_path, *options, "--rig-records", "runs")
@@ -164,6 +166,7 @@ def test_what_is_said_of_the_blocked(ended):
     assert "force = -" in ended, "the checks of a plan that failed are shown"
 
 
+@pytest.mark.slow
 def test_a_rig_that_is_not_there_blocks(tmp_path):
     (tmp_path / "hall.toml").write_text('name = "hall"\n[can]\nbus = "tcp"\nport = 1\n[modbus]\nport = 1\n')
     (tmp_path / "test_it.py").write_text("def test_it(bench):\n    pass\n")
