@@ -24,8 +24,10 @@ _INTRODUCTION: Final = """\
 
 Every figure stands beside a control that was measured in the same minute on the same machine, in turn with it. Read
 the *ratios*, ours over the control's: the machine was shared and its times are not yours. Each figure is a median, in
-brackets the quartiles of its repetitions; 1/80 means eighty times faster than the control.
+brackets the quartiles of its repetitions; 1/80 means eighty times faster than the control. Each section says where,
+with what and when it was measured; `make bench ARGS="step gas"` measures two of them anew.
 """
+_HEADING: Final = "\n## "
 
 
 def number(value: float, unit: str) -> str:
@@ -82,19 +84,24 @@ def show(section: Section, console: Console) -> None:
         console.print(note, style="dim", highlight=False)
 
 
-def write_page(sections: Sequence[Section], facts: Mapping[str, str]) -> Path:
-    """Write the page of the documentation and return its path."""
-    lines = [_INTRODUCTION]
-    lines += [f"* {key}: {value}" for key, value in facts.items()]
-    for section in sections:
-        lines += ["", f"## {section.title}", ""]
-        if section.rows:
-            lines += [f"| {' | '.join(_HEAD)} |", f"|{'---|' * len(_HEAD)}"]
-            lines += [f"| {' | '.join(cells(row))} |" for row in section.rows]
-            lines += [""]
-        lines += [f"{note}\n" for note in section.notes]
-    PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
-    return PAGE.relative_to(_ROOT)
+def write_page(measured: Sequence[Section], facts: Mapping[str, str]) -> None:
+    """Put what was measured on the page of the documentation, each section in its old one's place."""
+    before = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+    sections = {text.partition("\n")[0]: text for text in before.split(_HEADING)[1:]}
+    sections |= {section.title: _text(section, facts) for section in measured}
+    PAGE.write_text(
+        _HEADING.join((_INTRODUCTION, *(text.strip() + "\n" for text in sections.values()))), encoding="utf-8"
+    )
+
+
+def _text(section: Section, facts: Mapping[str, str]) -> str:
+    """Return a section without what marks its heading."""
+    lines = [section.title, "", f"*{', '.join(facts.values())}*", ""]
+    if section.rows:
+        lines += [f"| {' | '.join(_HEAD)} |", f"|{'---|' * len(_HEAD)}"]
+        lines += [f"| {' | '.join(cells(row))} |" for row in section.rows]
+        lines += [""]
+    return "\n".join([*lines, *(f"{note}\n" for note in section.notes)])
 
 
 def write_json(sections: Mapping[str, Section], facts: Mapping[str, str], *, quick: bool) -> Path:
@@ -106,4 +113,4 @@ def write_json(sections: Mapping[str, Section], facts: Mapping[str, str], *, qui
         "sections": {name: asdict(section) for name, section in sections.items()},
     }
     JSON.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return JSON.relative_to(_ROOT)
+    return JSON

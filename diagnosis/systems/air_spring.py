@@ -294,10 +294,10 @@ class AirSpring:
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
-        prepared = prepared.given_way(self._softer(record))
+        prepared = prepared.given_way(self._gives_more(record))
         return self._replay(prepared, record, gas, _shift(parameters), _supply_error(prepared, parameters))
 
-    def _softer(self, record: Any) -> float:
+    def _gives_more(self, record: Any) -> float:
         """Return by what part more than in this set the frame of the lateral actuator gives way."""
         own = self.parameters.record.frame_stiffness[LATERAL]
         return float(own / record.frame_stiffness[LATERAL]) - 1.0
@@ -344,7 +344,7 @@ class AirSpring:
         """As `_replayed`, of what no job has asked for by the same parameters: others may make the same replay."""
         record = self.record(job.experiment, simulated, job.effects)
         gas = _gas(job.experiment, simulated, record)
-        prepared = prepared.given_way(self._softer(record))
+        prepared = prepared.given_way(self._gives_more(record))
         shift, error = _shift(simulated), _supply_error(prepared, simulated)
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, error
         if key not in known:

@@ -55,9 +55,9 @@ class PreparedRun:
             return self
         softer = self._softer.get(more)
         if softer is None:
-            shear = experiment.inputs["shear"] - more * experiment.inputs[GIVE]
-            seen = replace(experiment, inputs={**experiment.inputs, "shear": shear})
-            softer = self._softer[more] = PreparedRun(seen, self._par, self._step)
+            shear = given(experiment, "shear", 0.0) - more * experiment.inputs[GIVE]
+            sheared = replace(experiment, inputs={**experiment.inputs, "shear": shear})
+            softer = self._softer[more] = PreparedRun(sheared, self._par, self._step)
         return softer
 
     @property
