@@ -38,7 +38,7 @@ test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mo
 # A changed model is compiled here, where no test waits for its rig meanwhile.
 	@$(COMPILE)
 	@$(BIN)/python -c 'from tests.foreign.can_rig import CanRig; CanRig().cycle()'
-	tools/with_vcan.sh -- $(PYTEST) -m vcan --reruns 1 $(ARGS)
+	tools/with_vcan.sh -t 600 -- $(PYTEST) -m vcan --reruns 1 $(ARGS)
 
 .PHONY: check
 check: $(READY)  ## lint, format, types, import contracts, generated files
