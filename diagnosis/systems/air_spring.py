@@ -28,7 +28,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import UNITS
 from bench_sim.model.effects import effect as bench
-from bench_sim.model.layout import LATERAL, SIDES, Sensor
+from bench_sim.model.layout import SIDES, Sensor
 from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, STEP, Gas, replay
 from bench_sim.model.rest import settled_temperature
@@ -294,13 +294,8 @@ class AirSpring:
     ) -> Array:
         record = self.record(experiment, parameters, effects)
         gas = _gas(experiment, parameters, record)
-        prepared = prepared.given_way(self._gives_more(record))
+        prepared = prepared.given_way(record)
         return self._replay(prepared, record, gas, _shift(parameters), _supply_error(prepared, parameters))
-
-    def _gives_more(self, record: Any) -> float:
-        """Return by what part more than in this set the frame of the lateral actuator gives way."""
-        own = self.parameters.record.frame_stiffness[LATERAL]
-        return float(own / record.frame_stiffness[LATERAL]) - 1.0
 
     def _replay(
         self, prepared: PreparedRun, record: Any, gas: Gas, shift: float, supply_error: float
@@ -344,7 +339,7 @@ class AirSpring:
         """As `_replayed`, of what no job has asked for by the same parameters: others may make the same replay."""
         record = self.record(job.experiment, simulated, job.effects)
         gas = _gas(job.experiment, simulated, record)
-        prepared = prepared.given_way(self._gives_more(record))
+        prepared = prepared.given_way(record)
         shift, error = _shift(simulated), _supply_error(prepared, simulated)
         key = id(prepared), record.tobytes(), gas.pressure.tobytes(), gas.temperature.tobytes(), shift, error
         if key not in known:

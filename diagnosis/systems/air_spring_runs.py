@@ -9,7 +9,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from bench_sim.model.effects import effect as bench
-from bench_sim.model.layout import INPUTS, Input
+from bench_sim.model.layout import INPUTS, LATERAL, Input
 from bench_sim.model.replay import Motion
 from bench_sim.model.traces import TracedReplay, feeds
 from diagnosis.contracts import Array, DiagnosisError, Experiment
@@ -45,12 +45,14 @@ class PreparedRun:
         self._par, self._step = par, step
         self._softer: WeakValueDictionary[float, PreparedRun] = WeakValueDictionary()
 
-    def given_way(self, more: float) -> "PreparedRun":
-        """Return the run as it was if the frame of the lateral actuator gives way by a part ``more`` than was thought.
+    def given_way(self, par: Any) -> "PreparedRun":
+        """Return the run as it was if the frame of the lateral actuator gives way as ``par`` has it.
 
-        The transducer sits in the actuator: by so much less were the springs sheared. It is kept while anybody uses it.
+        The transducer sits in the actuator: the more it gives way, the less were the springs sheared. The run is kept
+        while anybody uses it.
         """
         experiment = self.experiment
+        more = float(self._par.frame_stiffness[LATERAL] / par.frame_stiffness[LATERAL]) - 1.0
         if more == 0.0 or GIVE not in experiment.inputs:
             return self
         softer = self._softer.get(more)

@@ -93,11 +93,10 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
     if "lateral.acceleration" in measured:
         inputs["lateral.acceleration"] = seen("lateral.acceleration")
     if "lateral.displacement" in places:
-        force = seen("lateral.force") if "lateral.force" in measured else np.zeros(len(places["left.height"]))
-        given_way = give(force, LATERAL, par, step)
-        inputs["shear"] = sheared(places, given_way, par)
+        given_way = np.zeros(len(places["left.height"]))
         if "lateral.force" in measured:
-            inputs[GIVE] = given_way
+            given_way = inputs[GIVE] = give(seen("lateral.force"), LATERAL, par, step)
+        inputs["shear"] = sheared(places, given_way, par)
     return inputs
 
 
