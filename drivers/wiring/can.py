@@ -10,6 +10,7 @@
     node = "BENCH"                # our name in the DBC: only its messages can be written; optional
     stale = "100 ms"              # per page; without it three times the cycle time in the DBC, and at least 100 ms
     burst = "5 ms"                # what comes so soon after a frame was sampled with it and has its time; optional
+    burst_begins = "Heights"      # the message that is sent first; without it, whatever comes after a burst begins one
     answers = true                # false for a rig that says nothing by itself
 
     [transports.bus.messages.Setpoints]
@@ -81,6 +82,7 @@ class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     node: str | None = None
     stale: str | None = None
     burst: str | None = None  #: what comes within this time after a frame was sampled with it
+    burst_begins: str | None = None  #: the message that is sent first
     answers: bool = True
     messages: dict[str, Any] = {}
     points: dict[str, Any] = {}
@@ -116,6 +118,8 @@ class CanTransport:
             (one.coding.frame_id, one.coding.is_extended_frame): one for one in self._messages.values()
         }
         self._ours = {one.name for one in self._messages.values() if one.every}
+        if keys.burst_begins is not None:
+            self._check_burst(place, keys.burst_begins)
         if keys.node is not None:
             self._check_node(place, keys.node)
         self.counts: dict[str, dict[str, int]] = {}  #: frames lost, repeated, corrupt, or of an unknown page
@@ -129,6 +133,14 @@ class CanTransport:
         self._clock: Clock | None = None
         self._epoch = 0
         self._turns: dict[str, int] = {}
+
+    def _check_burst(self, place: str, first: str) -> None:
+        if not self._burst:
+            raise WiringError(f'{place}: burst_begins needs how long a burst lasts at most: burst = "5 ms"')
+        if first not in self._messages:
+            raise WiringError(
+                f"{place}: burst_begins = {first!r} is no message; {meant(first, self._messages)}"
+            )
 
     def _check_node(self, place: str, node: str) -> None:
         nodes = {sender for one in self._messages.values() for sender in one.coding.senders}
@@ -253,13 +265,19 @@ class CanTransport:
         for record in block:
             message = self._by_id.get((int(record["id"]), bool(record["extended"])))
             if message is not None and message.name not in self._ours:
-                self._accept(message, payload(record), self._sampled(self._time(int(record["time"]))))
+                sampled = self._sampled(message, self._time(int(record["time"])))
+                self._accept(message, payload(record), sampled)
 
-    def _sampled(self, time: int) -> int:
-        """Return when what comes at ``time`` was sampled: a rig samples at once and sends one frame after the other."""
-        if not 0 <= time - self._burst_began < self._burst:
+    def _sampled(self, message: Message, time: int) -> int:
+        """Return when what comes at ``time`` was sampled: a rig samples at once and sends one frame after the other.
+
+        Where it is known what is sent first, a burst that took long is not taken for the beginning of the next.
+        """
+        if 0 <= time - self._burst_began < self._burst and message.name != self._keys.burst_begins:
+            return self._burst_began
+        if self._keys.burst_begins in (None, message.name):
             self._burst_began = time
-        return self._burst_began
+        return time
 
     def _time(self, stamp: int) -> int:
         """Return the bench's time of a stamp: of the day if a real bus gave it, else the bench's own."""

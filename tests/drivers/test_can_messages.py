@@ -143,6 +143,11 @@ BITS = {"start": 0, "length": 8}
         ({"dbc": "none.dbc"}, "dbc = 'none.dbc' cannot be read: No such file"),
         ({"dbc": "own.py"}, "dbc = 'own.py' is not understood"),
         ({"node": "HOSTS"}, "node = 'HOSTS' sends nothing in the DBC; did you mean 'HOST'"),
+        ({"burst_begins": "Heights"}, "burst_begins needs how long a burst lasts"),
+        (
+            {"burst": "5 ms", "burst_begins": "Hights"},
+            "burst_begins = 'Hights' is no message; did you mean 'Heights'",
+        ),
         ({"node": "RIG"}, "messages.Heart: every is for what RIG sends; HOST sends it"),
         ({"stale": "soon"}, "stale = 'soon' is not a time"),
         (messages(Height={}), "messages.Height: no message of this name in rig.dbc; did you mean 'Heights'"),

@@ -174,6 +174,26 @@ def test_numbers_as_cantools_has_them(memory: InMemory, connected: Callable) -> 
     assert transport.counts == {}
 
 
+@pytest.mark.parametrize("begins", [{}, {"burst_begins": "Heights"}])
+def test_a_burst_has_one_time(memory: InMemory, connected: Callable, begins: dict) -> None:
+    """However late a burst ends, or the next one begins, where it is known what is sent first."""
+    transport = connected(burst="10 ms", **begins)
+    memory.wait(0.03)
+    transport.heard.clear()
+    (port,), began = memory.ports, memory.clock.now() + 20 * MS
+    sent = [[1, 2, 3], [11, 12, 13], [21, 26, 32], [33, 37, 40], [41, 42, 43], [51, 52, 53]]  # ms
+    for times in sent:
+        block = memory.far.frames()[[0, 1, 2]]
+        block["time"] = [began + round(one * MS) for one in times]
+        port.deliver(block)
+    found = [(heard - began) / MS for heard, _ in transport.heard]
+    first = [1] * 3 + [11] * 3 + [21] * 2
+    if begins:
+        assert found == [*first, 32] + [33] * 3 + [41] * 3 + [51] * 3
+    else:  # what came late begins a burst, in which the next one is, from now on
+        assert found == [*first] + [32] * 5 + [42] * 3 + [52] * 2
+
+
 def test_what_is_stale_is_nan(memory: InMemory, connected: Callable) -> None:
     transport = connected()
     assert transport.stale("Heights.Left") == 0.1, "three cycles of 10 ms are less"
