@@ -73,6 +73,21 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
     return complex(cosine, -sine)
 
 
+def distortion(times: Samples, motion: Samples, frequency: float) -> float:
+    """Return how much of ``motion`` is no sine of ``frequency`` (Hz): what line and sine leave, over the sine, rms.
+
+    Noise of a sensor makes 0.3 % of 5 mm. Several per cent are set-points that came late: what a spring answers to a
+    sudden halt is in its first harmonic too, and is not its stiffness at this frequency.
+    """
+    amplitude = first_harmonic(times, motion, frequency)
+    if abs(amplitude) == 0.0:
+        raise NotMeasured("nothing moved: a sine was to be measured")
+    rest = motion - np.real(amplitude * np.exp(1j * tau * frequency * times))
+    level, slope = straight_line(times, rest)
+    rest = rest - level - slope * (times - times.mean())
+    return float(np.sqrt(2.0) * rest.std() / abs(amplitude))
+
+
 @lru_cache(maxsize=16)
 def _harmonic_rows(times: bytes, frequency: float) -> Samples:
     """Return the rows, shape (2, n), that make the factors of cos ωt and sin ωt of samples at ``times`` (s).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import ceil
+from math import ceil, inf
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from bench_protocol.words import PROGRAM_STATES, SIDES
 from test_plans.analysis import (
     Samples,
     Stiffness,
+    distortion,
     loop_energy,
     secant_stiffness,
     whole_cycles,
@@ -36,10 +37,16 @@ LOOP_FREQUENCY: Final = 0.3 * Hz
 #: The generator fades in over its first cycle and out over its last: what lies between is measured, so long at least.
 MEASURED: Final = 1.5 * s
 SAMPLE_RATE: Final = 200 * Hz
+#: A sine of which more is something else is measured again, so many times in all. Set-points lost for 20 to 60 ms made
+#: 1 to 19 % of it and the damping wrong by up to a sixth at 1 Hz; where none were, it is 0.3 to 0.7 %.
+DISTORTED: Final = 0.02
+TRIES: Final = 5
 
 #: What is read while an axis is shaken, as far as the rig has it.
 VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
 LATERAL: Final = ("lateral.displacement", *SHEAR_CELLS, *GENERATOR)
+#: What moves with an axis.
+MOTION: Final = {"vertical": HEIGHTS, "lateral": ("lateral.displacement",)}
 #: What a lateral stiffness needs, and a vertical one of each spring.
 LATERAL_NEEDS: Final = (*LATERAL, "lateral.control", "lateral.displacement_setpoint", "generator.axis")
 VERTICAL_NEEDS: Final = {
@@ -54,11 +61,35 @@ def shake(
     names: tuple[str, ...],
     wave: Literal["sine", "triangle"] = "sine",
 ) -> tuple[Samples, dict[str, Samples]]:
-    """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude."""
+    """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude.
+
+    A sine that was disturbed is run again. If it never becomes one, the bench moves so by itself: the best is returned,
+    and the result warns.
+    """
     cycles = 2 + ceil(MEASURED * frequency)
-    with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
-        run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
-    return _at_full_amplitude(capture, frequency, cycles)
+    best, least = None, inf
+    for left in reversed(range(TRIES)):
+        with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
+            run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
+        times, values = _at_full_amplitude(capture, frequency, cycles)
+        if wave != "sine":
+            return times, values
+        moved = [values[name] for name in MOTION[axis] if name in values]
+        part = max(distortion(times, one, frequency) for one in moved)
+        if part < least:
+            best, least = (times, values), part
+        if part <= DISTORTED:
+            break
+        if left:
+            run.say(f"{part:.1%} of the motion were no sine of {frequency:g} Hz: it was disturbed, once more")
+    assert best is not None
+    if least > DISTORTED:
+        run.warnings.append(
+            f"{axis} sine of {frequency:g} Hz: none of {TRIES} was a sine; of the best, which is judged, {least:.1%} "
+            "are something else: the actuator does not follow, or set-points come late"
+        )
+        run.say(run.warnings[-1])
+    return best
 
 
 def _at_full_amplitude(capture: Capture, frequency: float, cycles: int) -> tuple[Samples, dict[str, Samples]]:

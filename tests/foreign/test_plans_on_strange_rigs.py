@@ -1,5 +1,8 @@
 """The unchanged plans on two rigs that speak otherwise, in virtual time: the verdicts are those on our own rig."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from astb.rig_in_memory import RigInMemory
@@ -9,6 +12,9 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.run import Run
+from test_plans.steps.shaking import AMPLITUDE, LATERAL, TRIES, shake
+from tests.foreign.can_rig import SET_POSITIONS
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
 pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
@@ -78,3 +84,39 @@ def test_an_unsound_spring_fails_where_it_does_on_our_own_rig(run_on, name):
     assert {one for one in sure if both[one] is not CheckVerdict.NOT_AVAILABLE} <= {
         one for one, verdict in both.items() if verdict is CheckVerdict.FAIL
     }
+
+
+def without_set_points(rig, sines):
+    """Let the set-points of 60 ms be lost in the middle of each of the first ``sines``; return how many were begun."""
+    receive, told = rig.receive, SimpleNamespace(last=[], count=0, sines=0)
+
+    def lossy(identifier, data):
+        if identifier == SET_POSITIONS:
+            told.last = [*told.last[-2:], data[:6]]
+            told.count = told.count + 1 if len(set(told.last)) > 1 else 0  # a turning point may come twice
+            told.sines += told.count == 1
+            if told.sines <= sines and 50 <= told.count < 53:
+                return
+        receive(identifier, data)
+
+    rig.receive = lossy
+    return told
+
+
+@pytest.mark.parametrize("disturbed", [0, 2, TRIES])
+def test_a_sine_whose_set_points_came_late_is_run_again(disturbed):
+    made = VirtualHall(seed=1)
+    with made.bench() as bench:
+        bench.arm()
+        bench.vertical.move_to(0.0, 0.0, rate=40 * mm)
+        bench.wait(1.0)
+        told = without_set_points(made.rig, disturbed)
+        said = []
+        run = Run(bench, SimpleNamespace(event=lambda time, kind, text, **data: said.append(text)))
+        times, values = shake(run, "lateral", 3.0, LATERAL)
+    assert told.sines == min(disturbed + 1, TRIES)
+    assert sum("no sine of 3 Hz" in one for one in said) == min(disturbed, TRIES - 1)
+    assert ["set-points come late" in one for one in run.warnings] == [True] * (disturbed == TRIES)
+    sine = AMPLITUDE * np.sqrt(0.5)
+    assert values["lateral.displacement"].std() == pytest.approx(sine, rel=0.1 if run.warnings else 0.02)
+    assert times[-1] - times[0] == pytest.approx(5 / 3, abs=0.02)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from test_plans.analysis import (
     NotMeasured,
+    distortion,
     dynamic_stiffness,
     first_harmonic,
     loop_energy,
@@ -164,3 +165,19 @@ def test_the_inertia_of_the_bolster_is_taken_off_the_actuator():
 def test_what_was_not_measured_is_not_computed(call, says):
     with pytest.raises(NotMeasured, match=says):
         call(grid(1.5))
+
+
+@given(part=st.floats(0.0, 0.2), drift=st.floats(-5, 5), phase=st.floats(0, tau))
+def test_what_is_no_sine_is_told_whatever_the_drift(part, drift, phase):
+    t = grid(2.0)
+    motion = 3.0 + drift * t + np.sin(tau * t + phase) + part * np.sin(3 * tau * t)
+    assert distortion(t, motion, 1.0) == pytest.approx(part, rel=0.03, abs=1e-9)
+
+
+def test_a_stall_of_the_set_points_is_no_sine():
+    t = grid(5 / 3)
+    late = np.where((t > 0.8) & (t < 0.85), 0.8, t)
+    assert distortion(t, np.sin(tau * 3.0 * t), 3.0) < 1e-9
+    assert distortion(t, np.sin(tau * 3.0 * late), 3.0) > 0.05
+    with pytest.raises(NotMeasured, match="nothing moved"):
+        distortion(t, np.zeros_like(t), 3.0)
