@@ -22,7 +22,7 @@ trap 'rm -f "$said"' EXIT
 {
     # A changed model is compiled here, where no test waits for its rig meanwhile.
     "$python" -c 'from tools.compile_model import compile_rig; compile_rig()' &&
-        exec "$python" -m pytest "${colour[@]}" -m "$choice and real_time" --reruns 1 "$@"
+        exec "$python" -m pytest "${colour[@]}" -m "$choice and real_time" --reruns 2 "$@"
 } >"$said" 2>&1 </dev/null &
 timed_process=$!
 trap 'kill "$timed_process" 2>/dev/null; exit 130' INT TERM

@@ -40,7 +40,7 @@ SAMPLE_RATE: Final = 200 * Hz
 #: A sine of which more is something else is measured again, so many times in all. Set-points lost for 20 to 60 ms made
 #: 1 to 19 % of it and the damping wrong by up to a sixth at 1 Hz; where none were, it is 0.3 to 0.7 %.
 DISTORTED: Final = 0.02
-TRIES: Final = 5
+TRIES: Final = 3
 
 #: What is read while an axis is shaken, as far as the rig has it.
 VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
