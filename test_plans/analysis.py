@@ -83,9 +83,8 @@ def distortion(times: Samples, motion: Samples, frequency: float) -> float:
     if abs(amplitude) == 0.0:
         raise NotMeasured("nothing moved: a sine was to be measured")
     rest = motion - np.real(amplitude * np.exp(1j * tau * frequency * times))
-    level, slope = straight_line(times, rest)
-    rest = rest - level - slope * (times - times.mean())
-    return float(np.sqrt(2.0) * rest.std() / abs(amplitude))
+    _, slope = straight_line(times, rest)
+    return float(np.sqrt(2.0) * (rest - slope * times).std() / abs(amplitude))
 
 
 @lru_cache(maxsize=16)

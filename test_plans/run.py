@@ -327,6 +327,11 @@ class Run:
         self.keep("note", text)
         self.follow(text)
 
+    def warn(self, text: str) -> None:
+        """Tell whoever watches, the record, and whoever reads the result."""
+        self.warnings.append(text)
+        self.say(text)
+
     def follow(self, text: str) -> None:
         """Tell whoever watches what is going on now."""
         self.watcher.say(text)

@@ -118,10 +118,10 @@ class CanTransport:
             (one.coding.frame_id, one.coding.is_extended_frame): one for one in self._messages.values()
         }
         self._ours = {one.name for one in self._messages.values() if one.every}
-        if keys.burst_begins is not None:
-            self._check_burst(place, keys.burst_begins)
         if keys.node is not None:
             self._check_node(place, keys.node)
+        if keys.burst_begins is not None:
+            self._check_burst(place, keys.burst_begins)
         self.counts: dict[str, dict[str, int]] = {}  #: frames lost, repeated, corrupt, or of an unknown page
         self._where = f"{name} on {keys.channel or keys.bus}"
         self._ear, self._grant = Ear(self._where), Grant()
@@ -140,6 +140,10 @@ class CanTransport:
         if first not in self._messages:
             raise WiringError(
                 f"{place}: burst_begins = {first!r} is no message; {meant(first, self._messages)}"
+            )
+        if first in self._ours:
+            raise WiringError(
+                f"{place}: burst_begins = {first!r} is sent by us; a burst is what the rig sends"
             )
 
     def _check_node(self, place: str, node: str) -> None:

@@ -175,8 +175,7 @@ def _reached(run: Run) -> Iterator[None]:
     except BenchTimeout as late:
         if run.judges:
             raise
-        run.warnings.append(f"{late}; the plan went on, for a transducer may be what is wrong")
-        run.say(run.warnings[-1])
+        run.warn(f"{late}; the plan went on, for a transducer may be what is wrong")
 
 
 def hold_the_height(run: Run) -> None:

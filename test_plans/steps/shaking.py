@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import ceil, inf
+from math import ceil
+from operator import itemgetter
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -66,30 +67,36 @@ def shake(
     A sine that was disturbed is run again. If it never becomes one, the bench moves so by itself: the best is returned,
     and the result warns.
     """
-    cycles = 2 + ceil(MEASURED * frequency)
-    best, least = None, inf
+    disturbed = []
     for left in reversed(range(TRIES)):
-        with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
-            run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
-        times, values = _at_full_amplitude(capture, frequency, cycles)
+        times, values = _once(run, axis, frequency, names, wave)
         if wave != "sine":
             return times, values
-        moved = [values[name] for name in MOTION[axis] if name in values]
-        part = max(distortion(times, one, frequency) for one in moved)
-        if part < least:
-            best, least = (times, values), part
+        part = max(distortion(times, values[name], frequency) for name in MOTION[axis] if name in values)
         if part <= DISTORTED:
-            break
+            return times, values
+        disturbed.append((part, (times, values)))
         if left:
             run.say(f"{part:.1%} of the motion were no sine of {frequency:g} Hz: it was disturbed, once more")
-    assert best is not None
-    if least > DISTORTED:
-        run.warnings.append(
-            f"{axis} sine of {frequency:g} Hz: none of {TRIES} was a sine; of the best, which is judged, {least:.1%} "
-            "are something else: the actuator does not follow, or set-points come late"
-        )
-        run.say(run.warnings[-1])
+    least, best = min(disturbed, key=itemgetter(0))
+    run.warn(
+        f"{axis} sine of {frequency:g} Hz: none of {TRIES} was a sine; of the best, which is judged, {least:.1%} "
+        "are something else: the actuator does not follow, or set-points come late"
+    )
     return best
+
+
+def _once(
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    frequency: float,
+    names: tuple[str, ...],
+    wave: Literal["sine", "triangle"],
+) -> tuple[Samples, dict[str, Samples]]:
+    cycles = 2 + ceil(MEASURED * frequency)
+    with run.bench.capture(*(name for name in names if run.bench.has(name))) as capture:
+        run.bench.generator.run(axis, wave, amplitude=AMPLITUDE, frequency=frequency, cycles=cycles)
+    return _at_full_amplitude(capture, frequency, cycles)
 
 
 def _at_full_amplitude(capture: Capture, frequency: float, cycles: int) -> tuple[Samples, dict[str, Samples]]:

@@ -148,6 +148,8 @@ BITS = {"start": 0, "length": 8}
             {"burst": "5 ms", "burst_begins": "Hights"},
             "burst_begins = 'Hights' is no message; did you mean 'Heights'",
         ),
+        ({"burst": "5 ms", "burst_begins": "Stream"}, "burst_begins = 'Stream' is sent by us"),
+        ({"burst": "5 ms", "burst_begins": "Set", "node": "HOST"}, "burst_begins = 'Set' is sent by us"),
         ({"node": "RIG"}, "messages.Heart: every is for what RIG sends; HOST sends it"),
         ({"stale": "soon"}, "stale = 'soon' is not a time"),
         (messages(Height={}), "messages.Height: no message of this name in rig.dbc; did you mean 'Heights'"),
