@@ -26,6 +26,8 @@ def functions(tree: ast.AST, inside: str = "") -> dict[str, int]:
     """Lines of each function, from its ``def`` to its last line, by its dotted name; inner ones too."""
     found: dict[str, int] = {}
     for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.expr):
+            continue  # no function is defined within one
         named = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
         name = f"{inside}.{node.name}".lstrip(".") if named else inside
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

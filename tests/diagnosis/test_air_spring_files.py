@@ -55,6 +55,7 @@ def write(folder: Path, parameters: str = "astb") -> tuple[Path, Path]:
     return data, mapping
 
 
+@pytest.mark.slow
 def test_the_model_recognises_its_own_measurements(tmp_path: Path) -> None:
     data, mapping = write(tmp_path)
     simulator, dataset = read_mapped([data], mapping)
@@ -129,6 +130,7 @@ def other_rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_map_of_the_page_makes_the_model_that_of_the_other_rig(other_rig: Path) -> None:
     simulator, dataset = read_mapped(sorted(other_rig.glob("*.csv")), other_rig / "my_rig.toml")
     assert dataset.doubts == ()

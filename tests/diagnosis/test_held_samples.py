@@ -44,6 +44,7 @@ def test_the_period_is_found(period, held, late, lost):
     assert found == pytest.approx(period, rel=2e-5)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     period=st.floats(0.0105, 0.19),

@@ -24,6 +24,7 @@ PRESSURE = (
 BELOW = "columns.pressure.reading may be wrong: it goes 0.92"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("system", "data", "changes", "doubts"),
     [

@@ -84,6 +84,7 @@ def test_noise_remembers_as_much_as_it_is_told(coefficient):
     assert np.mean(noise[1:] * noise[:-1]) == pytest.approx(coefficient, abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_how_to_runs_as_it_stands(tmp_path, monkeypatch, capsys):
     *_, code = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)

@@ -181,6 +181,7 @@ class Combination:
         return {"rubber": outputs[:, 0] - outputs[:, 1] ** 2 / 40}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "noise", [white((1.0, 1.0)), Noise((ChannelNoise((1.0, 0.6)), ChannelNoise((1.0, 0.9))))]
 )

@@ -152,6 +152,7 @@ def test_of_a_stretch_within_one_step_its_middle_counts():
     assert kept[21:26].tolist() == quick
 
 
+@pytest.mark.slow
 def test_a_planned_record_counts_what_the_record_of_the_bench_then_counts(bench_record):
     """Forces where the bolster moves slowly, thermometers where they step; nothing before friction has forgotten."""
     stretch = Stretch(
@@ -217,6 +218,7 @@ def test_a_run_begins_with_what_its_sensors_read(dataset):
         assert abs(run.experiment.settings[name] - first.mean()) < 100.0
 
 
+@pytest.mark.slow
 def test_lost_frames_are_gaps_in_outputs_and_bridges_in_inputs(recorded, dataset, bench_record):
     lossy = bench_record("lossy", SHORT[:1], faults=Faults(lose=0.1))
     run = read_records([lossy.directory], AirSpring(lossy.parameters, effects={})).runs[0]

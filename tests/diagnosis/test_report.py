@@ -61,6 +61,7 @@ def text_of(page):
     return re.sub(r"\s+", " ", " ".join(parser.text))
 
 
+@pytest.mark.slow
 def test_the_page_tells_suspects_with_the_test_that_they_do_not_pass(found):
     (first, *_) = found.causes
     suspect = Suspect(
@@ -80,6 +81,7 @@ def test_the_page_tells_suspects_with_the_test_that_they_do_not_pass(found):
     assert "Where to look first" not in text_of(render(found))
 
 
+@pytest.mark.slow
 def test_the_page_tells_the_finding(found):
     text = text_of(render(found))
     assert prose(found.sentence) in text
@@ -121,6 +123,7 @@ def test_drawings_are_sound(found):
     assert len(ids) == len(set(ids))
 
 
+@pytest.mark.slow
 def test_the_same_finding_gives_the_same_bytes(found, tmp_path):
     one = write_report(found, tmp_path / "one.html").read_bytes()
     again = write_report(Finding.from_json(found.to_json()), tmp_path / "two.html").read_bytes()
@@ -171,6 +174,7 @@ def test_value_and_error_of_a_fitted_number_end_with_the_same_digit(found):
     assert pair(None, 1.0) == ("–", "–")
 
 
+@pytest.mark.slow
 def test_no_bar_stands_on_a_logarithmic_scale(found):
     """A bar is a patch; beside background, axes and two spines there is none."""
     scores = re.search(r'<svg class="plot"(?:(?!</svg>).)*id="scores-.*?</svg>', render(found), re.DOTALL)[0]

@@ -13,6 +13,7 @@ from diagnosis.engine.threshold import threshold
 from diagnosis.engine.whitening import filters
 
 
+@pytest.mark.slow
 def test_threshold_of_correlated_scores_against_brute_force():
     """Scores of random data on random columns, none of the formulas used."""
     rng = np.random.default_rng(2)

@@ -63,6 +63,7 @@ def test_what_was_not_rounded_twice_is_left_alone(readings, converter, noise):
     assert twice_rounded(readings, converter, noise) is None
 
 
+@pytest.mark.slow
 def test_vertical_load_cells_of_the_bench_are_rounded_twice(bench_record):
     from diagnosis.systems.records import read as read_record
     from diagnosis.systems.records import read_records

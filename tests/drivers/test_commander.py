@@ -86,6 +86,7 @@ def test_set_points_nobody_gave_travel_as_not_available_and_bits_as_zero():
     assert line.track("control.enable") == [0.0]
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     start=st.floats(-60 * kN, 60 * kN),

@@ -28,6 +28,7 @@ def writes(peer):
     return [code for code in peer.requests if code in WRITES]
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())
 def test_what_fits_is_applied_and_what_does_not_is_never_sent(make_world, data):

@@ -54,6 +54,7 @@ def live(make_world):
         ticking.cancel()
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_while_the_plan_computes(live):
     peer, _, bench = live
     heard = []

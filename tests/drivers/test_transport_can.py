@@ -107,6 +107,7 @@ def far_end(**bus: str) -> Iterator[FarEnd]:
 VIRTUAL = {"interface": "virtual", "channel": "transport of somebody"}  # knows no kernel and needs no rights
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 def test_it_conforms_on_a_bus_of_python_cans(where: Path) -> None:
     def make(channel: str = VIRTUAL["channel"]) -> CanTransport:
@@ -279,6 +280,7 @@ KNOWN = [(message.frame_id, message.is_extended_frame) for message in DATABASE.m
 OURS = {DATABASE.get_message_by_name(name).frame_id for name in ("Stream", "Heart")}
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.sampled_from([*KNOWN, (0x123, False)]), st.binary(max_size=8)), max_size=40))
 def test_whatever_comes_is_heard_as_numbers_or_counted(
     where: Path, frames: list[tuple[tuple[int, bool], bytes]]

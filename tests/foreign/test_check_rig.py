@@ -156,21 +156,18 @@ def test_rest_shows_a_wrong_line(rig, change, signal, remark, tmp_path):
     assert re.search(remark, told), told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
         (SWAPPED, "the left laser .* are the sides swapped"),
         ([scale("place_lateral", 10)], r"lateral\.displacement changed by 2\.\d+ mm when 0\.2 mm"),
         ([sign("load_cell.5")], "load cells 5 and 6 hold against"),
-        pytest.param([sign("lateral.displacement")], "its sign is turned", marks=pytest.mark.slow),
-        pytest.param(
-            [scale("force_lateral", 10)], "its scale|lateral.force changed by", marks=pytest.mark.slow
-        ),
-        pytest.param([sign("vertical_left.force")], "load cells 1 to 4 lose", marks=pytest.mark.slow),
-        pytest.param([scale("cell_3", 2)], r"load_cell\.3 has its share", marks=pytest.mark.slow),
-        pytest.param(
-            [sign("platform.roll")], "platform.roll follows .* sign is turned", marks=pytest.mark.slow
-        ),
+        ([sign("lateral.displacement")], "its sign is turned"),
+        ([scale("force_lateral", 10)], "its scale|lateral.force changed by"),
+        ([sign("vertical_left.force")], "load cells 1 to 4 lose"),
+        ([scale("cell_3", 2)], r"load_cell\.3 has its share"),
+        ([sign("platform.roll")], "platform.roll follows .* sign is turned"),
     ],
 )
 def test_moves_show_a_wrong_line(changes, told, tmp_path):

@@ -36,6 +36,7 @@ def test_what_is_in_no_catalogue_is_called_unknown(judged):
     assert not found.causes
 
 
+@pytest.mark.slow
 def test_two_relaxation_times_are_not_called_friction(judged):
     found = judged("oscillator", "near", "white", 5)
     assert found.hidden == ["maxwell_two"]
@@ -43,6 +44,7 @@ def test_two_relaxation_times_are_not_called_friction(judged):
     assert not found.wrong
 
 
+@pytest.mark.slow
 def test_a_stop_that_is_hardly_touched_is_no_cubic_spring(judged):
     """In the fit runs it looks like one; the select run, which hits it harder, tells."""
     found = judged("oscillator", "outside", "white", 1063)
@@ -51,6 +53,7 @@ def test_a_stop_that_is_hardly_touched_is_no_cubic_spring(judged):
     assert not found.causes
 
 
+@pytest.mark.slow
 def test_two_causes_neither_of_which_makes_sense_alone(judged):
     """A lag without the rubber, or the rubber without the lag, would need another mass."""
     found = judged("oscillator", "pair", "white", 1227)

@@ -40,6 +40,7 @@ def run():
 """
 
 
+@pytest.mark.slow
 def test_the_plain_python_twin_agrees(tmp_path: Path):
     compiled, twin = compiled_and_plain(SCENARIO, tmp_path)
     scale = np.max(np.abs(twin), axis=0) + 1e-9
@@ -83,6 +84,7 @@ def run():
 """
 
 
+@pytest.mark.slow
 def test_the_plain_python_twin_of_imposed_motions_agrees(tmp_path: Path):
     compiled, twin = compiled_and_plain(MOVED, tmp_path)
     assert np.max(np.abs(compiled - twin) / (np.abs(twin) + 1e-3)) < 1e-9
@@ -112,6 +114,7 @@ def shaken(resting, step, *, amplitude, until=0.25, **changes):
     return plant
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["DOP853", "LSODA"])
 @pytest.mark.parametrize(("changes", "tolerance"), [(SMOOTH, 1e-6), ({}, 1e-4)], ids=["smooth", "with kinks"])
 def test_scipy_integrates_the_same_derivative_to_the_same_end(resting, method, changes, tolerance):

@@ -221,6 +221,7 @@ def run():
 """
 
 
+@pytest.mark.slow
 def test_the_plain_python_twin_agrees_with_a_pipe_on_one_side(tmp_path: Path):
     compiled, twin = compiled_and_plain(SCENARIO, tmp_path)
     assert np.abs(twin[:, State.PIPE_FLOW]).max() > 0.01

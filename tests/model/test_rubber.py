@@ -58,6 +58,7 @@ def test_friction_never_exceeds_its_limit():
             assert slope >= 0.0
 
 
+@pytest.mark.slow
 def test_lateral_stiffness_falls_with_amplitude(resting):
     ratios = []
     for load_case in ("AW0", "AW3"):

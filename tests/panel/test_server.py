@@ -154,6 +154,7 @@ def wanted(parts: Parts, traces: int, span: float) -> str:
     return msgspec.json.encode({"traces": [{"id": k, **one} for k in range(traces)]}).decode()
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 def test_a_page_that_does_not_read_loses_pictures_and_keeps_nobody_waiting(served, parts):
     """What waits for it is what the sockets hold; others get their pictures; they tell of the present moment."""

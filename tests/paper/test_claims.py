@@ -69,6 +69,7 @@ def test_every_file_of_checks_is_in_the_catalogue():
     assert files - machinery == {module.__name__.rpartition(".")[2] for module in catalogue.SUBJECTS}
 
 
+@pytest.mark.slow
 def test_what_holds_and_what_does_not(short):
     assert failing(short) == {one for one in DOES_NOT_HOLD if one[0] not in LONG}
 
@@ -88,6 +89,7 @@ def test_ten_realisations_say_the_same_as_one_on_the_ride():
     assert numbers["N_AW3_10"] > numbers["N_AW0_10"]
 
 
+@pytest.mark.slow
 def test_entries_are_complete(short):
     for entry in short:
         assert list(entry) == ["id", "claim", "layer", "measured", "criterion", "holds", "note", "numbers"]
@@ -133,6 +135,7 @@ def check_figures(entries):
     return seen
 
 
+@pytest.mark.slow
 def test_figures(short):
     assert check_figures(short) == sum(place[0] not in LONG for place in FIGURES)
 
@@ -142,6 +145,7 @@ def test_figures_of_long_experiments(long):
     assert check_figures(long) == sum(place[0] in LONG for place in FIGURES)
 
 
+@pytest.mark.slow
 def test_the_orifice_damps_nothing_sideways(short):
     for entry in short:
         if entry["id"] in {"T4", "T5"} and entry["layer"] == "plant":

@@ -101,6 +101,7 @@ def test_what_went_wrong_first_in_a_tear_down_is_not_hidden_by_what_came_after(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(
     300
 )  # a run that heard nothing goes on for an hour of bench time, and then says so by its exit status

@@ -8,11 +8,11 @@ from test_plans.discovery import plans
 from test_plans.instruments import ordinary
 
 slow = pytest.mark.slow
+
+
 #: Of sound rigs that differ in more than their seeds the mutation matrix counts hundreds.
-SEEDS = [0, pytest.param(1, marks=slow)]
-
-
-@pytest.mark.parametrize("seed", SEEDS)
+@slow
+@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(
     "name",
     [
@@ -146,16 +146,10 @@ MEANT_FOR = {
     ),
 }
 #: One of each plan is tried every time; the others take as long again.
-ORDINARY = {
-    name
-    for name in MEANT_FOR
-    if name.endswith(("one bellows", "stuck open", "too slow", "soft shell", "too large", "sideways"))
-}
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(name, marks=() if name in ORDINARY else slow) for name in MEANT_FOR]
-)
+@slow
+@pytest.mark.parametrize("case", MEANT_FOR)
 def test_a_plan_catches_what_it_is_meant_for_and_nothing_else(judged, case):
     name, broken, expected = MEANT_FOR[case]
     result, failed = judged(name, **broken)
@@ -181,6 +175,7 @@ def test_a_sound_bench_passes_with_other_parameters(judged, name, given):
     assert result.verdict is Outcome.PASS, result.reason or failed
 
 
+@slow
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
@@ -206,6 +201,7 @@ def test_parameters_that_together_meet_the_bump_stop_are_refused_before_anything
     assert result.duration < 3.0  # with a look at the supply, for which the bench is armed
 
 
+@slow
 def test_a_longer_hold_is_held_longer(judged):
     result, _ = judged("tightness", given={"hold": "1 min"})
     assert result.duration > plans()["tightness"].lasts + 50

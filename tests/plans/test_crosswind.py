@@ -137,18 +137,19 @@ def test_a_waveform_begins_and_ends_at_rest():
     assert force[0] == force[-1] == 0.0
 
 
-def sound(name, load="AW0", seed=1, *, marks=()):
-    return pytest.param(name, load, seed, marks=marks, id=f"{name}-{load}-{seed}")
+def sound(name, load="AW0", seed=1):
+    return pytest.param(name, load, seed, id=f"{name}-{load}-{seed}")
 
 
+@slow
 @pytest.mark.parametrize(
     ("name", "load", "seed"),
     [
         sound("crosswind_gust"),
-        sound("crosswind_gust", "AW3", 2, marks=slow),
-        sound("crosswind_gust", "AW0", 0, marks=slow),
+        sound("crosswind_gust", "AW3", 2),
+        sound("crosswind_gust", "AW0", 0),
         sound("stochastic_crosswind"),
-        sound("stochastic_crosswind", "AW3", 2, marks=slow),
+        sound("stochastic_crosswind", "AW3", 2),
     ],
 )
 def test_sound_springs_pass(judged, name, load, seed):
@@ -205,12 +206,10 @@ MEANT_FOR = {
         {"roll stiffness"},
     ),
 }
-ORDINARY = {"a soft shell lets the bolster go to its stop", "a wide orifice"}
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=() if case in ORDINARY else slow) for case in MEANT_FOR]
-)
+@slow
+@pytest.mark.parametrize("case", MEANT_FOR)
 def test_what_the_plans_are_meant_for_fails_them(judged, case):
     name, broken, expected = MEANT_FOR[case]
     result, failed = judged(name, **broken)

@@ -177,6 +177,7 @@ def test_a_drawing_tells_trouble():
     assert {"FAULT_HOLD", "limit tripped", "no reading"} < red
 
 
+@pytest.mark.slow
 def test_through_a_pipe_come_plain_lines_with_the_steps(tmp_path):
     ended = CliRunner().invoke(commands, ["run", "leak_down", "--virtual", "--out", str(tmp_path)])
     assert ended.exit_code == 0
@@ -189,6 +190,7 @@ def test_through_a_pipe_come_plain_lines_with_the_steps(tmp_path):
     assert "\x1b" not in ended.output
 
 
+@pytest.mark.slow
 def test_on_a_terminal_the_run_is_drawn(tmp_path):
     """In a pseudo-terminal, by time: in virtual time a run takes a second or two."""
     here, there = pty.openpty()

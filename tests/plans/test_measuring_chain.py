@@ -47,9 +47,8 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize(
-    "what", [name if "cells" in name else pytest.param(name, marks=slow) for name in WRONG]
-)
+@slow
+@pytest.mark.parametrize("what", WRONG)
 def test_each_fault_fails_its_own_check(judged, what):
     broken, expected = WRONG[what]
     result, failed = judged("measuring_chain", **broken)
@@ -57,6 +56,7 @@ def test_each_fault_fails_its_own_check(judged, what):
     assert failed == expected
 
 
+@slow
 def test_steel_blocks_are_stiffer_than_can_be_seen_and_springs_are_not_taken_for_blocks(judged):
     result, failed = judged("measuring_chain", given={"dummy": "blocks"}, **BLOCKS)
     assert result.verdict is Outcome.PASS, result.reason or failed
@@ -67,6 +67,7 @@ def test_steel_blocks_are_stiffer_than_can_be_seen_and_springs_are_not_taken_for
     assert "no blocks in the springs' place: the bolster rests at -52" in result.reason
 
 
+@slow
 def test_blocks_on_something_soft_fail(judged):
     soft = BLOCKS | {"contact_stiffness": 100 * MN, "contact_height": -1 * mm}
     result, failed = judged("measuring_chain", given={"dummy": "blocks"}, **soft)
@@ -107,6 +108,7 @@ FORCES = (
 MASS = "cells over the known mass"
 
 
+@slow
 def test_a_known_mass_is_weighed_and_taken_off_again(weighed):
     run = weighed(puts_it_on)
     assert run.result.verdict is Outcome.PASS, run.result.reason
@@ -127,6 +129,7 @@ def test_nothing_is_pressed_until_somebody_says_that_the_mass_is_off_again(weigh
     assert "press" not in {phase.name for phase in run.result.phases}
 
 
+@slow
 @pytest.mark.parametrize("hand", [None, lambda *_: "not possible"])
 def test_without_a_hand_or_a_mass_the_rest_is_judged(weighed, hand):
     run = weighed(hand)
@@ -135,5 +138,6 @@ def test_without_a_hand_or_a_mass_the_rest_is_judged(weighed, hand):
     assert set(run.verdicts.values()) <= {CheckVerdict.PASS, CheckVerdict.MARGINAL}
 
 
+@slow
 def test_an_operator_who_says_done_and_does_nothing_is_found_out(weighed):
     assert weighed(lambda *_: "done").verdicts[MASS] is CheckVerdict.FAIL

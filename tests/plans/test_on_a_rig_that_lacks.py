@@ -54,6 +54,7 @@ def names(result, verdict):
     return {check.name for check in result.checks if check.verdict is verdict}
 
 
+@pytest.mark.slow
 def test_what_the_rig_cannot_measure_is_not_available_and_the_rest_is_judged(run_without):
     absent = {
         "left.auxiliary_temperature": NO_GAS,
@@ -115,6 +116,7 @@ def test_a_plan_that_would_have_nothing_to_judge_moves_nothing(run_without):
     assert run.states <= {"OFF", "BOOT", "INIT", "DISABLED"}
 
 
+@pytest.mark.slow
 def test_gas_that_nobody_sees_is_given_time(run_without):
     gas = {
         f"{side}.{part}_temperature": NO_GAS

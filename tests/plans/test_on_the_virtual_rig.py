@@ -66,7 +66,7 @@ def test_a_tight_spring_passes_the_leak_down(bench_run):
         ("leak_down", {"leak_conductance": [5e-11, 0.0]}, {"air lost per minute, left spring"}),
         pytest.param("aw0", {"friction_lateral": 700.0}, {"lateral c at 1 Hz"}, marks=slow),
         # A differential pressure valve that does not shut: rolled, the springs lose their air to each other.
-        ("aw3", {"dpv_opening": 2000.0, "dpv_reclosing": 1000.0}, {"roll stiffness"}),
+        pytest.param("aw3", {"dpv_opening": 2000.0, "dpv_reclosing": 1000.0}, {"roll stiffness"}, marks=slow),
     ],
 )
 def test_an_unsound_product_fails_where_it_should(bench_run, name, changes, expected):
@@ -75,12 +75,14 @@ def test_an_unsound_product_fails_where_it_should(bench_run, name, changes, expe
     assert run.failed >= expected
 
 
+@slow
 def test_one_bad_spring_is_told_from_its_good_neighbour(bench_run):
     run = bench_run("aw0", 1, orifice_diameter=[13 * mm, 14.5 * mm])
     assert "right vertical c at 1 Hz" in run.failed
     assert not any("left" in name for name in run.failed)
 
 
+@slow
 def test_the_same_seed_gives_the_same_bytes(bench_run):
     one, same = (bench_run("leak_down", 3, directory=name) for name in ("one", "same"))
     for file in ("record.parquet", "meta.json", "result.json", "junit.xml"):
@@ -136,6 +138,7 @@ def test_a_cut_bus_blocks_as_the_links_fault_and_the_rig_unloads_by_itself(bench
     assert run.result.reason.startswith("the link to the rig: the CAN bus is lost: the cable is cut")
 
 
+@slow
 def test_a_bad_and_slow_link_changes_no_verdict(bench_run):
     faults = Faults(lose=0.01, double=0.01, delay=0.01, echo=0.05)
     run = bench_run("aw0", 2, faults=faults, latency=0.03)

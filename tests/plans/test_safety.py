@@ -40,6 +40,7 @@ def safety(tmp_path):
     return run
 
 
+@slow
 def test_a_sound_bench_passes_and_is_left_off_and_vented(safety):
     result, failed, state = safety()
     assert result.verdict is Outcome.PASS, result.reason or failed
@@ -59,6 +60,7 @@ def test_where_nobody_can_be_asked_nothing_moves_for_it(safety):
     assert not {"supply lost", "emergency stop"} & {phase.name for phase in result.phases}
 
 
+@slow
 def test_who_presses_the_stop_may_think_before_they_say_so(tmp_path):
     """Times and ways count from the stop, not from the answer: by then the springs are empty."""
     found = []

@@ -167,6 +167,7 @@ def test_the_bench_moves_as_predicted_and_the_record_knows_the_valves(bench_run,
     assert axes <= set(AXES)
 
 
+@slow
 @pytest.mark.parametrize(
     "wrong", [("force_gain", "-1 %"), ("pressure_offset.right", "-300 mbar")], ids=lambda w: w[0]
 )
@@ -207,13 +208,8 @@ def assert_a_repeated_cycle_shows_the_noise(record):
         assert np.std(blocks - blocks.mean(axis=0)) < 0.02 * mm
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name in {"leveling_on", "differential_pressure"} else slow)
-        for name in MENU
-    ],
-)
+@slow
+@pytest.mark.parametrize("name", MENU)
 def test_a_separating_run_does_what_was_predicted(bench_run, name):
     run = bench_run(name, 2)
     assert run.result.verdict is Outcome.PASS, run.result.reason or run.failed

@@ -15,6 +15,7 @@ SIGNALS = [SignalInfo("left.height", "mm", 1e-3, "left"), SignalInfo("b"), Signa
 MS = 1_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="needs a thread that interrupts another")
 def test_whoever_is_interrupted_in_the_middle_of_a_batch_leaves_a_record_that_is_right(
     tmp_path: Path,

@@ -134,6 +134,7 @@ time.sleep(60)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 @pytest.mark.parametrize("silent", [False, True], ids=["while samples come", "after they stopped"])
 def test_a_killed_process_loses_at_most_a_second(tmp_path: Path, silent: bool) -> None:

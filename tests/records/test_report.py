@@ -165,6 +165,7 @@ def test_every_drawing_is_well_formed(failed_page: str) -> None:
         ET.fromstring(drawing.replace("xlink:href", "href"))
 
 
+@pytest.mark.slow
 def test_the_same_files_make_the_same_bytes_in_any_process(
     passed_run: Path, passed_page: str, failed_page: str, tmp_path: Path
 ) -> None:

@@ -41,6 +41,7 @@ def assert_one_after_the_other(heard: Block, slack: int) -> None:
     assert (gaps < 3 * 135 * BIT).sum() > 100, "frames of one tick follow each other at once"
 
 
+@pytest.mark.slow
 def test_over_sockets_frames_come_one_after_the_other_and_the_bench_arms(start_rig) -> None:
     rig = start_rig(*ROOM, "--bit-rate", "500k")
     clock = RealClock()

@@ -90,6 +90,7 @@ def test_it_answers_sdos(node) -> None:
     assert refused.value.code == 0x06090032
 
 
+@pytest.mark.slow
 @on_real_wires
 def test_pdos_decode_as_the_dbc_says_and_come_with_sync_if_asked_to(node, network) -> None:
     """The mapping is read from the node itself."""
@@ -143,6 +144,7 @@ def test_emergencies_arrive_and_stay_readable(node, site, eventually) -> None:
     assert node.sdo["Pre-defined error field"][1].raw & 0xFFFF == 0xFF02
 
 
+@pytest.mark.slow
 @on_real_wires
 def test_the_bench_holds_when_the_guarded_heartbeat_of_its_commander_stops(node, network, site) -> None:
     with site.bench() as bench:

@@ -131,6 +131,7 @@ def heard_for(bus: HubBus, seconds: float) -> Block:
     return join(parts)
 
 
+@pytest.mark.slow
 def test_file_and_live_port_show_the_rigs_frames_and_those_of_others(start_rig, tmp_path, free_port) -> None:
     path = tmp_path / "bus.pcapng"
     ports = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
@@ -156,6 +157,7 @@ def test_file_and_live_port_show_the_rigs_frames_and_those_of_others(start_rig, 
     assert [row for row in shown if row[4] == INBOUND] == others
 
 
+@pytest.mark.slow
 def test_a_named_pipe_serves_one_reader_after_the_other(tmp_path) -> None:
     pipe = tmp_path / "bus"
     os.mkfifo(pipe)

@@ -97,6 +97,7 @@ def test_help_comes_at_once():
 # -- the rig as a process ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
     """With a commander and a listener connected, who are the ones that keep ports busy."""
@@ -304,6 +305,7 @@ def test_a_real_rig_that_does_not_answer_blocks_and_nothing_is_started(
     assert is_one_sentence(err)
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 def test_a_device_that_accepts_and_says_nothing_blocks(cli, tmp_path, no_process):
     with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as mute:

@@ -105,6 +105,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(refused, tmp_path, line, word
     assert words in refused(*line.split())
 
 
+@pytest.mark.slow
 def test_a_record_without_anything_to_replay_is_refused_with_the_plan_that_makes_some(cli, refused):
     code, _, _ = cli("run", "leak_down", "--virtual", "--rig", str(ROOT / "rigs" / "virtual.toml"))
     assert code == PASS
@@ -298,6 +299,7 @@ _ENTRIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted in Linux' /proc")
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="on one core nobody makes threads")
 @pytest.mark.parametrize(
@@ -404,6 +406,7 @@ def test_causes_are_chosen_by_name_with_or_without_their_place():
         chosen_effects("", simulator)
 
 
+@pytest.mark.slow
 def test_a_rig_that_cannot_be_screened_ends_blocked_with_the_reason(cli, tmp_path):
     (tmp_path / "rig.toml").write_text(SIMULATED + '[simulation.change]\nsupply_pressure = "1.5 bar"\n')
     code, out, _ = cli("investigate", "--rig", "rig.toml", "--out", "out")

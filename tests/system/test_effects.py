@@ -208,6 +208,7 @@ def test_a_real_rig_is_given_nothing(cli, tmp_path, command, option):
     assert "hall.toml describes a real rig (no [simulation] table)" in err
 
 
+@pytest.mark.slow
 def test_a_running_rig_keeps_its_effects(cli, start_rig, tmp_path):
     rig = start_rig(*ANYWHERE)
     ports = f'[can]\nbus = "tcp"\nport = {rig.can_port}\n[modbus]\nport = {rig.modbus_port}\n'

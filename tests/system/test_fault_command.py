@@ -181,6 +181,7 @@ def test_bad_lines_are_answered_and_change_nothing(shared_rig, path, order):
     assert order(do="list")["on"] == []
 
 
+@pytest.mark.slow
 def test_modbus_faults_reach_the_sockets(shared_rig, order):
     assert b"".join(part for _, part in received(shared_rig, READ, 0.1)) == HASH
     order(do="on", name="modbus_split", values={"size": 2, "gap": "20 ms"})

@@ -74,6 +74,7 @@ def complete(*words: str) -> list[str]:
     return [line.partition(",")[2] for line in done.stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_the_shell_completes_plans_parameters_and_effects() -> None:
     assert "aw0" in complete("astb", "run", "a")
     assert complete("astb", "run", "lateral_stiffness", "--set", "load") == ["load=AW0", "load=AW3"]

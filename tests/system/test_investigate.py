@@ -168,6 +168,7 @@ def loop(out, told, budget=20.0, seed=3, **change):
     return log, seen, pressure
 
 
+@pytest.mark.slow
 def test_the_loop_runs_what_decides_and_diagnoses_all_data_again(tmp_path):
     log, seen, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0)), NAMED])
     assert seen == [["01-look"], ["01-look", "02-quick"]]
@@ -185,6 +186,7 @@ def test_the_loop_runs_what_decides_and_diagnoses_all_data_again(tmp_path):
     assert not np.allclose(first - first.mean(), second - second.mean(), atol=0.5e-5)
 
 
+@pytest.mark.slow
 def test_the_budget_is_the_benchs_time(tmp_path):
     budget = (lasts(LOOK) + 0.9 * lasts(QUICK)) / minutes
     log, seen, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0))], budget)
@@ -199,6 +201,7 @@ def test_a_budget_below_the_first_run_is_refused_before_anything_moves(tmp_path)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_rig_that_breaks_ends_the_investigation_with_its_reason(tmp_path):
     log, seen, pressure = loop(tmp_path, [NAMED], supply_pressure="1.5 bar")
     assert seen == []
@@ -240,6 +243,7 @@ def silenced(monkeypatch, *runs):
     monkeypatch.setattr(module, "run_plan", run_plan)
 
 
+@pytest.mark.slow
 def test_a_run_that_the_link_blocked_is_done_again(tmp_path, monkeypatch):
     silenced(monkeypatch, 1)
     log, seen, _ = loop(tmp_path, [NAMED])
@@ -249,6 +253,7 @@ def test_a_run_that_the_link_blocked_is_done_again(tmp_path, monkeypatch):
     assert log.ended == "a verdict was reached: named"
 
 
+@pytest.mark.slow
 def test_a_link_that_blocks_again_and_again_ends_the_investigation(tmp_path, monkeypatch):
     silenced(monkeypatch, 1, 2, 3, 4)
     log, seen, _ = loop(tmp_path, [NAMED])
@@ -267,6 +272,7 @@ def test_no_run_is_repeated_beyond_the_budget(tmp_path, monkeypatch):
     assert "the budget is spent" in log.ended
 
 
+@pytest.mark.slow
 def test_a_check_that_failed_is_no_reason_not_to_diagnose(tmp_path):
     """An actuator that gives way moves the springs less than was asked for: that may be what is looked for."""
     log, seen, _ = loop(tmp_path, [NAMED], frame_stiffness="1 MN/m")
@@ -275,6 +281,7 @@ def test_a_check_that_failed_is_no_reason_not_to_diagnose(tmp_path):
     assert log.ended == "a verdict was reached: named"
 
 
+@pytest.mark.slow
 def test_whatever_ends_it_the_log_says_what(tmp_path):
     def diagnose(records):
         raise DiagnosisError("no such channel")

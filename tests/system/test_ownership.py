@@ -73,6 +73,7 @@ def proxied(site) -> Iterator[tuple[Bench, Proxy]]:
         proxy.close()
 
 
+@pytest.mark.slow
 @on_tcp
 def test_a_black_holed_plc_connection_leads_to_hold_while_can_goes_on(site, proxied):
     """The watchdog's second, the tick, and what the machine adds; today's keep-alive would need ten seconds."""
@@ -149,6 +150,7 @@ def test_who_holds_the_bench_and_who_else_tries_to_is_told_with_the_port(site, a
     intruder.close()
 
 
+@pytest.mark.slow
 def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
     """He streams sound commands before anybody else is there, and goes on all the time."""
     site.close_shared()
@@ -170,6 +172,7 @@ def test_a_stranger_who_commands_first_keeps_nobody_from_arming(site):
         stranger.close()
 
 
+@pytest.mark.slow
 def test_a_lease_is_taken_on_can_alone_and_ends_with_silence(site):
     """On every wire: ask with a nonce, command with the token of the answer, fall silent."""
     site.close_shared()

@@ -136,6 +136,7 @@ def test_one_name_has_one_owner(install: Install, astb: Astb) -> None:
     assert refused.returncode == MISUSE and clash in refused.stderr
 
 
+@pytest.mark.slow
 def test_the_example_of_the_how_to_runs(install: Install, astb: Astb, tmp_path: Path) -> None:
     blocks = dict(re.findall(r"^```(python|toml)\n(.*?)^```", HOW_TO.read_text(), re.MULTILINE | re.DOTALL))
     project = tomllib.loads(blocks["toml"])

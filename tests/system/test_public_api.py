@@ -52,6 +52,7 @@ def addresses(can: int, modbus: int) -> str:
     return f'name = "here"\n[can]\nbus = "tcp"\nport = {can}\n[modbus]\nport = {modbus}\n'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_sessions_of_the_page_go_as_printed(tmp_path, monkeypatch, number):
     monkeypatch.chdir(tmp_path)
@@ -64,6 +65,7 @@ def test_the_sessions_of_the_page_go_as_printed(tmp_path, monkeypatch, number):
     assert results.attempted >= 10
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 def test_the_program_of_the_page_runs_as_printed(tmp_path):
     (tmp_path / "rigs").mkdir()
@@ -85,6 +87,7 @@ def test_the_program_of_the_page_runs_as_printed(tmp_path):
     assert max(platform) - min(platform) == pytest.approx(4, abs=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 def test_a_program_that_forgets_to_close_leaves_the_bench_disarmed(start_rig, tmp_path):
     rig = start_rig()

@@ -109,6 +109,7 @@ def test_the_page_runs_as_printed(tmp_path):
     assert "3 passed" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("test", "ending"),
     [
@@ -127,6 +128,7 @@ def test_a_test_ends_as_it_should(ended, test, ending):
     assert re.search(rf"::test_{test} {ending}", ended)
 
 
+@pytest.mark.slow
 def test_the_catalogue_is_a_test_for_each_plan_that_judges_and_each_of_its_choices(tmp_path):
     from test_plans.discovery import plans
 
@@ -149,6 +151,7 @@ def test_a_plan_of_the_catalogue_passes_on_a_sound_rig_and_leaves_its_record(tmp
     assert read_result(tmp_path / "runs" / "tightness").parameters == {"hold": "20 s"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("setting", "told"), [("hald=20s", "no plan has a parameter hald"), ("hold=1s", "hold = 1 s")]
 )
@@ -159,6 +162,7 @@ def test_a_wrong_parameter_of_the_catalogue_is_refused_before_any_plan(tmp_path,
     assert told in done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_what_is_said_of_the_blocked(ended):
     assert "test_is_blocked_by_its_plan (call): broken: the link to the rig: the plug is out" in ended
     assert "test_is_blocked_by_the_rig (call): the rig: it does not want to" in ended

@@ -145,6 +145,7 @@ def test_another_seed_gives_other_bytes_and_the_same_verdict(seeded):
     assert one["checks"] != two["checks"]
 
 
+@pytest.mark.slow
 def test_a_fault_of_the_product_fails(run_here):
     run = run_here("aw0", rig=WIDE_ORIFICE)
     assert run.code == FAIL, run.said
@@ -197,6 +198,7 @@ def test_the_report_can_be_made_anew(seeded, astb_here):
     assert run.files() == before
 
 
+@pytest.mark.slow
 def test_what_the_bench_was_given_stands_in_terminal_and_report(run_here, tmp_path):
     (tmp_path / "sealed.toml").write_text('[effect."leak.right"]\narea = "0.3 mm2"\n')
     arguments = ("--effect", "leak.left=0.2mm2", "--sealed", tmp_path / "sealed.toml")
@@ -212,6 +214,7 @@ def test_what_the_bench_was_given_stands_in_terminal_and_report(run_here, tmp_pa
     )
 
 
+@pytest.mark.slow
 def test_another_specimen_is_judged_by_its_own_limits_and_named(run_here, tmp_path):
     """The same bench, and a file that allows less air to be lost than the thermometers can resolve."""
     text = (HOME / "astb.toml").read_text(encoding="utf-8")
@@ -225,6 +228,7 @@ def test_another_specimen_is_judged_by_its_own_limits_and_named(run_here, tmp_pa
     assert b'value="4711"' in run.files()["junit.xml"]
 
 
+@pytest.mark.slow
 def test_a_run_never_overwrites_another(run_here, astb_here):
     first = run_here("leak_down", rig=VIRTUAL)
     before = first.files()
@@ -343,6 +347,7 @@ def test_a_rig_stops_when_its_parent_ends(launch, ports, eventually):
     eventually(lambda: state(ports) == "", what="the end of the rig")
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 def test_a_rig_that_cannot_be_started_blocks(run_here, ports):
     with socket.create_server(("127.0.0.1", ports["can"])):

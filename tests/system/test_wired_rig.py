@@ -93,6 +93,7 @@ def test_a_rig_with_a_wiring_has_real_time(run):
     assert "without a [simulation] table there is nothing to run in virtual time" in err
 
 
+@pytest.mark.slow
 @pytest.mark.real_time
 def test_a_running_rig_is_moved_over_the_wires_as_a_file_describes_them(shared_rig, tmp_path):
     keys = own_description(tmp_path, generator=False)

@@ -198,6 +198,7 @@ def run():
 """
 
 
+@pytest.mark.slow
 def test_the_plain_python_twin_agrees(tmp_path):
     rows, twin = compiled_and_plain(SCENARIO, tmp_path)
     assert np.max(np.abs(rows - twin) / (np.max(np.abs(twin), axis=0) + 1e-6)) < 1e-7

@@ -66,6 +66,7 @@ def test_a_faster_train_meets_more_wind():
     assert forces[1].mean() > 1.1 * forces[0].mean()
 
 
+@pytest.mark.slow
 def test_leveling_valves_hold_the_car_upright_in_gusts():
     options = {"duration": 40.0, "run_in": 1.0}
     isolated, active = (
@@ -119,6 +120,7 @@ def test_a_cell_gathers_its_realisations():
     assert cell.estimates()["peak_lateral"].half_width == pytest.approx(4.302653 / np.sqrt(3), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_comfort_falls_with_the_wind():
     """A27 in a minute: the full table is the slow test below."""
     table = ride_table(

@@ -73,6 +73,7 @@ def rig() -> Iterator[Controller]:
     controller.stop()
 
 
+@pytest.mark.slow
 def test_the_how_tos_check_prints_what_the_page_shows(rig: Controller, dead_port: int) -> None:
     said = io.StringIO()
     names = {

@@ -110,6 +110,7 @@ def test_a_holder_takes_no_place_from_the_others(door: Door) -> None:
             assert keep_busy(door, a, b, commander)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("door", ["modbus"], indirect=True)
 def test_a_holder_who_commands_on_can_may_be_silent_on_modbus(door: Door) -> None:
     with door.open() as commander, door.open() as idle:

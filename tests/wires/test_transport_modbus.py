@@ -137,6 +137,7 @@ def broken_rules(subject: Subject) -> list[str]:
     return [str(finding) for finding in findings if finding.breach]
 
 
+@pytest.mark.slow
 def test_it_conforms_with_a_foreign_server(plc: ForeignPlc, dead_port: int) -> None:
     plcs = [plc]
 
@@ -260,6 +261,7 @@ def test_its_sign_of_life_counts_while_somebody_streams(plc: ForeignPlc, connect
     assert plc.tables[HOLDING][50] == stopped, "who streams no more does not look alive"
 
 
+@pytest.mark.slow
 def test_an_answer_may_take_its_time_though_the_connection_had_little(plc: ForeignPlc) -> None:
     """What an earlier connection took of the time must not shorten the patience with this one."""
     transport = ModbusTransport("plc", {**PLC, "port": plc.port, "timeout": "2 s"})

@@ -151,6 +151,7 @@ def connected() -> Iterator[Callable]:
         yield connect
 
 
+@pytest.mark.slow
 def test_it_conforms_with_a_foreign_server(cell: Cell, dead_port: int) -> None:
     def make(url: str = cell.url) -> OpcUaTransport:
         return open_transport("cell", {**CELL, "url": url}, Path())
