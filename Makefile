@@ -9,6 +9,8 @@ COMPILE := $(BIN)/python -m tools.compile_model
 
 # Tests, benchmarks and diagnoses use the cores themselves: threads of the algebra library would be in their way.
 export OPENBLAS_NUM_THREADS ?= 1
+# Hundreds of processes are started by tests: without kept bytecode each compiles the whole project anew.
+export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
