@@ -3,8 +3,8 @@
 #
 # What only computes shares the processors, at a lower priority. What holds deadlines (the mark real_time) mostly waits:
 # it runs one test after the other and, when its time has come, goes before the rest. Its output follows at the end.
-# One of these that fails runs again, twice at most: on a machine that others use, a deadline can be missed that is held otherwise.
-# Its line says RERUN, and the summary counts it.
+# One of these that fails runs again, twice at most: on a machine that others use, a deadline can be missed that is held
+# otherwise. Its line says RERUN, and the summary counts it.
 set -u
 python=$1 choice=$2
 shift 2

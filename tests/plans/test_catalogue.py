@@ -10,7 +10,7 @@ from test_plans.instruments import ordinary
 slow = pytest.mark.slow
 
 
-#: Of sound rigs that differ in more than their seeds the mutation matrix counts hundreds.
+# Of sound rigs that differ in more than their seeds the mutation matrix counts hundreds.
 @slow
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(

@@ -137,19 +137,15 @@ def test_a_waveform_begins_and_ends_at_rest():
     assert force[0] == force[-1] == 0.0
 
 
-def sound(name, load="AW0", seed=1):
-    return pytest.param(name, load, seed, id=f"{name}-{load}-{seed}")
-
-
 @slow
 @pytest.mark.parametrize(
     ("name", "load", "seed"),
     [
-        sound("crosswind_gust"),
-        sound("crosswind_gust", "AW3", 2),
-        sound("crosswind_gust", "AW0", 0),
-        sound("stochastic_crosswind"),
-        sound("stochastic_crosswind", "AW3", 2),
+        ("crosswind_gust", "AW0", 1),
+        ("crosswind_gust", "AW3", 2),
+        ("crosswind_gust", "AW0", 0),
+        ("stochastic_crosswind", "AW0", 1),
+        ("stochastic_crosswind", "AW3", 2),
     ],
 )
 def test_sound_springs_pass(judged, name, load, seed):
