@@ -101,7 +101,8 @@ $(READY): pyproject.toml
 	@echo "installing ASTB and its tools into .venv (once, about a minute)"
 	@$(PYTHON) -m venv .venv || \
 		{ echo "$(PYTHON) cannot make environments: on Debian and Ubuntu, apt-get install python3-venv" >&2; exit 2; }
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --editable '.[dev]'
+# Bytecode of all packages takes half as long again as the packages; the first import of a module makes its own.
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile --editable '.[dev]'
 	@echo "compiling the model (again after each change of it, about a minute)"
 	@$(COMPILE)
 	@touch $@

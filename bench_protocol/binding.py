@@ -1,12 +1,17 @@
 """How functions are compiled and called: a cache that knows all sources, calls without a look at every argument."""
 
+import fcntl
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 import numba
 import numpy as np
+
+#: Beside the cached functions of a package: who saves or loads one holds it locked.
+LOCK: Final = "astb.lock"
 
 
 def cached(function: Callable[..., Any], digest: str, **options: Any) -> Any:
@@ -16,16 +21,46 @@ def cached(function: Callable[..., Any], digest: str, **options: Any) -> Any:
     kernel: ``digest`` is that of all sources which the function may contain.
     """
     dispatcher = numba.njit(cache=True, **options)(function)
-    cache_file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    if cache_file is not None:
+    if (cache_file := _cache_file(dispatcher)) is not None:
         cache_file._source_stamp = (cache_file._source_stamp, digest)
+        take_turns(cache_file)
     return dispatcher
 
 
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays."""
     options: dict[str, Any] = {"_nrt": False}
-    return numba.njit(cache=True, forceinline=True, **options)(function)
+    dispatcher = numba.njit(cache=True, forceinline=True, **options)(function)
+    if (cache_file := _cache_file(dispatcher)) is not None:
+        take_turns(cache_file)
+    return dispatcher
+
+
+def _cache_file(dispatcher: Any) -> Any:
+    """Return where numba keeps what it has compiled; None in plain Python."""
+    return getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+
+
+def take_turns(cache_file: Any) -> None:
+    """Let one process at a time save or load what it compiled.
+
+    numba first writes into its index where a function will lie, and then the function: two processes that compile at
+    once may choose one place for two functions, and one that loads meanwhile finds there what yesterday's sources made.
+    """
+    place = f"{cache_file._cache_path}/{LOCK}"
+
+    def in_turn(act: Callable[..., Any]) -> Callable[..., Any]:
+        def acted(*given: Any) -> Any:
+            lock = os.open(place, os.O_RDONLY | os.O_CREAT, 0o666)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                return act(*given)
+            finally:
+                os.close(lock)
+
+        return acted
+
+    cache_file.save, cache_file.load = in_turn(cache_file.save), in_turn(cache_file.load)
 
 
 def bind(function: Any, *arguments: Any) -> Callable[..., Any]:

@@ -1,9 +1,11 @@
 """Compile what would be compiled when it is first used: python -m tools.compile_model.
 
 The rig's tick and the beat of a commander take half a minute, what a diagnosis replays as long again. Nothing waits for
-it later: not a rig that has to keep time, nor the first diagnosis.
+it later: not a rig that has to keep time, nor the first diagnosis. Two processes share the work.
 """
 
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from typing import Final
 
 import numpy as np
@@ -49,5 +51,6 @@ def compile_diagnosis() -> None:
 
 
 if __name__ == "__main__":
-    compile_rig()
-    compile_diagnosis()
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
+        for part in [processes.submit(compile_rig), processes.submit(compile_diagnosis)]:
+            part.result()
