@@ -126,8 +126,14 @@ def note_densities(x: Any, mem: Any, par: Any, out: Any) -> None:
 
 
 @compiled
+def has_moved(density: float, known: float) -> bool:
+    """Whether a density is a thousandth away from where its factor is known."""
+    return bool(abs(density - known) > 1e-3 * density)
+
+
+@compiled
 def keep_density(mem: Any, par: Any, chamber: int, density: float) -> None:
     """Expand anew when the density is a thousandth away from where the factor is known."""
-    if abs(density - mem.heat_density[chamber]) > 1e-3 * density:
+    if has_moved(density, mem.heat_density[chamber]):
         mem.heat_density[chamber] = density
         mem.heat_factor[chamber] = (density / par.heat_reference_density) ** par.heat_density_exponent

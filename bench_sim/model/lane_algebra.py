@@ -17,6 +17,7 @@ from bench_sim.model.lane_layout import (
     EXTRA_SPEED,
     EXTRA_TRAVEL,
     LANES,
+    PER_LANE,
     STAGE,
     Lane,
     LaneState,
@@ -51,7 +52,8 @@ def _lateral_shape(y: float, per_scale: float) -> tuple[float, float, float]:
 @compiled
 def look_ahead(w: Any, ahead: float, extra: int) -> None:
     """Guess the bellows ``ahead`` s after the start of the step, and sum what all dash-pots of the rubber pull."""
-    for i in range(LANES):
+    lanes = w.shape[0] // PER_LANE
+    for i in range(lanes):
         ratio_1, ratio_2, ratio_3 = w[Lane.RATIO + i], w[Lane.RATIO_2 + i], w[Lane.RATIO_3 + i]
         speed_1, speed_2, speed_3 = w[Lane.SPEED + i], w[Lane.SPEED_2 + i], w[Lane.SPEED_3 + i]
         a = ratio_1 * w[STAGE + LaneState.DASHPOT_Z + i]
@@ -78,7 +80,7 @@ def look_ahead(w: Any, ahead: float, extra: int) -> None:
         w[Lane.STIFFER_Z + i] = 0.0
         w[Lane.STIFFER_Y + i] = 0.0
     for e in range(extra):
-        for i in range(LANES):
+        for i in range(lanes):
             k = w[EXTRA_RATIO + LANES * e + i]
             z = k * w[STAGE + LaneState.EXTRA + 2 * LANES * e + i]
             y = k * w[STAGE + LaneState.EXTRA + 2 * LANES * e + LANES + i]

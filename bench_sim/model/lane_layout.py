@@ -119,6 +119,12 @@ class Lane(_Rows):
     DENSITY_FACTOR = auto()
     AUXILIARY_DENSITY = auto()
     AUXILIARY_DENSITY_FACTOR = auto()
+    PRESENT_DENSITY = auto()  #: where the step began
+    AUXILIARY_PRESENT_DENSITY = auto()
+    KNOWN = auto()  #: slope of the bellows' energy at the last stage
+    CHANGED = auto()  #: sums of how much it differed from the one before, at each of three stages
+    CHANGED_2 = auto()
+    CHANGED_3 = auto()
     # what the spring is made of
     V_0 = auto()
     A_0 = auto()
@@ -195,3 +201,6 @@ SLOPE: Final = STAGE + _BLOCK
 START: Final = SLOPE + _BLOCK
 SUM: Final = START + _BLOCK
 LENGTH: Final = SUM + _BLOCK
+#: Numbers of one lane. The length of an array over this is the number of lanes, which the compiler does not know: short
+#: loops over so many lanes become vector instructions, where those over `LANES` are written out eight times.
+PER_LANE: Final = LENGTH // LANES

@@ -16,7 +16,7 @@ from bench_sim.model.gas import enthalpy_per_kelvin
 from bench_sim.model.inertance import missing_flow
 from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
 from bench_sim.model.lane_algebra import lane_algebra
-from bench_sim.model.lane_layout import EXTRA_SPEED, LANES, SLOPE, STAGE, Lane, LaneState
+from bench_sim.model.lane_layout import EXTRA_SPEED, LANES, PER_LANE, SLOPE, STAGE, Lane, LaneState
 from bench_sim.model.lane_valves import feed, join
 from bench_sim.model.surface import surface
 
@@ -210,7 +210,8 @@ def gas_surfaces(w: Any, parameters: Any) -> None:
 @compiled
 def relax(w: Any, extra: int) -> None:
     """Dash-pots of the rubber and creep of the emergency spring: dw/dt = (x_b − w)/τ."""
-    for i in range(LANES):
+    lanes = w.shape[0] // PER_LANE
+    for i in range(lanes):
         z = w[Lane.BELLOWS_Z + i]
         y = w[Lane.BELLOWS_Y + i]
         w[SLOPE + LaneState.DASHPOT_Z + i] = (z - w[STAGE + LaneState.DASHPOT_Z + i]) * w[Lane.SPEED + i]
@@ -232,7 +233,7 @@ def relax(w: Any, extra: int) -> None:
         )
     for e in range(extra):
         first = LaneState.EXTRA + 2 * LANES * e
-        for i in range(LANES):
+        for i in range(lanes):
             rate = w[EXTRA_SPEED + LANES * e + i]
             w[SLOPE + first + i] = (w[Lane.BELLOWS_Z + i] - w[STAGE + first + i]) * rate
             w[SLOPE + first + LANES + i] = (w[Lane.BELLOWS_Y + i] - w[STAGE + first + LANES + i]) * rate

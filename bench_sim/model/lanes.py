@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_sim.model.compiled import compiled, compiled_parallel
-from bench_sim.model.gas import keep_density
+from bench_sim.model.gas import has_moved, keep_density
 from bench_sim.model.lane_layout import (
     EXTRA_FRICTION,
     EXTRA_LEVEL_Y,
@@ -35,6 +35,7 @@ from bench_sim.model.lane_layout import (
     LANES,
     LENGTH,
     PAIRS,
+    PER_LANE,
     SLOPE,
     STAGE,
     START,
@@ -177,13 +178,22 @@ def note_flow(w: Any) -> None:
 @compiled
 def note_gas(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
     """As `bench_sim.model.gas.note_densities`."""
+    lanes = w.shape[0] // PER_LANE
+    far = 0
+    for i in range(lanes):
+        density = w[STAGE + LaneState.MASS + i] / w[Lane.VOLUME + i]
+        auxiliary = w[STAGE + LaneState.AUXILIARY_MASS + i] / w[Lane.AUXILIARY_VOLUME + i]
+        w[Lane.PRESENT_DENSITY + i] = density
+        w[Lane.AUXILIARY_PRESENT_DENSITY + i] = auxiliary
+        far += 1 if has_moved(density, w[Lane.DENSITY + i]) else 0
+        far += 1 if has_moved(auxiliary, w[Lane.AUXILIARY_DENSITY + i]) else 0
+    if far == 0:
+        return
     for i in range(LANES):
         side = sides[i]
         mem = memory[i]
-        density = w[STAGE + LaneState.MASS + i] / w[Lane.VOLUME + i]
-        keep_density(mem, parameters[i], side, density)
-        density = w[STAGE + LaneState.AUXILIARY_MASS + i] / w[Lane.AUXILIARY_VOLUME + i]
-        keep_density(mem, parameters[i], 2 + side, density)
+        keep_density(mem, parameters[i], side, w[Lane.PRESENT_DENSITY + i])
+        keep_density(mem, parameters[i], 2 + side, w[Lane.AUXILIARY_PRESENT_DENSITY + i])
         w[Lane.DENSITY + i] = mem.heat_density[side]
         w[Lane.DENSITY_FACTOR + i] = mem.heat_factor[side]
         w[Lane.AUXILIARY_DENSITY + i] = mem.heat_density[2 + side]
@@ -277,12 +287,13 @@ def finish(w: Any, size: int, h: float) -> None:
 
 
 @compiled
-def note_change(w: Any, known: Any, changed: Any) -> None:
-    """Add up by how much the slope of each bellows' energy differs from the ``known`` one, and know the new one."""
-    for i in range(LANES):
+def note_change(w: Any, stage: int) -> None:
+    """Add up by how much the slope of each bellows' energy differs from the one before, for each of three stages."""
+    lanes = w.shape[0] // PER_LANE
+    for i in range(lanes):
         slope = w[SLOPE + LaneState.ENERGY + i]
-        changed[i] += abs(slope - known[i])
-        known[i] = slope
+        w[Lane.CHANGED + LANES * stage + i] += abs(slope - w[Lane.KNOWN + i])
+        w[Lane.KNOWN + i] = slope
 
 
 @compiled_parallel
@@ -299,16 +310,13 @@ def integrate_lanes(
     fed: bool,
     joined: bool,
     traces: Any,
-    changed: Any,
 ) -> None:
     """Integrate all lanes to the end of the longest by steps of ``dt`` s; ``w`` (LENGTH) holds their columns.
 
     Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE); ``courses``
-    and ``valves`` are tuples of what is in a `Course`. To ``changed`` (3, LANES) is added by how much slopes of the
-    first three stages of each step differ from those before.
+    and ``valves`` are tuples of what is in a `Course`.
     """
     saved = np.empty(LENGTH)
-    known = np.zeros(LANES)
     turned = np.zeros(LANES, np.bool_)
     having = taking_part(w, surfaces, fed, joined)
     size = LaneState.EXTRA + 2 * LANES * having.extra
@@ -320,7 +328,6 @@ def integrate_lanes(
     if fed:
         settle_levers(w, sides, parameters)
     for n in range(last + 1):
-        gather(w, 2 * n, courses, rows)
         move_valves(w, n, having, valves, rows, sides, memory, parameters)
         since = dt if n > 0 else 0.0
         lane_slope(w, since, having, sides, memory, parameters)
@@ -334,14 +341,14 @@ def integrate_lanes(
         note_trace(w, n, traces)
         if n == last:
             break
-        note_change(w, known, changed[0])
+        note_change(w, 0)
         stage(w, size, 1.0, 0.5 * dt)
         gather(w, 2 * n + 1, courses, rows)
         lane_slope(w, 0.5 * dt, having, sides, memory, parameters)
-        note_change(w, known, changed[1])
+        note_change(w, 1)
         stage(w, size, 2.0, 0.5 * dt)
         lane_slope(w, 0.5 * dt, having, sides, memory, parameters)
-        note_change(w, known, changed[2])
+        note_change(w, 2)
         stage(w, size, 2.0, dt)
         gather(w, 2 * n + 2, courses, rows)
         lane_slope(w, dt, having, sides, memory, parameters)
@@ -384,7 +391,6 @@ def _integrate(filled: Sequence[LaneSpring], *, joined: bool) -> list[NDArray[np
     w[Lane.SHIFT : Lane.SHIFT + LANES] = [spring.shift for spring in filled]
     w[Lane.SUPPLY_ERROR : Lane.SUPPLY_ERROR + LANES] = [spring.supply_error for spring in filled]
     traces = np.empty((LANES, rows.max(), TRACE))
-    changed = np.zeros((3, LANES))
     integrate_lanes(
         w,
         np.zeros(LANES, MEMORY).view(np.recarray),
@@ -398,8 +404,8 @@ def _integrate(filled: Sequence[LaneSpring], *, joined: bool) -> list[NDArray[np
         any(spring.course.fed for spring in filled),
         joined,
         traces,
-        changed,
     )
     if step > STEP:
-        traces[~(2.0 * changed[2] < STIFFEST * changed[1])] = np.nan
+        second, third = (w[row : row + LANES] for row in (Lane.CHANGED_2, Lane.CHANGED_3))
+        traces[~(2.0 * third < STIFFEST * second)] = np.nan
     return [traces[k, :count] for k, count in enumerate(rows)]
