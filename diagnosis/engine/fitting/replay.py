@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil
 from typing import TypeVar
 
@@ -49,8 +49,14 @@ class Replay:
     simulator: Simulator
     runs: tuple[MeasuredRun, ...]
     workers: int = 2
+    #: The simulator, if it is one of these: asking a protocol takes as long as a short simulation.
+    _batches: BatchSimulator | None = field(init=False)
+    _rough: RoughSimulator | None = field(init=False)
 
     def __post_init__(self) -> None:
+        one = self.simulator
+        object.__setattr__(self, "_batches", one if isinstance(one, BatchSimulator) else None)
+        object.__setattr__(self, "_rough", one if isinstance(one, RoughSimulator) else None)
         names = [run.experiment.name for run in self.runs]
         if len(set(names)) < len(names):
             raise DiagnosisError(
@@ -125,7 +131,7 @@ class Replay:
     def base(self, point: Point, predictions: Sequence[Array], counts: Sequence[int]) -> Base:
         """Return where differences begin, of each run so many that may be worth a rough simulation of its own."""
         rough: list[Array | None] = [None] * len(self.runs)
-        if isinstance(self.simulator, RoughSimulator):
+        if self._rough is not None:
             worth = [(r, point) for r, count in enumerate(counts) if count >= LEAST_ROUGH]
 
             def keep(i: int, outputs: Array | None) -> None:
@@ -166,11 +172,11 @@ class Replay:
 
     def _too_alike(self, base: Point, to: Point) -> bool:
         """Return whether a point, perhaps a larger one, differs from a base in what rough outputs do not tell apart."""
-        assert isinstance(self.simulator, RoughSimulator)
+        assert self._rough is not None
         known = len(base.numbers)
         moved = np.flatnonzero(to.numbers[:known] != base.numbers)
         further = (*(to.coordinates[i] for i in moved), *to.coordinates[known:])
-        return not self.simulator.too_alike.isdisjoint(c.owner or c.parameter.name for c in further)
+        return not self._rough.too_alike.isdisjoint(c.owner or c.parameter.name for c in further)
 
     def _simulate(
         self,
@@ -181,7 +187,7 @@ class Replay:
         """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""
         jobs = [self._job(self.runs[r], point) for r, point in places]
         size = max(LEAST_BATCH, min(MOST_BATCH, ceil(len(jobs) / self.workers)))
-        if not isinstance(self.simulator, BatchSimulator):
+        if self._batches is None:
             size = 1
 
         def work(start: int) -> None:
@@ -191,16 +197,16 @@ class Replay:
         in_threads(self.workers, work, range(0, len(jobs), size))
 
     def _outputs(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        if isinstance(self.simulator, BatchSimulator):
-            for job, outputs in zip(jobs, self.simulator.run_many(jobs), strict=True):
+        if self._batches is not None:
+            for job, outputs in zip(jobs, self._batches.run_many(jobs), strict=True):
                 yield checked(self.simulator, job, outputs)
         else:
             for job in jobs:
                 yield simulate(self.simulator, job)
 
     def _roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        assert isinstance(self.simulator, RoughSimulator)
-        for job, outputs in zip(jobs, self.simulator.run_roughly(jobs), strict=True):
+        assert self._rough is not None
+        for job, outputs in zip(jobs, self._rough.run_roughly(jobs), strict=True):
             yield None if outputs is None else checked(self.simulator, job, outputs)
 
     @staticmethod
