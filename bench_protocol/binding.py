@@ -4,7 +4,7 @@ import fcntl
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 import numba
@@ -53,7 +53,8 @@ def take_turns(cache_file: Any) -> None:
         def acted(*given: Any) -> Any:
             lock = os.open(place, os.O_RDONLY | os.O_CREAT, 0o666)
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX)
+                with suppress(OSError):  # on a file system without locks there is nothing to wait for
+                    fcntl.flock(lock, fcntl.LOCK_EX)
                 return act(*given)
             finally:
                 os.close(lock)

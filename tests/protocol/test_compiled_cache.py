@@ -1,5 +1,7 @@
 """Several processes compile at once, and each finds its own functions again."""
 
+import errno
+import fcntl
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -49,3 +51,14 @@ def test_cached_functions_take_turns(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     assert cached(twice, "digest")(3.0) == 6.0
     assert len(list(tmp_path.rglob(LOCK))) == 1
+
+
+def test_a_file_system_without_locks_is_no_hindrance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unlocked(_file: int, _operation: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", unlocked)
+    cache = IndexDataCacheFile(str(tmp_path), "function", 0)
+    take_turns(cache)
+    cache.save("key", "code")
+    assert cache.load("key") == "code"
