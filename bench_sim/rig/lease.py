@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.e2e import token_mark
+from bench_protocol.e2e import mark_of
 from bench_protocol.rates import TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms
@@ -152,8 +152,8 @@ class Lease:
 
     def _draw(self) -> int:
         """Return a token that the CRC of a set-point tells from none at all, and from the last holder's."""
-        marks = (token_mark(0), token_mark(self._last))
-        while token_mark(token := self._chance.randrange(1, 0x10000)) in marks:
+        marks = (mark_of(0), mark_of(self._last))
+        while mark_of(token := self._chance.randrange(1, 0x10000)) in marks:
             pass
         self._last = token
         return token

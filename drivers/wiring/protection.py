@@ -59,13 +59,13 @@ def _profile_1(where: str, data_id: int) -> Checksum:
     if not 0 <= data_id <= 0xFFFF:
         raise WiringError(f"{where}: data_id = {data_id:#x} does not fit in 16 bits")
 
+    import numpy as np
+
+    from bench_protocol.e2e import crc_of
+
     def crc(identifier: int, data: bytes) -> int:
-        import numpy as np
-
-        from bench_protocol.e2e import crc8
-
         del identifier
-        return int(crc8(np.frombuffer(data, np.uint8), data_id))
+        return int(crc_of(np.frombuffer(bytearray(data), np.uint8), data_id))
 
     return crc
 

@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from bench_protocol.e2e import COUNTER_PERIOD, crc8
+from bench_protocol.e2e import COUNTER_PERIOD, crc_of
 from bench_protocol.frames import LENGTH_MAX, Block, copied, empty_block, frame, join
 from bench_protocol.messages import Protection
 from bench_protocol.table import TABLE
@@ -136,7 +136,7 @@ class Miscounted(FrameFault):
                 counter = int(data[1]) & 0x0F
                 change = np.zeros(LENGTH_MAX, np.uint8)
                 change[1] = counter ^ (counter + off) % COUNTER_PERIOD
-                change[0] = crc8(change, 0)
+                change[0] = crc_of(change, 0)
                 data ^= change
         return block
 

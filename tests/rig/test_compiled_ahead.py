@@ -1,0 +1,64 @@
+"""A rig that serves compiles nothing any more: whoever asks it meanwhile would get no answer for a second."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCENARIO = """
+import sys
+from numba.core.registry import CPUDispatcher
+from bench_sim.parameters import load
+from bench_sim.rig.rig import Rig
+from tests.rig.conftest import Commander
+{also}
+
+def compiled():
+    return {{
+        f"{{where}}.{{name}}": len(one.signatures)
+        for where, module in list(sys.modules.items())
+        if where.startswith(("bench_protocol.", "bench_sim."))
+        for name, one in vars(module).items()
+        if isinstance(one, CPUDispatcher) and one.__module__ == where
+    }}
+
+commander = Commander(Rig(load("astb"), seed=1))
+before = compiled()
+assert "bench_protocol.e2e.token_mark" in before and "bench_sim.rig.tick.run_ticks" in before
+commander.arm()
+commander.hold_height()
+commander.beat(20)
+{then}
+print(sorted(name for name, count in compiled().items() if count > before.get(name, 0)))
+"""
+FAULTS = """
+for name in FAULTS:
+    stand = Stand()
+    SEEN[name](stand)
+"""
+OF_FAULTS = """
+import drivers.beat  # what a commander needs is compiled when he begins
+from bench_sim.rig.faults.catalogue import FAULTS
+from tests.system import faults_in_the_bench, faults_on_the_wires
+from tests.system.fault_stand import SEEN, Stand
+"""
+
+
+@pytest.mark.parametrize(
+    ("also", "then"),
+    [("", ""), pytest.param(OF_FAULTS, FAULTS, marks=pytest.mark.slow)],
+    ids=["commanded", "with every fault"],
+)
+def test_nothing_is_compiled_by_a_rig_that_serves(also: str, then: str) -> None:
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", SCENARIO.format(also=also, then=then)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout == "[]\n"
