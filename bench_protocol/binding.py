@@ -14,26 +14,29 @@ import numpy as np
 LOCK: Final = "astb.lock"
 
 
+def kept(function: Callable[..., Any], **options: Any) -> Any:
+    """Return ``function`` compiled when it is first called, and cached for other processes, which take turns."""
+    dispatcher = numba.njit(cache=True, **options)(function)
+    if (cache_file := _cache_file(dispatcher)) is not None:
+        take_turns(cache_file)
+    return dispatcher
+
+
 def cached(function: Callable[..., Any], digest: str, **options: Any) -> Any:
-    """Return ``function`` compiled when it is first called, and cached as long as ``digest`` stays.
+    """As `kept`, as long as ``digest`` stays.
 
     numba's cache looks at the file of the outermost function only and would run yesterday's orifice in today's
     kernel: ``digest`` is that of all sources which the function may contain.
     """
-    dispatcher = numba.njit(cache=True, **options)(function)
+    dispatcher = kept(function, **options)
     if (cache_file := _cache_file(dispatcher)) is not None:
         cache_file._source_stamp = (cache_file._source_stamp, digest)
-        take_turns(cache_file)
     return dispatcher
 
 
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays."""
-    options: dict[str, Any] = {"_nrt": False}
-    dispatcher = numba.njit(cache=True, forceinline=True, **options)(function)
-    if (cache_file := _cache_file(dispatcher)) is not None:
-        take_turns(cache_file)
-    return dispatcher
+    return kept(function, forceinline=True, _nrt=False)
 
 
 def _cache_file(dispatcher: Any) -> Any:

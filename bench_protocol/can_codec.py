@@ -18,11 +18,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.binding import bind
+from bench_protocol.binding import bind, kept
 from bench_protocol.e2e import COUNTER_PERIOD, counter_step, crc8
 from bench_protocol.frames import FRAME, STANDARD_ID_MAX, Block
 from bench_protocol.messages import Protection
@@ -126,7 +125,7 @@ class FrameLayout:
         return cls(messages, fields, rows)
 
 
-@numba.njit(cache=True)
+@kept
 def encode_into(
     values: Any,
     rows: Any,
@@ -172,7 +171,7 @@ def encode_into(
     return position
 
 
-@numba.njit(cache=True)
+@kept
 def _word(record: Any) -> Any:
     """Return the data of a frame as one number, little-endian."""
     word = np.uint64(0)
@@ -181,7 +180,7 @@ def _word(record: Any) -> Any:
     return word
 
 
-@numba.njit(cache=True)
+@kept
 def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
     """Check CRC and token of one command; one with a sound CRC that is not the holder's is a stranger's."""
     crc = record["data"][0]
@@ -203,7 +202,7 @@ def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
     return own
 
 
-@numba.njit(cache=True)
+@kept
 def _accept(record: Any, message: Any, row: int, token: int, counters: Any, times: Any, tally: Any) -> bool:
     """Check the protection of one frame and move its counter; a rejected frame moves nothing."""
     if message.protection == _NONE:
@@ -243,7 +242,7 @@ def _accept(record: Any, message: Any, row: int, token: int, counters: Any, time
     return True
 
 
-@numba.njit(cache=True)
+@kept
 def decode_into(
     block: Any,
     message_rows: Any,

@@ -11,10 +11,9 @@ A rejected frame never moves the checker's counter.
 
 from typing import Final
 
-import numba
 import numpy as np
 
-from bench_protocol.binding import bind
+from bench_protocol.binding import bind, kept
 
 COUNTER_PERIOD: Final = 15
 POLYNOMIAL: Final = 0x1D
@@ -34,7 +33,7 @@ def _table() -> np.ndarray:
 _CRC: Final = _table()
 
 
-@numba.njit(cache=True)
+@kept
 def crc8(data: np.ndarray, data_id: int) -> int:
     """Return the profile-1 CRC over ``data_id`` and ``data[1:]`` (uint8[8])."""
     crc = _CRC[data_id & 0xFF]
@@ -44,13 +43,13 @@ def crc8(data: np.ndarray, data_id: int) -> int:
     return crc
 
 
-@numba.njit(cache=True)
+@kept
 def counter_step(received: int, last: int) -> int:
     """Return by how many the alive counter advanced, 0 for a repetition."""
     return (received - last) % COUNTER_PERIOD
 
 
-@numba.njit(cache=True)
+@kept
 def token_mark(token: int) -> int:
     """Return by what the CRC of any frame changes when its data id is taken exclusive-or ``token``."""
     return crc8(np.zeros(8, np.uint8), token)

@@ -1,12 +1,9 @@
 """A rig that serves compiles nothing any more: whoever asks it meanwhile would get no answer for a second."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.own_process import told_by
+
 SCENARIO = """
 import sys
 from numba.core.registry import CPUDispatcher
@@ -52,13 +49,4 @@ from tests.system.fault_stand import SEEN, Stand
     ids=["commanded", "with every fault"],
 )
 def test_nothing_is_compiled_by_a_rig_that_serves(also: str, then: str) -> None:
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", SCENARIO.format(also=also, then=then)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    assert run.stdout == "[]\n"
+    assert told_by(SCENARIO.format(also=also, then=then)) == "[]\n"

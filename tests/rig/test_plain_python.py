@@ -1,13 +1,8 @@
 """The rig in plain Python (NUMBA_DISABLE_JIT=1) sends the bytes of the compiled one."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.own_process import told_by
 
 #: Arms a rig, moves it by set-points and by its generator, fills a spring, and prints the state and all frames.
 RIDE = """
@@ -52,24 +47,9 @@ print(commander.state, b"".join(sent).hex())
 """
 
 
-def ridden(**environment: str) -> str:
-    """Return what the ride prints in a process with ``environment``."""
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", RIDE],
-        cwd=ROOT,
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    return run.stdout
-
-
 @pytest.mark.slow
 def test_the_plain_rig_sends_the_bytes_of_the_compiled_one() -> None:
-    compiled, plain = ridden(), ridden(NUMBA_DISABLE_JIT="1")
+    compiled, plain = told_by(RIDE), told_by(RIDE, NUMBA_DISABLE_JIT="1")
     assert compiled.startswith("ESTOP ")
     assert len(compiled) > 2 * 16 * 1000, "some thousand frames"
     assert plain == compiled

@@ -20,6 +20,8 @@ SPANS = [limit for limit in LIMITS if limit.kind in (LimitKind.LOWER, LimitKind.
 #: meets it with all that the hydraulics give, 200 kN, and bounces on it until the relief valves have taken it back.
 PERSISTENCE = {"height": 4, "displacement": 4, "pressure": 4, "force": 60}  # samples
 assert all(round(limit.persistence * FAST_RATE) == 4 for limit in SPANS)
+#: Samples at the end of a stretch that may be the beginning of so many in a row.
+_END = slice(1 - max(PERSISTENCE.values()), None)
 
 VERTICAL = [f"vertical_{side}" for side in SIDES]
 
@@ -44,16 +46,14 @@ class LimitWatch:
             signal: np.concatenate((last, samples.values[samples.signals == TABLE.index[signal]]))
             for signal, last in self._last.items()
         }
-        self._last = {
-            signal: readings[1 - max(PERSISTENCE.values()) :] for signal, readings in course.items()
-        }
+        self._last = {signal: readings[_END] for signal, readings in course.items()}
         self._all_within = True
         for limit in SPANS:
             samples_in_a_row = PERSISTENCE[_quantity(limit)]
             readings = course[limit.signal]
-            outside = _outside(limit, readings)
-            if _outside(limit, self._last[limit.signal]).any():
-                self._all_within = False
+            lower, bound = limit.kind is LimitKind.LOWER, _bound(limit)
+            outside = ~(readings >= bound if lower else readings <= bound)  # what is no number, too
+            self._all_within &= not outside[_END].any()
             if np.count_nonzero(outside) < samples_in_a_row:
                 continue
             together = np.convolve(outside, np.ones(samples_in_a_row), "valid")
@@ -71,13 +71,6 @@ def _bound(limit: Limit) -> float:
     """Return how far a reading may go past its limit."""
     slack = ALLOWANCE[_quantity(limit)]
     return limit.at - slack if limit.kind is LimitKind.LOWER else limit.at + slack
-
-
-def _outside(limit: Limit, readings: np.ndarray) -> np.ndarray:
-    """Return which readings lie beyond that, or are no number."""
-    if limit.kind is LimitKind.LOWER:
-        return ~(readings >= _bound(limit))
-    return ~(readings <= _bound(limit))
 
 
 class WatchedCommander(Commander):
