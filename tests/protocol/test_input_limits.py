@@ -1,0 +1,140 @@
+"""What is too much in a file of somebody else's is refused before it costs memory, and at the limit it is not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_protocol import input_limits
+from bench_protocol.input_limits import (
+    COLUMNS,
+    DEPTH,
+    LINE_BYTES,
+    QUOTED_BYTES,
+    TIME,
+    Unfit,
+    check_dbc,
+    check_finite,
+    check_shape,
+    check_text_table,
+    check_times,
+    parse_toml,
+    read_bounded,
+    read_toml,
+    size,
+)
+
+
+@pytest.fixture
+def file(tmp_path: Path):
+    def write(content: bytes) -> Path:
+        path = tmp_path / "file"
+        path.write_bytes(content)
+        return path
+
+    return write
+
+
+def test_as_many_bytes_as_are_allowed_are_read_and_not_one_more(file):
+    assert read_bounded(file(b"x" * 100), 100) == b"x" * 100
+    with pytest.raises(Unfit, match="has 101 bytes; at most 100 bytes are read"):
+        read_bounded(file(b"x" * 101), 100)
+
+
+def test_what_never_ends_or_is_no_file_is_not_read(tmp_path):
+    for path in (Path("/dev/zero"), tmp_path):
+        with pytest.raises(Unfit, match="is no ordinary file"):
+            read_bounded(path)
+    with pytest.raises(FileNotFoundError):
+        read_bounded(tmp_path / "none")
+
+
+@given(st.integers(0, 2**40))
+def test_a_size_in_words_is_the_number(count):
+    number, unit = size(count).split()
+    factor = 1024 ** ["bytes", "KiB", "MiB", "GiB"].index(unit)
+    assert float(number) * factor == pytest.approx(count, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"a = " + b"[" * 20_000, "nested too deep"),
+        (b"a = " + b"[" * (DEPTH) + b"]" * (DEPTH), "nested too deep in a.1.1"),
+        (b"a." * 40 + b"b = 1", "nested too deep in a.a.a"),
+        (b"a = " + b"1" * 5000, "is not TOML"),
+        (b"a = " + b"1" * 30, "more than 64 bits"),
+        (b"[a]\nb = [1.0, inf]", r"says a.b.2 = inf; a finite number"),
+        (b"a = nan", "says a = nan"),
+        (b"a = 1e999", "says a = inf"),
+        (b"x = 1\n# \xff\n", "line 2 is not in UTF-8"),
+        (b"a", "is not TOML"),
+    ],
+)
+def test_toml_that_cannot_be_meant_is_refused_in_words(content, told):
+    with pytest.raises(Unfit, match=told):
+        parse_toml(content)
+
+
+def test_toml_as_people_write_it_is_read(file):
+    depth = DEPTH - 1
+    path = file(
+        b"a = " + b"[" * depth + b"1" + b"]" * depth + b"\n[b]\nc = -1.5e300\nd = 9223372036854775807\n"
+    )
+    found = read_toml(path)
+    assert found["b"] == {"c": -1.5e300, "d": 2**63 - 1}
+
+
+@pytest.mark.parametrize("end", [b'"', b""], ids=["closed", "open"])
+def test_the_longest_text_of_a_dbc_is_bounded(file, end):
+    head = b'VERSION "1"\nCM_ "'
+    check_dbc(file(head + b"x" * (QUOTED_BYTES - 1) + end))
+    with pytest.raises(Unfit, match="a text of 64 KiB in line 2"):
+        check_dbc(file(head + b"x" * QUOTED_BYTES + end))
+    check_dbc(file(b"SIG_VALTYPE_ 1 a : 1;\n" * 10_000))  # what stands outside of quotation marks is no text
+
+
+def table(columns: int, rows: int) -> bytes:
+    return (b"1," * (columns - 1) + b"1\n") * rows
+
+
+def test_columns_of_a_table_are_counted_in_every_line(file):
+    check_text_table(file(table(COLUMNS, 2)), ",")
+    for content in (table(COLUMNS + 1, 1), table(3, 1) + table(COLUMNS + 1, 1)):
+        with pytest.raises(Unfit, match="has 10001 columns in line"):
+            check_text_table(file(content), ",")
+    check_text_table(file(b'length 5"\n' + table(3, 40 * COLUMNS)), ",")  # a mark that nobody closes is one
+
+
+def test_a_line_without_an_end_is_no_line(file):
+    check_text_table(file((b"x" * (LINE_BYTES - 1) + b"\n") * 2))
+    with pytest.raises(Unfit, match="more than 1 MiB in line 2"):
+        check_text_table(file(b"x\n" + b"x" * (LINE_BYTES + 1)))
+
+
+def test_cells_are_counted_over_all_lines(file, monkeypatch):
+    monkeypatch.setattr(input_limits, "CELLS", 30)
+    check_text_table(file(table(3, 10)), ",")
+    with pytest.raises(Unfit, match="has 33 cells; at most 30 are read"):
+        check_text_table(file(table(3, 11)), ",")
+    with pytest.raises(Unfit, match="has 33 cells"):
+        check_shape(11, 3)
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True))
+def test_a_time_passes_if_nanoseconds_hold_it(seconds):
+    times = np.array([0.0, seconds])
+    if abs(seconds) <= TIME:
+        check_times(times)
+        assert abs(int(np.rint(times * 1e9).astype(np.int64)[1]) - seconds * 1e9) <= 1024  # no wrap
+    else:
+        with pytest.raises(Unfit, match="in row 2"):
+            check_times(times)
+
+
+def test_numbers_are_finite_and_gaps_are_gaps():
+    check_finite(np.array([1.0, np.nan]), "height")
+    with pytest.raises(Unfit, match="has height = -inf in row 3; a finite number"):
+        check_finite(np.array([1.0, np.nan, -np.inf]), "height")
