@@ -217,6 +217,8 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
+    for one in finding.readings:
+        line(one)
     for doubt in finding.doubts:
         line(f"doubtful: {doubt}", "yellow")
     line(finding.sentence, "bold")

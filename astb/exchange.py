@@ -8,6 +8,7 @@ from pathlib import Path
 from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_protocol.account import Account
 from bench_records.checksums import FRAMES, sha256_of, write_sums
 from bench_records.layout import RecordError
 from drivers.can_log import ENDINGS as FRAME_ENDINGS
@@ -50,7 +51,7 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
 
 
 def import_file(source: Path, directory: Path, dbc: Path | None = None) -> str:
-    """Make a run of a file in the new ``directory``; return in words what came in.
+    """Make a run of a file in the new ``directory``; return in words what came in and what was left out.
 
     A file of CAN frames is read with our own messages, or with those of a DBC: then its signals are called
     MESSAGE.SIGNAL, in the units of the DBC. RecordError for what cannot be.
@@ -62,34 +63,38 @@ def import_file(source: Path, directory: Path, dbc: Path | None = None) -> str:
         raise RecordError(f"--dbc is for files of CAN frames ({', '.join(FRAME_ENDINGS)}), not for {source}")
     if directory.exists() and any(directory.iterdir()):
         raise RecordError(f"{directory} is not empty; nothing there is overwritten")
+    account = Account()
     meta = {"imported": {"file": source.name, "sha256": sha256_of(source)}}
     try:
         if ending in FRAME_ENDINGS:
-            count = _import_frames(source, directory, dbc, meta)
+            count = _import_frames(source, directory, dbc, meta, account)
         else:
             from bench_records.exchange import read_csv, read_mdf
 
             reader = read_csv if ending == ".csv" else read_mdf
-            count = reader(source, directory, _known_signals().get, meta)
+            count = reader(source, directory, _known_signals().get, meta, account)
     except BaseException:
         rmtree(directory, ignore_errors=True)  # it was new or empty: half a record is none
         raise
-    _conclude(source, directory)
-    return f"{count} samples"
+    _conclude(source, directory, account)
+    return "\n  ".join([f"{count} samples", *account.lines()])
 
 
-def _conclude(source: Path, directory: Path) -> None:
+def _conclude(source: Path, directory: Path, account: Account) -> None:
     """Write the result of a run that nobody judged here, so that report and index know it."""
     from bench_records.report import write_report
     from bench_records.result import conclude
 
     title = f"Imported from {source.name}"
-    conclude("imported", title, "", [], reason="imported: nothing was judged here").write(directory)
+    reason = "imported: nothing was judged here"
+    conclude("imported", title, "", [], reason=reason, warnings=account.lines()).write(directory)
     write_sums(directory)
     write_report(directory)
 
 
-def _import_frames(source: Path, directory: Path, dbc: Path | None, meta: dict[str, Any]) -> int:
+def _import_frames(
+    source: Path, directory: Path, dbc: Path | None, meta: dict[str, Any], account: Account
+) -> int:
     from bench_records.recorder import Recorder
 
     try:
@@ -103,6 +108,7 @@ def _import_frames(source: Path, directory: Path, dbc: Path | None, meta: dict[s
             for times, rows, values in samples:
                 recorder.append(times, rows, values)
             count = recorder.samples
+            recorder.close(**account.as_meta())
     except CanLogError as error:
         raise RecordError(str(error)) from None
     if not count:

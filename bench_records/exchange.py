@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from bench_protocol.account import Account
 from bench_records.layout import SECOND, RecordedEvent, RecordError, SignalInfo, encode
 from bench_records.record import Record
 from bench_records.recorder import Recorder
@@ -90,7 +91,7 @@ def write_mdf(record: Record, path: Path, names: Sequence[str] = ()) -> int:
     return written
 
 
-def read_csv(path: Path, into: Path, known: Known, meta: dict[str, Any]) -> int:
+def read_csv(path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account) -> int:
     """Make a record in the directory ``into`` of a table with a column ``time_s``; return the number of samples.
 
     RecordError, with line or column, for a table that is none, or a column that is no signal or has another unit.
@@ -122,10 +123,10 @@ def read_csv(path: Path, into: Path, known: Known, meta: dict[str, Any]) -> int:
         values = numbers[name].to_numpy(float)
         there = ~np.isnan(values)
         series.append((times[there], values[there] * one.scale))
-    return _write(into, signals, series, [], meta, 0)
+    return _write(into, signals, series, [], meta, 0, account)
 
 
-def read_mdf(path: Path, into: Path, known: Known, meta: dict[str, Any]) -> int:
+def read_mdf(path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account) -> int:
     """Make a record in the directory ``into`` of an MDF file; return the number of samples.
 
     A file of ours gives back the record that it was made of. In another one channels must be called as signals are, and
@@ -147,10 +148,10 @@ def read_mdf(path: Path, into: Path, known: Known, meta: dict[str, Any]) -> int:
                 signals.append(one)
                 series.append((signal.timestamps, signal.samples.astype(float) * scale))
         if ours is None:
-            return _write(into, signals, series, [], meta, 0)
+            return _write(into, signals, series, [], meta, 0, account)
         names = {one.name for one in signals}
         signals += [one for one in ours.signals if one.name not in names]
-        return _write(into, signals, series, ours.events, {**ours.meta, **meta}, ours.start_ns)
+        return _write(into, signals, series, ours.events, {**ours.meta, **meta}, ours.start_ns, account)
 
 
 def _signals(mdf: Any, group: int, *, raw: bool) -> list[Any]:
@@ -187,6 +188,7 @@ def _write(
     events: list[RecordedEvent],
     meta: dict[str, Any],
     start_ns: int,
+    account: Account,
 ) -> int:
     """Write a record, its samples in the order of their times."""
     import numpy as np
@@ -197,7 +199,8 @@ def _write(
     index = np.concatenate(places) if series else np.empty(0, np.int16)
     order = np.argsort(times, kind="stable")
     instants = start_ns + np.rint(times[order] * SECOND).astype(np.int64)
-    with Recorder(into, signals, meta, start_ns=start_ns, in_background=False) as recorder:
+    told = {**meta, **account.as_meta()}
+    with Recorder(into, signals, told, start_ns=start_ns, in_background=False) as recorder:
         for event in events:
             recorder.event(event.time_ns, event.kind, event.text, **event.data)
         recorder.append(instants, index[order], values[order])

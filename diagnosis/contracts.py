@@ -170,7 +170,8 @@ class MeasuredRun:
 class Dataset:
     """Measured runs with the same channels; ``digest`` is the hash of the files they came from.
 
-    ``doubts`` are sentences on what of the data cannot be right: they are told before the verdict.
+    ``doubts`` are sentences on what of the data cannot be right: they are told before the verdict. ``readings`` are
+    sentences on how files were taken and what was left out of them.
     """
 
     channels: tuple[Channel, ...]
@@ -178,6 +179,7 @@ class Dataset:
     digest: str = ""
     sources: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    readings: tuple[str, ...] = ()
 
     def of(self, *roles: Role) -> tuple[MeasuredRun, ...]:
         """Return the runs that have one of the roles."""

@@ -339,7 +339,8 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     ``suspects`` are what comes nearest where nothing may be named. Of all candidates together, chance alone exceeds the
     score ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on what still is not explained;
-    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right.
+    ``doubts``, which come before the verdict, on what of data or beliefs cannot be right; ``readings`` on how files
+    were taken and what was left out of them.
     """
 
     verdict: Verdict
@@ -364,6 +365,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     remains: list[str] = []
     traces: list[Trace] = []
     doubts: list[str] = []
+    readings: list[str] = []
 
     def __post_init__(self) -> None:
         named = self.verdict in {Verdict.NAMED, Verdict.REMAINDER, Verdict.AMBIGUOUS}

@@ -157,6 +157,7 @@ def _finding(
         remains=_remains(data, judgement, left),
         traces=gain.traces,
         doubts=[*data.doubts, *contradicted(extended)],
+        readings=list(data.readings),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from bench_protocol.account import Account
 from diagnosis.contracts import (
     Array,
     Channel,
@@ -55,7 +56,8 @@ def read_mapped(
     simulator = system.simulator(settings_of(mapping, system, where), given)
     reader = _Reader(mapping, system, _described(simulator, given, where), where)
     sources = {"time": mapping.time} | dict(mapping.columns)
-    tables = [(path, read_columns(path, mapping.file, sources)) for path in paths]
+    accounts = {path: Account() for path in paths}
+    tables = [(path, read_columns(path, mapping.file, sources, accounts[path])) for path in paths]
 
     def read(columns: Mapping[str, Column], records: Sequence[str]) -> list[MeasuredRun]:
         wanted = [(path, table) for path, table in tables if path.stem in records]
@@ -70,7 +72,8 @@ def read_mapped(
         digest.update(path.read_bytes())
     dataset = Dataset(reader.channels, runs, digest.hexdigest(), tuple(str(path) for path in paths))
     doubts = map_doubts(mapping, system, simulator, dataset, reader.ambient(None), read)
-    return simulator, replace(dataset, doubts=tuple(doubts))
+    readings = tuple(f"{path.name}: {line}" for path, one in accounts.items() for line in one.lines())
+    return simulator, replace(dataset, doubts=tuple(doubts), readings=readings)
 
 
 def _refuse_empty(runs: Sequence[MeasuredRun], channels: Sequence[Channel], where: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import msgspec
 import numpy as np
 
+from bench_protocol.account import Account
 from diagnosis.contracts import Array, DiagnosisError
 
 #: How a column is named in a map: by its name, or by its number from 1 where the file has no header.
@@ -43,10 +44,13 @@ class FileFormat(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     encoding: str = "utf-8-sig"
 
 
-def read_columns(path: Path, form: FileFormat, wanted: Mapping[str, Source]) -> dict[str, Array]:
+def read_columns(
+    path: Path, form: FileFormat, wanted: Mapping[str, Source], account: Account
+) -> dict[str, Array]:
     """Return the ``wanted`` columns (n,) by the name that the map gives them, NaN where a cell is empty.
 
-    DiagnosisError names file, key and column, and the columns that are there.
+    ``account`` is told how the file was taken and what was left out. DiagnosisError names file, key and column, and the
+    columns that are there.
     """
     kind = _kind(path, form)
     if kind == "mdf":

@@ -41,16 +41,17 @@ def test_a_parameter_far_from_what_is_believed_is_told_and_no_other(laboratory):
 
 
 @pytest.mark.slow
-def test_doubts_stand_before_the_verdict_on_the_terminal_and_on_the_page(laboratory):
+def test_doubts_and_what_was_left_out_stand_before_the_verdict_on_the_terminal_and_on_the_page(laboratory):
     lab = laboratory(samples=500)
-    data = replace(lab.measure(1), doubts=("columns.x.sign may be wrong",))
+    said, told = "columns.x.sign may be wrong", "a.csv: left out: 3 empty rows"
+    data = replace(lab.measure(1), doubts=(said,), readings=(told,))
     finding = diagnose(data, believed(lab.simulator, stiffness=2400.0))
-    assert finding.doubts[0] == "columns.x.sign may be wrong"
+    assert finding.doubts[0] == said and finding.readings == [told]
     assert finding.doubts[1].startswith("stiffness has become")
     out = io.StringIO()
     show(finding, Path("out"), Console(file=out, width=400))
     lines = out.getvalue().splitlines()
-    assert lines[0] == "doubtful: columns.x.sign may be wrong"
-    assert lines[1].startswith("doubtful: stiffness has become")
+    assert lines[:2] == [told, f"doubtful: {said}"]
+    assert lines[2].startswith("doubtful: stiffness has become")
     page = render(finding)
-    assert page.index("columns.x.sign") < page.index('class="banner')
+    assert page.index(said) < page.index(told) < page.index('class="banner')
