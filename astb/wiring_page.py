@@ -108,7 +108,9 @@ at_rest = ["DISABLED"]
 over the points of `from`, the calibration, the unit, the sign. Of several points it is new when the last of them has
 come, and not available if one of them is stale by then. A number that is no choice is not available.
 
-**A set-point** goes the same way backwards, 50 times a second, to a point that its transport streams.
+**A set-point** goes the same way backwards, 50 times a second, to a point that its transport streams. It exists once a
+plan gives it: start values, as a DBC may have them, never go out in its place. Nothing at all goes out before somebody
+commands, but for what `conduct.open` says; signs of life then begin, three of them before the first command.
 
 **A setting** is written at once with all that is set with it, and awaited: when `read` does not tell it `within` its
 time, what was there before is written again, and the plan hears which setting was never acknowledged. Without `read` it

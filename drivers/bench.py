@@ -31,7 +31,7 @@ from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
 from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
-from drivers.wiring.contract import Order, Step, Supervised, Wiring
+from drivers.wiring.contract import Order, Reserved, Step, Supervised, Wiring
 
 #: What has a set-point of its own beside the mode of its control: the names of the readings.
 _COMMANDED: Final = (
@@ -138,7 +138,7 @@ class Bench(Link):
         self._connected = False
         try:
             with suppress(BenchError):
-                if self.state in LIVE_STATES:
+                if self.state in LIVE_STATES and self._commands():
                     self.disarm()
         finally:
             self._armed = False
@@ -242,6 +242,10 @@ class Bench(Link):
                 self.commander.start()
 
     # -- inside --------------------------------------------------------------------------------------------------
+
+    def _commands(self) -> bool:
+        """Whether this bench has a say: who has only looked at a rig that lives leaves it as it is."""
+        return self.wiring.commanded if isinstance(self.wiring, Reserved) else True
 
     def _countdown(self, within: float) -> Callable[[], float]:
         """Return how to ask how much of ``within`` s is left."""

@@ -31,15 +31,16 @@
     "Cells.Cell1" = { start = 7, length = 16, byte_order = "big", signed = true, scale = 0.5, null = -32768 }
 
 Counters and checksums are filled in when a message is sent and checked when it is received; what is wrong is counted
-(``counts``) and not handed on. A multiplexed message is sent page by page. What is sent by itself pauses while
-set-points, once they were streamed, are not: a dead bench must not look alive.
+(``counts``) and not handed on. A multiplexed message is sent page by page. Nothing is sent before somebody commands;
+start values in the DBC then stand in for signals that nobody writes, never for a set-point. What is sent by itself
+pauses while set-points, once they were streamed, are not: a dead bench must not look alive.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -54,7 +55,7 @@ from bench_protocol.units import NS, ms, s
 from drivers.errors import LinkLost, WiringError
 from drivers.wiring.can_messages import Message, read_messages
 from drivers.wiring.contract import OnLost, OnPoints
-from drivers.wiring.ear import Ear, Grant
+from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant
 from drivers.wiring.keys import convert, duration, meant
 
 if TYPE_CHECKING:
@@ -91,7 +92,8 @@ class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 class CanTransport:
     """A `Transport` on a CAN bus; what is wrong in its description is a WiringError of the constructor.
 
-    ``functions`` is the description's Python file, and ``port`` opens a bus in the place of the one described.
+    ``functions`` is the description's Python file, and ``port`` opens a bus in the place of the one described. Start
+    values that a DBC has for the points ``streamed`` are not sent: a set-point exists once somebody gives it.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class CanTransport:
         *,
         functions: Path | None = None,
         port: Callable[[], CanPort] | None = None,
+        streamed: Collection[str] = (),
     ) -> None:
         place = f"transports.{name}"
         self.name, self._keys, self._opener = name, convert(place, table, CanKeys), port
@@ -114,6 +117,10 @@ class CanTransport:
             raise WiringError(
                 f"{place}: there are no messages; dbc names a file of them, or each needs its id"
             )
+        for point in streamed:
+            message, signal = self._find(point)
+            if signal not in message.keys.values:
+                message.given.pop(signal, None)
         self._by_id = {
             (one.coding.frame_id, one.coding.is_extended_frame): one for one in self._messages.values()
         }
@@ -336,10 +343,16 @@ class CanTransport:
 
     # -- sending ---------------------------------------------------------------------------------------------------
 
+    def begin(self) -> float:
+        """Let messages go out at their rate from now on; return after how long (s) the slowest has, three times."""
+        self._grant.begin()
+        return LIFE_SIGNS * max((one.every for one in self._messages.values()), default=0.0)
+
     def write(self, points: Mapping[str, float]) -> None:
         """Send points in the order given, neighbours of one message in one frame; ValueError if one does not fit."""
         taken = self._taken(points)
         self._ear.check()
+        self._grant.begin()
         with self._lock:
             for (name, of_point), group in groupby(taken, lambda one: (one[0].name, one[0].page_of(one[1]))):
                 message = self._messages[name]

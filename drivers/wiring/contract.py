@@ -132,6 +132,26 @@ class Supervised(Protocol):
         """Say nothing on that connection while the block lasts, and be heard again after it."""
 
 
+@runtime_checkable
+class Reserved(Protocol):
+    """A wiring on which nothing goes out before somebody commands."""
+
+    @property
+    def commanded(self) -> bool:
+        """Whether somebody has commanded since it was opened."""
+
+    def begin(self) -> None:
+        """Note that somebody commands from now on, and let the rig hear signs of life before the first command."""
+
+
+@runtime_checkable
+class LifeSigns(Protocol):
+    """A transport that gives signs of life by itself, once somebody commands."""
+
+    def begin(self) -> float:
+        """Give signs of life from now on; return after how long (s) a rig has heard some, 0 if there are none."""
+
+
 class Wiring(Protocol):
     """Where each signal of a bench comes from and goes to, and how its rig is led from state to state."""
 

@@ -31,6 +31,7 @@ from drivers.wiring.contract import (
 from drivers.wiring.lines import Description, SettingTarget
 from drivers.wiring.player import Player
 from drivers.wiring.sources import Sources
+from drivers.wiring.streaming import Streaming, by_transport
 from drivers.wiring.transports import open_transport
 
 if TYPE_CHECKING:
@@ -59,7 +60,12 @@ def open_described(
         port = (ports or {}).get(name)
         try:
             transports[name] = open_transport(
-                name, table, where.parent, functions=description.functions, port=port
+                name,
+                table,
+                where.parent,
+                functions=description.functions,
+                port=port,
+                streamed=by_transport(one.point for one in description.setpoints.values()).get(name, ()),
             )
         except WiringError as error:
             raise WiringError(f"{where}: {error}") from error
@@ -90,6 +96,7 @@ class DescribedWiring:
         self._lock = threading.Lock()
         self._hear: Hear | None = None
         self._clock: Clock | None = None
+        self._streaming = Streaming(rig, description, self._transports)
         self._active = self._greeted = False
         self._setpoints: Floats = np.full(len(self.table.signals), np.nan)
 
@@ -102,6 +109,7 @@ class DescribedWiring:
 
     def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
         self._clock, self._hear, self.failure = clock, hear, None
+        self._streaming.open()
         deadline = clock.now() + round(within * NS)
         told = threading.Lock()  # held for good by the first connection that is lost
 
@@ -115,6 +123,8 @@ class DescribedWiring:
                 transport.connect(clock, partial(on_lost, name), within=left)
             self._check_identity(clock, deadline)
             self._greeted = True
+            if self._description.greetings.open:
+                self.begin()
             self._say(self._description.greetings.open)
             self.given = self._read_given(clock, deadline)
             for name, transport in self._transports.items():
@@ -209,6 +219,14 @@ class DescribedWiring:
 
     # -- what goes -----------------------------------------------------------------------------------------------
 
+    @property
+    def commanded(self) -> bool:
+        return self._streaming.commanded
+
+    def begin(self) -> None:
+        if self._clock is not None:
+            self._streaming.begin(self._clock)
+
     def send(self, values: Floats, time: int) -> None:
         """Stream set-points (SI, by table row, NaN where nothing was given yet) and what the player adds to them."""
         offsets: Mapping[int, float] = {}
@@ -217,29 +235,11 @@ class DescribedWiring:
             if self._player is not None:
                 offsets = self._player.advance(time, active=self._active)
                 self._tell_player(time)
-        streams: dict[str, dict[str, float]] = {name: {} for name in self._transports}
-        for name, target in self._description.setpoints.items():
-            signal, row = self.table[name], self.table.index[name]
-            value = float(values[row])
-            if row in offsets:
-                value = min(max(value + offsets[row], signal.low), signal.high)
-            number = target.conversion.number(value)
-            if not math.isnan(number):
-                transport, _, point = target.point.partition(".")
-                streams[transport][point] = number
-        if not any(streams.values()):
-            return
-        for (
-            transport,
-            points,
-        ) in streams.items():  # all of them: a sign of life may go another way than set-points
-            try:
-                self._transports[transport].stream(points, time)
-            except ValueError as error:  # beyond what the rig's numbers can be: the plan is to hear of it
-                self.failure = self.failure or Misuse(f"set-points cannot be sent to {self.rig}: {error}")
+        self.failure = self.failure or self._streaming.send(values, offsets, time)
 
     def write(self, values: Mapping[str, float]) -> None:
         refuse_absent(self, *values)
+        self.begin()
         played = {name: value for name, value in values.items() if name in self._description.played}
         numbers = {name: self._number(name, value) for name, value in values.items() if name not in played}
         self._refuse_under_program(values)
@@ -282,6 +282,7 @@ class DescribedWiring:
 
     def act(self, name: str) -> None:
         refuse_absent(self, name)
+        self.begin()
         if self._player is not None and name in self._description.played:
             self._play(name)
             return
@@ -299,6 +300,7 @@ class DescribedWiring:
             self._write_points({name: value for name, value in order.values.items() if name not in actions})
 
     def say(self, points: Mapping[str, float]) -> None:
+        self.begin()
         self._write_points(points)
 
     # -- the player ----------------------------------------------------------------------------------------------
@@ -384,14 +386,14 @@ class DescribedWiring:
     def _read_points(self, points: Iterable[str]) -> dict[str, float]:
         """Return points by their full names, with one question to each transport."""
         found = {}
-        for transport, names in _by_transport(points).items():
+        for transport, names in by_transport(points).items():
             numbers = self._transports[transport].read(names)
             found.update({f"{transport}.{name}": numbers[name] for name in names})
         return found
 
     def _write_points(self, points: Mapping[str, float]) -> None:
         """Write points by their full names, those of one transport at once, in the order given."""
-        for transport, names in _by_transport(points).items():
+        for transport, names in by_transport(points).items():
             self._transports[transport].write({name: points[f"{transport}.{name}"] for name in names})
 
     def _check_points(self) -> None:
@@ -423,11 +425,3 @@ class DescribedWiring:
             for name in _PLAYER_READINGS:
                 limits[self.table.index[name]] = _PLAYED_STALE
         return limits
-
-
-def _by_transport(points: Iterable[str]) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
-    for point in dict.fromkeys(points):
-        transport, _, name = point.partition(".")
-        found.setdefault(transport, []).append(name)
-    return found

@@ -15,6 +15,10 @@ from drivers.wiring.contract import OnLost, OnPoints
 _PATIENCE: Final = round(500 * ms * NS)
 
 
+#: How many signs of life a rig has heard before it is given a first command.
+LIFE_SIGNS: Final = 3
+
+
 class Ear:
     """Hands on what arrives: in order, to one at a time, nothing after the end, and the loss of the connection once.
 
@@ -128,18 +132,23 @@ class Ear:
 
 
 class Grant:
-    """Whether somebody commands: once set-points were streamed, signs of life go on only while they are."""
+    """Whether somebody commands: before, nothing goes out by itself, nor once a stream of set-points has ended."""
 
     def __init__(self) -> None:
+        self._begun = False
         self._renewed = -1
+
+    def begin(self) -> None:
+        """Note that somebody commands from now on."""
+        self._begun = True
 
     def renew(self, now: int) -> None:
         """Note that set-points were streamed ``now`` (ns)."""
-        self._renewed = now
+        self._begun, self._renewed = True, now
 
     def given(self, now: int) -> bool:
         """Return whether signs of life may be sent ``now`` (ns)."""
-        return self._renewed < 0 or now - self._renewed <= _PATIENCE
+        return self._begun and (self._renewed < 0 or now - self._renewed <= _PATIENCE)
 
 
 class Outbox:

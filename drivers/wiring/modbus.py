@@ -48,7 +48,7 @@ from bench_protocol.modbus import BITS_WRITE_MAX, REGISTERS_WRITE_MAX
 from bench_protocol.units import ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints
-from drivers.wiring.ear import Ear, Grant, Outbox
+from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
 from drivers.wiring.registers import ByteOrder, RegisterPoint, Span, WordOrder, read_points, spans
 
@@ -278,6 +278,11 @@ class ModbusTransport:
                 news[name] = value
         self._grant.renew(time)
         self._outbox.put(news)
+
+    def begin(self) -> float:
+        """Count the sign of life from now on; return after how long (s) it has counted to three, 0 without one."""
+        self._grant.begin()
+        return LIFE_SIGNS * self._alive[1] if self._alive is not None else 0.0
 
     # -- what recurs -----------------------------------------------------------------------------------------------
 

@@ -40,7 +40,7 @@ from bench_protocol.clock import Clock
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints
-from drivers.wiring.ear import Ear, Grant, Outbox
+from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
 
@@ -317,6 +317,11 @@ class OpcUaTransport:
             )
             self._types[name] = kind
         return self._types[name]
+
+    def begin(self) -> float:
+        """Count the sign of life from now on; return after how long (s) it has counted to three, 0 without one."""
+        self._grant.begin()
+        return LIFE_SIGNS * self._alive[1] if self._alive is not None else 0.0
 
     # -- what recurs -----------------------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,12 +26,13 @@ def open_transport(
     *,
     functions: Path | None = None,
     port: Callable[[], CanPort | ModbusPort] | None = None,
+    streamed: Collection[str] = (),
 ) -> Transport:
     """Return the transport that ``table`` describes, which stands under ``[transports.NAME]``; it is not yet connected.
 
     ``where`` is the directory that paths in the description start from, ``functions`` its Python file, if it has one,
-    and ``port`` opens a CAN or Modbus port in the place of the one described: in memory, say. WiringError, with the
-    key, its value and what would be right, for what cannot be.
+    and ``port`` opens a CAN or Modbus port in the place of the one described: in memory, say. ``streamed`` are the
+    points of set-points. WiringError, with the key, its value and what would be right, for what cannot be.
     """
     kind = table.get("kind")
     if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
@@ -44,7 +45,7 @@ def open_transport(
     if kind == "can":
         from drivers.wiring.can import CanTransport
 
-        return CanTransport(name, table, where, functions=functions, port=opener)
+        return CanTransport(name, table, where, functions=functions, port=opener, streamed=streamed)
     if kind == "modbus":
         from drivers.wiring.modbus import ModbusTransport
 

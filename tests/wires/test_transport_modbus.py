@@ -237,6 +237,7 @@ def test_a_group_outside_the_map_is_told_when_connecting(plc: ForeignPlc, connec
 
 def test_a_sign_of_life_may_be_a_bit(plc: ForeignPlc, connected: Callable) -> None:
     transport, _, _ = connected(plc, alive={"point": "valve", "every": "100 ms"})
+    assert transport.begin() == pytest.approx(0.3)
     seen = []
     for _ in range(50):
         seen.append(transport.read(["valve"])["valve"])
@@ -246,6 +247,9 @@ def test_a_sign_of_life_may_be_a_bit(plc: ForeignPlc, connected: Callable) -> No
 
 def test_its_sign_of_life_counts_while_somebody_streams(plc: ForeignPlc, connected: Callable) -> None:
     transport, _, _ = connected(plc, alive={"point": "beat", "every": "20 ms"})
+    time.sleep(0.1)
+    assert plc.tables[HOLDING][50] == 0, "before somebody commands nothing goes out"
+    transport.begin()
     time.sleep(0.3)
     first = plc.tables[HOLDING][50]
     assert 5 <= first <= 20, "before the first set-point it counts by itself"

@@ -264,7 +264,11 @@ def test_its_sign_of_life_counts_while_somebody_streams(cell: Cell, connected: C
 
 
 def test_a_sign_of_life_may_be_a_bit(cell: Cell, connected: Callable) -> None:
-    connected(cell, alive={"point": "valve", "every": "100 ms"})
+    transport = connected(cell, alive={"point": "valve", "every": "100 ms"})
+    before = cell.get("Valve")
+    time.sleep(0.25)
+    assert cell.get("Valve") == before, "before somebody commands nothing goes out"
+    transport.begin()
     seen = []
     for _ in range(50):
         seen.append(cell.get("Valve"))

@@ -1,0 +1,87 @@
+"""The way of set-points from a wiring to its transports: nothing before somebody commands, and no refusal unheard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.clock import Clock
+from bench_protocol.units import NS
+from drivers.errors import BenchError, Misuse
+from drivers.wiring.contract import Floats, LifeSigns, Transport
+from drivers.wiring.lines import Description
+
+
+class Streaming:
+    """Hands the set-points of a description to its ``transports``, beat by beat."""
+
+    def __init__(self, rig: str, description: Description, transports: Mapping[str, Transport]) -> None:
+        self._rig, self._description, self._transports = rig, description, transports
+        table = description.table
+        #: Set-points that have a value only once somebody gives them one; what is chosen begins as its first choice.
+        self._numeric: Final = [
+            table.index[name]
+            for name, one in description.setpoints.items()
+            if not one.given and not table[name].choices
+        ]
+        self.commanded = False
+
+    def open(self) -> None:
+        """Note that nobody has commanded yet on this connection."""
+        self.commanded = False
+
+    def begin(self, clock: Clock) -> None:
+        """Let what goes out by itself go out from now on, and the rig hear it before the first command."""
+        if not self.commanded and (heard := self._give_life_signs()):
+            wait = heard + self._description.capabilities.latency
+            clock.sleep_until(clock.now() + round(wait * NS))
+
+    def _give_life_signs(self) -> float:
+        self.commanded = True
+        return max(
+            (one.begin() for one in self._transports.values() if isinstance(one, LifeSigns)), default=0.0
+        )
+
+    def send(self, values: Floats, offsets: Mapping[int, float], time: int) -> BenchError | None:
+        """Stream set-points (SI, by table row, NaN where none was given) with ``offsets``; return what failed."""
+        if not self.commanded:
+            if np.isnan(values[self._numeric]).all():
+                return None
+            self._give_life_signs()
+        streams = self._numbers(values, offsets)
+        if not any(streams.values()):
+            return None
+        failure: BenchError | None = None
+        for name, points in streams.items():  # all: a sign of life may go another way than set-points
+            try:
+                self._transports[name].stream(points, time)
+            except ValueError as error:  # beyond what the rig's numbers can be: the plan is to hear of it
+                failure = failure or Misuse(f"set-points cannot be sent to {self._rig}: {error}")
+        return failure
+
+    def _numbers(self, values: Floats, offsets: Mapping[int, float]) -> dict[str, dict[str, float]]:
+        """Return what goes to each transport: the rig's numbers by point."""
+        table = self._description.table
+        streams: dict[str, dict[str, float]] = {name: {} for name in self._transports}
+        for name, target in self._description.setpoints.items():
+            signal, row = table[name], table.index[name]
+            value = float(values[row])
+            if row in offsets:
+                value = min(max(value + offsets[row], signal.low), signal.high)
+            number = target.conversion.number(value)
+            if not math.isnan(number):
+                transport, _, point = target.point.partition(".")
+                streams[transport][point] = number
+        return streams
+
+
+def by_transport(points: Iterable[str]) -> dict[str, list[str]]:
+    """Return the names of points, given in full, by transport."""
+    found: dict[str, list[str]] = {}
+    for point in dict.fromkeys(points):
+        transport, _, name = point.partition(".")
+        found.setdefault(transport, []).append(name)
+    return found
