@@ -1,0 +1,250 @@
+"""A DBC, or another file of messages that cantools reads: the one way in, for logs as for wirings."""
+
+from __future__ import annotations
+
+import codecs
+import logging
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_protocol import j1939
+from bench_protocol.input_limits import Unfit, check_dbc
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message as Coding
+
+_BOMS: Final = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_FALLBACK: Final = "cp1252"
+_DBC: Final = ".dbc"
+#: What holds signals that belong to no message.
+_INDEPENDENT: Final = "VECTOR__INDEPENDENT_SIG_MSG"
+
+
+class DbcError(Exception):
+    """A DBC that cannot be read, or does not say what is asked of it; the text names it and what would be right."""
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """One message of a DBC; ``name`` is its own in the file: with the identifier where two are called alike."""
+
+    name: str
+    coding: Coding
+    j1939: bool = False
+    #: What forbids to send it, in words: signals that share bits, or do not fit. They can be read all the same.
+    unsound: str = ""
+
+    @property
+    def key(self) -> tuple[int, bool]:
+        """What a frame is known by: identifier, or group with J1939, and whether that has 29 bits."""
+        identifier = self.coding.frame_id
+        return (j1939.group_of(identifier) if self.j1939 else identifier), bool(self.coding.is_extended_frame)
+
+    @property
+    def shown(self) -> str:
+        """Name and identifier, for people."""
+        return f"{self.name} ({self.coding.frame_id:#x})"
+
+
+@dataclass(slots=True)
+class Dbc:
+    """The messages of a file by their names, and which of them a frame is."""
+
+    path: Path
+    charset: str
+    messages: dict[str, Described]
+    _exact: dict[tuple[int, bool], list[Described]] = field(default_factory=dict)
+    _groups: dict[int, list[Described]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for one in self.messages.values():
+            coding = one.coding
+            self._exact.setdefault((coding.frame_id, bool(coding.is_extended_frame)), []).append(one)
+            if one.j1939:
+                self._groups.setdefault(one.key[0], []).append(one)
+
+    def of(self, identifier: int, extended: bool) -> Described | None:
+        """Return the message that frames with an identifier are; None if the file has none.
+
+        J1939 goes by the group, whatever priority and addresses say. DbcError if the file describes it twice.
+        """
+        found = self._exact.get((identifier, extended), [])
+        if len(found) > 1:
+            names = " and ".join(one.name for one in found)
+            raise DbcError(f"{self.path} describes {identifier:#x} twice, as {names}; {_ONE_OF_THEM}")
+        if found or not extended:
+            return found[0] if found else None
+        group = self._groups.get(j1939.group_of(identifier), [])
+        anybody = [one for one in group if j1939.source_of(one.coding.frame_id) == j1939.NOBODY]
+        return group[0] if len(group) == 1 else anybody[0] if len(anybody) == 1 else None
+
+
+_ONE_OF_THEM: Final = "a file in which only one of them has it would be right"
+
+
+def read_dbc(path: Path, charset: str | None = None) -> Dbc:
+    """Return the messages of a file, each judged only when it is used. DbcError for a file that cannot be read.
+
+    Without ``charset`` a byte order mark decides, then UTF-8 if all of the file is, else cp1252.
+    """
+    import cantools
+
+    try:
+        check_dbc(path)
+        text, found = _decoded(path, path.read_bytes(), charset)
+    except Unfit as error:
+        raise DbcError(f"{path} {error}") from None
+    except OSError as error:
+        raise DbcError(f"{path} cannot be read: {error.strerror}") from None
+    logging.getLogger("cantools").setLevel(
+        logging.ERROR
+    )  # it tells of names that come twice; so do we, to a person
+    try:
+        base = cantools.database.load_string(
+            text, database_format="dbc" if path.suffix.lower() == _DBC else None, strict=False
+        )
+    except Exception as error:  # cantools has many names for what it does not understand
+        raise DbcError(f"{path} {_why(path, text, error)}") from None
+    if not isinstance(base, cantools.database.can.Database):
+        raise DbcError(f"{path} describes diagnostics, not messages on a bus")
+    if path.suffix.lower() == _DBC:
+        _refuse_a_rest(path, text, base)
+    whole = _says_j1939(base)
+    messages: dict[str, Described] = {}
+    twice = {name for name, count in Counter(one.name for one in base.messages).items() if count > 1}
+    for coding in base.messages:
+        name = _own_name(coding, coding.name in twice, messages)
+        if name is None:
+            continue
+        protocol = coding.protocol == "j1939" or (whole and coding.protocol is None)
+        one = Described(name, coding, bool(coding.is_extended_frame) and protocol, _unsound(coding))
+        messages[name] = one
+    return Dbc(path, found, messages)
+
+
+def _own_name(coding: Coding, twice: bool, messages: Mapping[str, Described]) -> str | None:
+    """Return what a message is called here; None if it stands in the file once more, and says the same."""
+    name = f"{coding.name}_{coding.frame_id:#x}" if twice else coding.name
+    count = 1
+    while name in messages:
+        if _alike(messages[name].coding, coding):
+            return None
+        count += 1
+        name = f"{coding.name}_{coding.frame_id:#x}_{count}"
+    return name
+
+
+def _decoded(path: Path, content: bytes, charset: str | None) -> tuple[str, str]:
+    """Return the text of a file and its charset."""
+    mark, marked = next(((mark, name) for mark, name in _BOMS if content.startswith(mark)), (b"", None))
+    tried = [marked] if marked else [charset] if charset else ["utf-8", _FALLBACK]
+    line = 0
+    for name in tried:
+        try:
+            return content[len(mark) :].decode(name), name
+        except LookupError:
+            raise DbcError(
+                f'{path}: charset = "{name}" is none; "utf-8", "cp1252" or "latin-1" would be one'
+            ) from None
+        except UnicodeDecodeError as error:
+            line = content.count(b"\n", 0, error.start) + 1
+    names = " or ".join(tried)
+    raise DbcError(
+        f'{path}: line {line} is not in {names}; its charset would be right, as "latin-1", "cp1250", "gbk"'
+    )
+
+
+def _why(path: Path, text: str, error: Exception) -> str:
+    """Return in words of ours why cantools does not understand a file."""
+    told = str(getattr(error, "e_dbc", None) or error)
+    place = re.search(r"line (\d+), column (\d+)", told)
+    if place is None:
+        return (
+            "is not understood as a DBC: what one of its lines refers to is not there"
+            if path.suffix.lower() == _DBC
+            else "is not understood; a DBC would be right, or an ARXML, KCD or SYM file"
+        )
+    line, column = int(place[1]), int(place[2])
+    lines = text.splitlines()
+    there = lines[line - 1][column - 1 :].strip()[:40] if line <= len(lines) else ""
+    return f"is no DBC: line {line}, column {column}" + (
+        f" is not understood: {there!r}" if there else ": it ends there"
+    )
+
+
+def _refuse_a_rest(path: Path, text: str, base: Any) -> None:
+    """Refuse a file of which cantools read the beginning only: it says nothing of what it does not understand."""
+    bare = re.sub(r'"(?:\\"|[^"])*+"', lambda found: '"' + "\n" * found[0].count("\n") + '"', text)
+    begun = list(re.finditer(r"^[ \t]*(BO_|SG_)[ \t]+(\w+)(?:[ \t]+(\w*))?", bare, re.MULTILINE))
+    independent = False
+    messages = signals = 0
+    for found in begun:
+        if found[1] == "BO_":
+            independent = found[3] == _INDEPENDENT
+        if independent:
+            continue
+        messages, signals = messages + (found[1] == "BO_"), signals + (found[1] == "SG_")
+        known = sum(len(one.signals) for one in base.messages)
+        if messages > len(base.messages) or signals > known:
+            line = bare.count("\n", 0, found.start()) + 1
+            raise DbcError(f"{path} is no whole DBC: it breaks off in line {line}: {found[0].strip()!r}")
+
+
+def _says_j1939(base: Any) -> bool:
+    attributes = getattr(base.dbc, "attributes", None) or {}
+    one = attributes.get("ProtocolType")
+    return one is not None and str(one.value).strip().lower() == "j1939"
+
+
+def _alike(one: Coding, other: Coding) -> bool:
+    """Return whether two descriptions of one name and identifier say the same."""
+
+    def layout(coding: Coding) -> list[object]:
+        return [
+            (
+                s.name,
+                s.start,
+                s.length,
+                s.byte_order,
+                s.is_signed,
+                s.scale,
+                s.offset,
+                s.unit,
+                s.multiplexer_ids,
+            )
+            for s in coding.signals
+        ]
+
+    same = one.length == other.length and one.is_extended_frame == other.is_extended_frame
+    return same and one.frame_id == other.frame_id and layout(one) == layout(other)
+
+
+def _unsound(coding: Coding) -> str:
+    """Return why a message cannot be sent, in words: signals that share bits, or one that does not fit."""
+    names = [signal.name for signal in coding.signals]
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        return f"it has two signals {twice[0]}"
+    try:
+        coding.refresh(strict=True)
+    except Exception as error:  # cantools' own, and for some files others
+        shared = re.search(r"signals (\S+) and (\S+) are overlapping", str(error))
+        wide = re.search(r"signal (\S+) does not fit", str(error))
+        if shared:
+            return f"its signals {shared[1]} and {shared[2]} share bits"
+        return (
+            f"its signal {wide[1]} does not fit into its {coding.length} bytes"
+            if wide
+            else "its signals do not fit"
+        )
+    finally:
+        coding.refresh(strict=False)
+    return ""

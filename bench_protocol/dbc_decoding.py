@@ -1,0 +1,74 @@
+"""The values in frames of a message that a DBC describes, and why there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from bench_protocol import j1939
+from bench_protocol.account import Account
+from bench_protocol.dbc import Described
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message as Coding
+
+
+class Decoding:
+    """Decodes the frames of one message. What a frame lacks is counted in the account that is handed on."""
+
+    def __init__(self, message: Described) -> None:
+        from cantools import Error
+
+        self.message = message
+        self.signals = {signal.name: signal for signal in message.coding.signals}
+        # cantools takes signals that share bits for neighbours, and finds wrong numbers: each is decoded by itself.
+        self._parts = list(_alone(message.coding)) if message.unsound else [message.coding]
+        self._errors = (Error, ValueError, OverflowError)
+
+    def values(self, data: bytes, account: Account) -> Iterator[tuple[str, float]]:
+        """Yield the signals in a frame by name, in the unit of the DBC; NaN for what J1939 calls no value."""
+        name = self.message.name
+        if len(data) < self.message.coding.length:
+            account.leave_out(
+                f"frame(s) of {name} shorter than its {self.message.coding.length} bytes in part"
+            )
+        for part in self._parts:
+            try:
+                found: Any = part.decode(
+                    data, decode_choices=False, scaling=not self.message.j1939, allow_truncated=True
+                )
+            except self._errors:  # a page that the DBC does not know
+                account.leave_out(f"frame(s) of {name} with a page that the DBC does not have")
+                continue
+            for signal, value in found.items():
+                yield signal, self._checked(signal, value, account) if self.message.j1939 else float(value)
+
+    def _checked(self, name: str, raw: float, account: Account) -> float:
+        signal = self.signals[name]
+        if not signal.conversion.is_float:
+            code = j1939.missing(int(raw) & (1 << signal.length) - 1, signal.length)
+            if code:
+                account.leave_out("J1939 value(s) " + ("in error" if code == "error" else f"that are {code}"))
+                return math.nan
+        return float(signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
+
+
+def _alone(coding: Coding) -> Iterator[Coding]:
+    """Yield, for each signal that fits into a message, a message with nothing else."""
+    from cantools import Error
+    from cantools.database.can import Message
+
+    for signal in coding.signals:
+        selectors = [one for one in coding.signals if one.name == signal.multiplexer_signal]
+        try:
+            yield Message(
+                coding.frame_id,
+                coding.name,
+                coding.length,
+                [signal, *selectors],
+                is_extended_frame=coding.is_extended_frame,
+                strict=True,
+            )
+        except Error:  # it does not fit, and no frame has it
+            continue
