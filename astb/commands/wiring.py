@@ -19,8 +19,9 @@ def wiring_command() -> None:
 @click.option(
     "--registers", type=_FILE, help="Its Modbus registers (CSV): name, table, address; type, scale, unit."
 )
+@click.option("--charset", help="Of the DBC.  [default: UTF-8 if all of it is, else cp1252]")
 @click.option("--out", type=_FILE, help="Where to write the file.  [default: standard output]")
-def new_command(dbc: Path | None, registers: Path | None, out: Path | None) -> None:
+def new_command(dbc: Path | None, registers: Path | None, charset: str | None, out: Path | None) -> None:
     """Write a first wiring file: what is clear by name and unit filled in, what may be as comments.
 
     Signs, offsets and states nobody can know from names: read every line, then let `astb check-rig` look.
@@ -33,7 +34,7 @@ def new_command(dbc: Path | None, registers: Path | None, out: Path | None) -> N
     if out is not None and out.exists():
         misuse(f"{out} is there already, and somebody may have worked on it")
     try:
-        text = skeleton(dbc, registers, out.parent if out else Path())
+        text = skeleton(dbc, registers, out.parent if out else Path(), charset)
     except WiringError as error:
         misuse(error)
     if out is None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from bench_protocol.dbc import DbcError, read_dbc
 from drivers.errors import WiringError
 
 
@@ -27,29 +28,39 @@ class Point:
     line: str = ""  #: of ``[transports.NAME.points]``
 
 
-def dbc_points(path: Path, transport: str = "bus") -> list[Point]:
-    """Return the signals of a DBC; whoever sends most of them is the rig. WiringError for a file that is none."""
-    import cantools
+#: What stands in a DBC in the place of a node that nobody named.
+_NOBODY: Final = re.compile(r"(vector_*)?xxx", re.IGNORECASE)
 
+
+def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[Point]:
+    """Return the signals of a DBC; whoever sends most of them is the rig. WiringError for a file that is none.
+
+    What nobody is said to send may be the rig's or ours.
+    """
     try:
-        database = cantools.database.load_file(path)
-        messages = database.messages  # type: ignore[union-attr]  # of a file for diagnostics there are none
-    except (OSError, ValueError, AttributeError, cantools.Error) as error:
-        raise WiringError(f"{path} is no DBC that cantools reads: {error}") from None
-    senders = Counter(sender for message in messages for sender in message.senders for _ in message.signals)
-    rig = senders.most_common(1)[0][0] if senders else ""
+        messages = read_dbc(path, charset).messages
+    except DbcError as error:
+        raise WiringError(str(error)) from None
+    senders = {
+        name: [one for one in message.coding.senders if not _NOBODY.fullmatch(one)]
+        for name, message in messages.items()
+    }
+    counts = Counter(
+        sender for name, one in messages.items() for sender in senders[name] for _ in one.coding.signals
+    )
+    rig = counts.most_common(1)[0][0] if counts else ""
     return [
         Point(
-            f"{transport}.{message.name}.{signal.name}",
+            f"{transport}.{name}.{signal.name}",
             signal.name,
-            f"{message.name} {signal.comment or ''}",
+            f"{one.coding.name} {signal.comment or ''}",
             _unit(signal.unit or ""),
-            written=rig not in message.senders,
-            read=rig in message.senders,
+            written=rig not in senders[name],
+            read=not senders[name] or rig in senders[name],
             choices={str(text): int(number) for number, text in (signal.choices or {}).items()},
         )
-        for message in messages
-        for signal in message.signals
+        for name, one in messages.items()
+        for signal in one.coding.signals
     ]
 
 
@@ -152,7 +163,7 @@ def _plain(text: str) -> str:
     return text.strip().lower().replace("_", " ")
 
 
-_UNITS: Final = {"°c": "degC", "c": "degC", "deg c": "degC", "µm": "um", "-": ""}
+_UNITS: Final = {"°c": "degC", "c": "degC", "deg c": "degC", "µm": "um", "μm": "um", "-": ""}
 
 
 def _unit(text: str) -> str:

@@ -52,14 +52,18 @@ _CONDUCT: Final = """\
 """
 
 
-def skeleton(dbc: Path | None, registers: Path | None, beside: Path) -> str:
+def skeleton(dbc: Path | None, registers: Path | None, beside: Path, charset: str | None = None) -> str:
     """Return a wiring file for the directory ``beside``; WiringError for a DBC or a list that cannot be read."""
     points: list[Point] = []
     text = 'description = "A rig described in part: fill in what is absent"\nlatency = "100 ms"\n\n'
     if dbc is not None:
-        points += dbc_points(dbc)
+        points += dbc_points(dbc, charset=charset)
         path = json.dumps(os.path.relpath(dbc, beside))
         text += f'[transports.bus]\nkind = "can"\nbus = "can0"\ndbc = {path}\n'
+        text += f"charset = {json.dumps(charset)}\n" if charset else ""
+        if unsaid := sum(one.written and one.read for one in points):
+            text += f"# Of {unsaid} signals the DBC does not say who sends them: the rig's or ours by their names alone.\n"
+            text += "# Once it says so, node = our name keeps us from sending what is the rig's.\n"
         text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
     if registers is not None:

@@ -7,6 +7,7 @@
     bus = "can0"                  # auto | tcp (a socketcand server at host, port) | an interface
     # or any bus of python-can's: interface = "slcan", channel = "/dev/ttyACM0", options = { bitrate = 500000 }
     dbc = "plant_b.dbc"           # or any other file that cantools reads; without one, ids and bits below
+    charset = "cp1250"            # of the DBC; without it UTF-8 if all of it is, else cp1252; optional
     node = "BENCH"                # our name in the DBC: only its messages can be written; optional
     stale = "100 ms"              # per page; without it three times the cycle time in the DBC, and at least 100 ms
     burst = "5 ms"                # what comes so soon after a frame was sampled with it and has its time; optional
@@ -80,6 +81,7 @@ class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     channel: str | None = None
     options: dict[str, Any] = {}
     dbc: str | None = None
+    charset: str | None = None  #: of the DBC
     node: str | None = None
     stale: str | None = None
     burst: str | None = None  #: what comes within this time after a frame was sampled with it
@@ -122,7 +124,9 @@ class CanTransport:
             if signal not in message.keys.values:
                 message.given.pop(signal, None)
         self._by_id = {
-            (one.coding.frame_id, one.coding.is_extended_frame): one for one in self._messages.values()
+            (one.coding.frame_id, one.coding.is_extended_frame): one
+            for one in self._messages.values()
+            if not one.refused
         }
         self._ours = {one.name for one in self._messages.values() if one.every}
         if keys.node is not None:
@@ -178,6 +182,10 @@ class CanTransport:
         """WiringError unless there is a point ``Message.Signal``, and one of ours if it is to be written."""
         message, signal = self._find(name)
         place = f"transports.{self.name}: {name}"
+        if message.refused:
+            raise WiringError(
+                f"{place} cannot be used: {message.refused}; another DBC, or id and points, would be right"
+            )
         if message.coding.length > LENGTH_MAX:
             raise WiringError(
                 f"{place}: {message.name} has {message.coding.length} bytes; a CAN frame carries 8"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import msgspec
 from msgspec import Meta
 
+from bench_protocol.dbc import DbcError, Described, read_dbc
 from bench_protocol.frames import EXTENDED_ID_MAX, LENGTH_MAX, STANDARD_ID_MAX
 from bench_protocol.units import ms
 from drivers.errors import WiringError
@@ -86,6 +87,7 @@ class Message:
     heard: int = -1  #: last received
     when: int = -1  #: ns, last received
     points: dict[str, str] = field(default_factory=dict)  #: names of its points, by signal
+    refused: str = ""  #: why nothing of it can be used, of what the DBC says
     _placed: dict[int, int] = field(default_factory=dict)  #: checksums in their place, by value
 
     def begin(self) -> None:
@@ -189,7 +191,8 @@ def read_messages(
                 f'{where}.points: {name} is no name; points of CAN are "Message.Signal", in quotes'
             )
         points.setdefault(message, {})[signal] = convert(f"{where}.points: {name}", one, SignalKeys)
-    codings = _from_file(where, table.get("dbc"), directory)
+    described = _from_file(where, table.get("dbc"), table.get("charset"), directory)
+    codings = {name: one.coding for name, one in described.items()}
     for name, one in keys.items():
         if one.id is not None:
             if name in codings:
@@ -203,7 +206,13 @@ def read_messages(
                 "DBC it needs its id"
             )
     _check_points(where, table, points, codings)
-    _check_identifiers(where, codings)
+    refused = {name: one.unsound for name, one in described.items() if one.unsound}
+    refused |= _same_identifiers(where, codings, described)
+    for name, why in refused.items():
+        if name in keys:
+            raise WiringError(
+                f"{where}.messages.{name}: {why}; another DBC, or id and points here, would be right"
+            )
     _check_common(f'{where}.messages."{_ALL}"', common, codings)
     return {
         name: _message(
@@ -214,6 +223,7 @@ def read_messages(
             points.get(name, {}),
             functions,
             stale,
+            refused.get(name, ""),
         )
         for name, coding in codings.items()
     }
@@ -241,21 +251,14 @@ def _in_dbc(table: Mapping[str, Any]) -> str:
     return f" in {table['dbc']}" if table.get("dbc") else ""
 
 
-def _from_file(where: str, name: object, directory: Path) -> dict[str, Coding]:
+def _from_file(where: str, name: object, charset: object, directory: Path) -> dict[str, Described]:
     if name is None:
         return {}
-    import cantools
-
     path = directory / str(name)
     try:
-        database = cantools.database.load_file(str(path))
-    except OSError as error:
-        raise WiringError(f"{where}: dbc = {name!r} cannot be read: {error.strerror} ({path})") from None
-    except (cantools.Error, ValueError) as error:
-        raise WiringError(f"{where}: dbc = {name!r} is not understood: {error}") from None
-    if not isinstance(database, cantools.database.can.Database):
-        raise WiringError(f"{where}: dbc = {name!r} describes no CAN bus")
-    return {message.name: message for message in database.messages}
+        return read_dbc(path, None if charset is None else str(charset)).messages
+    except DbcError as error:
+        raise WiringError(f"{where}: dbc = {name!r}{str(error).removeprefix(str(path))}") from None
 
 
 def _own_coding(where: str, name: str, keys: MessageKeys, signals: Mapping[str, SignalKeys]) -> Coding:
@@ -332,15 +335,21 @@ def _check_points(
                 )
 
 
-def _check_identifiers(where: str, codings: Mapping[str, Coding]) -> None:
+def _same_identifiers(
+    where: str, codings: Mapping[str, Coding], described: Mapping[str, Described]
+) -> dict[str, str]:
+    """Return why messages of the DBC with one identifier cannot be used; WiringError where one is described here."""
     seen: dict[tuple[int, bool], str] = {}
+    refused: dict[str, str] = {}
     for name, coding in codings.items():
         key = coding.frame_id, coding.is_extended_frame
-        if key in seen:
-            raise WiringError(
-                f"{where}: {seen[key]} and {name} have the same identifier, {coding.frame_id:#x}"
-            )
-        seen[key] = name
+        if (other := seen.setdefault(key, name)) == name:
+            continue
+        why = f"{other} and {name} have the same identifier, {coding.frame_id:#x}"
+        if name not in described or other not in described:
+            raise WiringError(f"{where}: {why}")
+        refused |= {other: why, name: why}
+    return refused
 
 
 def _message(
@@ -351,6 +360,7 @@ def _message(
     points: Mapping[str, SignalKeys],
     functions: Path | None,
     stale: float | None,
+    refused: str = "",
 ) -> Message:
     names = [signal.name for signal in coding.signals]
     nulls = {}
@@ -360,7 +370,7 @@ def _message(
             nulls[signal.name] = float(signal.conversion.raw_to_scaled(null, decode_choices=False))  # type: ignore[arg-type]
     limits = {signal.name: _limits(signal) for signal in coding.signals}
     every = 0.0 if keys.every is None else duration(f"{where}: every", keys.every)
-    message = Message(name, coding, keys, 0.0, nulls, limits, every)
+    message = Message(name, coding, keys, 0.0, nulls, limits, every, refused=refused)
     pages = max(1, len(message.pages()))
     cycle = (coding.cycle_time or 0) * ms
     by_rate = max(_STALE_MIN, _STALE_PERIODS * cycle) if stale is None else stale

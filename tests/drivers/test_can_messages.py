@@ -141,7 +141,7 @@ BITS = {"start": 0, "length": 8}
     [
         ({"buss": "x"}, "transports.bus: there is no key 'buss' here; did you mean 'bus'"),
         ({"dbc": "none.dbc"}, "dbc = 'none.dbc' cannot be read: No such file"),
-        ({"dbc": "own.py"}, "dbc = 'own.py' is not understood"),
+        ({"dbc": "own.py"}, "dbc = 'own.py' is no DBC: line 2, column"),
         ({"node": "HOSTS"}, "node = 'HOSTS' sends nothing in the DBC; did you mean 'HOST'"),
         ({"burst_begins": "Heights"}, "burst_begins needs how long a burst lasts"),
         (

@@ -106,3 +106,38 @@ def test_the_command_writes_a_file_once(tmp_path):
     again = CliRunner().invoke(commands, call)
     assert again.exit_code == 2
     assert "is there already" in again.output
+
+
+@pytest.mark.parametrize("nobody", ["Vector__XXX", "XXX"])
+def test_without_senders_the_skeleton_is_the_same_and_says_so(tmp_path, nobody):
+    named = tmp_path / "named.dbc"
+    named.write_text(
+        'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\nBO_ 256 Heights: 8 PLC\n'
+        ' SG_ HeightLeft : 0|16@1- (0.01,0) [0|0] "mm" BENCH\n SG_ HeightRight : 16|16@1- (0.01,0) [0|0] "mm" BENCH\n'
+        'BO_ 257 Air: 8 PLC\n SG_ BellowsPressureLeft : 0|16@1- (0.001,0) [0|0] "bar" BENCH\n'
+        'BO_ 258 Setpoints: 8 BENCH\n SG_ ForceSetpointVerticalLeft : 0|16@1- (1,0) [0|0] "N" PLC\n'
+    )
+    other = tmp_path / "other.dbc"
+    other.write_text(named.read_text().replace("PLC", nobody).replace("BENCH", nobody))
+    texts = [skeleton(path, None, tmp_path) for path in (named, other)]
+    one, another = (
+        {name: entry for name, entry in tomllib.loads(text)["signals"].items() if point(entry)}
+        for text in texts
+    )
+    assert one == another
+    assert "left.height" in one and one["vertical_left.force_setpoint"]["to"].endswith(
+        "ForceSetpointVerticalLeft"
+    )
+    assert "who sends them" not in texts[0] and "Of 4 signals the DBC does not say who sends them" in texts[1]
+
+
+def test_units_in_utf8_are_those_that_are_meant(tmp_path):
+    path = tmp_path / "rig.dbc"
+    for charset in ("utf-8", "utf-8-sig", "cp1252"):
+        path.write_text(
+            'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\nBO_ 256 Gas: 8 PLC\n'
+            ' SG_ TemperaturBalgLinks : 0|16@1- (0.01,0) [0|0] "°C" BENCH\n',
+            encoding=charset,
+        )
+        told = tomllib.loads(skeleton(path, None, tmp_path))["signals"]["left.bellows_temperature"]
+        assert told == {"from": "bus.Gas.TemperaturBalgLinks", "unit": "degC"}
