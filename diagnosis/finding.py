@@ -441,12 +441,5 @@ def estimate(
 
 def unresolved(parameter: Parameter, below: float) -> Estimate:
     """A fitted parameter of which the samples only say that it lies ``below`` so much, in SI."""
-    return Estimate(
-        name=parameter.name,
-        unit=parameter.display or parameter.unit,
-        value=None,
-        sd=None,
-        low=None,
-        high=None,
-        below=number(below / parameter.scale),
-    )
+    unit, least = parameter.display or parameter.unit, number(below / parameter.scale)
+    return Estimate(name=parameter.name, unit=unit, value=None, sd=None, low=None, high=None, below=least)

@@ -62,7 +62,9 @@ def skeleton(dbc: Path | None, registers: Path | None, beside: Path, charset: st
         text += f'[transports.bus]\nkind = "can"\nbus = "can0"\ndbc = {path}\n'
         text += f"charset = {json.dumps(charset)}\n" if charset else ""
         if unsaid := sum(one.written and one.read for one in points):
-            text += f"# Of {unsaid} signals the DBC does not say who sends them: the rig's or ours by their names alone.\n"
+            text += (
+                f"# Of {unsaid} signals the DBC does not say who sends them: they are told by names alone.\n"
+            )
             text += "# Once it says so, node = our name keeps us from sending what is the rig's.\n"
         text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'

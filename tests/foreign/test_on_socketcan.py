@@ -46,9 +46,7 @@ def judged(plan, exit_code, started, tmp_path, within):
     """Run ``plan`` on rig B in a process of its own; return the verdicts of its checks."""
     with started("hall_b", INTERFACE) as (rig_file, _):
         command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(rig_file), "--out", str(tmp_path)]
-        done = subprocess.run(
-            command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=within
-        )
+        done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=within)
     assert done.returncode == exit_code, done.stdout + done.stderr
     return [one["verdict"] for one in json.loads((tmp_path / plan / "result.json").read_text())["checks"]]
 
