@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
-from astb.rig_file import RigFile, RigFileError, Simulation, read
+from astb.rig_file import RigFile, RigFileError, find_rig
 from bench_protocol.suggestion import meant
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from test_plans.plan import Plan
     from test_plans.suspension import Suspension
 
-#: The rig that needs no file: the simulated one in the memory of this process.
+#: The simulated rig in the memory of this process.
 VIRTUAL: Final = "virtual"
 
 _LOG: Final = logging.getLogger("astb")
@@ -32,7 +32,7 @@ def open_bench(
     seed: int | None = None,
     effects: Mapping[str, str] | None = None,
 ) -> "Bench":
-    """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or its name in ``rigs/``.
+    """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or a name of `astb rigs`.
 
     ``virtual`` is a simulated rig in virtual time and in this process, and what ``virtual=True`` makes of any simulated
     rig. One in real time that does not answer is started, and stopped with the bench. ``seed`` draws a simulated rig's
@@ -163,24 +163,6 @@ def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
         raise RigFileError(f"{file.name} is a real rig, and effects={dict(effects)!r} are for simulated ones")
     simulation = replace(file.simulation, effects=file.simulation.effects | dict(effects))
     return replace(file, simulation=simulation)
-
-
-def find_rig(rig: str | Path) -> tuple[RigFile, Path]:
-    """Return a rig and the path of its file, by that path or by its name: ``local`` is ``rigs/local.toml``.
-
-    ``virtual`` needs no file. RigFileError where there is none, or where it is not one.
-    """
-    path = Path(rig)
-    if path.suffix != ".toml" and not path.exists():
-        path = Path("rigs", f"{rig}.toml")
-        if not path.exists():
-            if rig == VIRTUAL:
-                return RigFile(VIRTUAL, time="virtual", simulation=Simulation()), path
-            names = sorted({VIRTUAL, *(file.stem for file in Path("rigs").glob("*.toml"))})
-            raise RigFileError(
-                f"there is no rig {str(rig)!r}: the path of a rig file, or {' or '.join(names)}"
-            )
-    return read(path), path
 
 
 def find_plan(plan: "str | Plan") -> "Plan":

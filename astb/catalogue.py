@@ -1,4 +1,4 @@
-"""The catalogue of plans that judge, as tests: `pytest --pyargs astb.catalogue --rig rigs/local.toml`.
+"""The catalogue of plans that judge, as tests: `pytest --pyargs astb.catalogue --rig local`.
 
 One test a plan, and where a parameter has a few choices (a load, an axis) one for each of them. `-k lateral` takes some
 of them; `--plan-set amplitude=20mm` gives a parameter, as `astb run --set` does, to all plans that have one of that

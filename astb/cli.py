@@ -25,7 +25,13 @@ from astb.commands.lists import (
     limits_command,
     plans_command,
     signals_command,
+)
+from astb.commands.named import (
+    instruments_command,
+    parameters_command,
+    rigs_command,
     specimens_command,
+    wirings_command,
 )
 from astb.commands.panel import panel_command
 from astb.commands.rehearse import rehearse_command
@@ -74,7 +80,11 @@ for _command in (
     panel_command,
     rehearse_command,
     plans_command,
+    rigs_command,
     specimens_command,
+    instruments_command,
+    wirings_command,
+    parameters_command,
     effects_command,
     limits_command,
     signals_command,

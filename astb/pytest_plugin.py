@@ -1,4 +1,4 @@
-"""A plugin of pytest: `pytest --rig rigs/local.toml` gives tests the fixtures `rig`, `bench` and `run`."""
+"""A plugin of pytest: `pytest --rig local` gives tests the fixtures `rig`, `bench` and `run`."""
 
 import logging
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -31,8 +31,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--rig",
         dest="astb_rig",
         default="virtual",
-        metavar="FILE",
-        help="Rig file for the fixtures rig, bench and run, or its name in rigs/. Default: a simulated rig in memory.",
+        metavar="RIG",
+        help="Rig of the fixtures rig, bench and run: a file, or a name of `astb rigs`. Default: simulated, in memory.",
     )
     group.addoption(
         "--rig-records",
@@ -54,8 +54,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session")
 def _rig_and_path(pytestconfig: pytest.Config) -> "Iterator[tuple[RigFile, Path]]":
     """The rig file and its path; a simulated rig in real time that does not answer runs while the session lasts."""
-    from astb.api import find_rig
-    from astb.rig_file import RigFileError
+    from astb.rig_file import RigFileError, find_rig
     from astb.session import answers, started
 
     try:

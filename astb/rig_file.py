@@ -10,7 +10,13 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from bench_protocol.named_files import named_files
+
 Port = Annotated[int, Meta(ge=1, le=65535)]
+#: The package with the files of the rigs that come with the bench, and the folder with those of whoever stands there.
+PACKAGE: Final = "rigs"
+#: The rig that commands take without being told: it simulates in real time.
+ORDINARY: Final = "local"
 #: What every generator of random numbers takes.
 SEED_MAX: Final = 2**32 - 1
 
@@ -78,9 +84,35 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     can: Can = Can()
     modbus: Modbus = Modbus()
     simulation: Simulation | None = None
-    instruments: str = ""  #: path of the file of its instruments, beside this one
-    wiring: str | dict[str, Any] = ""  #: of a rig that speaks otherwise: path of its file, or its keys
+    instruments: str = ""  #: path of the file of its instruments, seen from this one, or their name
+    wiring: str | dict[str, Any] = (
+        ""  #: of a rig that speaks otherwise: path of its file, its name, or its keys
+    )
     limits: tuple[dict[str, Any], ...] = ()  #: of a real rig, as far as they are known: for rehearsals
+
+
+def rigs() -> dict[str, Path]:
+    """Return the rigs that have a name: those that come with the bench, and over them those in ``rigs/`` here."""
+    here = {path.stem: path for path in sorted(Path(PACKAGE).glob("*.toml"))}
+    return named_files(PACKAGE) | here
+
+
+def find_rig(rig: str | Path = ORDINARY) -> tuple[RigFile, Path]:
+    """Return a rig and the path of its file, by that path or by the name of one of the `rigs`.
+
+    RigFileError where there is none, or where it is not one.
+    """
+    path = Path(rig)
+    if path.suffix == ".toml" or path.parent != Path() or path.is_file():
+        return read(path), path
+    known = rigs()
+    if str(rig) in known:
+        return read(known[str(rig)]), known[str(rig)]
+    if not path.exists():
+        raise RigFileError(
+            f"there is no rig {str(rig)!r}: the path of a rig file, or {' or '.join(sorted(known))}"
+        )
+    return read(path), path
 
 
 def read(path: Path) -> RigFile:

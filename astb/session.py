@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from astb.exit_codes import MISUSE
 from astb.rig_file import RigFile, RigFileError, Simulation, read
 from bench_protocol.clock import Clock, RealClock, hurry_process, wall_time_ns
+from bench_protocol.named_files import place_of
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 
@@ -250,17 +251,17 @@ def instruments_of(rig: RigFile, path: Path) -> "Instruments":
     if not rig.instruments:
         return ordinary() if rig.simulation else UNKNOWN
     try:
-        return read_instruments(path.parent / rig.instruments)
+        return read_instruments(rig.instruments, path.parent)
     except InstrumentsError as error:
         raise RigFileError(f"rig file {path}: {error}") from None
 
 
 def wiring_of(rig: RigFile, path: Path) -> "Description":
     """Return the description of the wiring of ``rig``, whose file is ``path``; WiringError if it cannot be."""
-    from drivers.wiring.description import describe, read_description
+    from drivers.wiring.description import PACKAGE, describe, read_description
 
     if isinstance(rig.wiring, str):
-        return read_description(path.parent / rig.wiring, TABLE)
+        return read_description(place_of(PACKAGE, rig.wiring, path.parent), TABLE)
     return describe(rig.wiring, path, TABLE, "wiring")
 
 

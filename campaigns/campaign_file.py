@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, read
+from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, find_rig
 from campaigns.plan_case import PlanCase, by_key
 
 Seed = Annotated[int, Meta(ge=0, le=SEED_MAX)]
@@ -97,7 +97,8 @@ def _base(rig: str, home: Path) -> Simulation:
     if not rig:
         return Simulation()
     try:
-        simulation = read(home / rig).simulation
+        path = home / rig if rig.endswith(".toml") else rig
+        simulation = find_rig(path)[0].simulation
     except RigFileError as error:
         raise CampaignError(str(error)) from None
     if simulation is None:

@@ -16,14 +16,16 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
+from bench_protocol.named_files import named_files, place_of
 from bench_protocol.suggestion import meant
 from bench_protocol.table import TABLE
 from bench_protocol.units import WRITTEN_UNITS
 from bench_protocol.words import PROVENANCES
 
-#: The instruments of the virtual bench lie beside this package, in a checkout as well as installed.
-HOME: Final = Path(__file__).resolve().parents[1] / "instruments"
-ORDINARY: Final = HOME / "astb.toml"
+#: The package with the files of the instruments that come with the bench.
+PACKAGE: Final = "instruments"
+#: Those of the virtual bench.
+ORDINARY: Final = "astb"
 
 #: How long a calibration holds where the file does not say when it is due.
 INTERVAL: Final = timedelta(days=365)
@@ -149,16 +151,20 @@ def ordinary() -> Instruments:
     return read_instruments(ORDINARY)
 
 
-def read_instruments(path: Path) -> Instruments:
-    """Return the instruments of a TOML file.
+def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
+    """Return the instruments of a TOML file, seen from ``home``, or those that come with the bench under this name.
 
     InstrumentsError, with file, key, value and unit, if it cannot be read or says what nobody understands.
     """
+    path = place_of(PACKAGE, name, home)
     try:
         text = path.read_bytes()
         content = tomllib.loads(text.decode("utf-8"))
     except OSError as error:
-        raise InstrumentsError(f"instruments {path} cannot be read: {error.strerror}") from None
+        raise InstrumentsError(
+            f"instruments {path} cannot be read: {error.strerror}; there is {', '.join(named_files(PACKAGE))}, "
+            "and any path that ends in .toml would do"
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InstrumentsError(f"instruments {path} is not TOML: {error}") from None
     try:

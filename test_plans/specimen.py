@@ -16,12 +16,13 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
+from bench_protocol.named_files import named_files, place_of
 from bench_protocol.units import WRITTEN_UNITS, mm, mrad
 from bench_protocol.words import PROVENANCES
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
-#: The specimens that come with the bench lie beside this package, in a checkout as well as installed.
-HOME: Final = Path(__file__).resolve().parents[1] / "specimens"
+#: The package with the files of the specimens that come with the bench.
+PACKAGE: Final = "specimens"
 #: The one that plans take without being told.
 ORDINARY: Final = "astb"
 
@@ -153,7 +154,7 @@ def ordinary() -> Specimen:
 
 def packaged() -> list[str]:
     """Return the names of the specimens that come with the bench."""
-    return sorted(path.stem for path in HOME.glob("*.toml"))
+    return list(named_files(PACKAGE))
 
 
 def read_specimen(name: str | Path) -> Specimen:
@@ -161,7 +162,7 @@ def read_specimen(name: str | Path) -> Specimen:
 
     SpecimenError, with file, key, value and unit, if the file cannot be read or says what nobody understands.
     """
-    path = Path(name) if str(name).endswith(".toml") else HOME / f"{name}.toml"
+    path = place_of(PACKAGE, name)
     try:
         text = path.read_bytes()
         content = tomllib.loads(text.decode("utf-8"))

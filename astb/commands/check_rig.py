@@ -29,14 +29,13 @@ _WIDE: Final = 120
 def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
     """Tell of each signal of a rig where it comes from, how often, and whether it can be.
 
-    TARGET is a rig file, or its name in rigs/. Without --allow-motion it only listens and reads: nothing moves, and
+    TARGET is a rig file, or a name of `astb rigs`. Without --allow-motion it only listens and reads: nothing moves, and
     whoever commands the rig goes on. Ends with 0 if all is fine, 1 if something is doubtful, 2 for misuse, 3 if no rig
     answers.
     """
     from msgspec.structs import replace
 
-    from astb.api import find_rig
-    from astb.rig_file import RigFileError
+    from astb.rig_file import RigFileError, find_rig
     from drivers.errors import BenchError, WiringError
 
     def say(text: str) -> None:

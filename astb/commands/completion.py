@@ -1,23 +1,32 @@
 """What the shell offers after the tab key: names of plans, specimens, effects and signals, and the script for it."""
 
 from collections.abc import Callable, Iterable
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
 SHELLS: Final = ("bash", "zsh", "fish")
-Completer = Callable[[click.Context, click.Parameter, str], list[str]]
+Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 
-def complete_from(names: Callable[[], Iterable[str]]) -> Completer:
-    """Return what offers those of the ``names`` that begin as the user began; nothing where they cannot be had."""
+def complete_from(names: Callable[[], Iterable[str]], *, files: bool = False) -> Completer:
+    """Return what offers those of the ``names`` that begin as the user began; nothing where they cannot be had.
 
-    def offer(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    With ``files`` a shell offers its own as well: bash where no name fits, the others beside the names.
+    """
+
+    def offer(ctx: click.Context, param: click.Parameter, incomplete: str) -> "list[CompletionItem]":
+        from click.shell_completion import CompletionItem
+
         del ctx, param
         try:
-            return [name for name in names() if name.startswith(incomplete)]
+            known = [CompletionItem(name) for name in names() if name.startswith(incomplete)]
         except (Exception, SystemExit):  # a shell shows whatever is printed in the middle of the user's line
-            return []
+            known = []
+        return [CompletionItem(incomplete, type="file"), *known] if files else known
 
     return offer
 
@@ -34,6 +43,12 @@ def _specimen_names() -> Iterable[str]:
     return packaged()
 
 
+def _rig_names() -> Iterable[str]:
+    from astb.rig_file import rigs
+
+    return rigs()
+
+
 def _effect_names() -> Iterable[str]:
     from bench_sim.model.effects import CATALOGUE
 
@@ -42,11 +57,12 @@ def _effect_names() -> Iterable[str]:
 
 
 complete_plans: Final = complete_from(_plan_names)
-complete_specimens: Final = complete_from(_specimen_names)
+complete_specimens: Final = complete_from(_specimen_names, files=True)
+complete_rigs: Final = complete_from(_rig_names, files=True)
 complete_effects: Final = complete_from(_effect_names)
 
 
-def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> "list[CompletionItem]":
     """Offer ``NAME=`` for the parameters of the plans named before, or of all; and their choices."""
     from test_plans.discovery import plans
 

@@ -33,13 +33,12 @@ if TYPE_CHECKING:
 def conform_command(target: str, other: Path | None, json_path: Path | None, allow_motion: bool) -> None:
     """Ask a rig over its wires what a bench relies on: timing, states, refusals, limits, exceptions.
 
-    TARGET is a rig file, or its name in rigs/. Nothing moves without --allow-motion. Ends with 0 if all is right and
-    nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
+    TARGET is a rig file, or a name of `astb rigs`. Nothing moves without --allow-motion. Ends with 0 if all is right
+    and nothing differs from the other rig, 1 if not, 2 for misuse, 3 if no rig answers.
     """
-    from astb.api import find_rig
     from astb.conformance.finding import Report, ReportError, differences, read_report
     from astb.conformance.suite import examine_rig
-    from astb.rig_file import RigFileError
+    from astb.rig_file import RigFileError, find_rig
     from drivers.errors import BenchError
 
     def say(text: str) -> None:

@@ -81,7 +81,7 @@ def diagnose_command(
 @_MODEL_OPTION
 @_RESULT_OPTION
 def investigate_command(
-    rig_path: Path | None,
+    rig_named: str | None,
     virtual: bool,
     seed: int | None,
     effects: tuple[str, ...],
@@ -102,7 +102,7 @@ def investigate_command(
     from bench_records.layout import RecordError
     from drivers.errors import BenchError
 
-    rig, path = read_rig(rig_path)
+    rig, path = read_rig(rig_named)
     rig = simulated(rig, path, None, effects, sealed)
     # Whoever ends the run, tear-down runs.
     signal.signal(signal.SIGTERM, signal.default_int_handler)

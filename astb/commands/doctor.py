@@ -8,23 +8,19 @@ from astb.commands.options import JSON_OPTION, RIG_OPTION, out_option, read_rig
 from astb.exit_codes import BLOCKED, PASS
 from astb.tables import open_console, open_table, print_json
 
-HOME_RIG = Path("rigs/local.toml")
-
 
 @click.command("doctor")
 @RIG_OPTION
 @JSON_OPTION
 @out_option("Where records would go.")
-def doctor_command(rig_path: Path | None, as_json: bool, out: Path) -> None:
+def doctor_command(rig_named: str | None, as_json: bool, out: Path) -> None:
     """Tell what this machine has of what the bench can use, and how to mend what lacks.
 
     Ends with 0 if the bench works here, though perhaps not everything of it, and with 3 if it does not.
     """
     from astb.doctor import examine_machine
-    from astb.rig_file import RigFile
 
-    # Asked anywhere, it still answers: the ports are those that a rig file need not name.
-    rig = read_rig(rig_path)[0] if rig_path or HOME_RIG.exists() else RigFile(name="local")
+    rig, _ = read_rig(rig_named)
     findings = examine_machine(rig, out)
     if as_json:
         print_json(findings)

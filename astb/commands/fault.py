@@ -1,6 +1,5 @@
 """`astb fault`: what is broken on purpose on a running simulated rig, beside its wires."""
 
-from pathlib import Path
 from typing import Any, Final
 
 import click
@@ -26,9 +25,9 @@ def fault_command() -> None:
 @fault_command.command("list")
 @RIG_OPTION
 @_PORT
-def list_command(rig_path: Path | None, modbus_port: int | None) -> None:
+def list_command(rig_named: str | None, modbus_port: int | None) -> None:
     """List all faults, their parameters, and what is on."""
-    answer = _ask(rig_path, modbus_port, {"do": "list"})
+    answer = _ask(rig_named, modbus_port, {"do": "list"})
     on = answer["on"]
     place = ""
     for fault in answer["faults"]:
@@ -51,7 +50,7 @@ def list_command(rig_path: Path | None, modbus_port: int | None) -> None:
 @RIG_OPTION
 @_PORT
 def on_command(
-    name: str, values: tuple[str, ...], lasting: str | None, rig_path: Path | None, modbus_port: int | None
+    name: str, values: tuple[str, ...], lasting: str | None, rig_named: str | None, modbus_port: int | None
 ) -> None:
     """Switch the fault NAME on, or change it: astb fault on leak side=left area=2mm2."""
     order: dict[str, Any] = {
@@ -61,7 +60,7 @@ def on_command(
     }
     if lasting is not None:
         order["for"] = lasting
-    for active in _ask(rig_path, modbus_port, order)["on"]:
+    for active in _ask(rig_named, modbus_port, order)["on"]:
         click.echo(f"on: {_told(active)}")
 
 
@@ -69,19 +68,19 @@ def on_command(
 @click.argument("name", metavar="NAME|all")
 @RIG_OPTION
 @_PORT
-def off_command(name: str, rig_path: Path | None, modbus_port: int | None) -> None:
+def off_command(name: str, rig_named: str | None, modbus_port: int | None) -> None:
     """Switch off the fault NAME (leak, or leak.left alone), or all."""
-    off = _ask(rig_path, modbus_port, {"do": "off", "name": name})["off"]
+    off = _ask(rig_named, modbus_port, {"do": "off", "name": name})["off"]
     click.echo(f"off: {', '.join(off)}" if off else "no fault was on")
 
 
-def _ask(rig_path: Path | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
+def _ask(rig_named: str | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
     """Return what the rig answers to ``order``; ends the command if there is no rig, or it refuses."""
     import msgspec
 
     from bench_sim.rig.control_socket import ask, control_path
 
-    rig, path = read_rig(rig_path)
+    rig, path = read_rig(rig_named)
     if rig.simulation is None:
         misuse(f"rig file {path} describes a real rig (no [simulation] table): it has faults of its own")
     port = modbus_port or rig.modbus.port

@@ -1,4 +1,4 @@
-"""`astb plans`, `astb specimens`, `astb effects`, `astb limits` and `astb signals`: what there is."""
+"""`astb plans`, `astb effects`, `astb limits` and `astb signals`: what there is."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from astb.commands.completion import complete_plans, complete_specimens
-from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig, read_specimen
+from astb.commands.completion import complete_plans
+from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig
 from astb.exit_codes import misuse
 from astb.tables import print_json
-from bench_protocol.units import kN
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
@@ -63,32 +62,6 @@ def _facts(plan: "Plan") -> dict[str, Any]:
     }
 
 
-@click.command("specimens")
-@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_specimens)
-@JSON_OPTION
-def specimens_command(names: tuple[str, ...], as_json: bool) -> None:
-    """List the specimens that come with the bench, or what the file of each NAME says."""
-    from test_plans.specimen import packaged
-
-    if as_json:
-        named = {name: read_specimen(name) for name in names or packaged()}
-        print_json(
-            [
-                {
-                    "name": name,
-                    **one.facts,
-                    "preload_N": {load.name: load.preload for load in one.loads.values()},
-                }
-                for name, one in named.items()
-            ]
-        )
-        return
-    for name in names or packaged():
-        one = read_specimen(name)
-        loads = ", ".join(f"{load.name} {load.preload / kN:g} kN" for load in one.loads.values())
-        click.echo(f"{name}  {one.type}, no. {one.serial_number}, drawing: {one.drawing}; {loads}")
-
-
 @click.command("effects")
 @JSON_OPTION
 def effects_command(as_json: bool) -> None:
@@ -128,11 +101,11 @@ def effects_command(as_json: bool) -> None:
 @click.command("limits")
 @RIG_OPTION
 @JSON_OPTION
-def limits_command(rig_path: Path | None, as_json: bool) -> None:
+def limits_command(rig_named: str | None, as_json: bool) -> None:
     """List the limit detectors of a simulated rig: what trips when, and what happens then."""
     from bench_sim.rig.limit_table import limits_of, listed
 
-    rig, path = read_rig(rig_path)
+    rig, path = read_rig(rig_named)
     try:
         limits = limits_of(rig.simulation.limits if rig.simulation else ())
     except ValueError as error:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from astb.commands.completion import complete_effects
+from astb.commands.completion import complete_effects, complete_rigs
 from astb.exit_codes import misuse
 
 if TYPE_CHECKING:
@@ -17,9 +17,10 @@ SEED: Final = click.IntRange(0, 2**32 - 1)
 
 RIG_OPTION: Final = click.option(
     "--rig",
-    "rig_path",
-    type=click.Path(path_type=Path),
-    help="Rig file (TOML).  [default: rigs/local.toml]",
+    "rig_named",
+    metavar="RIG",
+    shell_complete=complete_rigs,
+    help="Rig file (TOML), or a name of `astb rigs`.  [default: local]",
 )
 JSON_OPTION: Final = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table."
@@ -72,13 +73,12 @@ def read_specimen(name: str | None) -> "Specimen":
         misuse(error)
 
 
-def read_rig(path: Path | None) -> "tuple[RigFile, Path]":
-    """Return the rig file's content and its path; without a path that of `rigs/local.toml`."""
-    from astb.rig_file import RigFileError, read
+def read_rig(named: str | None) -> "tuple[RigFile, Path]":
+    """Return the rig of a file or of a name, and the path of its file; without either the ordinary one."""
+    from astb.rig_file import ORDINARY, RigFileError, find_rig
 
-    path = path or Path("rigs/local.toml")
     try:
-        return read(path), path
+        return find_rig(named or ORDINARY)
     except RigFileError as error:
         misuse(error)
 

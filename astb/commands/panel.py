@@ -25,7 +25,7 @@ _LOCAL: Final = "127.0.0.1"
 )
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors, if it is started here.")
 @out_option("Where records go.")
-def panel_command(rig_path: Path | None, host: str, port: int, seed: int | None, out: Path) -> None:
+def panel_command(rig_named: str | None, host: str, port: int, seed: int | None, out: Path) -> None:
     """Show a rig in the browser, and command it from there.
 
     Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
@@ -48,7 +48,7 @@ def panel_command(rig_path: Path | None, host: str, port: int, seed: int | None,
     from bench_protocol.clock import RealClock
     from drivers.errors import BenchError
 
-    rig, path = read_rig(rig_path)
+    rig, path = read_rig(rig_named)
     if rig.time == "virtual":
         misuse(
             f"rig file {path} has virtual time, in which nobody can look on; a rig in real time would be right"

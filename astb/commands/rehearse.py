@@ -32,7 +32,7 @@ _STYLE: Final = {"clear": "bold green", "blocked": "bold magenta", "refused": "b
 @plan_value_options
 def rehearse_command(
     plans: tuple[str, ...],
-    rig_path: Path | None,
+    rig_named: str | None,
     seed: int | None,
     model: str | None,
     effects: tuple[str, ...],
@@ -62,7 +62,7 @@ def rehearse_command(
 
     chosen = chosen_plans(plans, settings, values_path)
     specimen = read_specimen(specimen_name)
-    rig, path = read_rig(rig_path)
+    rig, path = read_rig(rig_named)
     simulation = _simulation(rig, path, model, effects, sealed)
     console, ends = Console(), []
     try:

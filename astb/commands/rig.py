@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 )
 @click.option("--until-eof", is_flag=True, hidden=True)
 def rig_command(
-    rig_path: Path | None,
+    rig_named: str | None,
     can: str | None,
     can_port: int | None,
     modbus_port: int | None,
@@ -78,7 +78,7 @@ def rig_command(
     from bench_sim.rig.pacing import Late
     from bench_sim.rig.process import run_rig
 
-    rig, path = read_rig(rig_path)
+    rig, path = read_rig(rig_named)
     simulation = _at_bit_rate(simulated(_simulated_only(rig, path), path, model, effects, sealed), bit_rate)
     try:
         bench = build_rig(simulation, seed)

@@ -44,7 +44,7 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
 )
 def run_command(
     plans: tuple[str, ...],
-    rig_path: Path | None,
+    rig_named: str | None,
     virtual: bool,
     seed: int | None,
     model: str | None,
@@ -79,7 +79,7 @@ def run_command(
 
     chosen = chosen_plans(plans, settings, values_path)
     specimen = read_specimen(specimen_name)
-    rig, path = read_rig(rig_path)
+    rig, path = read_rig(rig_named)
     rig = simulated(rig, path, model, effects, sealed)
     _end_in_order()
     try:

@@ -27,6 +27,8 @@ from drivers.wiring.keys import convert, duration, meant
 from drivers.wiring.lines import PLAYED, Description, Greetings, PlayerLimits, Reading, SettingTarget, Target
 from drivers.wiring.user_functions import functions_file, user_function
 
+#: The package with the files of the wirings that come with the bench.
+PACKAGE: Final = "wirings"
 #: A rig rounds what it is told: by so much of the range of a setting may what it reads back differ.
 _ROUNDED: Final = 0.001
 _NOT_MENTIONED: Final = "the wiring does not mention it"

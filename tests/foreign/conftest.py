@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.foreign import wiring_file
+
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PROGRAMS = {"plant_a": "tests.foreign.plc_rig", "hall_b": "tests.foreign.can_rig"}
@@ -39,7 +41,7 @@ def write_files(name, address, directory):
     host, _, port = address.removeprefix("socketcand://").partition(":")
     for file in ("hall_b.dbc", "strangers.py"):
         shutil.copy(HERE / file, directory)
-    wiring = (HERE / f"{name}_wiring.toml").read_text()
+    wiring = wiring_file(name).read_text()
     if name == "plant_a":
         assert "port = 1502" in wiring
         wiring = wiring.replace("port = 1502", f"port = {port}")
@@ -49,7 +51,8 @@ def write_files(name, address, directory):
             'bus = "can0"', f'bus = "tcp"\nhost = "{host}"\nport = {port}' if port else f'bus = "{host}"'
         )
     (directory / f"{name}_wiring.toml").write_text(wiring)
-    shutil.copy(HERE / f"{name}.toml", directory)
+    rig = (HERE / f"{name}.toml").read_text().replace('wiring = "plant_a"', 'wiring = "plant_a_wiring.toml"')
+    (directory / f"{name}.toml").write_text(rig)
     return directory / f"{name}.toml"
 
 

@@ -21,6 +21,7 @@ from drivers.wiring.described import open_described
 from drivers.wiring.description import read_description
 from drivers.wiring.listening import listening
 from drivers.wiring.own import OwnWiring
+from tests.foreign import wiring_file
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
 HERE = Path(__file__).parent
@@ -28,7 +29,7 @@ HERE = Path(__file__).parent
 
 def wired(virtual, tmp_path, *changes: tuple[str, str]):
     """The rig's description, with lines of its wiring file changed."""
-    text = (HERE / f"{virtual.name}_wiring.toml").read_text()
+    text = wiring_file(virtual.name).read_text()
     for was, becomes in changes:
         assert re.search(was, text, re.MULTILINE), was
         text = re.sub(was, becomes, text, flags=re.MULTILINE)

@@ -12,6 +12,7 @@ from astb.skeleton.writing import GROUPS, matches, skeleton
 from bench_protocol.table import TABLE
 from drivers.errors import WiringError
 from drivers.wiring.description import describe
+from tests.foreign import wiring_file
 
 HERE = Path(__file__).parent
 OURS = Path(__file__).parents[2] / "bench_protocol" / "generated"
@@ -33,7 +34,7 @@ def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, clear, first,
     )
     content = tomllib.loads(text)
     describe(content, tmp_path / "wiring.toml", TABLE)
-    right = tomllib.loads((HERE / f"{name}_wiring.toml").read_text())["signals"]
+    right = tomllib.loads(wiring_file(name).read_text())["signals"]
     known = [one for one in content["signals"] if point(right.get(one, {}))]
     filled = {one: point(entry) for one, entry in content["signals"].items() if point(entry)}
     assert {one: found for one, found in filled.items() if found != point(right.get(one, {}))} == {}

@@ -10,6 +10,7 @@ from bench_protocol.units import NS
 from drivers.errors import Refused
 from drivers.wiring.description import read_description
 from drivers.wiring.transports import open_transport
+from tests.foreign import wiring_file
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
 pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
@@ -24,7 +25,7 @@ HERE = Path(__file__).parent
     ],
 )
 def test_a_wiring_says_of_every_measurement_and_setting_where_it_is_or_why_not(name, missing):
-    description = read_description(HERE / f"{name}_wiring.toml", TABLE)
+    description = read_description(wiring_file(name), TABLE)
     absent = {one: why for one, why in description.absent.items() if why != "the wiring does not mention it"}
     assert set(absent) == missing | {"rig.pipe"}
     told = {
@@ -45,7 +46,7 @@ def test_a_wiring_says_of_every_measurement_and_setting_where_it_is_or_why_not(n
 
 def test_the_registers_of_rig_a_over_modbus():
     virtual = VirtualPlc()
-    path = HERE / "plant_a_wiring.toml"
+    path = wiring_file("plant_a")
     table = tomllib.loads(path.read_text())["transports"]["plc"]
     transport = open_transport("plc", table, path.parent, port=virtual.port)
     heard, lost = [], []
@@ -77,7 +78,7 @@ def test_the_registers_of_rig_a_over_modbus():
 
 def test_the_frames_of_rig_b_over_can():
     virtual = VirtualHall()
-    description = read_description(HERE / "hall_b_wiring.toml", TABLE)
+    description = read_description(wiring_file("hall_b"), TABLE)
     table, functions = description.transports["bus"], description.functions
     transport = open_transport("bus", table, HERE, functions=functions, port=virtual.port)
     heard, times = {}, []

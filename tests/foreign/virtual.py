@@ -1,7 +1,5 @@
 """The rigs of strangers in virtual time: their bytes and frames cross the memory of one process."""
 
-from pathlib import Path
-
 import numpy as np
 
 from bench_protocol.clock import VirtualClock
@@ -13,6 +11,7 @@ from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.wiring.described import open_described
 from drivers.wiring.description import read_description
+from tests.foreign import wiring_file
 from tests.foreign.can_rig import CYCLE as HALL_CYCLE
 from tests.foreign.can_rig import CanRig
 from tests.foreign.plc_rig import CYCLE as PLC_CYCLE
@@ -46,7 +45,7 @@ class _Paced:
 
     def bench(self) -> Bench:
         """Return a bench on a port of its own and the wiring file of the rig, not yet connected."""
-        description = read_description(Path(__file__).with_name(f"{self.name}_wiring.toml"), TABLE)
+        description = read_description(wiring_file(self.name), TABLE)
         return Bench(open_described(self.name, description, {self.transport: self.port}), self.clock)
 
     def port(self):

@@ -15,11 +15,11 @@ from astb.rehearsal.page import PAGE, sentence, write_page
 from astb.rehearsal.rehearsing import Rehearsal, rehearse
 from astb.rig_file import RigFile, Simulation, read
 from astb.session import open_session
+from bench_protocol.named_files import named_files
 from bench_protocol.units import Hz, mm, s
 from bench_records.record import read as read_record
 from bench_records.result import Outcome
 from test_plans.execution import execute
-from test_plans.instruments import ORDINARY
 from test_plans.parameters import Range
 from test_plans.plan import plan
 
@@ -55,9 +55,10 @@ def test_a_rehearsal_has_the_instruments_of_its_rig(tmp_path):
         run.check("one", 1.0, "1", low=0.0)
 
     rehearse(looks, virtual(), NOWHERE, tmp_path)
-    (tmp_path / "ours.toml").write_text(ORDINARY.read_text(encoding="utf-8"), encoding="utf-8")
+    ordinary = named_files("instruments")["astb"]
+    (tmp_path / "ours.toml").write_text(ordinary.read_text(encoding="utf-8"), encoding="utf-8")
     rehearse(looks, msgspec.structs.replace(virtual(), instruments="ours.toml"), tmp_path / "rig", tmp_path)
-    assert files == [ORDINARY.name, "ours.toml"]
+    assert files == [ordinary.name, "ours.toml"]
 
 
 def run(directory, amplitude, rig):

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from bench_protocol.named_files import named_files
 from bench_protocol.units import bar, kN, mm
 from bench_protocol.words import PROVENANCES
 from bench_records.junit import junit
@@ -14,9 +15,9 @@ from test_plans.leak_down import leak_down
 from test_plans.loads import Band, Limits, SpecimenError
 from test_plans.plan import plan
 from test_plans.run import Run
-from test_plans.specimen import HOME, ordinary, packaged, read_specimen
+from test_plans.specimen import ordinary, packaged, read_specimen
 
-TEXT = (HOME / "astb.toml").read_text(encoding="utf-8")
+TEXT = named_files("specimens")["astb"].read_text(encoding="utf-8")
 
 
 def changed(path, *changes):
@@ -33,7 +34,7 @@ def changed(path, *changes):
 def test_every_specimen_that_comes_with_the_bench_can_be_read_and_says_where_its_values_come_from(name):
     one = read_specimen(name)
     assert one.loads
-    text = (HOME / f"{name}.toml").read_text(encoding="utf-8")
+    text = named_files("specimens")[name].read_text(encoding="utf-8")
     entries = [line for line in text.splitlines() if "unit = " in line]
     assert entries
     for line in entries:

@@ -189,7 +189,7 @@ BAD_ARGUMENTS = {
     "run aw0 --seed 99999999999999999999": "'--seed': 99999999999999999999 is not in the range",
     "run aw0 --seed three": "'--seed': 'three' is not a valid integer range",
     "run aw0 --sede 3": "No such option '--sede'",
-    "rig": "rig file rigs/local.toml cannot be read",
+    "run aw0 --rig locl": "there is no rig 'locl': the path of a rig file, or hall or local or virtual",
     "rig --can-port 65536": "'--can-port': 65536 is not in the range 0<=x<=65535",
     "rig --modbus-port x": "'--modbus-port': 'x' is not a valid integer range",
     "report nowhere": "Directory 'nowhere' does not exist",

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import astb
-from astb.api import find_plan, find_rig
-from astb.rig_file import RigFileError
+from astb.api import find_plan
+from astb.rig_file import RigFileError, find_rig
 from bench_protocol.table import TABLE
 from bench_protocol.units import s
 from bench_records.checksums import broken_files
@@ -207,8 +207,10 @@ def test_misspelt_names_are_answered(bench, tmp_path, monkeypatch):
     with pytest.raises(PlanError, match="no plan 'leakdown'; did you mean 'leak_down'"):
         find_plan("leakdown")
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(RigFileError, match="no rig 'hall': the path of a rig file, or virtual"):
-        find_rig("hall")
+    with pytest.raises(
+        RigFileError, match="no rig 'hal': the path of a rig file, or hall or local or virtual"
+    ):
+        find_rig("hal")
 
 
 def test_a_rig_can_be_given_effects_and_a_real_one_cannot(tmp_path):

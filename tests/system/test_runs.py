@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 from astb.exit_codes import BLOCKED, FAIL, PASS
+from bench_protocol.named_files import named_files
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar
 from bench_protocol.words import STATES
 from bench_records.record import read
 from drivers.errors import LinkLost
 from drivers.modbus_port import open_modbus
-from test_plans.specimen import HOME
 
 FILES = ("SHA256SUMS", "junit.xml", "meta.json", "record.parquet", "report.html", "result.json")
 VIRTUAL = 'name = "virtual"\ntime = "virtual"\n[simulation]\n'
@@ -217,7 +217,7 @@ def test_what_the_bench_was_given_stands_in_terminal_and_report(run_here, tmp_pa
 @pytest.mark.slow
 def test_another_specimen_is_judged_by_its_own_limits_and_named(run_here, tmp_path):
     """The same bench, and a file that allows less air to be lost than the thermometers can resolve."""
-    text = (HOME / "astb.toml").read_text(encoding="utf-8")
+    text = named_files("specimens")["astb"].read_text(encoding="utf-8")
     assert text.count("{ high = 0.2, unit") == text.count('serial_number = "virtual"') == 1
     strict = text.replace("{ high = 0.2, unit", "{ high = -0.5, unit").replace('"virtual"', '"4711"')
     (tmp_path / "strict.toml").write_text(strict, encoding="utf-8")

@@ -1,0 +1,197 @@
+"""`astb rigs`, `specimens`, `instruments`, `wirings` and `parameters`: the files that come with the bench."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import click
+
+from astb.commands.completion import complete_from
+from astb.commands.options import JSON_OPTION, read_rig, read_specimen
+from astb.exit_codes import misuse
+from astb.tables import print_json
+
+if TYPE_CHECKING:
+    from test_plans.instruments import Instruments
+
+
+_COPY_OPTION: Final = click.option(
+    "--copy",
+    "target",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write a copy of NAME, to begin one of your own with.",
+)
+
+
+class Listed(NamedTuple):
+    """What is told of one file: to people, and to programs."""
+
+    line: str
+    facts: Mapping[str, Any]
+
+
+def _listing(
+    command: str, known: Callable[[], Mapping[str, Path]], tell: Callable[[str], Listed], text: str
+) -> click.Command:
+    """Return the command that lists the ``known`` files of a kind, as ``tell`` has them, and copies one."""
+
+    def body(names: tuple[str, ...], target: Path | None, as_json: bool) -> None:
+        if target is not None:
+            _copy(command, known(), names, target)
+            return
+        listed = {name: tell(name) for name in names or known()}
+        if as_json:
+            print_json([{"name": name, **one.facts} for name, one in listed.items()])
+            return
+        for name, one in listed.items():
+            click.echo(f"{name}  {one.line}")
+
+    body = JSON_OPTION(_COPY_OPTION(body))
+    names = click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_from(known))
+    return click.command(command, help=text)(names(body))
+
+
+def _copy(command: str, known: Mapping[str, Path], names: tuple[str, ...], target: Path) -> None:
+    if len(names) != 1 or names[0] not in known:
+        misuse(
+            f"--copy takes one NAME: {', '.join(known)}, as in astb {command} {next(iter(known))} --copy {target}"
+        )
+    if target.exists():
+        misuse(f"{target} is there already, and somebody may have worked on it")
+    if target.suffix != ".toml":
+        misuse(f"{target} would be taken for a name: a file that ends in .toml would do")
+    try:
+        target.write_bytes(known[names[0]].read_bytes())
+    except OSError as error:
+        misuse(f"{target} cannot be written: {error.strerror}")
+    click.echo(target)
+
+
+def _rigs() -> Mapping[str, Path]:
+    from astb.rig_file import rigs
+
+    return rigs()
+
+
+def _rig(name: str) -> Listed:
+    rig, path = read_rig(name)
+    kind = "simulated" if rig.simulation else "described by a wiring" if rig.wiring else "real"
+    return Listed(
+        f"{kind}, {rig.time} time: {rig.description}",
+        {
+            "description": rig.description,
+            "simulated": rig.simulation is not None,
+            "time": rig.time,
+            "file": str(path),
+        },
+    )
+
+
+def _named(package: str) -> Callable[[], Mapping[str, Path]]:
+    def known() -> Mapping[str, Path]:
+        from bench_protocol.named_files import named_files
+
+        return named_files(package)
+
+    return known
+
+
+def _specimen(name: str) -> Listed:
+    from bench_protocol.units import kN
+
+    one = read_specimen(name)
+    loads = {load.name: load.preload for load in one.loads.values()}
+    carried = ", ".join(f"{load} {preload / kN:g} kN" for load, preload in loads.items())
+    return Listed(
+        f"{one.type}, no. {one.serial_number}, drawing: {one.drawing}; {carried}",
+        {**one.facts, "preload_N": loads},
+    )
+
+
+def _instruments(name: str) -> Listed:
+    one = _read_instruments(name)
+    types = sorted({piece.instrument.type for piece in one.pieces.values()})
+    return Listed(f"{len(one.pieces)} readings: {'; '.join(types)}", {**one.facts})
+
+
+def _read_instruments(name: str) -> "Instruments":
+    from test_plans.instruments import InstrumentsError, read_instruments
+
+    try:
+        return read_instruments(name)
+    except InstrumentsError as error:
+        misuse(error)
+
+
+def _wiring(name: str) -> Listed:
+    from bench_protocol.named_files import place_of
+    from bench_protocol.table import TABLE
+    from drivers.errors import WiringError
+    from drivers.wiring.description import PACKAGE, read_description
+
+    path = place_of(PACKAGE, name)
+    try:
+        one = read_description(path, TABLE)
+    except WiringError as error:
+        misuse(error)
+    return Listed(one.text, {"description": one.text, "sha256": one.digest, "file": str(path)})
+
+
+def _sets() -> Mapping[str, Path]:
+    from bench_protocol.named_files import named_files
+    from bench_sim.parameters import SETS
+
+    return {name: named_files("bench_sim.parameters")[name] for name in SETS}
+
+
+def _parameters(name: str) -> Listed:
+    from bench_sim.parameters import ParameterError, load
+
+    try:
+        one = load(name)
+    except ParameterError as error:
+        misuse(error)
+    loads = ", ".join(one.load_cases)
+    return Listed(
+        f"{len(one.entries)} parameters, each with its source; load cases {loads}",
+        {"load_cases": list(one.load_cases), "sha256": one.digest(), "file": str(_sets()[name])},
+    )
+
+
+rigs_command = _listing(
+    "rigs",
+    _rigs,
+    _rig,
+    """List the rigs that have a name, for --rig: those that come with the bench, and the files in rigs/.
+
+    Without NAMEs all of them. A rig of your own is a file: astb rigs local --copy mine.toml, then --rig mine.toml.
+    """,
+)
+specimens_command = _listing(
+    "specimens",
+    _named("specimens"),
+    _specimen,
+    """List the specimens that come with the bench, or what the file of each NAME says.""",
+)
+instruments_command = _listing(
+    "instruments",
+    _named("instruments"),
+    _instruments,
+    """List the instruments that come with the bench, or those of each NAME, for a rig file.""",
+)
+wirings_command = _listing(
+    "wirings",
+    _named("wirings"),
+    _wiring,
+    """List the wirings that come with the bench, or each NAME: examples, as every rig needs one of its own.
+
+    `astb wiring new` makes a first one from a DBC and a list of registers.
+    """,
+)
+parameters_command = _listing(
+    "parameters",
+    _sets,
+    _parameters,
+    """List the parameter sets that come with the bench, for --model, or what each NAME is.""",
+)

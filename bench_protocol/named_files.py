@@ -1,0 +1,26 @@
+"""Files that come with the bench and have a name: rigs, specimens, instruments, wirings, parameter sets."""
+
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+#: The packages of files lie beside this one, in a checkout as well as installed. Asked for by their own names, which
+#: are anybody's words, they might be somebody else's.
+_HOME: Final = Path(str(files("bench_protocol"))).parent
+
+
+@cache
+def named_files(package: str) -> dict[str, Path]:
+    """Return the TOML files of a package by their names."""
+    return {path.stem: path for path in sorted((_HOME / package.replace(".", "/")).glob("*.toml"))}
+
+
+def place_of(package: str, name: str | Path, home: Path = Path()) -> Path:
+    """Return where the file of a name lies, or the file of a path, which is seen from ``home``.
+
+    What ends in ``.toml`` is a path. A name that nobody has gives the path where its file would lie.
+    """
+    if str(name).endswith(".toml"):
+        return home / name
+    return named_files(package).get(str(name), home / name)
