@@ -32,6 +32,17 @@ class Band:
     def __contains__(self, value: float) -> bool:
         return (self.low is None or self.low <= value) and (self.high is None or value <= self.high)
 
+    def wider(self, by: float) -> Band:
+        """Return this band with limits that lie further out by the fraction ``by`` of them."""
+        low = None if self.low is None else self.low - by * abs(self.low)
+        return Band(low, None if self.high is None else self.high + by * abs(self.high))
+
+    def told(self, unit: str) -> str:
+        """Say the limits in ``unit``."""
+        factor = UNITS[unit].factor
+        ends = (("at least", self.low), ("at most", self.high))
+        return ", ".join(f"{which} {end / factor:g} {unit}" for which, end in ends if end is not None)
+
 
 def within(expected: float, tolerance: float) -> Band:
     """Return ``expected`` plus or minus ``tolerance``, a fraction of it."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.named_files import named_files, place_of
-from bench_protocol.units import WRITTEN_UNITS, mm, mrad
+from bench_protocol.units import WRITTEN_UNITS, bar, kN, mm, mrad
 from bench_protocol.words import PROVENANCES
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
 
@@ -35,6 +35,8 @@ DRAWING: Final = {
     "emergency_stiffness_vertical": "N/m",
     "emergency_stiffness_lateral": "N/m",
 }
+#: Which part of a preload shell and rubber bear at most, or press on the air: the rest is pressure times area.
+BORNE_OTHERWISE: Final = 0.05
 LOAD: Final = {"preload": "N", "fill_pressure": "Pa", "roll_load": "N"}
 #: What may be limited under any load, each with its SI unit. What one plan alone asks for stands beside these, in a
 #: table with its name.
@@ -188,7 +190,7 @@ def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
     cases = _table("load_case", content.get("load_case", {}))
     if not cases:
         raise _Unfit(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
-    return Specimen(
+    specimen = Specimen(
         file,
         sha256,
         _name("type", content),
@@ -198,6 +200,9 @@ def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
         limits=_limits(file, "limits", content.get("limits", {}), LIMITS),
         loads={name: _load(file, name, case) for name, case in cases.items()},
     )
+    if found := list(_contradictions(specimen)):
+        raise _Unfit("; ".join(found))
+    return specimen
 
 
 def _name(key: str, content: Mapping[str, Any]) -> str:
@@ -212,6 +217,36 @@ def _load(file: str, name: str, case: Any) -> Load:
     values = dict(_table(where, case))
     limits = _limits(file, f"{where}.limits", values.pop("limits", {}), LOAD_LIMITS)
     return Load(name, **_values(where, values, LOAD), limits=limits)
+
+
+def _contradictions(specimen: Specimen) -> Iterator[str]:
+    """Yield where a file says two things of which only one can be."""
+    area = specimen.effective_area
+    for load in specimen.loads.values():
+        where, preload = f"load_case.{load.name}", f"preload = {load.preload / kN:g} kN"
+        borne = load.fill_pressure * area
+        if abs(borne / load.preload - 1.0) > BORNE_OTHERWISE:
+            yield (
+                f"{where}.{preload}, but fill_pressure = {load.fill_pressure / bar:g} bar on effective_area = "
+                f"{area:g} m2 bears {borne / kN:.4g} kN; {load.preload / area / bar:.4g} bar would bear it"
+            )
+        if load.roll_load >= load.preload:
+            yield (
+                f"{where}.roll_load = {load.roll_load / kN:g} kN would lift a spring off, for {preload}; less would do"
+            )
+        carried = load.limits.bands.get("carried", Band())
+        if load.preload not in carried:
+            yield f"{where}.{preload} lies outside of limits.carried ({carried.told('kN')}); no spring could pass"
+        pressure = load.limits.bands.get("pressure", Band())
+        if load.fill_pressure not in pressure.wider(BORNE_OTHERWISE):
+            yield (
+                f"{where}.fill_pressure = {load.fill_pressure / bar:g} bar is far outside of limits.pressure "
+                f"({pressure.told('bar')}); no spring could pass"
+            )
+    loads = specimen.loads
+    if "AW0" in loads and "AW3" in loads and loads["AW0"].preload >= loads["AW3"].preload:
+        empty, full = (loads[name].preload / kN for name in ("AW0", "AW3"))
+        yield f"the empty car (AW0, {empty:g} kN) is no lighter than the full one (AW3, {full:g} kN)"
 
 
 def _values(where: str, table: Any, known: Mapping[str, str]) -> dict[str, float]:
