@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.units import Hz, mm, s
+from bench_protocol.units import Hz, kN, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness, straight_line
 from test_plans.fittings import put_down
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 #: Slow enough for a quasi-static spring, and descending: a small loop settles sooner after a large one.
 SLOW: Final = 0.5 * Hz
 SLOW_LEAD: Final = 6 * s
+#: The steps of the preloads.
+SHIM: Final = 0.5 * kN
 AMPLITUDES: Final = (10 * mm, 5 * mm, 2.5 * mm)
 
 
@@ -81,17 +83,22 @@ class LateralPressure:
         return measure_sines(run, [*self.sines[small], *self.sines[large]], lateral_stiffness, evaluate)
 
 
-def carry_first(around: str, preloads: Sequence[float]) -> Callable[[Run], None]:
-    """Return the set-up that lets the springs carry the first of ``preloads`` (N) around a load case."""
-    return lambda run: steps.carry(run.specimen.load_of(around, preloads[0]))(run)
+def part_of(run: Run, name: str, part: float) -> Load:
+    """Return a load case of ``part`` of the preload of load case ``name``, in whole steps of the shims."""
+    return run.specimen.load_of(name, round(part * run.specimen.load(name).preload / SHIM) * SHIM)
 
 
-def lateral_stiffness_over_pressure(run: Run, name: str, preloads: Sequence[float]) -> None:
-    """Measure under each of the preloads (N), of which the first is carried already, around the load case ``name``."""
+def carry_first(name: str, parts: Sequence[float]) -> Callable[[Run], None]:
+    """Return the set-up that lets the springs carry the first of ``parts`` of the preload of load case ``name``."""
+    return lambda run: steps.carry(part_of(run, name, parts[0]))(run)
+
+
+def lateral_stiffness_over_pressure(run: Run, name: str, parts: Sequence[float]) -> None:
+    """Measure under each of ``parts`` of the preload of load case ``name``, of which the first is carried already."""
     around = run.specimen.load(name)
     expected = around.limits.band("lateral_stiffness_by_pressure")
     softening = run.specimen.limits.band("lateral_softening")
-    loads = [run.specimen.load_of(name, preload) for preload in preloads]
+    loads = [part_of(run, name, part) for part in parts]
     found = LateralPressure()
     for load in loads:
         with run.phase(load.name):

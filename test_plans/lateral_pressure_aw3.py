@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from bench_protocol.units import kN, s
+from bench_protocol.units import s
 from test_plans import steps
 from test_plans.by_pressure import carry_first, lateral_stiffness_over_pressure
 from test_plans.loads import AW3
@@ -11,12 +11,12 @@ from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.waves import LATERAL_WAVES
 
-#: The shims end at 160 kN.
-PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))
+#: Of the full car's preload: the shims end at 160 kN.
+PARTS: Final = (0.897, 0.949, 1.0, 1.051, 1.103)
 
 
 @plan(
-    setup=carry_first(AW3, PRELOADS),
+    setup=carry_first(AW3, PARTS),
     lasts=370 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
     requires=on_the_bench(AW3),
@@ -24,11 +24,12 @@ PRELOADS: Final = tuple(P * kN for P in (130.0, 137.5, 145.0, 152.5, 160.0))
 def lateral_pressure_aw3(run: Run) -> None:
     """Lateral stiffness against pressure, full car.
 
-    Five preloads around 145 kN, each on shims of its own, so that bellows and emergency springs stand as designed.
-    The leveling valves find the pressure that carries the load; with height and pressure held, the lateral actuator
-    shears both springs at 0.5 Hz by 10, 5 and 2.5 mm. Stiffness and damping are first harmonics, half of the pair's.
+    Five preloads around {AW3.preload}, each on shims of its own, so that bellows and emergency springs stand as
+    designed. The leveling valves find the pressure that carries the load; with height and pressure held, the lateral
+    actuator shears both springs at 0.5 Hz by 10, 5 and 2.5 mm. Stiffness and damping are first harmonics, half of the
+    pair's.
 
     Good is a spring that grows stiffer with pressure by what its membrane predicts, and softer with amplitude by its
     friction.
     """
-    lateral_stiffness_over_pressure(run, AW3, PRELOADS)
+    lateral_stiffness_over_pressure(run, AW3, PARTS)
