@@ -15,7 +15,7 @@ from test_plans.run import Run
     requires=on_the_bench(AW3),
 )
 def aw3(run: Run) -> None:
-    """AW3: the full car, 145 kN on each spring.
+    """AW3: the full car, {AW3.preload} on each spring.
 
     The bolster is lifted, the springs are filled, and the leveling valves bring them to their design height under the
     preload of the full car. When the gas has cooled down from filling, the bench measures:
@@ -28,8 +28,8 @@ def aw3(run: Run) -> None:
       pressure valve, and the answer to the track, a unilateral cosine of 5 mm;
     * the air that the shut springs lost meanwhile.
 
-    Good is a spring that does what its drawing predicts: stiffness within 8 %, damping within 15 % (lateral 25 %),
-    pressure within 3 %, no leak. The air is let off at the end, whatever happened before.
+    Good is a spring that does what its drawing predicts: stiffness, damping and pressure within the limits of the
+    specimen's file, and no leak. The air is let off at the end, whatever happened before.
     """
     load = run.specimen.load(AW3)
     steps.check_air(run, load)

@@ -72,6 +72,7 @@ def execute(
     ``bench_records.report``.
     """
     spring, instruments = specimen or ordinary(), bench.instruments or UNKNOWN
+    plan = plan.on(spring)
     facts = _facts(plan, spring, instruments) | dict(meta or {})
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()

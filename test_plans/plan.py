@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, Final, overload
 
 from bench_protocol.table import TABLE
+from bench_protocol.units import kN
 from test_plans.parameters import Parameter, Value, declared_parameters, read_all
 from test_plans.preconditions import Precondition
 from test_plans.run import PlanError, Run
 from test_plans.steps import make_safe, power_up
+
+if TYPE_CHECKING:
+    from test_plans.specimen import Specimen
+
+_PRELOAD: Final = re.compile(r"\{(\w+)\.preload\}")
 
 #: A part of a plan: a function that is given the run, and those of the plan's parameters that it names.
 Part = Callable[..., None]
@@ -23,7 +30,8 @@ Part = Callable[..., None]
 class Plan:
     """A test instruction: set-up, main part and tear-down, which always runs.
 
-    The instruction is the docstring of the main part, the title its first line. ``lasts`` is how long it takes (s of
+    The instruction is the docstring of the main part, the title its first line. In both ``{AW0.preload}`` stands for
+    what a specimen has to carry in that load case, which :meth:`on` puts in. ``lasts`` is how long it takes (s of
     the bench's time, 0 if nobody knows): it moves the progress bar and limits nothing. ``parameters`` are what the main
     part may be given by name, ``values`` (SI) what it will be given. On a rig that lacks one of the signals ``needs``
     the plan is blocked before anything moves, and so it is if one of the preconditions ``requires`` is not met.
@@ -55,6 +63,18 @@ class Plan:
         """Return one of the parts of this plan with the parameters that it names."""
         names = inspect.signature(part).parameters
         return partial(part, **{name: value for name, value in self.values.items() if name in names})
+
+    def on(self, specimen: Specimen) -> Plan:
+        """Return the plan as it is told for ``specimen``: with what that has to carry in title and instruction."""
+
+        def preload(found: re.Match[str]) -> str:
+            load = specimen.loads.get(found[1])
+            return (
+                f"{load.preload / kN:g} kN" if load else f"a load {found[1]} that the specimen does not state"
+            )
+
+        title, instruction = (_PRELOAD.sub(preload, text) for text in (self.title, self.instruction))
+        return replace(self, title=title, instruction=instruction)
 
     @property
     def written(self) -> dict[str, str]:

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 @JSON_OPTION
 def plans_command(names: tuple[str, ...], as_json: bool) -> None:
     """List the test plans, or the instruction of each NAME and its parameters with unit, range and default."""
+    from test_plans.specimen import ordinary
+
     if as_json:
-        print_json([_facts(known_plan(name)) for name in names or known_plans()])
+        print_json([_facts(known_plan(name).on(ordinary())) for name in names or known_plans()])
         return
     for name in names:
-        plan = known_plan(name)
+        plan = known_plan(name).on(ordinary())
         click.echo(f"{plan.name}\n\n{plan.instruction}\n")
         for one in plan.parameters:
             click.echo(f"    --set {one.name + '=' + one.show(one.default):<32} {one.allowed}")
@@ -42,7 +44,7 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
             click.echo(f"{heading}:")
             for name, plan in known.items():
                 if plan.judges is judges:
-                    click.echo(f"  {name:<{width}}  {plan.title}")
+                    click.echo(f"  {name:<{width}}  {plan.on(ordinary()).title}")
 
 
 def _facts(plan: "Plan") -> dict[str, Any]:

@@ -98,7 +98,7 @@ def _about(parts: Parts) -> dict[str, Any]:
 
 def _plans() -> dict[str, Any]:
     from test_plans.discovery import plans
-    from test_plans.specimen import packaged
+    from test_plans.specimen import ordinary, packaged
 
     return {
         "specimens": list(packaged()),
@@ -120,7 +120,7 @@ def _plans() -> dict[str, Any]:
                     for each in one.parameters
                 ],
             }
-            for one in plans().values()
+            for one in (plan.on(ordinary()) for plan in plans().values())
         ],
     }
 

@@ -169,7 +169,7 @@ def _conclude(
     over = watch.over
     return Rehearsal(
         plan=plan.name,
-        title=plan.title,
+        title=result.title,
         rig=rig,
         model=model,
         parameters=result.parameters,

@@ -1,6 +1,8 @@
 """The specimen: its file says what is good, another file says otherwise, and nobody guesses what is wrong in it."""
 
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -10,7 +12,11 @@ from bench_protocol.words import PROVENANCES
 from bench_records.junit import junit
 from bench_records.report import write_report
 from bench_records.result import Outcome, read_result
+from test_plans.by_pressure import part_of
+from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.lateral_pressure_aw0 import PARTS as EMPTY
+from test_plans.lateral_pressure_aw3 import PARTS as FULL
 from test_plans.leak_down import leak_down
 from test_plans.loads import Band, Limits, SpecimenError
 from test_plans.plan import plan
@@ -118,6 +124,67 @@ def test_what_does_not_fit_is_refused_with_file_key_and_value(tmp_path, old, new
     assert "wrong.toml" in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            [("value = 53.5,", "value = 45.0,"), ("value = 2.058,", "value = 1.731,")],
+            "load_case.AW0.preload = 45 kN lies outside of limits.carried (at least 52.9 kN, at most 54.1 kN)",
+        ),
+        (
+            [("value = 0.26,", "value = 0.22,")],
+            "fill_pressure = 5.577 bar on effective_area = 0.22 m2 bears 122.7 kN; 6.591 bar would bear it",
+        ),
+        (
+            [("low = 5.40, high = 5.70", "low = 4.40, high = 4.70")],
+            "load_case.AW3.fill_pressure = 5.577 bar is far outside of limits.pressure (at least 4.4 bar, at most",
+        ),
+        (
+            [("value = 8.0, unit", "value = 150.0, unit")],
+            "load_case.AW3.roll_load = 150 kN would lift a spring",
+        ),
+        (
+            [("[load_case.AW0]", "[load_case.AW9]"), ("[load_case.AW3]", "[load_case.AW0]")]
+            + [("load_case.AW0.", "load_case.AW9.")] * 5
+            + [("load_case.AW3.", "load_case.AW0.")] * 5
+            + [("[load_case.AW9]", "[load_case.AW3]")]
+            + [("load_case.AW9.", "load_case.AW3.")] * 5,
+            "the empty car (AW0, 145 kN) is no lighter than the full one (AW3, 53.5 kN)",
+        ),
+    ],
+)
+def test_a_file_that_contradicts_itself_is_refused_with_both_values(tmp_path, changes, told):
+    with pytest.raises(SpecimenError, match=re.escape(told)) as error:
+        read_specimen(changed(tmp_path / "wrong.toml", *changes))
+    assert "wrong.toml" in str(error.value)
+
+
+def test_title_and_instruction_say_what_this_specimen_has_to_carry(tmp_path):
+    """A lighter car: nothing that is said of the run may come from the ordinary specimen."""
+    light = read_specimen(
+        changed(
+            tmp_path / "light.toml",
+            ("value = 53.5,", "value = 45.0,"),
+            ("value = 2.058,", "value = 1.731,"),
+            ("low = 52.9, high = 54.1", "low = 44.4, high = 45.6"),
+            ("low = 1.98, high = 2.11", "low = 1.66, high = 1.78"),
+        )
+    )
+    assert plans()["aw0"].on(light).title == "AW0: the empty car, 45 kN on each spring."
+    ordinary_loads = {f"{load.preload / kN:g} kN" for load in ordinary().loads.values()}
+    for one in plans().values():
+        told = one.on(replace(light, loads={})).instruction
+        assert not [load for load in ordinary_loads if load in told], f"{one.name} knows the load by itself"
+        assert "{" not in told
+
+
+def test_preloads_around_a_load_case_are_parts_of_it(tmp_path):
+    """By hand for the ordinary specimen; another one's are as far from its own."""
+    run = SimpleNamespace(specimen=ordinary())
+    assert [part_of(run, "AW0", part).preload / kN for part in EMPTY] == [43.0, 48.0, 53.5, 59.0, 64.0]
+    assert [part_of(run, "AW3", part).preload / kN for part in FULL] == [130.0, 137.5, 145.0, 152.5, 160.0]
+
+
 def test_a_file_that_is_not_there_is_told_with_those_that_are(tmp_path):
     with pytest.raises(SpecimenError, match=r"nowhere\.toml: No such file or directory; there is .*astb"):
         read_specimen(tmp_path / "nowhere.toml")
@@ -155,6 +222,8 @@ def test_another_specimen_carries_another_load_and_is_named_wherever_the_result_
         ('serial_number = "virtual"', 'serial_number = "0815 <&>"'),
         ('value = 145.0, unit = "kN"', 'value = 130.0, unit = "kN"'),
         ('value = 5.577, unit = "bar"', 'value = 5.0, unit = "bar"'),
+        ("low = 144.4, high = 145.6", "low = 129.4, high = 130.6"),
+        ("low = 5.40, high = 5.70", "low = 4.84, high = 5.11"),
     )
     with bench_composed() as made:
         result = execute(leak_down, made.bench, tmp_path / "out", specimen=read_specimen(path))
