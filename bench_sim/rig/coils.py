@@ -25,7 +25,7 @@ def coil_actions(
             "air_low": partial(supervisor.handle, Event.AIR_LOW),
             "air_high": partial(supervisor.handle, Event.AIR_HIGH),
             "disable": partial(supervisor.handle, Event.DISABLE),
-            "program_run": lambda: supervisor.state is BenchState.ACTIVE and generator.run(),
+            "program_run": supervisor.run_program,
             "program_hold": generator.hold,
             "program_stop": generator.stop,
         },

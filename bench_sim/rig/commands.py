@@ -100,7 +100,8 @@ def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any)
     """Let the decoded samples of commands act; changes of the control bits are added to ``changes``.
 
     A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". One out of its range
-    makes its frame refused: sides that belong together must not move alone.
+    makes its frame refused: sides that belong together must not move alone. The first one for actuators that are shut
+    in waits for the supervisor, who lets them take over from where they are.
     """
     accepted_from = 0
     for k in range(signals.size):
@@ -127,10 +128,13 @@ def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any)
             and c.active != 0
             and (steering.modes[row] < 0 or steering.modes[row] == c.control[target])
             and not np.isnan(values[k])
-            and c.goal[target] != values[k]
         ):
-            c.goal[target] = values[k]
-            c.slew[target] = SLEW_TICKS
+            waits = c.engaged == 0 and target <= Target.LATERAL
+            if waits:
+                c.ordered = 1
+            if waits or c.goal[target] != values[k]:
+                c.goal[target] = values[k]
+                c.slew[target] = SLEW_TICKS
 
 
 class Incoming(NamedTuple):
@@ -172,7 +176,8 @@ def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
             last += 1
         _take_block(c, incoming.block[first:last], incoming.senders[first], incoming, published)
         first = last
-    return Happened.COMMANDED.value if c.changed > 0 or c.asked != 0 else Happened.NOTHING.value
+    waits = c.changed > 0 or c.asked != 0 or c.ordered != 0
+    return Happened.COMMANDED.value if waits else Happened.NOTHING.value
 
 
 @compiled

@@ -105,6 +105,8 @@ CONTROLS: Final = np.dtype(
         ("active", "<i8"),  # 1: follow the commander's set-points
         ("engaged", "<i8"),  # 1: the actuators hold or move
         ("shut_in", "<i8"),  # 1: the actuators stay shut in, with or without pressure
+        ("ordered", "<i8"),  # 1: a set-point has come for actuators that are still shut in
+        ("airing", "<i8"),  # samples for which the springs stay open, or until settings are applied
         ("grip", "<i8"),  # `safe_position.Grip`
         ("lowering", "<i8", (2,)),  # 1: this vertical actuator sets down what hangs on it
         ("air", "<i8"),  # `AirSupply`

@@ -68,6 +68,21 @@ class FunctionGenerator:
         self._absorb_offset()
         c["program"] = Program.STOPPED if c["program"] != Program.IDLE else Program.IDLE
 
+    def clear(self) -> None:
+        """Have no program, as after power on; the set-points keep what the last one added to them."""
+        if self._controls["program"] != Program.IDLE:
+            self.freeze()
+            self._controls["program"] = Program.IDLE
+
+    def forget(self) -> None:
+        """Forget how far the last program has come, which is over."""
+        self._controls["phase"] = 0.0
+
+    @property
+    def moves_actuators(self) -> bool:
+        """Whether the program is one of the actuators, and not of the platform."""
+        return int(self._controls["axis"]) <= AXES.index("lateral")
+
     def _amplitude(self, axis: int) -> float | None:
         """Return the amplitude for ``axis`` in its present control mode; None if it cannot move so."""
         settings, name = self._settings, AXES[axis]

@@ -14,7 +14,7 @@ from bench_protocol.frames import FRAME, Block, copied, join
 from bench_protocol.gate import Gate
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
 from bench_protocol.table import TABLE
-from bench_protocol.words import FAULTS, SIDES, BenchState, Reason
+from bench_protocol.words import FAULTS, BenchState, Reason
 from bench_sim.model.layout import SENSORS
 from bench_sim.model.plant import Plant
 from bench_sim.parameters import Parameters
@@ -22,20 +22,20 @@ from bench_sim.rig.black_box import BlackBox
 from bench_sim.rig.canopen import CanopenNode
 from bench_sim.rig.coils import coil_actions, contacts
 from bench_sim.rig.commands import Incoming
-from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened, Target
+from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened
 from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.orders import obey
 from bench_sim.rig.faults.panel import FaultPanel
 from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
+from bench_sim.rig.in_force import InForce
 from bench_sim.rig.lease import Lease
 from bench_sim.rig.limits import LIMITS, Limit, detectors
 from bench_sim.rig.pacing import Late, Pacing
 from bench_sim.rig.peers import port_of
 from bench_sim.rig.registers import BUS_NOTE, RegisterBank
 from bench_sim.rig.ring import Ring, drain, fill
-from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import Event
 from bench_sim.rig.supervisor import Supervisor
 from bench_sim.rig.tick import (
@@ -108,12 +108,13 @@ class Rig:
         self.generator = FunctionGenerator(
             self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
         )
+        fittings = Fittings(self.plant, self.registers.active)
+        self._in_force = InForce(self._controls, self.values, self.registers, self.generator, fittings)
         self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
         watched = limits, self._detectors
         self.supervisor = Supervisor(
-            self._controls, self.values, watched, self.generator, self.black_box, self.emergencies
+            self._controls, self.values, watched, self._in_force, self.black_box, self.emergencies
         )
-        self.fittings = Fittings(self.plant, self.registers.active)
         self._actions = coil_actions(
             self.supervisor, self.generator, lambda: self.apply(self.registers.staged)
         )
@@ -122,7 +123,6 @@ class Rig:
         self.node = CanopenNode(self, self._controls, self._encoder, self._decoder, timed)
         self._contacts = contacts(self.supervisor, lambda: self.registers.unapplied)
         self._start_values()
-        self.apply(self.registers.active)
         self.supervisor.handle(Event.POWER_ON)
 
     def _bind_kernels(self) -> None:
@@ -355,27 +355,11 @@ class Rig:
     def apply(self, settings: Mapping[str, float]) -> bool:
         """Take over all settings at once; an engaged actuator changes its control mode without a bump."""
         with self.lock:
-            return self._apply(settings)
-
-    def _apply(self, settings: Mapping[str, float]) -> bool:
-        c = self._controls
-        vertical, lateral = settings["vertical.control"], settings["lateral.control"]
-        modes = (vertical, vertical, lateral)
-        if self.generator.busy and (c["control"] != modes).any():
-            return False  # a mode must not change under a running program
-        if not self.fittings.change(settings, engaged=bool(c["engaged"] or c["grip"] != Grip.OPEN)):
-            return False
-        c["refitted"] = 1
-        for k, side in enumerate(SIDES):
-            c["air_mode"][k] = settings[f"air.{side}_mode"]
-            c["air_target"][k] = settings[f"air.{side}_target"]
-            c["reservoir"][k] = settings[f"air.{side}_reservoir"]
-        c["dpv"] = settings["air.dpv"]
-        for actuator, mode in enumerate(modes):
-            if c["control"][actuator] != mode:
-                c["control"][actuator] = mode
-                self.supervisor.take_present(Target(actuator))
-        return True
+            before = self._controls["control"].copy()
+            taken = self._in_force.apply(settings)
+            if taken:
+                self.supervisor.applied(steered=bool((self._controls["control"] != before).any()))
+            return taken
 
     # -- inside --------------------------------------------------------------------------------------------------
 
@@ -387,6 +371,8 @@ class Rig:
             c["changed"] = 0
             for bits in changes:
                 self.supervisor.command(ControlBit(bits))
+            if c["ordered"]:
+                self.supervisor.engage()
             if c["asked"]:
                 self.lease.ask()
         self.supervisor.decide(happened)
@@ -406,7 +392,9 @@ class Rig:
     def _holder_changed(self) -> None:
         """Begin anew with whoever commands next, and tell everybody on the bus who that is."""
         self._decoder.forget()
+        self._decoder.latest.fill(np.nan)
         self.registers.drop_staged()
+        self.supervisor.forget()
         self.node.start()
         self._tell(self._lease_row)
 

@@ -8,17 +8,21 @@ by their springs, the exhausts of the springs open by theirs, and the orifice of
 from enum import IntEnum
 from typing import Any, Final
 
+from bench_protocol.rates import FAST_RATE
 from bench_protocol.signals import Group
 from bench_protocol.units import bar, kN, mm, s
 from bench_sim.model.compiled import compiled
 from bench_sim.model.layout import Sensor
 from bench_sim.model.wiring import sensors_of
+from bench_sim.rig.controls import AirSupply
 
 #: Just less than what carries the bolster (0.23 bar): nothing moves when actuators with hardly a load let go.
 EMPTY: Final = 0.22 * bar
 #: What an actuator still pulls up when the bolster counts as set down.
 SET_DOWN: Final = 0.5 * kN
 LOWERING_SPEED: Final = 40 * mm / s
+#: Samples for which empty springs stay open: gas that expanded is cold, and shut in it would lift the bolster again.
+AIRING: Final = round(20 * s * FAST_RATE)
 
 _CHAMBERS: Final = tuple(int(sensor) for sensor in sensors_of(Group.PRESSURE))
 
@@ -37,13 +41,17 @@ def keep_grip(c: Any, values: Any) -> None:
 
     A pressure that nobody can read counts as there.
     """
+    empty = True
+    for chamber in _CHAMBERS:
+        if not values[chamber] < EMPTY:
+            empty = False
+    if not empty and c.air == AirSupply.VENTED:
+        c.airing = AIRING
+    elif empty and c.airing > 0:
+        c.airing -= 1
     if c.engaged != 0 or c.shut_in != 0:
         c.grip = Grip.SHUT.value
     elif c.grip != Grip.OPEN:
-        empty = True
-        for chamber in _CHAMBERS:
-            if not values[chamber] < EMPTY:
-                empty = False
         if not empty:
             c.grip = Grip.SHUT.value
         else:

@@ -27,6 +27,7 @@ class Event(StrEnum):
     COMMAND_LOST = "no valid command for 500 ms"
     DISCONNECTED = "the commander's connection closed"
     HEARTBEAT_LOST = "the commander's heartbeat stopped"
+    NEW_HOLDER = "somebody else took the bench"
     TRIP_PROGRAM_HOLD = "a limit with the action program hold tripped"
     TRIP_PROGRAM_STOP = "a limit with the action program stop tripped"
     TRIP_INTERLOCK = "a limit with the action interlock tripped"
@@ -59,6 +60,8 @@ ENGAGED: Final = (_S.HOLD, _S.ACTIVE)
 SHUT_IN: Final = (_S.FAULT_HOLD,)
 #: States in which the bench takes its safe position: held while there is pressure, vented, set down, let go.
 SAFE: Final = (_S.OFF, _S.BOOT, _S.INIT, _S.DISABLED, _S.FAULT_DISABLED, _S.ESTOP)
+#: What leads from one of these towards the next command; all else that leads there ends one.
+WAKING: Final = (_E.POWER_ON, _E.BOOTED, _E.CHECKED, _E.RESET)
 
 TRANSITIONS: Final[tuple[Transition, ...]] = (
     Transition(_S.OFF, _E.POWER_ON, _S.BOOT, MAINS),
@@ -91,6 +94,7 @@ TRANSITIONS: Final[tuple[Transition, ...]] = (
     Transition(_S.FAULT_HOLD, _E.COMMAND_LOST, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.TRIP_INTERLOCK, _S.FAULT_DISABLED),
     Transition(_S.FAULT_HOLD, _E.DISABLE, _S.FAULT_DISABLED),
+    *(Transition(state, _E.NEW_HOLDER, _S.FAULT_DISABLED) for state in (_S.FAULT_REACTION, _S.FAULT_HOLD)),
     Transition(_S.FAULT_HOLD, _E.RESET, _S.HOLD, COMMAND_VALID),
     Transition(_S.FAULT_DISABLED, _E.RESET, _S.DISABLED),
     *(Transition(state, _E.ESTOP, _S.ESTOP) for state in BenchState if state not in (_S.OFF, _S.ESTOP)),

@@ -8,11 +8,11 @@ import numpy.typing as npt
 from bench_protocol.rates import DISABLE_AFTER, TICK
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
-from bench_protocol.words import ACTUATORS, CONTROL_MODES, FAULTS, LIVE, BenchState, LimitKind
+from bench_protocol.words import FAULTS, LIVE, BenchState, LimitKind
 from bench_sim.rig.black_box import BlackBox
-from bench_sim.rig.controls import TICK_MODULUS, AirSupply, ControlBit, Happened, Target
+from bench_sim.rig.controls import TICK_MODULUS, AirSupply, ControlBit, Happened
 from bench_sim.rig.emergencies import Emergencies
-from bench_sim.rig.generator import FunctionGenerator
+from bench_sim.rig.in_force import InForce
 from bench_sim.rig.limits import Limit, LimitAction, reset_detectors
 from bench_sim.rig.safe_position import Grip
 from bench_sim.rig.states import (
@@ -24,6 +24,7 @@ from bench_sim.rig.states import (
     SAFE,
     SHUT_IN,
     STATUS_CODES,
+    WAKING,
     Event,
     StateMachine,
 )
@@ -42,8 +43,8 @@ class Supervisor:
     """Decides between two ticks on what the tick reports and the wires ask for.
 
     It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row), has the limits and their
-    detectors in ``watched``, tells ``black_box`` what happens, and reports errors to
-    ``emergencies``.
+    detectors in ``watched``, returns what is ``in_force`` to rest, tells ``black_box`` what happens, and reports errors
+    to ``emergencies``.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class Supervisor:
         controls: Any,
         values: npt.NDArray[np.float64],
         watched: tuple[tuple[Limit, ...], npt.NDArray[np.void]],
-        generator: FunctionGenerator,
+        in_force: InForce,
         black_box: BlackBox,
         emergencies: Emergencies,
     ) -> None:
@@ -61,10 +62,11 @@ class Supervisor:
         self._controls = controls
         self._values = values
         self._limits, self._detectors = watched
-        self._generator = generator
+        self._in_force = in_force
         self._black_box = black_box
         self._emergencies = emergencies
         self._bits = ControlBit.NONE  # of the last valid command
+        self._held = False  # before the fault that the bench reacts to
         self.machine = StateMachine(
             {
                 COMMAND_VALID: self.command_valid,
@@ -116,13 +118,41 @@ class Supervisor:
         if not self._bits & ControlBit.ACTIVE:
             self.handle(Event.PAUSE)
 
-    def take_present(self, target: Target) -> None:
-        """Let an actuator's set-point be what it measures now, so that taking over changes nothing."""
+    def run_program(self) -> bool:
+        """Start the program of the generator, or go on with it; return whether that is possible now."""
+        if self.state is not BenchState.ACTIVE or not self._in_force.generator.run():
+            return False
+        if self._in_force.generator.moves_actuators:
+            self.engage()
+        return True
+
+    def applied(self, *, steered: bool) -> None:
+        """Let settings that a commander has just applied act on air and actuators; ``steered``: a mode was changed."""
+        if self.state not in LIVE:
+            return
         c = self._controls
-        mode = CONTROL_MODES[int(c["control"][target])]
-        present = 0.0 if mode == "off" else self._values[TABLE.index[f"{ACTUATORS[target]}.{mode}"]]
-        c["setpoint"][target] = c["goal"][target] = 0.0 if np.isnan(present) else present
-        c["slew"][target] = 0
+        c["airing"] = 0
+        if self.state not in ENGAGED:
+            c["shut_in"] = 0
+        elif steered:
+            self.engage()
+
+    def engage(self) -> None:
+        """Let actuators that are still shut in take over from where they are."""
+        if self.state in ENGAGED and not self._controls["engaged"]:
+            self._in_force.engage()
+        self._controls["ordered"] = 0
+
+    def forget(self) -> None:
+        """Let what the last holder of the bench has left behind go, as somebody else has it from now on, or nobody."""
+        c = self._controls
+        self._bits = ControlBit.NONE
+        c["bits"] = ControlBit.NONE
+        if c["token"]:
+            self.handle(Event.NEW_HOLDER)
+        if self.state in (*SAFE, *SHUT_IN):  # from all others a fault leads there
+            self._in_force.rest(vented=self.state in SAFE)
+            self._in_force.generator.forget()
 
     def handle(self, event: Event, tripped: int = 0) -> bool:
         """Let the state machine decide and bring everything in line with the new state.
@@ -143,16 +173,14 @@ class Supervisor:
         self._set("rig.state", state)
         self._set("rig.reason", self.machine.reason)
         self._set("rig.status_code", STATUS_CODES[state])
-        if state in ENGAGED and not c["engaged"]:
-            for actuator in (Target.VERTICAL_LEFT, Target.VERTICAL_RIGHT, Target.LATERAL):
-                self.take_present(actuator)
-        if before is BenchState.ACTIVE:
+        if before is BenchState.ACTIVE or (state not in ENGAGED and self._in_force.generator.busy):
             self._freeze(keep_program=state is BenchState.HOLD)
-        if state is not BenchState.FAULT_REACTION:  # while it reacts, the bench keeps what it has
-            c["engaged"] = state in ENGAGED
-            c["shut_in"] = state in SHUT_IN
-        if state in (*ENGAGED, *SHUT_IN) or (state in SAFE and before not in SAFE):
-            c["grip"] = Grip.SHUT  # also of a bolster that floated on its springs: nothing moves it now
+        if state is BenchState.FAULT_REACTION:  # meanwhile the bench keeps what it has
+            self._held = before in ENGAGED
+        else:
+            self._hold_on(before, event)
+        if state in (*SAFE, *SHUT_IN) and event not in WAKING:
+            self._in_force.rest(vented=state in SAFE)
         c["active"] = state is BenchState.ACTIVE
         c["armed"] = state in (*LIVE, BenchState.FAULT_HOLD)
         if state in (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE):
@@ -169,13 +197,32 @@ class Supervisor:
             self._emergencies.clear()
         return True
 
+    def _hold_on(self, before: BenchState, event: Event) -> None:
+        """Decide on the hold of the actuators: what they have shut in stays so until somebody says where it is to go.
+
+        So arming moves nothing, also not while the springs are being vented or before the bolster is set down.
+        """
+        state, c = self.state, self._controls
+        if state in ENGAGED:
+            if c["grip"] == Grip.OPEN:
+                self.engage()
+            elif not c["engaged"]:
+                c["shut_in"] = 1
+        else:
+            c["engaged"] = c["ordered"] = 0
+            kept = c["grip"] != Grip.OPEN if before is BenchState.DISABLED else c["shut_in"]
+            rising = state in LIVE and event is not Event.RELEASE
+            c["shut_in"] = state in SHUT_IN or (rising and kept)
+        if state in (*ENGAGED, *SHUT_IN) or (state in SAFE and before not in SAFE):
+            c["grip"] = Grip.SHUT  # also of a bolster that floated on its springs: nothing moves it now
+
     def _freeze(self, *, keep_program: bool) -> None:
         """Stop where everything is: set-points stay, the generator pauses, or ends with its offset kept."""
         c = self._controls
         if keep_program:
-            self._generator.hold()
+            self._in_force.generator.hold()
         else:
-            self._generator.freeze()
+            self._in_force.generator.freeze()
         c["goal"] = c["setpoint"]
         c["slew"] = 0
 
@@ -203,7 +250,7 @@ class Supervisor:
                 self.handle(Event.CHECKED)
             case BenchState.FAULT_REACTION:
                 c = self._controls
-                mild = c["engaged"] and not c["lost"] and not self._tripped(LimitAction.INTERLOCK)
+                mild = self._held and not c["lost"] and not self._tripped(LimitAction.INTERLOCK)
                 self.handle(Event.REACTED_HOLD if mild else Event.REACTED_DISABLE)
 
     def _set(self, name: str, value: float) -> None:

@@ -176,22 +176,23 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
         u[Input.PLATFORM_VERTICAL + axis] = c.setpoint[target] + c.offset[target]
 
     flowing = c.air == AirSupply.RESTRICTED or c.air == AirSupply.FULL
+    vented = c.air == AirSupply.VENTED or c.airing > 0  # who arms does not interrupt it
     u[Input.SUPPLY] = 1.0 if flowing else 0.0
     u[Input.DPV_CONNECTED] = c.dpv
     for side in range(len(SIDES)):
         pressure = pressure_left if side == 0 else pressure_right
         opening = 0.0
-        if flowing:
+        if vented:
+            opening = -1.0
+        elif flowing:
             opening = _opening(c.air_mode[side], c.air_target[side], pressure)
             if c.air == AirSupply.RESTRICTED:
                 opening *= _RESTRICTED
-        elif c.air == AirSupply.VENTED:
-            opening = -1.0
-        leveling = c.air == AirSupply.FULL and c.air_mode[side] == _LEVEL
+        leveling = not vented and c.air == AirSupply.FULL and c.air_mode[side] == _LEVEL
         u[Input.LEFT_SERVICE_VALVE + side] = opening
         u[Input.LEFT_LEVELING + side] = 1.0 if leveling else 0.0
         # The bellows are vented too: the way through their auxiliary chambers stands open.
-        u[Input.LEFT_RESERVOIR_VALVE + side] = 1.0 if c.air == AirSupply.VENTED else c.reservoir[side]
+        u[Input.LEFT_RESERVOIR_VALVE + side] = 1.0 if vented else c.reservoir[side]
 
 
 @compiled

@@ -82,7 +82,6 @@ class OwnRegisters:
         self._closing = max(register.address for register in self._readings) + 2
         self._absent: Mapping[str, str] = {}
         self._floats = {r.signal: r for r in (*self._active.values(), *self._readings)}
-        self._known: dict[str, float] = {}
         self._lock = threading.RLock()
 
     def _registers(self, space: str, kind: Kind) -> dict[str, Register]:
@@ -102,7 +101,7 @@ class OwnRegisters:
         ``Refused`` if the rig does not take them over, which then leaves everything, staged values included, as it was.
         """
         with self._lock:
-            before = dict(self._settings())
+            before = self.in_force()  # asked each time: the rig returns to rest by itself
             self._stage(before, values)
             try:
                 self.act("action.apply")
@@ -112,7 +111,6 @@ class OwnRegisters:
                     f"{name} = {self._table[name].show(value)}" for name, value in values.items()
                 )
                 raise Refused(f"the rig did not take over {wanted}: {refused}", refused.code) from None
-            self._known.update({name: single(value) for name, value in values.items()})
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
         """Write the registers from the first to the last of ``values``: one request is staged or refused as one."""
@@ -126,11 +124,6 @@ class OwnRegisters:
         registers = list(self._active.values())
         words = self._port.read_input(registers[0].address, 2 * len(registers))
         return {r.signal: from_words(*words[2 * k : 2 * k + 2]) for k, r in enumerate(registers)}
-
-    def _settings(self) -> dict[str, float]:
-        if not self._known:
-            self._known = self.in_force()
-        return self._known
 
     # -- actions, contacts, slow readings ------------------------------------------------------------------------
 

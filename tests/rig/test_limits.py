@@ -45,8 +45,8 @@ ENDS = {
     "indicate": ("ACTIVE", "RUN", "lateral.displacement"),
     "program hold": ("HOLD", "HOLD", "lateral.displacement"),
     "program stop": ("FAULT_HOLD", "STOPPED", "lateral.displacement"),
-    "interlock": ("FAULT_DISABLED", "STOPPED", "lateral.displacement"),
-    "power off": ("OFF", "STOPPED", "lateral.displacement"),
+    "interlock": ("FAULT_DISABLED", "IDLE", "lateral.displacement"),
+    "power off": ("OFF", "IDLE", "lateral.displacement"),
 }
 assert tuple(ENDS) == ACTIONS
 

@@ -1,0 +1,107 @@
+"""The settings in force: how they are taken over, and how they return to rest when a command ends."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.signals import Kind
+from bench_protocol.table import TABLE
+from bench_protocol.words import ACTUATORS, CONTROL_MODES, SIDES
+from bench_sim.rig.controls import Target
+from bench_sim.rig.fittings import Fittings
+from bench_sim.rig.generator import FunctionGenerator
+from bench_sim.rig.registers import RegisterBank
+from bench_sim.rig.safe_position import Grip
+
+#: What hands have fitted stays fitted, and its settings say what that is.
+FITTED: Final = ("rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
+#: Valves between chambers: while the bench holds they move no air, and return with the safe position.
+CONNECTING: Final = (*(f"air.{side}_reservoir" for side in SIDES), "air.dpv")
+#: What is in force at rest, but for what is fitted: what a rig begins with.
+REST: Final[Mapping[str, float]] = {
+    signal.name: signal.default for signal in TABLE.of_kind(Kind.SETTING) if signal.name not in FITTED
+}
+_ACTUATORS: Final = tuple(Target[name.upper()] for name in ACTUATORS)
+
+
+class InForce:
+    """What the settings make of the tick's ``controls`` and of what is fitted; ``values``: signals by table row."""
+
+    def __init__(
+        self,
+        controls: Any,
+        values: npt.NDArray[np.float64],
+        registers: RegisterBank,
+        generator: FunctionGenerator,
+        fittings: Fittings,
+    ) -> None:
+        self._controls, self._values, self._registers = controls, values, registers
+        self.generator, self._fittings = generator, fittings
+        self._put(registers.active)
+
+    def apply(self, settings: Mapping[str, float]) -> bool:
+        """Take over all settings at once, control modes without a bump; return whether that is allowed now."""
+        c = self._controls
+        if self.generator.busy and (c["control"] != _modes(settings)).any():
+            return False  # a mode must not change under a running program
+        if not self._fittings.change(settings, engaged=bool(c["engaged"] or c["grip"] != Grip.OPEN)):
+            return False
+        c["refitted"] = 1
+        self._put(settings)
+        return True
+
+    def rest(self, *, vented: bool) -> None:
+        """Return what is in force and what is staged to rest; ``vented``: also what would move air."""
+        registers, c = self._registers, self._controls
+        registers.active.update(
+            {name: value for name, value in REST.items() if vented or name not in CONNECTING}
+        )
+        registers.drop_staged()
+        if vented:
+            self.generator.clear()
+        self._put(registers.active)
+        for target in _ACTUATORS:
+            self.take_present(target)
+        c["goal"] = c["setpoint"]
+        c["slew"] = 0
+
+    def take_present(self, target: Target) -> None:
+        """Let an actuator's set-point be what it measures now, so that taking over changes nothing."""
+        c = self._controls
+        c["setpoint"][target] = c["goal"][target] = self._present(target)
+        c["slew"][target] = 0
+
+    def engage(self) -> None:
+        """Let the actuators take over from where they are; a set-point that has come already is where they go."""
+        c = self._controls
+        for target in _ACTUATORS:
+            if c["slew"][target]:
+                c["setpoint"][target] = self._present(target)
+            else:
+                self.take_present(target)
+        c["engaged"] = 1
+        c["shut_in"] = c["ordered"] = 0
+
+    def _present(self, target: Target) -> float:
+        mode = CONTROL_MODES[int(self._controls["control"][target])]
+        present = 0.0 if mode == "off" else self._values[TABLE.index[f"{ACTUATORS[target]}.{mode}"]]
+        return 0.0 if np.isnan(present) else float(present)
+
+    def _put(self, settings: Mapping[str, float]) -> None:
+        c = self._controls
+        for k, side in enumerate(SIDES):
+            c["air_mode"][k] = settings[f"air.{side}_mode"]
+            c["air_target"][k] = settings[f"air.{side}_target"]
+            c["reservoir"][k] = settings[f"air.{side}_reservoir"]
+        c["dpv"] = settings["air.dpv"]
+        for actuator, mode in zip(_ACTUATORS, _modes(settings), strict=True):
+            if c["control"][actuator] != mode:
+                c["control"][actuator] = mode
+                self.take_present(actuator)
+
+
+def _modes(settings: Mapping[str, float]) -> tuple[float, float, float]:
+    """Return the control mode of each actuator."""
+    return settings["vertical.control"], settings["vertical.control"], settings["lateral.control"]
