@@ -67,8 +67,28 @@ def main() -> NoReturn:
         sys.exit(BLOCKED)
 
 
+def _tell_version(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+    """Print which software this is, and end."""
+    if not asked or ctx.resilient_parsing:
+        return
+    from importlib.metadata import version
+
+    from astb.software import commit
+
+    known = commit()
+    click.echo(f"astb {version('astb')}" + (f" (commit {known})" if known else ""))
+    ctx.exit()
+
+
 @click.group(cls=ExtensibleGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="astb")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_tell_version,
+    help="Show the version and the commit, and exit.",
+)
 def commands() -> None:
     """A virtual test bench for railway air springs that behaves like the real rig down to its wires."""
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import msgspec
 
 from bench_protocol.clock import RealClock, hurry
+from bench_protocol.extras import EXTRAS, mend
 from bench_protocol.units import NS, ms, s, us
 
 if TYPE_CHECKING:
@@ -92,12 +93,14 @@ def _packages() -> Iterator[Finding]:
     """Compare what is installed with what the metadata of this package ask for."""
     from packaging.requirements import Requirement
 
-    wrong, lacking = [], {}
+    wrong, lacking = {}, {}
     for text in metadata.requires("astb") or ():
         one = Requirement(text)
-        extra = next((name for name in ("opcua", "mdf") if one.marker and name in str(one.marker)), "")
-        if one.marker and not one.marker.evaluate({"extra": extra}):
-            continue
+        extra = ""
+        if one.marker and not one.marker.evaluate({"extra": ""}):
+            extra = next((name for name in EXTRAS if one.marker.evaluate({"extra": name})), "")
+            if not extra:  # for development, or for another Python
+                continue
         try:
             version = metadata.version(one.name)
         except metadata.PackageNotFoundError:
@@ -107,21 +110,22 @@ def _packages() -> Iterator[Finding]:
         if extra:
             lacking[extra] = f"{one.name} {version}".strip()
         else:
-            wrong.append(f"{one.name} {version or 'is missing'} ({one.specifier} would be right)")
+            said = f"{one.name} {version or 'is missing'} ({one.specifier} would be right)"
+            wrong[said] = f"'{one.name}{one.specifier}'"
     yield Finding(
         "packages",
         "broken" if wrong else "fine",
         "; ".join(wrong) or "all there, in versions that fit",
         "everything",
-        "pip install -e . in the project's folder" if wrong else "",
+        f"pip install {' '.join(wrong.values())}" if wrong else "",
     )
-    for extra, purpose in (("opcua", "rigs behind an OPC UA server"), ("mdf", "measured data in MDF 4")):
+    for extra, (purpose, _) in EXTRAS.items():
         yield Finding(
             f"extra {extra}",
             "lacking" if extra in lacking else "fine",
             f"no {lacking[extra]}" if extra in lacking else "there",
             purpose,
-            f"pip install 'astb[{extra}]'" if extra in lacking else "",
+            mend(extra) if extra in lacking else "",
         )
 
 

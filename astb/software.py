@@ -11,24 +11,30 @@ from typing import Final
 
 _WITHIN: Final = 5.0  # s
 _HOME: Final = Path(__file__).resolve().parents[1]
+#: Beside this file: the commit that sdist and wheel were made of (setup.py).
+TOLD: Final = "commit.txt"
 
 
 @cache
 def commit() -> str:
     """Return the commit of the software, with "+ changes" if files differ from it; "" where nobody knows.
 
-    A checkout is asked itself; what pip installed from a repository tells where it came from.
+    A checkout is asked itself; a wheel was told when it was built; what pip installed from a repository tells where it
+    came from.
     """
     if (_HOME / ".git").exists():
         revision = _git("rev-parse", "HEAD")
         changed = revision and _git("status", "--porcelain", "--untracked-files=no")
         return f"{revision[:12]} + changes" if changed else revision[:12]
+    told = Path(__file__).with_name(TOLD)
+    if told.exists():
+        return told.read_text(encoding="ascii").strip()
     try:
         source = metadata.distribution("astb").read_text("direct_url.json")
     except metadata.PackageNotFoundError:
         return ""
-    told = json.loads(source or "{}").get("vcs_info", {})
-    return str(told.get("commit_id", ""))[:12]
+    origin = json.loads(source or "{}").get("vcs_info", {})
+    return str(origin.get("commit_id", ""))[:12]
 
 
 def _git(*arguments: str) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from bench_protocol.account import Account
+from bench_protocol.extras import lacking
 from bench_records.layout import SECOND, RecordedEvent, RecordError, SignalInfo, encode
 from bench_records.record import Record
 from bench_records.recorder import Recorder
@@ -211,5 +212,5 @@ def _asammdf() -> tuple[Any, Any]:
     try:
         from asammdf import MDF, Signal
     except ImportError:
-        raise RecordError("MDF files need asammdf, which is not installed: pip install 'astb[mdf]'") from None
+        raise RecordError(lacking("mdf", "MDF files")) from None
     return MDF, Signal

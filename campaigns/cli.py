@@ -49,6 +49,7 @@ def campaign_command(
     """
     from rich.console import Console
 
+    from bench_protocol.extras import installed, lacking
     from bench_protocol.written_values import NotAValue, read_written
     from campaigns.campaign_file import CampaignError, read_campaign
     from campaigns.display import CampaignDisplay, verdicts
@@ -56,6 +57,8 @@ def campaign_command(
     from campaigns.plan_case import run_plan_cases
     from campaigns.workers import ClusterError
 
+    if not only_list and not installed("campaign"):
+        misuse(lacking("campaign", "campaigns"))
     console = Console()
     out = out or Path("runs", file.stem)
     try:

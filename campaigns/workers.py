@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from os import sched_getaffinity
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_protocol.extras import installed, lacking
 from bench_protocol.units import s
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ _DEAF: Final = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 class ClusterError(RuntimeError):
-    """The scheduler cannot be reached, or has no workers."""
+    """The scheduler cannot be reached, has no workers, or the libraries for one are not installed."""
 
 
 @contextmanager
@@ -45,6 +46,8 @@ def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iter
     The local one has a process for each core, or so many ``workers``, each with one thread, its share of the memory,
     and ports on 127.0.0.1 alone. ClusterError if the scheduler does not answer.
     """
+    if not installed("campaign"):
+        raise ClusterError(lacking("campaign", "campaigns"))
     import dask
     from distributed import Client, LocalCluster
 

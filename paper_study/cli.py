@@ -23,10 +23,13 @@ def paper_command(quick: bool, seed: int, out: Path) -> None:
     Writes DIR/index.html, figures as SVG and PNG, claims.json, comfort.csv, identified.toml and the bench's records. A
     claim that does not hold is a result, not an error.
     """
+    from bench_protocol.extras import installed, lacking
     from bench_records.layout import RecordError
     from paper_study.bench_results import NoBenchResult
     from paper_study.make import make
 
+    if not installed("campaign"):
+        misuse(lacking("campaign", "the paper's bench runs"))
     try:
         click.echo(make(out, quick=quick, seed=seed))
     except NoBenchResult as error:

@@ -31,12 +31,6 @@ def panel_command(rig_named: str | None, host: str, port: int, seed: int | None,
     Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
     started. A run goes on when the panel ends, and the next panel finds it.
     """
-    try:
-        import starlette  # noqa: F401
-        import uvicorn  # noqa: F401
-        import websockets  # noqa: F401
-    except ImportError as error:
-        misuse(f"the panel needs {error.name}: pip install 'astb[panel]'")
     from contextlib import ExitStack
 
     from astb.panel.access import Access, kept_token

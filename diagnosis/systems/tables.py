@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from bench_protocol.account import Account
+from bench_protocol.extras import lacking
 from diagnosis.contracts import Array, DiagnosisError
 
 #: How a column is named in a map: by its name, or by its number from 1 where the file has no header.
@@ -145,9 +146,7 @@ def _mdf(path: Path) -> Any:
     try:
         from asammdf import MDF
     except ImportError:
-        raise DiagnosisError(
-            f"{path}: MDF files need asammdf, which is not installed: pip install 'astb[mdf]'"
-        ) from None
+        raise DiagnosisError(f"{path}: {lacking('mdf', 'MDF files')}") from None
     try:
         return MDF(path)
     except Exception as error:  # asammdf has an exception of its own and raises others, too

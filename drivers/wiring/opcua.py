@@ -3,7 +3,7 @@
 ::
 
     [transports.cell]
-    kind = "opcua"                                  # needs asyncua: pip install "astb[opcua]"
+    kind = "opcua"                                  # needs asyncua: pip install "asyncua>=2.1,<3"
     url = "opc.tcp://127.0.0.1:4840/rig"
     every = "50 ms"                                 # how often the server samples and what is new is handed on
     stale = "300 ms"                                # three periods, and at least 300 ms, where nothing is said
@@ -31,12 +31,12 @@ import struct
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import CancelledError
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 
 from bench_protocol.clock import Clock
+from bench_protocol.extras import installed, lacking
 from bench_protocol.units import ms, s
 from drivers.errors import BenchError, LinkLost, MapMismatch, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints
@@ -86,10 +86,8 @@ class OpcUaTransport:
 
     def __init__(self, name: str, table: Mapping[str, Any]) -> None:
         place = f"transports.{name}"
-        if find_spec("asyncua") is None:
-            raise WiringError(
-                f"{place}: kind = 'opcua' needs the library asyncua: pip install \"astb[opcua]\""
-            )
+        if not installed("opcua"):
+            raise WiringError(f"{place}: {lacking('opcua', 'transports on OPC UA')}")
         self.name, self._keys = name, convert(place, table, OpcUaKeys)
         keys = self._keys
         if not keys.url.startswith("opc.tcp://"):

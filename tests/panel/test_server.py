@@ -221,12 +221,6 @@ def test_a_rig_in_virtual_time_has_no_panel(tmp_path):
     assert "virtual time" in told.output
 
 
-def test_what_the_panel_needs_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "uvicorn", None)
-    told = CliRunner().invoke(commands, ["panel"])
-    assert "pip install 'astb[panel]'" in told.output
-
-
 def test_nothing_beside_the_page_is_served(client, parts):
     """Least of all what lies among the records: a page there would command as this one does."""
     (parts.out / "aw0").mkdir()

@@ -69,7 +69,9 @@ def test_a_name_is_that_of_a_file_here_before_that_of_one_of_ours_and_a_path_is_
         assert find_rig(path)[0].name == path
     assert find_rig()[0].name == "rigs/local.toml"
     assert find_rig("mine")[0].name == "rigs/mine.toml"
-    with pytest.raises(RigFileError, match="no rig 'mien': the path of a rig file, or hall or local or mine or"):
+    with pytest.raises(
+        RigFileError, match="no rig 'mien': the path of a rig file, or hall or local or mine or"
+    ):
         find_rig("mien")
     with pytest.raises(RigFileError, match=r"rig file mien\.toml cannot be read"):
         find_rig("mien.toml")

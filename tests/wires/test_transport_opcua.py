@@ -2,9 +2,9 @@
 
 import asyncio
 import contextlib
-import importlib.util
 import itertools
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -305,9 +305,10 @@ def test_a_description_that_cannot_be(changes: dict, words: str) -> None:
 
 
 def test_without_the_library_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr("drivers.wiring.opcua.find_spec", lambda name: None)
-    with pytest.raises(WiringError, match=r'needs the library asyncua: pip install "astb\[opcua\]"'):
+    monkeypatch.setitem(sys.modules, "asyncua", None)
+    with pytest.raises(
+        WiringError, match=r"need asyncua, which is not installed: pip install 'asyncua>=2\.1,<3'"
+    ):
         open_transport("cell", {**CELL, "url": "opc.tcp://127.0.0.1:4840"}, Path())
 
 

@@ -1,0 +1,60 @@
+"""The extras: libraries that are installed only where somebody asks for them, and what is said where they are not."""
+
+from importlib.util import find_spec
+from typing import Final, NamedTuple
+
+
+class Extra(NamedTuple):
+    """What an extra is for, and the libraries that it consists of."""
+
+    purpose: str
+    libraries: tuple[str, ...]
+
+
+EXTRAS: Final = {
+    "campaign": Extra("campaigns: many runs on all cores or on a cluster", ("dask", "distributed")),
+    "mdf": Extra("measured data in MDF 4", ("asammdf",)),
+    "opcua": Extra("rigs behind an OPC UA server", ("asyncua",)),
+}
+
+
+def installed(extra: str) -> bool:
+    """Return whether all libraries of an extra are there, without importing them."""
+    return all(map(_found, EXTRAS[extra].libraries))
+
+
+def lacking(extra: str, who: str) -> str:
+    """Return what ``who`` (a plural) lacks, in a sentence that says how to install it."""
+    libraries = EXTRAS[extra].libraries
+    verb = "is" if len(libraries) == 1 else "are"
+    return f"{who} need {' and '.join(libraries)}, which {verb} not installed: {mend(extra)}"
+
+
+def mend(extra: str) -> str:
+    """Return the command that installs an extra: its libraries by name, as the bench may have come from anywhere."""
+    return " ".join(("pip install", *(f"'{one}'" for one in requirements(extra))))
+
+
+def requirements(extra: str) -> list[str]:
+    """Return the libraries of an extra as pip takes them, without versions where nobody installed the bench."""
+    from importlib import metadata
+
+    from packaging.requirements import Requirement
+
+    try:
+        declared = [Requirement(text) for text in metadata.requires("astb") or ()]
+    except metadata.PackageNotFoundError:
+        declared = []
+    versions = {
+        one.name: ",".join(sorted(map(str, one.specifier), reverse=True))
+        for one in declared
+        if one.marker and one.marker.evaluate({"extra": extra})
+    }
+    return [name + versions.get(name, "") for name in EXTRAS[extra].libraries]
+
+
+def _found(library: str) -> bool:
+    try:
+        return find_spec(library) is not None
+    except ValueError:  # None stands in its place
+        return False

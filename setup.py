@@ -1,0 +1,36 @@
+"""What pyproject.toml cannot say: a wheel and an sdist tell which commit they were made of."""
+
+import runpy
+from pathlib import Path
+
+from setuptools import setup
+from setuptools.command.build_py import build_py
+from setuptools.command.sdist import sdist
+
+SOFTWARE = runpy.run_path("astb/software.py")
+
+
+def tell(tree: str) -> None:
+    """Write the commit, where anybody knows it, to where an installed package looks for it."""
+    if commit := SOFTWARE["commit"]():
+        (Path(tree) / "astb" / SOFTWARE["TOLD"]).write_text(f"{commit}\n", encoding="ascii")
+
+
+class BuildTold(build_py):
+    """Builds the packages, and tells the commit among them."""
+
+    def run(self) -> None:
+        super().run()
+        if not self.editable_mode:
+            tell(self.build_lib)
+
+
+class SourcesTold(sdist):
+    """Collects the sources, and tells the commit among them."""
+
+    def make_release_tree(self, base_dir: str, files: list[str]) -> None:
+        super().make_release_tree(base_dir, files)
+        tell(base_dir)
+
+
+setup(cmdclass={"build_py": BuildTold, "sdist": SourcesTold})
