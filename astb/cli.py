@@ -9,6 +9,7 @@ Everything heavy is imported inside the commands: `astb --help` answers at once.
 import gc
 import sys
 import traceback
+import warnings
 from typing import Final, NoReturn
 
 import click
@@ -51,6 +52,7 @@ def main() -> NoReturn:
     """Run the command line; errors that people can mend are one sentence, not a traceback."""
     # What imports bring stays to the end: to look through all of it for garbage took 0.16 s of a short command.
     gc.set_threshold(*GARBAGE_COLLECTED_AFTER)
+    warnings.formatwarning = lambda message, *_args, **_options: f"astb: {message}\n"
     try:
         sys.exit(commands(standalone_mode=False) or PASS)
     except click.exceptions.Exit as end:

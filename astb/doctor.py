@@ -131,9 +131,9 @@ def _packages() -> Iterator[Finding]:
 
 def _compiled_code() -> Finding:
     """Tell whether machine code can be kept: without it every start compiles the model anew."""
-    from bench_sim import model
+    from bench_protocol.binding import NOT_KEPT, folder_of
+    from bench_sim.model.orifice import nozzle_flow
 
-    kept = os.environ.get("NUMBA_CACHE_DIR") or str(Path(model.__file__).parent)
     plain = os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}
     if plain:
         return Finding(
@@ -143,13 +143,13 @@ def _compiled_code() -> Finding:
             "real time; plain Python is a hundred times slower",
             "unset NUMBA_DISABLE_JIT",
         )
-    right = _can_write(kept)
+    kept = folder_of(nozzle_flow)
     return Finding(
         "compiled code",
-        "fine" if right else "lacking",
-        f"kept beside {kept}" if right else f"{kept} cannot be written: every start compiles for a minute",
+        "fine" if kept else "lacking",
+        f"kept in {kept}" if kept else NOT_KEPT.partition(";")[0],
         "quick starts",
-        "" if right else "set NUMBA_CACHE_DIR to a folder that you may write",
+        "" if kept else "set NUMBA_CACHE_DIR to a folder that you may write",
     )
 
 

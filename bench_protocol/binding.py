@@ -3,6 +3,7 @@
 import fcntl
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final
@@ -10,13 +11,22 @@ from typing import Any, Final
 import numba
 import numpy as np
 
+#: Said once where an installation is not ours to write to, and the user has no folder for caches either.
+NOT_KEPT: Final = (
+    "compiled functions cannot be kept, as neither this installation nor your folder for caches can be written to: "
+    "every start compiles for a minute; NUMBA_CACHE_DIR may name a folder that can be"
+)
 #: Beside the cached functions of a package: who saves or loads one holds it locked.
 LOCK: Final = "astb.lock"
 
 
 def kept(function: Callable[..., Any], **options: Any) -> Any:
     """Return ``function`` compiled when it is first called, and cached for other processes, which take turns."""
-    dispatcher = numba.njit(cache=True, **options)(function)
+    try:
+        dispatcher = numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # numba finds neither a place beside the function nor one of the user's own
+        warnings.warn(NOT_KEPT, RuntimeWarning, stacklevel=2)
+        return numba.njit(**options)(function)
     if (cache_file := _cache_file(dispatcher)) is not None:
         take_turns(cache_file)
     return dispatcher
@@ -37,6 +47,11 @@ def cached(function: Callable[..., Any], digest: str, **options: Any) -> Any:
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile ``function`` and copy it into its callers, without numba's runtime: it must not make arrays."""
     return kept(function, forceinline=True, _nrt=False)
+
+
+def folder_of(function: Any) -> str:
+    """Return the folder in which a compiled function is kept; "" where it is not."""
+    return str(getattr(_cache_file(function), "_cache_path", ""))
 
 
 def _cache_file(dispatcher: Any) -> Any:

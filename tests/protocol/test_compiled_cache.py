@@ -2,14 +2,16 @@
 
 import errno
 import fcntl
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from bench_protocol.binding import LOCK, cached, take_turns
+from bench_protocol.binding import LOCK, cached, folder_of, kept, take_turns
 
 WORKERS, FUNCTIONS = 4, 40
 
@@ -62,3 +64,39 @@ def test_a_file_system_without_locks_is_no_hindrance(tmp_path: Path, monkeypatch
     take_turns(cache)
     cache.save("key", "code")
     assert cache.load("key") == "code"
+
+
+#: A module in a folder of its own, where nothing can be written: not even root can make a folder of a file.
+MODULE = "def twice(x):\n    return 2.0 * x\n"
+
+
+@pytest.fixture
+def strange(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], float]:
+    """A function in an installation that cannot be written to."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    (tmp_path / "strange.py").write_text(MODULE)
+    (tmp_path / "__pycache__").write_text("")
+    spec = spec_from_file_location("strange", tmp_path / "strange.py")
+    assert spec and spec.loader
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.twice
+
+
+def test_where_an_installation_cannot_be_written_to_the_users_own_folder_keeps(
+    strange, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "mine"))
+    twice = kept(strange)
+    assert twice(3.0) == 6.0
+    assert Path(folder_of(twice)).is_relative_to(tmp_path / "mine")
+    assert list(Path(folder_of(twice)).glob("*.nbc"))
+
+
+def test_where_nothing_can_be_written_one_sentence_says_so_and_it_works_all_the_same(
+    strange, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "strange.py"))
+    with pytest.warns(RuntimeWarning, match="compiled functions cannot be kept.* NUMBA_CACHE_DIR may name"):
+        twice = cached(strange, "digest")
+    assert (twice(3.0), folder_of(twice)) == (6.0, "")
