@@ -63,9 +63,17 @@ def main() -> NoReturn:
     except click.ClickException as error:
         error.show()
         sys.exit(MISUSE)
-    except Exception:
+    except Exception as error:
         # Python would end with 1, which says that the product failed.
-        traceback.print_exc()
+        from bench_records.disk import of_the_disk, why
+
+        if of_the_disk(error):
+            click.echo(
+                f"astb: {getattr(error, 'filename', None) or 'a file'} cannot be written: {why(error)}",
+                err=True,
+            )
+        else:
+            traceback.print_exc()
         sys.exit(BLOCKED)
 
 

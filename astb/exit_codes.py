@@ -13,7 +13,11 @@ REFUSED: Final = 5  #: rehearsed in virtual time, the plan trips a limit: the ri
 
 
 def misuse(error: Exception | str) -> NoReturn:
-    """End the command: the user asked for something that cannot be."""
+    """End the command: the user asked for something that cannot be, unless the disk is at fault (`blocked`)."""
+    from bench_records.disk import NotKept
+
+    if isinstance(error, NotKept):
+        blocked(error)
     click.echo(f"astb: {error}", err=True)
     raise click.exceptions.Exit(MISUSE)
 

@@ -24,6 +24,7 @@ from bench_protocol.clock import utc_date
 from bench_protocol.units import UNITS, mbar
 from bench_records.checksums import FRAMES, write_sums
 from bench_records.circumstances import circumstances
+from bench_records.disk import NotKept, begun
 from bench_records.layout import RESULT, RecordError
 from bench_records.result import Outcome, Result, read_result
 
@@ -111,8 +112,8 @@ def run_plan(
     KeyboardInterrupt, by Ctrl-C or a signal, comes out again after tear-down and report.
     """
     from astb.operators import with_hand
-    from bench_records.report import write_report
     from test_plans.execution import execute
+    from test_plans.interruptions import Interruptions
 
     directory = new_directory(out, name)
     meta = describe(session, rig)
@@ -141,10 +142,9 @@ def run_plan(
         if not (directory / RESULT).exists():  # stopped once more, while the files were written
             raise
         result, stopped = read_result(directory), stop
-    display.say("report")
-    write_sums(directory)
-    report = write_report(directory)
-    if keeping.pdf:
+    with Interruptions():  # what comes meanwhile is heard when the report lies there
+        report = _reported(directory, display)
+    if report and keeping.pdf:
         _print(report, display)
     display.conclude(result, directory)
     if stopped:
@@ -152,6 +152,19 @@ def run_plan(
             display.warn(str(stopped))
         raise stopped
     return result, directory
+
+
+def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
+    """Write checksums and report of a run; return the report, None if the disk refuses it, for which no run is lost."""
+    from bench_records.report import write_report
+
+    display.say("report")
+    try:
+        write_sums(directory)
+        return write_report(directory)
+    except RecordError as error:
+        display.warn(f"{error}; `astb report {directory}` makes the report later")
+        return None
 
 
 def _print(report: Path, display: ProgressDisplay) -> None:
@@ -202,14 +215,23 @@ def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
 
     if session.listen is None:
         raise RigFileError("--keep-frames is for rigs that speak as ours; this one has a wiring of its own")
-    log = CanLog(session.listen(), directory / FRAMES)
+    receiver = session.bench.receiver
+
+    def tell(failure: CanLogError) -> None:
+        receiver.failure = receiver.failure or failure  # the run ends at once, as for its own record
+
+    try:
+        log = CanLog(session.listen(), directory / FRAMES, tell)
+    except CanLogError as error:
+        raise NotKept(str(error)) from None
     try:
         yield
     finally:
         try:
             log.close()
         except CanLogError as error:
-            raise RecordError(str(error)) from None
+            if str(error) != str(receiver.failure):
+                raise NotKept(str(error)) from None
 
 
 def _sessions(
@@ -318,14 +340,12 @@ def _surroundings(parameters: "Parameters") -> str:
 def new_directory(out: Path, name: str) -> Path:
     """Make the directory of a run in ``out`` and return it: ``name``, or ``name-2`` and so on beside earlier runs.
 
-    Nothing that lies there is touched. Raises RecordError where no directory can be made.
+    Nothing that lies there is touched. Raises RecordError where no directory can be made, NotKept of a disk that fails.
     """
     for number in count(1):
         directory = out / (name if number == 1 else f"{name}-{number}")
-        try:
+        with begun(directory, f"the record's folder {directory}"):
             directory.mkdir(parents=True, exist_ok=True)
             if not any(directory.iterdir()):
                 return directory
-        except OSError as error:
-            raise RecordError(f"{directory} cannot be used for the record: {error.strerror}") from None
     raise AssertionError("numbers do not end")

@@ -6,6 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import Final
 
+from bench_records.disk import kept
 from bench_records.layout import JUNIT, META, PARQUET, RESULT, put
 
 SUMS: Final = "SHA256SUMS"
@@ -15,12 +16,15 @@ FRAMES: Final = "can.blf"
 
 
 def write_sums(directory: Path) -> Path:
-    """Write the checksums of the files of a run beside them; return the path."""
-    lines = [
-        f"{sha256_of(directory / name)}  {name}\n" for name in (*KEPT, FRAMES) if (directory / name).exists()
-    ]
+    """Write the checksums of the files of a run beside them; return the path. NotKept for a disk that fails."""
     path = directory / SUMS
-    put(path, "".join(lines).encode())
+    with kept(path):
+        lines = [
+            f"{sha256_of(directory / name)}  {name}\n"
+            for name in (*KEPT, FRAMES)
+            if (directory / name).exists()
+        ]
+        put(path, "".join(lines).encode())
     return path
 
 

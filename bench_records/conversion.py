@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from bench_records.disk import give_room, kept
 from bench_records.layout import (
     FORMAT,
     META,
@@ -19,6 +20,7 @@ from bench_records.layout import (
     encode,
     flat,
     put,
+    whole,
 )
 from bench_records.stream import Recovery, read_stream, refuse_held
 
@@ -37,33 +39,39 @@ def recover(directory: Path | str) -> Recovery:
     if not stream.is_file():
         raise RecordError(f"{directory} holds no {STREAM}: there is nothing to recover")
     refuse_held(stream.parent)
+    give_room(stream.parent)  # what a killed run had reserved
     return convert(stream, {}, recovering=True)
 
 
 def convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> Recovery:
     """Write Parquet file and ``meta.json`` beside a stream, with ``meta`` added to its facts, and remove the stream.
 
-    Raises ``RecordError`` for a stream that is none of ours.
+    Raises ``RecordError`` for a stream that is none of ours, and ``NotKept``, while the stream stays, for a disk that
+    refuses the record.
     """
-    streamed = read_stream(stream)
+    with kept(stream):
+        streamed = read_stream(stream)
     facts, recovery = {**streamed.facts, **meta}, streamed.recovery
     if recovering:
         facts["recovered"] = str(recovery)
-    _write_parquet(
-        stream.with_name(PARQUET),
-        streamed.table,
-        streamed.signals,
-        streamed.events,
-        {**facts, "start_ns": streamed.start_ns},
-    )
+    target = stream.with_name(PARQUET)
+    with kept(target):
+        _write_parquet(
+            target,
+            streamed.table,
+            streamed.signals,
+            streamed.events,
+            {**facts, "start_ns": streamed.start_ns},
+        )
     summary = {
         **facts,
         "samples": recovery.samples,
         "duration_s": recovery.seconds,
         "events": streamed.events,
     }
-    put(stream.with_name(META), msgspec.json.format(encode(summary), indent=2) + b"\n")
-    stream.unlink()
+    with kept(stream.with_name(META)):
+        put(stream.with_name(META), msgspec.json.format(encode(summary), indent=2) + b"\n")
+        stream.unlink()
     return recovery
 
 
@@ -90,15 +98,19 @@ def _write_parquet(
     facts = {**facts, "format": FORMAT, "signals": signals, "events": events}
     # Under another name until it is whole: who finds a record.parquet finds a good one.
     unfinished = target.with_name(target.name + ".part")
-    with pq.ParquetWriter(
-        unfinished,
-        schema,
-        compression="zstd",
-        use_dictionary=["signal", "value"],
-        column_encoding={"time_ns": "DELTA_BINARY_PACKED"},
-        write_statistics=["time_ns"],
-        write_page_checksum=True,
-    ) as writer:
+    with (
+        whole(unfinished, target),
+        unfinished.open("wb") as file,
+        pq.ParquetWriter(
+            file,
+            schema,
+            compression="zstd",
+            use_dictionary=["signal", "value"],
+            column_encoding={"time_ns": "DELTA_BINARY_PACKED"},
+            write_statistics=["time_ns"],
+            write_page_checksum=True,
+        ) as writer,
+    ):
         for first in range(0, table.num_rows, ROW_GROUP):
             # One chunk per row group, so that the pages do not follow the accidents of batching.
             part = table.slice(first, ROW_GROUP).combine_chunks()
@@ -109,4 +121,3 @@ def _write_parquet(
                 )
             )
         writer.add_key_value_metadata({PREFIX + key: encode(facts[key]).decode() for key in sorted(facts)})
-    unfinished.replace(target)

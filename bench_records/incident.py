@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from bench_records.layout import RecordError, put
+from bench_records.disk import kept
+from bench_records.layout import put
 from bench_records.record import Record
 
 if TYPE_CHECKING:
@@ -27,18 +28,16 @@ def write_incident(
 ) -> None:
     """Keep an incident in ``directory``: ``times`` in s seen from it, ``channels`` in SI by signal, NaN for no reading.
 
-    Raises RecordError for a disk that fails.
+    Raises NotKept for a disk that fails.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
+    with kept(Path(directory) / SAMPLES):
         samples = pa.BufferOutputStream()
         pq.write_table(pa.table({_TIME: times, **channels}), samples)
         put(Path(directory) / SAMPLES, samples.getvalue().to_pybytes())
         put(Path(directory) / STORY, story.encode())  # last: whoever finds it finds the samples
-    except OSError as error:
-        raise RecordError(f"{directory} cannot take the black box: {error.strerror}") from None
 
 
 class IncidentTold(NamedTuple):

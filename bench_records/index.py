@@ -25,6 +25,12 @@ INDEX: Final = "index.sqlite"
 #: Another version of the tables is thrown away and made anew.
 VERSION: Final = 3
 WAIT: Final = 10.0
+_UNWRITABLE: Final = (
+    sqlite3.SQLITE_CANTOPEN,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_IOERR,
+)
 
 TABLES: Final = """
 create table run (
@@ -131,8 +137,7 @@ class RunIndex:
         """Yield the database after it has caught up with the folders."""
         path = self.folder / INDEX
         try:
-            with closing(_opened(path)) as base, base:
-                self._catch_up(base)
+            with closing(self._caught_up(path)) as base:
                 yield base
         except sqlite3.Error as error:
             busy = getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
@@ -142,6 +147,23 @@ class RunIndex:
                 else "it holds nothing that the folders do not: remove it"
             )
             raise RecordError(f"{path}: {error}; {remedy}") from None
+
+    def _caught_up(self, path: Path) -> sqlite3.Connection:
+        """Open the database and let it catch up; on a disk that takes nothing more, in memory for this question."""
+        for place in (path, None):
+            base = _opened(path) if place else _connected(":memory:")
+            try:
+                with base:
+                    self._catch_up(base)
+                return base
+            except sqlite3.OperationalError as error:
+                base.close()
+                if place is None or error.sqlite_errorcode & 0xFF not in _UNWRITABLE:
+                    raise
+            except BaseException:
+                base.close()
+                raise
+        raise AssertionError("there is memory")
 
     def _catch_up(self, base: sqlite3.Connection) -> None:
         known = dict(base.execute("select directory, stamp from run"))
@@ -166,12 +188,13 @@ class RunIndex:
 def _opened(path: Path) -> sqlite3.Connection:
     """Open the database; one of another version, or that is none, is made anew.
 
-    Where nothing can be written, as in an archive, the index is kept in memory and made anew for every question.
+    Where nothing can be written, as in an archive or on a full disk, the index is kept in memory and made anew for
+    every question.
     """
     try:
         base = _connected(path)
     except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
+        if error.sqlite_errorcode & 0xFF not in _UNWRITABLE:
             raise
         return _connected(":memory:")
     except sqlite3.DatabaseError:

@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from bench_records.layout import JUNIT
+from bench_records.layout import JUNIT, put
 from bench_records.result import CheckVerdict, Outcome, Result
 
 # What XML 1.0 cannot hold, even escaped.
@@ -89,7 +89,7 @@ def write_junit(result: Result, directory: Path | str) -> Path:
     """Write ``junit.xml`` into the directory."""
     path = Path(directory) / JUNIT
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(junit(result))
+    put(path, junit(result))
     return path
 
 

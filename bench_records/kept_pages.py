@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from bench_records.disk import kept
 from bench_records.plots import ALARM, PALETTE, SOFT, heading, panel, style, svg
 from bench_records.result import Check
 from bench_records.templates import template
@@ -47,7 +48,8 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
             _overlay(f"curve{number}", pair) for number, pair in enumerate(comparison.curves) if pair.a.xs
         ],
     )
-    path.write_text(page, encoding="utf-8")
+    with kept(path):
+        path.write_text(page, encoding="utf-8")
 
 
 def comparison_row(pair: CheckPair) -> Row:
@@ -122,7 +124,8 @@ def write_trend(trend: Trend, specimen: str, path: Path) -> None:
         rows=[(one, _kept_figure(one)) for one in trend.checks],
         circumstances=sorted({one.run.circumstances for one in trend.checks if one.run.circumstances}),
     )
-    path.write_text(page, encoding="utf-8")
+    with kept(path):
+        path.write_text(page, encoding="utf-8")
 
 
 def trend_words(trend: Trend) -> list[str]:

@@ -14,6 +14,8 @@ and key-value metadata: one JSON value under ``astb.<key>`` for each entry of th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,8 +134,20 @@ def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[P
 def put(path: Path, data: bytes) -> None:
     """Write a file under another name until it is whole: whoever finds it finds all of it."""
     unfinished = path.with_name(path.name + ".part")
-    unfinished.write_bytes(data)
-    unfinished.replace(path)
+    with whole(unfinished, path):
+        unfinished.write_bytes(data)
+
+
+@contextmanager
+def whole(unfinished: Path, path: Path) -> Iterator[None]:
+    """Let a file be written as ``unfinished``, and then be ``path``; of one that cannot be, nothing is left."""
+    try:
+        yield
+        unfinished.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            unfinished.unlink()
+        raise
 
 
 def encode(value: Any) -> bytes:

@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from bench_records.disk import kept
 from bench_records.layout import RecordError
 
 #: Programs that print alike, and the variable of the environment that names another one.
@@ -71,8 +72,6 @@ def write_pdf(page: Path) -> Path:
             raise RecordError(
                 f"{program} did not print {page}: {said[-1] if said else f'exit {done.returncode}'}"
             )
-        try:
+        with kept(target):
             shutil.copyfile(new, target)
-        except OSError as error:
-            raise RecordError(f"{target} cannot be written: {error.strerror}") from None
     return target

@@ -8,6 +8,8 @@ At the end the stream becomes a Parquet file whose bytes do not depend on how th
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,6 +19,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
 
 from bench_records.conversion import convert
+from bench_records.disk import NotKept, begun, give_room, keep_room, kept, why
 from bench_records.layout import (
     FORMAT,
     PARQUET,
@@ -97,10 +100,16 @@ class Recorder:
                 **{PREFIX + key: encode(value) for key, value in (meta or {}).items()},
             }
         )
-        self._writer = pa.ipc.new_stream(self._file, schema)
-        self._writer.write_batch(_batch(_no_samples()))  # Arrow writes no head before the first batch
-        self._file.flush()
-        (self.directory / _HEAD).rename(self.directory / STREAM)
+        try:
+            keep_room(self.directory)
+            with kept(self.directory / STREAM):
+                self._writer = pa.ipc.new_stream(self._file, schema)
+                self._writer.write_batch(_batch(_no_samples()))  # Arrow writes no head before the first batch
+                self._file.flush()
+                (self.directory / _HEAD).rename(self.directory / STREAM)
+        except RecordError:
+            self._give_up()
+            raise
         self._thread = threading.Thread(target=self._write_batches, name="recorder", daemon=True)
         self._in_background = in_background
         if in_background:
@@ -186,8 +195,8 @@ class Recorder:
     def close(self, **meta: Any) -> Path:
         """Turn the stream into ``record.parquet`` and ``meta.json``; ``meta`` adds what only the end knows.
 
-        Returns the path of the Parquet file.  A second call does nothing.  Raises ``RecordError`` if the disk failed;
-        the stream then stays for ``recover``.
+        Returns the path of the Parquet file.  A second call does nothing.  Raises ``NotKept`` if the disk failed; the
+        stream then stays with what it holds, which can be read, and made a record when there is room again.
         """
         _refuse_reserved(meta)
         target = self.directory / PARQUET
@@ -200,9 +209,17 @@ class Recorder:
             self._thread.join()
         if self.dropped:
             meta["dropped"] = self.dropped
-        with self._file:  # held until there is a record: nobody takes the run for one that was cut off
+        try:
             _undisturbed(self._finish_stream)
             convert(self.directory / STREAM, meta)
+        except RecordError:
+            self._put_back()
+            raise
+        finally:
+            # Held until there is a record: nobody takes the run for one that was cut off.
+            with suppress(OSError):  # a full disk refuses the last bytes again; that is known by now
+                self._file.close()
+            give_room(self.directory)
         return target
 
     def __enter__(self) -> Self:
@@ -215,8 +232,8 @@ class Recorder:
 
     def _refuse_if_failed(self) -> None:
         if self._failure is not None:
-            raise RecordError(
-                f"{self.directory / STREAM} cannot be written: {self._failure}; `recover` saves what it holds"
+            raise NotKept(
+                f"{self.directory / STREAM} cannot be written any more: {why(self._failure)}"
             ) from self._failure
 
     def _refuse_if_unwritable(self) -> None:
@@ -243,10 +260,32 @@ class Recorder:
             self._file.flush()
         except (OSError, pa.ArrowException) as error:
             self._failure = error
-            # A full disk refuses the last bytes again when the file is closed; that is known by now.
-            with suppress(OSError):
-                self._file.close()
         self._refuse_if_failed()
+
+    def _give_up(self) -> None:
+        """Leave nothing of a record that could not be begun."""
+        with suppress(OSError):
+            self._file.close()
+        give_room(self.directory)
+        with suppress(OSError):
+            (self.directory / _HEAD).unlink()
+
+    def _put_back(self) -> None:
+        """Where somebody has removed the folder, make it again with what the stream holds: it is open still."""
+        stream = self.directory / STREAM
+        if stream.exists():
+            return
+        with suppress(OSError):
+            stream.parent.mkdir(parents=True, exist_ok=True)
+            with stream.open("xb") as copy:
+                place = 0
+                while part := os.pread(self._file.fileno(), 1 << 20, place):
+                    place += copy.write(part)
+
+    def _refuse_if_gone(self) -> None:
+        """Raise FileNotFoundError if the stream is no longer where it was: it would end with this process."""
+        if not os.path.samestat((self.directory / STREAM).stat(), os.fstat(self._file.fileno())):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
 
     def _drain(self) -> None:
         import numpy as np
@@ -266,6 +305,7 @@ class Recorder:
                     _batch(columns), custom_metadata={"events": encode(events)} if events else None
                 )
                 self._file.flush()
+                self._refuse_if_gone()
             except (OSError, pa.ArrowException) as error:
                 self._failure = error
         self._refuse_if_failed()
@@ -306,18 +346,15 @@ def _stream_schema() -> pa.Schema:
 
 def _create(head: Path, stream: Path) -> BinaryIO:
     """Open ``head``, which becomes ``stream`` when the facts of the run stand in it, and hold it."""
-    try:
+    with begun(stream, f"the directory {stream.parent}"):
         stream.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordError(f"{stream.parent} cannot be made a directory: {error}") from error
-    try:
-        file = head.open("ab")
-    except OSError as error:
-        raise RecordError(f"{stream} cannot be written: {error}") from error
+    with begun(stream):
+        file = head.open("a+b")
     if not hold(file) or stream.exists():
         file.close()
         raise RecordError(
-            f"{stream} exists: another run is writing there, or one was killed and `recover` can save what it left"
+            f"{stream} exists: another run is writing there, or one was killed and `astb report {stream.parent}` "
+            "saves what it left"
         )
     file.truncate(0)  # what a run left that was killed in this instant
     return file

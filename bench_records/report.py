@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 from bench_records.check_table import bar_drawing, check_rows
 from bench_records.circumstances import circumstances, flattened
+from bench_records.disk import kept
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
 from bench_records.incident import incident_of
-from bench_records.layout import REPORT, RESULT
+from bench_records.layout import REPORT, RESULT, put
 from bench_records.plot_data import PlotData, asset
 from bench_records.record import Record, read
 from bench_records.result import CheckVerdict, Outcome, Result, read_result
@@ -25,10 +26,12 @@ def write_report(directory: Path | str) -> Path:
     """Write ``report.html`` from the record and the result in a directory; returns its path.
 
     A run that was cut off has no result: its report says so and shows what was recorded.  The bytes depend on
-    the two files alone.  Raises ``RecordError`` if the record cannot be read.
+    the two files alone.  Raises ``RecordError`` if the record cannot be read, or the disk refuses the page.
     """
     path = Path(directory) / REPORT
-    path.write_text(report_page(directory), encoding="utf-8")
+    page = report_page(directory).encode()
+    with kept(path):
+        put(path, page)
     return path
 
 

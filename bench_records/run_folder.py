@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from bench_records.layout import META, PARQUET, RESULT, STREAM, Condition, RecordedEvent
+from bench_records.layout import META, PARQUET, RESULT, STREAM, Condition, RecordedEvent, RecordError
 from bench_records.record import Record, read
 from bench_records.result import Check, Result, Sample, conclude, read_result
 from bench_records.stream import is_held, read_head
@@ -18,6 +18,7 @@ from bench_records.stream import is_held, read_head
 SIGNS: Final = (RESULT, STREAM, PARQUET)
 #: What `meta.json` tells beside the circumstances of a run.
 _BESIDE: Final = {"samples", "duration_s", "events"}
+_OF_THE_STREAM: Final = {"start_ns", "signals"}
 
 
 class Unfinished(StrEnum):
@@ -62,12 +63,18 @@ def result_without(record: Record) -> Result:
 
 
 def facts_of(directory: Path) -> dict[str, Any]:
-    """Return what `meta.json` says of a run's origin, without its events; nothing where that cannot be read."""
-    try:
+    """Return what `meta.json` or, where the disk failed, the stream says of a run's origin, without its events.
+
+    Nothing where that cannot be read.
+    """
+    with suppress(OSError, msgspec.MsgspecError, RecordError):
+        if (directory / STREAM).exists():
+            return {
+                key: one for key, one in read_head(directory / STREAM).items() if key not in _OF_THE_STREAM
+            }
         meta = msgspec.json.decode((directory / META).read_bytes(), type=dict[str, Any])
         return {name: value for name, value in meta.items() if name not in _BESIDE}
-    except (OSError, msgspec.MsgspecError):
-        return {}
+    return {}
 
 
 def _unfinished(

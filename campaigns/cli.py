@@ -53,7 +53,7 @@ def campaign_command(
     from bench_protocol.written_values import NotAValue, read_written
     from campaigns.campaign_file import CampaignError, read_campaign
     from campaigns.display import CampaignDisplay, verdicts
-    from campaigns.kept import KeptError
+    from campaigns.kept import KeptError, KeptFailed
     from campaigns.plan_case import run_plan_cases
     from campaigns.workers import ClusterError
 
@@ -84,7 +84,7 @@ def campaign_command(
                 watch=display,
             )
     except KeptError as error:
-        misuse(error)
+        (blocked if isinstance(error, KeptFailed) else misuse)(error)
     except ClusterError as error:
         blocked(f"{error}; what has ended is kept in {out}")
     except KeyboardInterrupt:

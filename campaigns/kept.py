@@ -7,6 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
+from bench_records.disk import why
+from bench_records.layout import whole
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -17,6 +20,10 @@ _LOCK: Final = ".lock"
 
 class KeptError(ValueError):
     """A directory that is no data set of a campaign, or that another campaign is at work on."""
+
+
+class KeptFailed(KeptError):
+    """A disk that does not take the rows of a campaign."""
 
 
 class KeptRows:
@@ -174,17 +181,21 @@ def _bare(value: Any) -> Any:
 
 
 def _write(table: "pa.Table", path: Path) -> None:
-    """Write a part under another name, and give it its own when all of it is on the disk."""
+    """Write a part under another name, and give it its own when all of it is on the disk; KeptFailed if it fails."""
     import pyarrow.parquet as pq
 
     hidden = path.with_name(f".{path.name}")
-    with hidden.open("wb") as file:
-        pq.write_table(table, file)
-        file.flush()
-        os.fsync(file.fileno())
-    hidden.replace(path)
-    with _opened(path.parent) as folder:
-        os.fsync(folder)
+    try:
+        with whole(hidden, path), hidden.open("wb") as file:
+            pq.write_table(table, file)
+            file.flush()
+            os.fsync(file.fileno())
+        with _opened(path.parent) as folder:
+            os.fsync(folder)
+    except OSError as error:
+        raise KeptFailed(
+            f"{path.parent} keeps no more rows: {why(error)}; once that is mended, go on"
+        ) from None
 
 
 @contextlib.contextmanager

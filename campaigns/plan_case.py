@@ -92,7 +92,8 @@ def _run(case: PlanCase, directory: Path) -> "Result":
     from astb.api import find_plan
     from astb.run import connected, describe
     from astb.session import build_rig, virtual_session
-    from test_plans.execution import execute
+    from bench_records.disk import NotKept
+    from test_plans.execution import BY_THE_RECORD, execute
     from test_plans.specimen import read_specimen
 
     plan = find_plan(case.plan)
@@ -100,7 +101,7 @@ def _run(case: PlanCase, directory: Path) -> "Result":
     specimen = read_specimen(case.specimen)
     rig = RigFile(RIG, time="virtual", simulation=case.simulation)
     with virtual_session(build_rig(case.simulation), case.simulation) as session, connected(session):
-        return execute(
+        result = execute(
             plan,
             session.bench,
             directory,
@@ -109,6 +110,9 @@ def _run(case: PlanCase, directory: Path) -> "Result":
             seed=session.seed,
             specimen=specimen,
         )
+    if BY_THE_RECORD in result.reason:  # nothing that the rig did: it would stand among the verdicts for good
+        raise NotKept(result.reason)
+    return result
 
 
 def _told(result: "Result") -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from bench_protocol.clock import RealClock
 from bench_protocol.units import NS
 from campaigns.core import carried_out
-from campaigns.kept import KeptRows, read_rows
+from campaigns.kept import KeptFailed, KeptRows, read_rows
 from campaigns.on_a_worker import Finished
 from campaigns.workers import cluster
 
@@ -100,6 +100,8 @@ def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any
             raise ValueError(f"a case returns a dictionary, not {type(one.value).__name__}")
         row = {**known, **(one.value or {}), **known, **told}  # what a case returns does not rename it
         kept.add(row)
+    except KeptFailed:
+        raise
     except ValueError as error:
         row = known | told | {"error": str(error)}
         kept.add(row)

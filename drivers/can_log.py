@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -30,11 +30,14 @@ class CanLogError(Exception):
 class CanLog:
     """Writes every frame that ``port`` hears into ``path`` until it is closed, in a thread of its own.
 
-    The port should do nothing else: a port does not hear what it sends itself. CanLogError
-    for a name with an ending that nobody writes, or a file that cannot be made.
+    The port should do nothing else: a port does not hear what it sends itself. ``tell`` hears at once, in that thread,
+    if the disk fails. CanLogError for a name with an ending that nobody writes, or a file that cannot be made.
     """
 
-    def __init__(self, port: CanPort, path: Path) -> None:
+    def __init__(
+        self, port: CanPort, path: Path, tell: Callable[[CanLogError], object] = lambda error: None
+    ) -> None:
+        self._tell = tell
         self._writer = _open_writer(path)
         self._path = path
         self._waiting: queue.SimpleQueue[Block | None] = queue.SimpleQueue()
@@ -52,7 +55,7 @@ class CanLog:
         if self._thread.is_alive():
             self._failure = f"the disk did not take the last frames within {_PATIENCE:g} s"
         if self._failure:
-            raise CanLogError(f"{self._path} lacks frames: {self._failure}")
+            raise self._error()
 
     def _write(self) -> None:
         try:
@@ -62,8 +65,12 @@ class CanLog:
             self._writer.stop()
         except Exception as error:  # writers have exceptions of their own; whoever closes must hear of each
             self._failure = str(getattr(error, "strerror", None) or error) or type(error).__name__
+            self._tell(self._error())
             while self._waiting.get() is not None:
                 pass  # what nobody writes must not fill the memory
+
+    def _error(self) -> CanLogError:
+        return CanLogError(f"{self._path} lacks frames: {self._failure}")
 
 
 def write_frames(blocks: Iterable[Block], path: Path) -> int:

@@ -2,11 +2,13 @@
 
 from typing import Literal
 
-Fault = Literal["rig", "plan", "link"]
+Fault = Literal["rig", "plan", "link", "record"]
 
 
 class BenchError(Exception):
-    """Something between plan and rig broke; ``fault`` says on whose side: the rig's, the plan's or the link's."""
+    """Something between plan and rig broke; ``fault`` says on whose side: the rig's, the plan's, the link's, or that
+    of the record, which is not kept any more.
+    """
 
     fault: Fault = "rig"
 
@@ -65,3 +67,9 @@ class Misuse(BenchError):
     """The plan asked for something that this bench cannot do in its present state."""
 
     fault: Fault = "plan"
+
+
+class NotRecorded(BenchError):
+    """Nobody keeps the samples any more: what would be measured now would have no record."""
+
+    fault: Fault = "record"

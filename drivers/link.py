@@ -13,7 +13,16 @@ from bench_protocol.clock import Clock
 from bench_protocol.units import NS, minutes, ms, s
 from bench_protocol.words import LIVE_STATES, REASONS_OF_THE_LINK, STATES
 from drivers.commander import BEAT, Commander
-from drivers.errors import BenchError, BenchTimeout, Fault, LinkLost, Misuse, NotCommander, RigFault, Stale
+from drivers.errors import (
+    BenchError,
+    BenchTimeout,
+    Fault,
+    LinkLost,
+    NotCommander,
+    NotRecorded,
+    RigFault,
+    Stale,
+)
 from drivers.reading import Quality, Readings, Sample
 from drivers.receiver import Capture, Receiver
 from drivers.settings import UNKNOWN, Settings
@@ -45,7 +54,6 @@ class Link:
         "_lost",
         "_silent",
         "_strangers",
-        "_told",
         "_tolerant",
         "clock",
         "commander",
@@ -60,7 +68,6 @@ class Link:
         self.wiring, self.table, self.clock = wiring, wiring.table, clock
         self._lost = ""
         self._silent = 0
-        self._told: Exception | None = None  # what the receiver's sink raised, once a plan has heard of it
         self._strangers = 0.0  # that were counted before this commander came
         self._armed = self._tolerant = self._connected = False
         self.receiver = Receiver(wiring, clock)
@@ -181,9 +188,9 @@ class Link:
         if self.commander.failure is not None:
             raise LinkLost(f"commands cannot be sent: {self.commander.failure}")
         failed = self.receiver.failure
-        if failed is not None and failed is not self._told:
-            self._told = failed  # said once: the bench can be brought to rest without a record
-            raise Misuse(f"what takes the samples failed: {failed}") from failed
+        if failed is not None and self.receiver.needed:
+            self.receiver.needed = False  # said once: the bench can be brought to rest without a record
+            raise NotRecorded(str(failed) or type(failed).__name__) from failed
         # In tear-down, the set-points alone can still bring the bench to rest.
         if failure := self.wiring.failure:
             if isinstance(failure, NotCommander):

@@ -36,6 +36,7 @@ class Receiver:
         self._captures: tuple[Capture, ...] = ()
         self.sink: Sink | None = None
         self.failure: Exception | None = None  #: what the sink raised, if it did; it is not called again
+        self.needed = True  #: whether a plan has to hear of that
         #: Hz, by signal: how often it came in the last capture that was aligned or averaged.
         self.rates: dict[str, float] = {}
 

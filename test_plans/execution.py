@@ -18,6 +18,7 @@ from drivers.errors import BenchError
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
 from test_plans.instruments import UNKNOWN, Instruments
+from test_plans.interruptions import Interruptions
 from test_plans.loads import SpecimenError
 from test_plans.operator import NoOperator, Operator
 from test_plans.parameters import ParameterRefused
@@ -37,9 +38,11 @@ if TYPE_CHECKING:
     from drivers.bench import Bench
 
 #: Whose fault it is, in words.
-WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan"}
+WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan", "record": "the record"}
 #: How the reason of a run begins that was blocked by the wires or by whoever commands, not by the bench.
 BY_THE_LINK: Final = f"{WHOSE['link']}: "
+#: The same by the disk, which does not keep the record.
+BY_THE_RECORD: Final = f"{WHOSE['record']}: "
 #: How a warning begins that a run did not leave the bench as it should have.
 IN_TEAR_DOWN: Final = "in tear-down: "
 _STOPPED: Final = "stopped by the operator"
@@ -88,9 +91,27 @@ def execute(
         plan.values,
         plan.judges,
     )
+    rest = {"began": facts.get("date", ""), "rig": rig, "seed": seed}
+    with Interruptions() as stops:
+        result, left = _carried_out(plan, run, recording, directory, stops, rest)
+    if left is not None:
+        raise KeyboardInterrupt(left)
+    return result
+
+
+def _carried_out(
+    plan: Plan,
+    run: Run,
+    recording: Recording,
+    directory: Path | str,
+    stops: Interruptions,
+    facts: Mapping[str, Any],
+) -> tuple[Result, str | None]:
+    """Carry out ``plan`` and write what came of it; return the result, and what the springs hold if it was stopped."""
+    bench = run.bench
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
-        first, last, interrupted = _perform(run, plan)
+        first, last, interrupted = _perform(run, plan, stops)
         left = _air_left(bench) if interrupted else ""
         strangers = bench.strangers()
         for told in filter(None, (left, strangers)):
@@ -100,16 +121,15 @@ def execute(
     run.progress(1.0)
     bench.last_run = run.now
 
-    if not first and (failed := bench.receiver.failure):
-        first = f"the record: {failed}"
+    if lost := recording.failure or str(bench.receiver.failure or ""):
+        first = first or f"{WHOSE['record']}: {lost}"
+        if lost not in first:
+            run.warnings.append(f"{WHOSE['record']}: {lost}")
     reason = _reason(run, first, last, left, strangers)
     if last and not reason:  # the product failed all the same, but whoever goes on has to know
         run.warnings.append("; ".join(filter(None, (f"{IN_TEAR_DOWN}{last}", left))))
-    result = _concluded(run, plan, reason, facts.get("date", ""), rig=rig, seed=seed, timing=punctuality)
-    _write(result, incident, directory)
-    if interrupted:
-        raise KeyboardInterrupt(left)
-    return result
+    result = _concluded(run, plan, reason, timing=punctuality, **facts)
+    return _written(result, incident, Path(directory)), left if interrupted else None
 
 
 def _facts(plan: Plan, spring: Specimen, instruments: Instruments) -> dict[str, Any]:
@@ -125,7 +145,7 @@ def _facts(plan: Plan, spring: Specimen, instruments: Instruments) -> dict[str, 
     }
 
 
-def _concluded(run: Run, plan: Plan, reason: str, began: str, **rest: Any) -> Result:
+def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
     """Return the result of a run that is over."""
     from bench_records.layout import phases_of
     from bench_records.result import Sample, conclude
@@ -140,14 +160,13 @@ def _concluded(run: Run, plan: Plan, reason: str, began: str, **rest: Any) -> Re
         phases=phases_of(run.phases, run.start, run.now),
         parameters=plan.written,
         specimen=Sample(**run.specimen.facts),
-        began=began,
         preconditions=run.preconditions,
         warnings=run.warnings,
         **rest,
     )
 
 
-def _perform(run: Run, plan: Plan) -> tuple[str, str, bool]:
+def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool]:
     """Run the parts of a plan; return what went wrong before tear-down and in it, and whether the operator stopped it.
 
     On a rig that cannot do what the plan needs, nothing is moved at all.
@@ -159,18 +178,15 @@ def _perform(run: Run, plan: Plan) -> tuple[str, str, bool]:
     run.warnings += run.instruments.troubles(today(run))
     for told in run.warnings:
         run.say(told)
-    unmet, interrupted = (
-        _attempt(run, "preconditions", partial(_look_at, plan)) if plan.requires else ("", False)
-    )
+    attempt = partial(_attempt, run, stops)
+    unmet, interrupted = attempt("preconditions", partial(_look_at, plan)) if plan.requires else ("", False)
     if unmet:
         return unmet, "", interrupted
-    try:
-        first, interrupted = _attempt(run, "set-up", plan.bound(plan.setup))
-        if not first:
-            first, interrupted = _attempt(run, "main", plan.bound(plan.main))
-    except KeyboardInterrupt:  # once more, while the first was told
-        first, interrupted = _STOPPED, True
-    last, again = _attempt(run, "tear-down", plan.bound(plan.teardown))
+    first, interrupted = attempt("set-up", plan.bound(plan.setup))
+    if not first:
+        first, interrupted = attempt("main", plan.bound(plan.main))
+    run.bench.receiver.needed = False  # without a record, too, the bench has to come to rest
+    last, again = attempt("tear-down", plan.bound(plan.teardown))
     return first, last, interrupted or again
 
 
@@ -204,27 +220,54 @@ def _unmet(run: Run, one: Precondition) -> list[str]:
     return [f"{one.text} ({found.found})"] if blocks else []
 
 
-def _write(result: Result, incident: Incident | None, directory: Path | str) -> None:
-    """Leave the result, and what the black box kept if something happened, in ``directory``."""
+def _written(result: Result, incident: Incident | None, directory: Path) -> Result:
+    """Leave the result, and what the black box kept if something happened, in ``directory``; return the result.
+
+    Where the disk refuses some of it, the run is blocked for that, and whatever finds room says so.
+    """
+    from msgspec.structs import replace
+
+    from bench_records.disk import give_room
+    from bench_records.result import Outcome
+
+    give_room(directory)
+    if not (lost := _refused(result, incident, directory)):
+        return result
+    reason = "; then ".join(filter(None, (result.reason, f"{BY_THE_RECORD}{lost}")))
+    result = replace(result, verdict=Outcome.BLOCKED, reason=reason)
+    _refused(result, None, directory)
+    return result
+
+
+def _refused(result: Result, incident: Incident | None, directory: Path) -> str:
+    """Write what a run leaves beside its record, as far as that can be; return what cannot."""
+    from bench_records.disk import kept
     from bench_records.incident import write_incident
     from bench_records.junit import write_junit
-    from bench_records.layout import RecordError
+    from bench_records.layout import JUNIT, RESULT, RecordError
 
-    try:
-        result.write(directory)
-        write_junit(result, directory)
-    except OSError as error:
-        raise RecordError(f"{directory} cannot take the result: {error.strerror}") from None
+    lost: list[str] = []
+
+    def attempt(name: str, write: Callable[[], object]) -> None:
+        try:
+            with kept(directory / name):
+                write()
+        except RecordError as error:
+            lost.append(str(error))
+
+    attempt(RESULT, lambda: result.write(directory))
+    attempt(JUNIT, lambda: write_junit(result, directory))
     if incident is not None:
         channels = {name: incident.values(name) for name in incident.channels}
-        write_incident(directory, incident.story, incident.times, channels)
+        attempt("", lambda: write_incident(directory, incident.story, incident.times, channels))
+    return "; ".join(lost)
 
 
 @contextmanager
 def _recorded(run: Run, recording: Recording) -> Iterator[None]:
     """Let the record take all that is received and set while the block lasts, the settings in force first."""
     bench = run.bench
-    bench.receiver.sink, bench.receiver.failure = recording.take, None
+    bench.receiver.sink, bench.receiver.failure, bench.receiver.needed = recording.take, None, True
     bench.settings.applied = lambda values: keep_settings(run, values)
     try:
         if other := bench.wiring.capabilities.notes.get("identity"):
@@ -268,11 +311,11 @@ def _air_left(bench: Bench) -> str:
     return f"the springs still hold pressure: {told}"
 
 
-def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, bool]:
+def _attempt(run: Run, stops: Interruptions, name: str, part: Callable[[Run], None]) -> tuple[str, bool]:
     """Run one part; return what went wrong, whose fault it is included, and whether the operator stopped it."""
     interrupted = False
     try:
-        with run.phase(name):
+        with stops.heard(), run.phase(name):
             part(run)
         return "", False
     except BenchError as error:
@@ -294,8 +337,11 @@ def _attempt(run: Run, name: str, part: Callable[[Run], None]) -> tuple[str, boo
         trouble, interrupted = _STOPPED, True
     except (Exception, SystemExit) as error:  # what would end the program must not take the tear-down with it
         trouble = f"the plan: {type(error).__name__} at {_place(error)}: {error}"
-    run.keep("error", f"{name}: {trouble}")
-    run.watcher.say(f"{name}: {trouble}")
+    try:
+        run.keep("error", f"{name}: {trouble}")
+        run.watcher.say(f"{name}: {trouble}")
+    except KeyboardInterrupt:  # of a program that stops its plan otherwise than by a signal
+        interrupted = True
     return trouble, interrupted
 
 

@@ -71,6 +71,7 @@ class Recording:
         self._held: list[Samples] = []
         self._held_since = 0
         self._lock = threading.RLock()
+        self.failure = ""  #: why it was not kept whole, once it is closed
 
     def take(self, times: Instants, rows: Rows, values: Floats) -> None:
         """Take samples as they come (ns, table rows, SI). Raises RecordError for a disk that failed meanwhile."""
@@ -89,12 +90,15 @@ class Recording:
             self._recorder.event(time, kind, text, **data)
 
     def close(self) -> None:
-        """End the record; RecordError if the disk failed."""
+        """End the record; ``failure`` says if the disk failed."""
         from bench_records.layout import RecordError
 
         with suppress(RecordError):  # the recorder says it again when it is closed
             self._hand_on()
-        self._recorder.close()
+        try:
+            self._recorder.close()
+        except RecordError as error:
+            self.failure = str(error)
 
     def _hand_on(self) -> None:
         with self._lock:

@@ -63,8 +63,8 @@ def run_command(
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
 
     An earlier run is never overwritten: the next one of the same plan goes to DIR/PLAN-2/, and so on. Ctrl-C,
-    SIGTERM and a terminal that is closed end the plan: the air is let off, and the report is written and says what the
-    springs still hold.
+    SIGTERM, SIGQUIT and a terminal that is closed end the plan: the air is let off, and the report is written and says
+    what the springs still hold. A second signal ends that too, and further ones nothing: what was found is written.
 
     Ends with 0 if all pass, 1 if one fails, 2 for misuse, 3 if one is blocked, 4 if all that the rig can measure
     passes and something is not available on it.
@@ -106,7 +106,8 @@ def _end_in_order() -> None:
     """Whoever ends the run, let its tear-down run."""
     import signal
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGQUIT):
+        signal.signal(number, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:  # with nohup the run goes on
         signal.signal(signal.SIGHUP, _hung_up)
 

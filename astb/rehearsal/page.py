@@ -11,7 +11,7 @@ from astb.rehearsal.envelope import Extreme
 from astb.rehearsal.rehearsing import LimitMargin, Rehearsal
 from bench_protocol.units import litre
 from bench_records.circumstances import circumstances
-from bench_records.layout import RecordError
+from bench_records.disk import kept
 from bench_records.record import Record, read
 from bench_records.run_drawings import lines_by_quantity, numbered, phase_strips
 from bench_records.typography import THIN_SPACE, fixed, seconds
@@ -65,10 +65,8 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
         panels=_panels(record, found, span),
     )
     path = directory / PAGE
-    try:
+    with kept(path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RecordError(f"{path} cannot be written: {error.strerror}") from None
     return path
 
 

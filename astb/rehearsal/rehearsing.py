@@ -18,7 +18,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
 from bench_protocol.words import LimitKind
-from bench_records.layout import RecordError
+from bench_records.disk import kept
 from bench_records.result import Outcome, Result
 from bench_sim.rig.controls import TICK_NS
 from bench_sim.rig.limit_table import ACTIONS
@@ -89,10 +89,8 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True):
     def write(self, directory: Path) -> Path:
         """Write ``rehearsal.json`` into ``directory``; RecordError for a disk that fails."""
         path = directory / REHEARSAL
-        try:
+        with kept(path):
             path.write_bytes(msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n")
-        except OSError as error:
-            raise RecordError(f"{path} cannot be written: {error.strerror}") from None
         return path
 
 

@@ -50,7 +50,7 @@ def test_a_disk_that_is_full_leaves_no_air_in_the_springs(filled, monkeypatch):
 
     result, pressure = filled(lambda run: monkeypatch.setattr(Recorder, "append", full))
     assert result.verdict is Outcome.BLOCKED
-    assert result.reason == "the plan: what takes the samples failed: no space left"
+    assert result.reason == "the record: no space left"
     assert pressure < 0.2 * bar
 
 

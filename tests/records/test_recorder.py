@@ -363,7 +363,7 @@ def test_misuse_says_what_would_be_right(tmp_path: Path) -> None:
         Recorder(tmp_path, SIGNALS, limit=0)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordError, match="cannot be made a directory"):
+    with pytest.raises(RecordError, match="file cannot be written: File exists"):
         Recorder(tmp_path / "file", SIGNALS)
     recorder = Recorder(tmp_path, SIGNALS)
     with pytest.raises(RecordError, match="do not fit into JSON"):
@@ -393,11 +393,11 @@ def test_a_full_disk_is_reported_and_what_was_written_stays(
 
     monkeypatch.setattr(recorder, "_writer", Full())
     recorder.append([2], [0], [2.0])
-    with pytest.raises(RecordError, match="No space left on device"):
+    with pytest.raises(RecordError, match="the disk is full"):
         recorder.flush()
-    with pytest.raises(RecordError, match="No space left on device"):
+    with pytest.raises(RecordError, match="the disk is full"):
         recorder.append([3], [0], [3.0])
-    with pytest.raises(RecordError, match="No space left on device"):
+    with pytest.raises(RecordError, match="the disk is full"):
         recorder.close()
     assert written is not None
     assert recover(tmp_path).samples == 1

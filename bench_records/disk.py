@@ -1,0 +1,94 @@
+"""What a disk refuses, in words, and the room that is kept free for the result of a run."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from bench_records.layout import RecordError
+
+#: Of no use to name another file for: the machine is at fault, not whoever named it.
+REFUSALS: Final = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EFBIG: "the file would be larger than the system allows",
+    errno.EROFS: "the file system can only be read",
+    errno.EIO: "the disk fails",
+    errno.ESTALE: "the file system is gone",
+    errno.ENODEV: "the disk is gone",
+    errno.ENXIO: "the disk is gone",
+    errno.ENOENT: "its folder was removed",
+    errno.ENOTDIR: "its folder was removed",
+}
+#: Result, check lists and checksums of the longest plans take a quarter of it; a report often fits as well.
+ROOM: Final = 2 << 20
+ROOM_FILE: Final = "room.part"
+#: What is wrong with a name, before anything was written.
+_NAMES: Final = (errno.ENOENT, errno.ENOTDIR)
+_CANNOT: Final = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
+
+
+class NotKept(RecordError):
+    """A disk that refuses what a run has to keep; the text names the file and says why."""
+
+
+def why(error: BaseException) -> str:
+    """Return in words why the disk refused."""
+    number = getattr(error, "errno", None)
+    if number in REFUSALS:
+        return REFUSALS[number]
+    return str(getattr(error, "strerror", None) or str(error) or type(error).__name__)
+
+
+def of_the_disk(error: BaseException) -> bool:
+    """Return whether the disk is at fault, and neither a name nor whoever may write there."""
+    return isinstance(error, OSError) and error.errno in REFUSALS and error.errno not in _NAMES
+
+
+@contextmanager
+def kept(path: Path, what: str = "") -> Iterator[None]:
+    """Let what is written to ``path`` meanwhile be told as NotKept if the disk refuses it."""
+    import pyarrow as pa
+
+    try:
+        yield
+    except (OSError, pa.ArrowException) as error:
+        raise NotKept(f"{what or path} cannot be kept: {why(error)}") from error
+
+
+@contextmanager
+def begun(path: Path, what: str = "") -> Iterator[None]:
+    """As `kept`, but a folder that cannot be one, or that is somebody else's, is a RecordError of whoever named it."""
+    try:
+        yield
+    except OSError as error:
+        kind = NotKept if of_the_disk(error) else RecordError
+        reason = why(error) if kind is NotKept else error.strerror
+        raise kind(f"{what or path} cannot be written: {reason}") from error
+
+
+def keep_room(directory: Path) -> None:
+    """Reserve the room that the result of a run will need. NotKept if there is not as much."""
+    path = directory / ROOM_FILE
+    try:
+        with path.open("wb") as file:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, ROOM)
+    except OSError as error:
+        if error.errno in _CANNOT:  # a file system that promises nothing
+            return
+        give_room(directory)
+        raise NotKept(
+            f"{directory} has no room for the result of a run, {ROOM >> 20} MiB: {why(error)}; "
+            "make room, or name another folder"
+        ) from error
+
+
+def give_room(directory: Path) -> None:
+    """Set the reserved room free."""
+    with suppress(OSError):
+        (directory / ROOM_FILE).unlink()

@@ -1,0 +1,85 @@
+"""Whoever follows the advice of a message finds what it names: every command, option and extra exists."""
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+
+import click
+import pytest
+
+from astb.cli import commands
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PACKAGES = PROJECT["tool"]["mypy"]["packages"]
+ENDINGS = (".py", ".j2", ".js", ".html", ".toml")
+#: What is no command: the first words of the format of a record.
+FORMAT = "record"
+
+
+def texts():
+    """Every text of the product, with the file that it stands in: of Python its strings, help texts included."""
+    folders = [ROOT / name for name in (*PACKAGES, "rigs", "specimens", "instruments")]
+    for path in sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in ENDINGS):
+        if path.suffix != ".py":
+            yield path, path.read_text()
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.JoinedStr):
+                parts = (part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
+                yield path, "".join(map(str, parts))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield path, node.value
+
+
+def command(words):
+    """Return the command that the first of ``words`` name, and those that are left; None where there is none."""
+    found, rest = commands, list(words)
+    while isinstance(found, click.Group) and rest and re.fullmatch("[a-z][a-z-]*", rest[0]):
+        inner = found.get_command(click.Context(found), rest[0])
+        if inner is None:
+            return (found, rest) if found is not commands else None
+        found, rest = inner, rest[1:]
+    return found, rest
+
+
+def wrong(text):
+    """Return what ``text`` names and does not exist."""
+    for match in re.finditer(r"(?<![\w.-])astb ((?:[a-z][a-z-]*)(?: [^`\n]*)?)", text):
+        words = match[1].split()
+        words[0] = words[0].rstrip(",.;:")
+        if words[0] == FORMAT:
+            continue
+        if (found := command(words)) is None:
+            yield f"astb {words[0]}"
+            continue
+        if match.start() and text[match.start() - 1] == "`":
+            known = {
+                one for parameter in found[0].params for one in (*parameter.opts, *parameter.secondary_opts)
+            }
+            options = (re.split("[=,.;]", word)[0] for word in found[1] if word.startswith("--"))
+            yield from (f"astb {words[0]} {option}" for option in options if option not in known)
+    for extra in re.findall(r"astb\[(\w+)\]", text):
+        if extra not in PROJECT["project"]["optional-dependencies"]:
+            yield f"astb[{extra}]"
+
+
+def test_every_command_that_a_message_names_exists():
+    found = [(str(path.relative_to(ROOT)), what) for path, text in texts() for what in wrong(text)]
+    assert not found
+    assert sum("astb " in text for _, text in texts()) > 50  # the messages were found
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("`recover` saves it, as `astb recover` does", ["astb recover"]),
+        ("`astb run --keep-it` keeps it", ["astb run --keep-it"]),
+        ("`astb fault list` and `astb plans`", []),
+        ("astb fault on leak side=left", []),
+        ("pip install 'astb[speed]'", ["astb[speed]"]),
+    ],
+)
+def test_what_does_not_exist_is_found(text, told):
+    assert list(wrong(text)) == told
