@@ -1,22 +1,26 @@
 """The one place that knows pymodbus, which renames its interface in nearly every release.
 
 A ``ModbusPort`` reads and writes numbers and says in words what went wrong. Behind it is pymodbus' synchronous
-client, on a socket (``open_modbus``) or on a function that answers requests (``InMemoryModbus``): the bytes are
-the same.
+client, on a socket or a serial line (``open_modbus``, ``open_serial``) or on a function that answers requests
+(``InMemoryModbus``): the bytes are the same.
 """
 
 import logging
 import math
+import select
+import socket
 import struct
 import threading
-from collections.abc import Callable, Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
-from pymodbus.client import ModbusTcpClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
+from pymodbus.framer import FramerSocket, FramerType
 from pymodbus.pdu import ExceptionResponse, FileRecord, ModbusPDU
 from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
 
+from bench_protocol.clock import RealClock
 from bench_protocol.modbus import (
     BITS_READ_MAX,
     BITS_WRITE_MAX,
@@ -25,28 +29,159 @@ from bench_protocol.modbus import (
     REGISTERS_READ_MAX,
     REGISTERS_WRITE_MAX,
 )
+from bench_protocol.units import NS, ms
 from drivers.errors import LinkLost, Refused
+from drivers.modbus_words import HEADER, SerialLine, in_registers, instead, request_in_words
 
 # Whatever pymodbus logs as an error is raised here as an exception; without this it is also printed.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
+Client = ModbusTcpClient | ModbusSerialClient
+
 _EXTENDED_ACCESS: Final = 3
+#: How often a device that closes after each answer is seen to do so until it is not waited for any more.
+_HABIT: Final = 2
+_PAUSE: Final = round(20 * ms * NS)
+
+
+class Line:
+    """A pymodbus client and its connection, for one port or several that take turns.
+
+    ``each``: the connection is opened for each request; so it is too with a device that is seen to close it after each
+    answer. ``echo``: what gives back another unit or transaction is no answer.
+    """
+
+    def __init__(self, client: Client, where: str, *, each: bool = False, echo: bool = True) -> None:
+        self.client, self.where, self.each = client, where, each
+        self.lock = threading.Lock()
+        self.closings = 0  #: how often the device closed the connection after an answer
+        self._framed = isinstance(client.framer, FramerSocket)
+        self._echo = echo or not self._framed
+        self._request = self._came = b""
+        self._answers = 0  # on this connection
+        self._in_a_row = 0
+        self._there = False
+        self._users: set[int] = set()
+        client.transaction.trace_packet = self._packet
+
+    def join(self, port: "ModbusPort") -> None:
+        """Let ``port`` be one of those that keep the connection open."""
+        self._users.add(id(port))
+
+    def leave(self, port: "ModbusPort") -> None:
+        """Close the connection, if no other port is on it."""
+        self._users.discard(id(port))
+        if not self._users:
+            with self.lock:
+                self.hang_up()
+
+    @property
+    def used(self) -> bool:
+        """Whether a port is on it."""
+        return bool(self._users)
+
+    def execute(self, request: Callable[[], ModbusPDU], *, repeatable: bool) -> ModbusPDU:
+        """Return the reply; whoever calls has the lock. A ``repeatable`` one is asked again after a device hung up."""
+        self._came = b""
+        self._look()
+        fresh = not self._answers
+        self._connect()
+        try:
+            reply = request()
+        except ConnectionException:
+            if fresh or not (repeatable or self.closings):
+                raise
+            self._note_closing()
+            self.hang_up()
+            self._connect()
+            reply = request()
+        if not reply.isError() and reply.function_code != self._request[7 if self._framed else 1]:
+            raise ModbusException("another function")
+        self._answers += 1
+        if self.each:
+            self.hang_up()
+        return reply
+
+    def reason(self, error: Exception) -> str:
+        """Return in words why there was no reply."""
+        if isinstance(error, ConnectionException):
+            if not self._there:
+                return "no connection; is the rig running?"
+            if self._answers:
+                return 'the device closed the connection; after each answer? Then connection = "each"'
+            return (
+                "the device takes the connection and closes it before it answers; it may have room for one only, "
+                "which somebody else has"
+            )
+        if isinstance(error, OSError):
+            return error.strerror or "the connection broke"
+        came = instead(self._request, self._came, framed=self._framed)
+        if isinstance(error, ModbusException) and "No response received" not in str(error):
+            return f"what the device sent is no answer to it{came}"
+        return f"the device does not answer in {self.client.comm_params.timeout_connect:g} s{came}"
+
+    def hang_up(self) -> None:
+        """Close the connection; the next request opens it again. A late answer then is not taken for the next one."""
+        self.client.close()
+        self._answers = 0
+
+    def _packet(self, sending: bool, data: bytes) -> bytes:
+        """See what goes and comes; whatever answers where there is no echo is taken for the answer."""
+        if sending:
+            self._request = data
+        else:
+            self._came = data
+            if not self._echo and len(data) >= HEADER.size:
+                return self._request[:2] + data[2:6] + self._request[6:7] + data[7:]
+        return data
+
+    def _look(self) -> None:
+        """Notice whether the device has hung up since its last answer, or said more than it was asked."""
+        found = self.client.socket
+        if not isinstance(found, socket.socket):
+            return
+        if not select.select([found], [], [], 0)[0]:
+            self._in_a_row = self._in_a_row if self._answers < _HABIT else 0
+            return
+        try:
+            ended = found.recv(1, socket.MSG_PEEK) == b""
+        except OSError:
+            ended = True
+        if ended:
+            self._note_closing()
+        self.hang_up()
+
+    def _note_closing(self) -> None:
+        self.closings += 1 if self._answers else 0
+        self._in_a_row = self._in_a_row + 1 if self._answers == 1 else 0
+        self.each = self.each or self._in_a_row >= _HABIT
+
+    def _connect(self) -> None:
+        """Connect if need be; one that has just hung up, or has not noticed that we did, is given time."""
+        self._there, clock = False, RealClock()
+        deadline = clock.now() + round((self.client.comm_params.timeout_connect or 0.0) * NS)
+        while not self.client.connect():
+            if not (self.each or self.closings) or clock.now() >= deadline:
+                raise ConnectionException("nobody there")
+            clock.sleep_until(clock.now() + _PAUSE)
+        self._there = True
 
 
 class ModbusPort:
-    """One device behind a pymodbus client; thread-safe, one request at a time, no retries.
+    """One device behind a pymodbus client; thread-safe, one request at a time.
 
     Addresses are 0-based. Every method raises Refused, LinkLost, or ValueError for numbers that no request
     can carry.
     """
 
-    def __init__(self, client: ModbusTcpClient, where: str, unit: int = 1) -> None:
-        self._client = client
-        self._where = where
-        self._unit = unit
-        self._lock = threading.Lock()
+    def __init__(self, line: Line, unit: int = 1) -> None:
+        self.line, self._unit = line, unit
+        self._client: Any = line.client
+        self._where = line.where
+        self.meaning: Mapping[int, str] = MEANING  #: of the codes with which the device refuses
         self._asking = 0  # the thread that waits for an answer
         self._postponed: list[Callable[[], None]] = []
+        line.join(self)
 
     def between_requests(self, call: Callable[[], None]) -> None:
         """Call ``call`` now, or right after the request that this very thread is waiting for.
@@ -103,13 +238,16 @@ class ModbusPort:
         bits = [bool(value) for value in values]
         self._ask(what, lambda: self._client.write_coils(address, bits, device_id=self._unit))
 
+    def write_register(self, address: int, value: int) -> None:
+        """Write one holding register (FC 6)."""
+        what = self._range("writing the holding register", address, 1, 1)
+        (number,) = in_registers(what, [value])
+        self._ask(what, lambda: self._client.write_register(address, number, device_id=self._unit))
+
     def write_registers(self, address: int, values: Sequence[int]) -> None:
         """Write holding registers from ``address`` on, all or none (FC 16)."""
         what = self._range("writing holding registers", address, len(values), REGISTERS_WRITE_MAX)
-        numbers = [int(value) for value in values]
-        for value in numbers:
-            if not 0 <= value <= 0xFFFF:
-                raise ValueError(f"{what}: {value} does not fit in a register (0 to 65535)")
+        numbers = in_registers(what, values)
         self._ask(what, lambda: self._client.write_registers(address, numbers, device_id=self._unit))
 
     def identification(self) -> dict[int, bytes]:
@@ -136,72 +274,118 @@ class ModbusPort:
         return dict(reply.information), reply.next_object_id if reply.more_follows else None
 
     def close(self) -> None:
-        """Close the connection; the next call would open it again."""
-        with self._lock:
-            self._client.close()
+        """Close the connection, unless another port is on it; the next call would open it again."""
+        self.line.leave(self)
 
     def _range(self, verb: str, address: int, count: int, count_max: int) -> str:
-        """Return what is asked for in words, after a check that a request can carry it."""
-        what = (
-            f"{verb} {address}" + (f" to {address + count - 1}" if count > 1 else "") + f" of {self._where}"
-        )
-        if not 1 <= count <= count_max:
-            raise ValueError(f"{verb}: count = {count} does not fit in one request (1 to {count_max})")
-        if not 0 <= address <= 0x1_0000 - count:
-            raise ValueError(f"{verb}: address = {address} with count = {count} is outside 0 to 65535")
-        return what
+        return request_in_words(verb, address, count, count_max, self._where)
 
-    def _ask(self, what: str, request: Callable[[], ModbusPDU]) -> ModbusPDU:
-        with self._lock:
+    def _ask(self, what: str, request: Callable[[], ModbusPDU], *, repeatable: bool = False) -> ModbusPDU:
+        with self.line.lock:
+            self.line.join(self)
             self._asking = threading.get_ident()
             try:
-                reply = request()
-            except ConnectionException:
-                self._client.close()
-                raise LinkLost(f"{what} failed: no connection; is the rig running?") from None
+                reply = self.line.execute(request, repeatable=repeatable)
             except (ModbusException, OSError) as error:
-                # A late answer must not be taken for that to the next request.
-                self._client.close()
-                raise LinkLost(f"{what} failed: {_reason(error)}") from None
+                reason = self.line.reason(error)
+                self.line.hang_up()
+                raise LinkLost(f"{what} failed: {reason}") from None
             finally:
                 self._asking = 0
         while self._postponed:
             self._postponed.pop()()
         if isinstance(reply, ExceptionResponse):
             code = reply.exception_code
-            meaning = MEANING.get(code, "for a reason the specification does not know")
+            meaning = self.meaning.get(code, "for a reason the specification does not know")
             raise Refused(f"{what} was refused: {meaning} (Modbus exception {code})", code)
         if reply.isError():
-            raise LinkLost(f"{what} failed: {reply}")
+            raise LinkLost(f"{what} failed: what the device sent is no answer to it")
         return reply
 
     def _bits(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[bool]:
-        bits = self._ask(what, request).bits[:count]
+        bits = getattr(self._ask(what, request, repeatable=True), "bits", [])[:count]
         if len(bits) != count:
             raise LinkLost(f"{what} failed: the device sent {len(bits)} bits instead of {count}")
         return list(bits)
 
     def _counted(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[int]:
-        registers = self._ask(what, request).registers
+        registers = getattr(self._ask(what, request, repeatable=True), "registers", [])
         if len(registers) != count:
             raise LinkLost(f"{what} failed: the device sent {len(registers)} registers instead of {count}")
         return list(registers)
 
 
+_shared: dict[object, Line] = {}
+_sharing: Final = threading.Lock()
+
+
 def open_modbus(
-    host: str, port: int = 502, *, unit: int = 1, timeout: float = 0.5, within: float = math.inf
+    host: str,
+    port: int = 502,
+    *,
+    unit: int = 1,
+    timeout: float = 0.5,
+    within: float = math.inf,
+    rtu: bool = False,
+    each: bool = False,
+    echo: bool = True,
+    shared: bool = False,
 ) -> ModbusPort:
     """Connect to a device; ``timeout`` (s) bounds the connection and every answer, ``within`` (s) the first connection.
 
-    Raises LinkLost if nobody answers there.
+    ``rtu``: its frames are those of a serial line. ``each``: a connection for each request. ``echo``: answers say which
+    unit and request they are of. ``shared``: with whoever else asks for it at the same address. LinkLost if nobody
+    answers there.
     """
     where = f"{host}:{port}"
-    client = ModbusTcpClient(host, port=port, timeout=min(timeout, within), retries=0)
-    if not client.connect():
-        raise LinkLost(f"no Modbus device answers at {where}; is the rig running?")
-    for params in (client.comm_params, client.transaction.comm_params):
+
+    def connect() -> Line:
+        framer = FramerType.RTU if rtu else FramerType.SOCKET
+        client = ModbusTcpClient(host, port=port, framer=framer, timeout=min(timeout, within), retries=0)
+        if not client.connect():
+            raise LinkLost(f"no Modbus device answers at {where}; is the rig running?")
+        return _timed(Line(client, where, each=each, echo=echo), timeout)
+
+    return ModbusPort(_one_line((host, port, rtu), connect) if shared else connect(), unit)
+
+
+def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> ModbusPort:
+    """Open a serial line, which all ports on it share; LinkLost if there is none, or somebody else has it."""
+
+    def connect() -> Line:
+        client = ModbusSerialClient(
+            serial.device,
+            baudrate=serial.baudrate,
+            parity=serial.parity[0].upper(),
+            stopbits=serial.stopbits,
+            handle_local_echo=serial.local_echo,
+            timeout=timeout,
+            retries=0,
+        )
+        if not client.connect():
+            raise LinkLost(
+                f"the serial line {serial.device} cannot be opened: is it there, may this user read and write it, has "
+                f"nobody else opened it, and can it do {serial.baudrate} Bd with parity {serial.parity}?"
+            )
+        return Line(client, serial.device)
+
+    return ModbusPort(_one_line(serial.device, connect), unit)
+
+
+def _timed(line: Line, timeout: float) -> Line:
+    """Let every answer take ``timeout`` s, whatever the first connection was given."""
+    for params in (line.client.comm_params, line.client.transaction.comm_params):
         params.timeout_connect = timeout
-    return ModbusPort(client, where, unit)
+    return line
+
+
+def _one_line(address: object, connect: Callable[[], Line]) -> Line:
+    """Return the line at ``address`` that somebody has already, or a new one."""
+    with _sharing:
+        found = _shared.get(address)
+        if found is None or not found.used:
+            _shared[address] = found = connect()
+        return found
 
 
 class InMemoryModbus(ModbusPort):
@@ -211,7 +395,7 @@ class InMemoryModbus(ModbusPort):
     """
 
     def __init__(self, answer: Callable[[bytes], bytes], unit: int = 1) -> None:
-        super().__init__(_FunctionClient(answer), "the device in memory", unit)
+        super().__init__(Line(_FunctionClient(answer), "the device in memory"), unit)
 
 
 class _FunctionClient(ModbusTcpClient):
@@ -244,8 +428,3 @@ class _FunctionClient(ModbusTcpClient):
 
     def is_socket_open(self) -> bool:
         return True
-
-
-def _reason(error: Exception) -> str:
-    text = str(error).removeprefix("Modbus Error: ").removeprefix("[Input/Output] ")
-    return "the device does not answer" if "No response received" in text else text

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from astb.checking.report import CheckReport, SignalLine, Verdict
+from astb.checking.report import CheckReport, ConnectionLine, SignalLine, Verdict
 from astb.checking.rest import doubts
 from bench_protocol.clock import Clock
 from bench_protocol.signals import Kind, Signal
@@ -89,6 +89,7 @@ class Listening:
             state=state,
             capabilities=self._capabilities(),
             signals=sorted(lines.values(), key=lambda line: self.table.index[line.name]),
+            connections=self._connections(),
             remembered=remembered,
             plans=plans_without(wiring.absent),
             checks=checks_without(wiring.absent),
@@ -191,6 +192,17 @@ class Listening:
             one = told.settings[signal.name]
             return one.read or one.point or "fixed"
         return told.setpoints[signal.name].point if signal.name in told.setpoints else ""
+
+    def _connections(self) -> list[ConnectionLine]:
+        if isinstance(self.wiring, OwnWiring):
+            return []
+        return [
+            ConnectionLine(
+                name=name, verdict=Verdict.DOUBTFUL if one.doubtful else Verdict.FINE, remark=one.text
+            )
+            for name, remarks in self.wiring.remarks().items()
+            for one in remarks
+        ]
 
     # -- who is there --------------------------------------------------------------------------------------------
 

@@ -38,6 +38,14 @@ class MoveLine(msgspec.Struct, frozen=True, kw_only=True):
     right: str = ""
 
 
+class ConnectionLine(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that was noticed of a connection to the rig."""
+
+    name: str  #: of the transport
+    verdict: Verdict  #: doubtful where readings are lost by it
+    remark: str
+
+
 class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
     """All that was found."""
 
@@ -46,6 +54,7 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
     state: str
     capabilities: list[str]
     signals: list[SignalLine]
+    connections: list[ConnectionLine] = []  #: what was noticed of the transports
     remembered: list[str] = []  #: settings that no point reads back
     plans: dict[str, str] = {}  #: plans that cannot run, and what they lack
     checks: dict[str, str] = {}  #: what aw0 and aw3 then cannot measure, and what that lacks
@@ -54,8 +63,10 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def doubtful(self) -> list[str]:
         """What is doubted, by name."""
-        return [one.name for one in self.signals if one.verdict is Verdict.DOUBTFUL] + [
-            one.what for one in self.moves if one.verdict is Verdict.DOUBTFUL
+        return [
+            *(one.name for one in self.signals if one.verdict is Verdict.DOUBTFUL),
+            *(f"transport {one.name}" for one in self.connections if one.verdict is Verdict.DOUBTFUL),
+            *(one.what for one in self.moves if one.verdict is Verdict.DOUBTFUL),
         ]
 
     def to_json(self) -> bytes:

@@ -109,6 +109,9 @@ def _show(report: "CheckReport") -> None:
     for one in report.signals:
         if one.remark and not wide:
             console.print(f"{one.name}: {escape(one.remark)}", highlight=False)
+    for noticed in report.connections:
+        mark = f"[{style[noticed.verdict]}]{noticed.verdict}[/]"
+        console.print(f"{mark} transport {noticed.name}: {escape(noticed.remark)}", highlight=False)
     if report.moves:
         moves = open_table("moves", "", "what", "found", "right", whole=("",))
         for move in report.moves:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -101,6 +101,20 @@ class Beating:
     failed: Callable[[LinkLost], None]  #: to be called once, when nothing can be sent any more
 
 
+class Refusal(NamedTuple):
+    """Set-points that a rig does not take."""
+
+    since: int  #: ns, when the first of an unbroken row was refused
+    error: BenchError  #: the last one's
+
+
+class Remark(NamedTuple):
+    """Something that a rig does otherwise than one might think."""
+
+    text: str
+    doubtful: bool  #: readings or commands are lost by it
+
+
 class Outlet(Protocol):
     """Where set-points go, beat by beat."""
 
@@ -150,6 +164,23 @@ class LifeSigns(Protocol):
 
     def begin(self) -> float:
         """Give signs of life from now on; return after how long (s) a rig has heard some, 0 if there are none."""
+
+
+@runtime_checkable
+class Refusing(Protocol):
+    """A transport whose rig may refuse set-points that are streamed."""
+
+    @property
+    def refusal(self) -> Refusal | None:
+        """Since when set-points are refused, and with which words; None while they are taken."""
+
+
+@runtime_checkable
+class Remarking(Protocol):
+    """A transport that notices what its rig does otherwise than one might think."""
+
+    def remarks(self) -> list[Remark]:
+        """Return what was noticed since it was connected."""
 
 
 class Wiring(Protocol):

@@ -25,6 +25,8 @@ from drivers.wiring.contract import (
     OnLost,
     Order,
     Outlet,
+    Remark,
+    Remarking,
     Transport,
     refuse_absent,
 )
@@ -235,7 +237,15 @@ class DescribedWiring:
             if self._player is not None:
                 offsets = self._player.advance(time, active=self._active)
                 self._tell_player(time)
-        self.failure = self.failure or self._streaming.send(values, offsets, time)
+        active = self._active or "rig.state" not in self._description.readings
+        self.failure = self.failure or self._streaming.send(values, offsets, time, active=active)
+
+    def remarks(self) -> dict[str, list[Remark]]:
+        """Return what the transports have noticed of the rig, by transport."""
+        noticed = {
+            name: one.remarks() for name, one in self._transports.items() if isinstance(one, Remarking)
+        }
+        return {name: remarks for name, remarks in noticed.items() if remarks}
 
     def write(self, values: Mapping[str, float]) -> None:
         refuse_absent(self, *values)

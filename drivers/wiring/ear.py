@@ -9,7 +9,7 @@ from typing import Final
 from bench_protocol.clock import Clock, Task, every_without_late
 from bench_protocol.units import NS, ms
 from drivers.errors import LinkLost
-from drivers.wiring.contract import OnLost, OnPoints
+from drivers.wiring.contract import OnLost, OnPoints, Refusal
 
 #: How long signs of life go on once nobody streams set-points any more.
 _PATIENCE: Final = round(500 * ms * NS)
@@ -155,6 +155,7 @@ class Outbox:
     """The latest value of each point that waits to be written."""
 
     def __init__(self) -> None:
+        self.refusal: Refusal | None = None  #: what the rig had against what was last taken from here
         self._lock = threading.Lock()
         self._values: dict[str, float] = {}
 

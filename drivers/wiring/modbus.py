@@ -1,18 +1,32 @@
-"""A transport on Modbus/TCP: points in registers and bits, polled in groups, written in as few requests as possible.
+"""A transport on Modbus: points in registers and bits, polled in groups, written in as few requests as possible.
 
 ::
 
     [transports.plc]
-    kind = "modbus"
+    kind = "modbus"               # Modbus/TCP; "modbus_rtu" for the frames of a serial line
     host = "127.0.0.1"
     port = 502                    # 1 to 65535
     unit = 1                      # 0 to 255
     word_order = "high"           # of 32 and 64 bits: the high word first, or the "low" one
     byte_order = "big"            # of each register; "little" for devices that have it the wrong way round
-    timeout = "500 ms"            # for the connection and for each answer
-    patience = "1 s"              # silence after which the connection counts as lost
+    timeout = "500 ms"            # for the connection and for each answer: more for a slow device
+    patience = "1 s"              # of silence, until the connection is lost; and with a device that is busy
     stream = "50 ms"              # how often points that are streamed are written
     alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
+    # For devices that do not take all that the specification has:
+    writes = "any"                # "single": functions 5 and 6 only; "multiple": 15 and 16 only; else found out
+    request_max = 125             # registers, and 16 times as many bits, that one request may have
+    connection = "kept"           # "each": one for each request; "shared": with other transports to the same place
+    echo = true                   # false: takes answers that give back another unit or transaction number
+
+    [transports.drive]            # on a serial line, which all transports that name it share
+    kind = "modbus_rtu"
+    line = "/dev/ttyUSB0"         # or host and port: frames of a serial line over TCP
+    baudrate = 19200
+    parity = "none"               # even, odd
+    stopbits = 1                  # or 2
+    local_echo = false            # true: the adapter gives back what is sent
+    unit = 7
 
     [transports.plc.groups.fast]
     every = "50 ms"
@@ -21,15 +35,16 @@
 
     [transports.plc.points]
     # table: input, holding, coil, discrete; type: int16, uint16 (where nothing is said), int32, uint32, int64, uint64,
-    # float32, float64, string; number = scale · what the registers hold + offset
+    # float32, float64, string; number = scale · what the registers hold + offset; null: what they hold without a value
     left_height = { table = "input", address = 100, type = "int16", scale = 0.01, null = -32768, group = "fast" }
     mode        = { table = "holding", address = 0 }
     ready       = { table = "input", address = 5, bit = 3 }
     valve_open  = { table = "coil", address = 3 }
     serial      = { table = "input", address = 900, type = "string", length = 8 }
 
-Addresses are 0-based. A group is read in requests of up to 125 registers; all that one of them brings has one time, the
-middle of the request. A point without a group is read when asked.
+Addresses are 0-based. All that one request of a group brings has one time, the middle of the request. A point without a
+group is read when asked. A device that is busy now and then keeps its readings until they are stale. One that goes on
+refusing set-points ends the run, with its reason.
 """
 
 from __future__ import annotations
@@ -38,50 +53,32 @@ import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Final
-
-import msgspec
-from msgspec import Meta
+from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.clock import Clock
-from bench_protocol.modbus import BITS_WRITE_MAX, REGISTERS_WRITE_MAX
-from bench_protocol.units import ms
+from bench_protocol.modbus import MEANING
+from bench_protocol.units import NS, ms
 from drivers.errors import BenchError, LinkLost, Refused, WiringError
-from drivers.wiring.contract import OnLost, OnPoints
+from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
-from drivers.wiring.registers import ByteOrder, RegisterPoint, Span, WordOrder, read_points, spans
+from drivers.wiring.modbus_keys import GroupKeys, opener, place_of, read_keys
+from drivers.wiring.modbus_limits import explained
+from drivers.wiring.modbus_writing import Writer
+from drivers.wiring.registers import Span, read_points, spans
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
 _STALE_PERIODS: Final = 3
 _STALE_MIN: Final = 200 * ms
-
-
-class GroupKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Points that are read together, again and again."""
-
-    every: str
-    stale: str | None = None
-    gap: Annotated[int, Meta(ge=0, le=124)] = 0
-
-
-class ModbusKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME]``."""
-
-    kind: str
-    host: str
-    points: dict[str, Any]
-    port: Annotated[int, Meta(ge=1, le=0xFFFF)] = 502
-    unit: Annotated[int, Meta(ge=0, le=0xFF)] = 1
-    word_order: WordOrder = "high"
-    byte_order: ByteOrder = "big"
-    timeout: str = "500 ms"
-    patience: str = "1 s"
-    stream: str = "50 ms"
-    alive: dict[str, Any] | None = None
-    groups: dict[str, Any] = {}
+_BUSY: Final = 6
+#: A device, or the gateway before it, that cannot answer now: its work takes time, it is busy, it was not reached.
+_NOT_NOW: Final = frozenset({5, _BUSY, 0x0A, 0x0B})
+_AGAIN: Final = round(20 * ms * NS)
+_COUNTED: Final = {"silent": "got no answer", "refused": "were refused", "busy": "met a busy device"}
+#: The codes as any device means them; ours says with one of them that it has another commander.
+_MEANING: Final = {**MEANING, _BUSY: "the device is busy"}
 
 
 class ModbusTransport:
@@ -94,10 +91,10 @@ class ModbusTransport:
         self, name: str, table: Mapping[str, Any], *, port: Callable[[], ModbusPort] | None = None
     ) -> None:
         where = f"transports.{name}"
-        keys = convert(where, table, ModbusKeys)
+        keys = read_keys(where, table)
         self.name, self._keys = name, keys
         self._opener = port
-        self._where = f"{name} at {keys.host}:{keys.port}"
+        self._where = f"{name} at {place_of(keys)}"
         self._timeout = duration(f"{where}: timeout", keys.timeout)
         self._patience = duration(f"{where}: patience", keys.patience)
         self._stream_period = duration(f"{where}: stream", keys.stream)
@@ -105,8 +102,11 @@ class ModbusTransport:
             group: convert(f"{where}.groups.{group}", one, GroupKeys) for group, one in keys.groups.items()
         }
         self._points = read_points(f"{where}.points", keys.points, groups, keys.word_order, keys.byte_order)
-        self._groups: list[tuple[float, list[Span]]] = []
+        self._check_sizes(f"{where}.points")
+        self._writer = Writer(keys.writes, keys.request_max)
+        self._groups: list[tuple[str, float, list[Span]]] = []
         self._stale: dict[str, float] = {}
+        self._gaps: dict[str, int] = {}
         for group, one in groups.items():
             self._add_group(f"{where}.groups.{group}", group, one)
         self._alive: tuple[str, float] | None = None
@@ -118,16 +118,23 @@ class ModbusTransport:
                     f"{where}.alive: point = {alive.point!r} is a text; right would be a number or a bit"
                 )
             self._alive = alive.point, duration(f"{where}.alive: every", alive.every)
-        self.counts = {
-            "polls": 0,
-            "silent": 0,
-            "refused": 0,
-        }  #: requests of the background, those without an answer…
+        #: Requests: all, the polls among them, and those without an answer, refused, met by a busy device.
+        self.counts = {"requests": 0, "polls": 0, "silent": 0, "refused": 0, "busy": 0}
+        self._rounds: dict[str, float] = {}  # s, how long it takes to read a group
         self._ear, self._grant, self._outbox = Ear(self._where), Grant(), Outbox()
         self._writing = threading.RLock()
         self._port: ModbusPort | None = None
         self._clock: Clock | None = None
         self._beats = 0
+
+    def _check_sizes(self, where: str) -> None:
+        most = self._keys.request_max
+        for point in self._points.values():
+            if point.size > most and point.type not in ("bit", "string"):
+                raise WiringError(
+                    f"{where}: {point.name} is a {point.type} in {point.size} registers, and request_max = {most}: "
+                    "read in parts, it could be half of one number and half of the next"
+                )
 
     def _add_group(self, place: str, group: str, keys: GroupKeys) -> None:
         every = duration(f"{place}: every", keys.every)
@@ -147,14 +154,15 @@ class ModbusTransport:
                     f"{place}: {point.name} is a text; texts are read when asked, without a group"
                 )
             self._stale[point.name] = stale
-        self._groups.append((every, spans(members, keys.gap)))
+        self._groups.append((group, every, spans(members, keys.gap, self._keys.request_max)))
+        self._gaps[group] = keys.gap
 
     # -- what there is -------------------------------------------------------------------------------------------
 
     @property
     def period(self) -> float:
         """How often points come by themselves (s) at the slowest; 0 if all are read when asked."""
-        return max((every for every, _ in self._groups), default=0.0)
+        return max((every for _, every, _ in self._groups), default=0.0)
 
     def require(self, name: str, *, writable: bool = False) -> None:
         """WiringError unless there is a point of that name, and it is in a table that can be written if it is to be."""
@@ -165,6 +173,11 @@ class ModbusTransport:
             raise WiringError(
                 f"transports.{self.name}: {name} is a {point.type} in the table {point.table!r}, which cannot be "
                 "written; numbers and bits in 'holding' and 'coil' can"
+            )
+        if writable and self._keys.writes == "single" and point.size > 1:
+            raise WiringError(
+                f"transports.{self.name}: {name} is a {point.type} in {point.size} registers, and writes = 'single' "
+                "writes one at a time: meanwhile it would be another number"
             )
 
     def stale(self, name: str) -> float:
@@ -177,30 +190,34 @@ class ModbusTransport:
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
         """Connect and read each group once. LinkLost if nobody answers, Refused if a group is outside the map."""
         self._clock = clock
-        self._port = self._open(within)
+        self._port = self._opener() if self._opener is not None else opener(self._keys, self._timeout)(within)
+        self._port.meaning = _MEANING
         self._outbox, self._grant = Outbox(), Grant()
         self._ear.open(clock, lost)
         try:
-            for _, requests in self._groups:
+            for group, _, requests in self._groups:
+                before = self._now()
                 for span in requests:
-                    self._poll(span)
+                    self._first(span, self._gaps[group])
+                self._rounds[group] = (self._now() - before) / NS
         except BenchError:
             self.close()
             raise
         self._ear.sign()
-        for every, requests in self._groups:
-            self._recur(every, partial(self._poll_all, requests))
+        for group, every, requests in self._groups:
+            self._recur(every, partial(self._poll_all, group, requests))
         self._recur(self._stream_period, self._send_stream)
         if self._alive is not None:
             self._recur(self._alive[1], self._count)
 
-    def _open(self, within: float) -> ModbusPort:
-        if self._opener is not None:
-            return self._opener()
-        from drivers.modbus_port import open_modbus
-
-        host, port, unit = self._keys.host, self._keys.port, self._keys.unit
-        return open_modbus(host, port, unit=unit, timeout=self._timeout, within=within)
+    def _first(self, span: Span, gap: int) -> None:
+        """Read a request of a group for the first time; why the device does not take it is found out and said."""
+        try:
+            self._poll(span, patient=True)
+        except BenchError as error:
+            raise explained(
+                span, error, lambda one: self._ask(partial(_read, one), patient=True), gap
+            ) from None
 
     def _recur(self, period: float, call: Callable[[], None]) -> None:
         """Let ``call`` recur; in virtual time never in the middle of a request of the thread that lets time pass."""
@@ -230,42 +247,28 @@ class ModbusTransport:
             if self._points[name].type == "string":
                 raise WiringError(f"transports.{self.name}: {name} is a text; ask text({name!r}) for it")
         found: dict[str, float] = {}
-        for span in spans([self._points[name] for name in dict.fromkeys(names)], 0):
-            found.update(span.decode(self._ask(partial(_read, span))))
+        for span in spans([self._points[name] for name in dict.fromkeys(names)], 0, self._keys.request_max):
+            found.update(span.decode(self._ask(partial(_read, span), patient=True)))
         return {name: found[name] for name in names}
 
     def text(self, name: str) -> str:
         """Ask for a text."""
         self.require(name)
-        point = self._points[name]
-        span = Span(point.table, point.address, point.size, (point,))
-        return point.text(self._ask(partial(_read, span)))
+        point, most = self._points[name], self._keys.request_max
+        words: list[int] = []
+        for first in range(point.address, point.end, most):
+            part = Span(point.table, first, min(most, point.end - first), ())
+            words += self._ask(partial(_read, part), patient=True)
+        return point.text(words)
 
-    def write(self, points: Mapping[str, float]) -> None:
+    def write(self, points: Mapping[str, float], *, patient: bool = True) -> None:
         """Write points in the order given, neighbours in one request; ValueError, before it, if one does not fit."""
         for name in points:
             self.require(name, writable=True)
         chosen = [(self._points[name], value) for name, value in points.items()]
         coded = [(point, point.encode(value)) for point, value in chosen]
         with self._writing:
-            for run in _runs(coded):
-                self._write_run(run)
-
-    def _write_run(self, run: list[tuple[RegisterPoint, list[int]]]) -> None:
-        first = run[0][0]
-        words = [word for _, part in run for word in part]
-        if first.table == "coil":
-            if len(words) == 1:
-                self._ask(lambda port: port.write_coil(first.address, bool(words[0])))
-            else:
-                self._ask(lambda port: port.write_coils(first.address, [bool(word) for word in words]))
-        elif first.in_word:
-            (word,) = self._ask(lambda port: port.read_holding(first.address, 1))
-            for point, (bit,) in run:
-                word = point.with_bit(word, bit)
-            self._ask(lambda port: port.write_registers(first.address, [word]))
-        else:
-            self._ask(lambda port: port.write_registers(first.address, words))
+            self._writer.write(coded, partial(self._ask, patient=patient))
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take values that are written with the next beat of the stream; NaN leaves what was there."""
@@ -286,24 +289,34 @@ class ModbusTransport:
 
     # -- what recurs -----------------------------------------------------------------------------------------------
 
-    def _poll_all(self, requests: list[Span]) -> None:
+    def _poll_all(self, group: str, requests: list[Span]) -> None:
+        before = self._now()
         for span in requests:
             try:
                 self._poll(span)
-            except Refused:
-                self.counts["refused"] += 1
-                self._ear.tell(self._now(), dict.fromkeys((point.name for point in span.points), math.nan))
+            except Refused as refused:
+                if refused.code not in _NOT_NOW:  # what cannot be told now is as it was, until it is stale
+                    self.counts["refused"] += 1
+                    names = [point.name for point in span.points]
+                    self._ear.tell(self._now(), dict.fromkeys(names, math.nan))
             except LinkLost:
                 return
+        self._rounds[group] = (self._now() - before) / NS
 
-    def _poll(self, span: Span) -> None:
+    def _poll(self, span: Span, *, patient: bool = False) -> None:
         self.counts["polls"] += 1
         before = self._now()
-        words = self._ask(partial(_read, span))
+        words = self._ask(partial(_read, span), patient=patient)
         self._ear.tell((before + self._now()) // 2, span.decode(words))
 
     def _send_stream(self) -> None:
-        self._in_background(self._outbox.take())
+        if values := self._outbox.take():
+            self._outbox.refusal = self._in_background(values, self._outbox.refusal)
+
+    @property
+    def refusal(self) -> Refusal | None:
+        """Since when the device refuses set-points, and with which words; None while it takes them."""
+        return self._outbox.refusal
 
     def _count(self) -> None:
         assert self._alive is not None
@@ -314,35 +327,71 @@ class ModbusTransport:
         self._beats += 1
         self._in_background({name: self._beats % (min(high, 65535.0) + 1)})
 
-    def _in_background(self, values: Mapping[str, float]) -> None:
-        """Write ``values``; a device that refuses set-points in its present state is asked again with the next ones."""
+    def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
+        """Write ``values``; return what the device has against them, ``before`` if it has said nothing new."""
         try:
-            self.write(values)
-        except Refused:
-            self.counts["refused"] += 1
+            self.write(values, patient=False)
+        except Refused as refused:
+            busy = refused.code in _NOT_NOW
+            self.counts["refused"] += not busy
+            begins = self._now() + (round(self._patience * NS) if busy else 0)
+            return Refusal(before.since if before else begins, refused)
         except LinkLost:
-            pass
+            return before
+        return None
 
     def _now(self) -> int:
         assert self._clock is not None
         return self._clock.now()
 
-    def _ask(self, request: Callable[[ModbusPort], Any]) -> Any:
-        """Return the answer to ``request``; LinkLost, told to whoever waits for it, once patience is at its end."""
+    def _ask(self, request: Callable[[ModbusPort], Any], *, patient: bool = False) -> Any:
+        """Return the answer to ``request``; LinkLost, told to whoever waits for it, once patience is at its end.
+
+        If ``patient``, a device that is busy is asked again meanwhile.
+        """
         self._ear.check()
         assert self._port is not None
-        try:
-            reply = request(self._port)
-        except Refused:
+        deadline = self._now() + round(self._patience * NS)
+        while True:
+            self._ear.check()
+            self.counts["requests"] += 1
+            try:
+                reply = request(self._port)
+            except Refused as refused:
+                self._ear.sign()
+                self.counts["busy"] += refused.code in _NOT_NOW
+                if not patient or refused.code not in _NOT_NOW or self._now() >= deadline:
+                    raise
+                assert self._clock is not None
+                self._clock.sleep_until(min(deadline, self._now() + _AGAIN))
+                continue
+            except LinkLost as error:
+                self.counts["silent"] += 1
+                if self._ear.busy and self._ear.silence() >= self._patience:
+                    self._ear.lose(str(error))
+                raise
             self._ear.sign()
-            raise
-        except LinkLost as error:
-            self.counts["silent"] += 1
-            if self._ear.busy and self._ear.silence() >= self._patience:
-                self._ear.lose(str(error))
-            raise
-        self._ear.sign()
-        return reply
+            return reply
+
+    def remarks(self) -> list[Remark]:
+        """Return what the device does otherwise than one might think, and whether anything is lost by it."""
+        counts = self.counts
+        sent = counts["requests"]
+        found = [
+            Remark(f"{counts[what]} of {sent} requests {words}", what != "busy")
+            for what, words in _COUNTED.items()
+            if counts[what]
+        ]
+        if self._port is not None and self._port.line.closings and self._keys.connection != "each":
+            found.append(
+                Remark('the device closes the connection after an answer: connection = "each"', False)
+            )
+        for group, every, _ in self._groups:
+            took = self._rounds.get(group, 0.0)
+            if took > every:
+                said = f"group {group} takes {took:.2g} s to read, longer than every = {every:g} s"
+                found.append(Remark(said, False))
+        return found
 
 
 def _read(span: Span, port: ModbusPort) -> Sequence[int]:
@@ -353,25 +402,3 @@ def _read(span: Span, port: ModbusPort) -> Sequence[int]:
         "discrete": port.read_discrete,
     }
     return ask[span.table](span.address, span.count)
-
-
-def _runs(coded: list[tuple[RegisterPoint, list[int]]]) -> list[list[tuple[RegisterPoint, list[int]]]]:
-    """Return what one request each can write: neighbours in one table, or bits of one word."""
-    runs: list[list[tuple[RegisterPoint, list[int]]]] = []
-    for point, words in coded:
-        last = runs[-1] if runs else None
-        if last is not None and _follows(last, point):
-            last.append((point, words))
-        else:
-            runs.append([(point, words)])
-    return runs
-
-
-def _follows(run: list[tuple[RegisterPoint, list[int]]], point: RegisterPoint) -> bool:
-    first, last = run[0][0], run[-1][0]
-    if point.table != last.table:
-        return False
-    if point.in_word or last.in_word:
-        return point.in_word and last.in_word and point.address == last.address
-    limit = BITS_WRITE_MAX if point.table == "coil" else REGISTERS_WRITE_MAX
-    return point.address == last.end and point.end - first.address <= limit

@@ -38,6 +38,8 @@ _FORMATS: Final = {
     "uint64": ("Q", 4),
     "float64": ("d", 4),
 }
+#: A device that takes so many registers takes so many bits for each.
+BITS_PER_REGISTER: Final = 16
 _SINGLE_MAX: Final = (2.0 - 2.0**-23) * 2.0**127
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_.]*")
 
@@ -228,13 +230,23 @@ def _point(
         (keys.word_order or word_order) == "low" and kind != "string",
         (keys.byte_order or byte_order) == "little",
     )
+    return replace(point, null=tuple(_held(place, point, code) for code in null))
+
+
+def _held(place: str, point: RegisterPoint, code: float) -> float:
+    """Return what the registers hold that were given ``code``: of -999.9 a float32 has only the nearest."""
     low, high = replace(point, scale=1.0, offset=0.0).range()
-    for code in null:
-        if kind.startswith(("int", "uint")) and not (low <= code <= high and code == round(code)):
-            raise WiringError(
-                f"{place}: null = {code:g} is nothing that {kind} can hold ({low:g} to {high:g})"
-            )
-    return point
+    if point.type in ("float32", "float64"):
+        if math.isfinite(code) and not low <= code <= high:
+            raise WiringError(f"{place}: null = {code:g} is nothing that {point.type} can hold")
+        letter = f">{_FORMATS[point.type][0]}"
+        return float(struct.unpack(letter, struct.pack(letter, code))[0])
+    if not (low <= code <= high and code == round(code)):
+        raise WiringError(
+            f"{place}: null = {code:.12g} is nothing that {point.type} can hold ({low:.12g} to {high:.12g}), in whole "
+            "numbers, before scale and offset"
+        )
+    return code
 
 
 def _check_overlaps(where: str, points: Iterable[RegisterPoint]) -> None:
@@ -285,11 +297,16 @@ class Span:
         }
 
 
-def spans(points: Iterable[RegisterPoint], gap: int) -> list[Span]:
-    """Return the requests that read ``points``; up to ``gap`` registers between two of them are read along."""
+def spans(points: Iterable[RegisterPoint], gap: int, request_max: int = REGISTERS_READ_MAX) -> list[Span]:
+    """Return the requests that read ``points``, each of at most ``request_max`` registers.
+
+    Up to ``gap`` registers between two points are read along.
+    """
     found: list[Span] = []
     for point in sorted(points, key=lambda point: (point.table, point.address, point.size)):
-        limit = BITS_READ_MAX if point.table in _BITS else REGISTERS_READ_MAX
+        limit = (
+            request_max if point.table not in _BITS else min(BITS_READ_MAX, BITS_PER_REGISTER * request_max)
+        )
         last = found[-1] if found else None
         if (
             last is not None

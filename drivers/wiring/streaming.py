@@ -9,10 +9,14 @@ from typing import Final
 import numpy as np
 
 from bench_protocol.clock import Clock
-from bench_protocol.units import NS
-from drivers.errors import BenchError, Misuse
-from drivers.wiring.contract import Floats, LifeSigns, Transport
+from bench_protocol.units import NS, ms
+from drivers.errors import BenchError, Misuse, Refused
+from drivers.wiring.contract import Floats, LifeSigns, Refusing, Transport
 from drivers.wiring.lines import Description
+
+#: How long an active rig may refuse set-points: one may be lost on the way into a state.
+_REFUSED_FOR: Final = round(300 * ms * NS)
+_NEVER: Final = 1 << 62
 
 
 class Streaming:
@@ -28,10 +32,11 @@ class Streaming:
             if not one.given and not table[name].choices
         ]
         self.commanded = False
+        self._active_since = _NEVER
 
     def open(self) -> None:
         """Note that nobody has commanded yet on this connection."""
-        self.commanded = False
+        self.commanded, self._active_since = False, _NEVER
 
     def begin(self, clock: Clock) -> None:
         """Let what goes out by itself go out from now on, and the rig hear it before the first command."""
@@ -45,8 +50,14 @@ class Streaming:
             (one.begin() for one in self._transports.values() if isinstance(one, LifeSigns)), default=0.0
         )
 
-    def send(self, values: Floats, offsets: Mapping[int, float], time: int) -> BenchError | None:
-        """Stream set-points (SI, by table row, NaN where none was given) with ``offsets``; return what failed."""
+    def send(
+        self, values: Floats, offsets: Mapping[int, float], time: int, *, active: bool
+    ) -> BenchError | None:
+        """Stream set-points (SI, by table row, NaN where none was given) with ``offsets``; return what failed.
+
+        A rig that is ``active`` is to take them: what it goes on refusing has failed.
+        """
+        self._active_since = min(self._active_since, time) if active else _NEVER
         if not self.commanded:
             if np.isnan(values[self._numeric]).all():
                 return None
@@ -60,7 +71,16 @@ class Streaming:
                 self._transports[name].stream(points, time)
             except ValueError as error:  # beyond what the rig's numbers can be: the plan is to hear of it
                 failure = failure or Misuse(f"set-points cannot be sent to {self._rig}: {error}")
-        return failure
+        return failure or self._refused(time)
+
+    def _refused(self, time: int) -> BenchError | None:
+        for name, one in self._transports.items():
+            refusal = one.refusal if isinstance(one, Refusing) else None
+            if refusal is not None and time - max(refusal.since, self._active_since) > _REFUSED_FOR:
+                said = f"{self._rig} refuses set-points on {name}: {refusal.error}"
+                error = refusal.error
+                return Refused(said, error.code) if isinstance(error, Refused) else type(error)(said)
+        return None
 
     def _numbers(self, values: Floats, offsets: Mapping[int, float]) -> dict[str, dict[str, float]]:
         """Return what goes to each transport: the rig's numbers by point."""

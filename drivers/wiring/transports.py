@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
-KINDS: Final = ("can", "modbus", "opcua")
+KINDS: Final = ("can", "modbus", "modbus_rtu", "opcua")
 
 
 def open_transport(
@@ -46,7 +46,7 @@ def open_transport(
         from drivers.wiring.can import CanTransport
 
         return CanTransport(name, table, where, functions=functions, port=opener, streamed=streamed)
-    if kind == "modbus":
+    if kind in ("modbus", "modbus_rtu"):
         from drivers.wiring.modbus import ModbusTransport
 
         return ModbusTransport(name, table, port=opener)

@@ -1,6 +1,7 @@
 """Nothing goes out before somebody commands: neither start values nor signs of life, whatever the wires."""
 
 import math
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import cantools
 import pytest
 
+from astb.checking.listening import listen_to
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import Block, frame, payload
 from bench_protocol.table import TABLE
@@ -16,8 +18,10 @@ from drivers.bench import Bench
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.wiring.can import CanTransport
-from drivers.wiring.described import open_described
+from drivers.wiring.described import DescribedWiring, open_described
 from drivers.wiring.description import describe
+from drivers.wiring.lines import Description
+from drivers.wiring.listening import listening
 from tests.foreign.modbus_server import answer
 
 MS = 1_000_000
@@ -105,9 +109,15 @@ class Stranger:
         self._time = 0
         self.description = describe(tomllib.loads(WIRING), directory / "wiring.toml", TABLE)
 
+    def wiring(self, description: Description) -> DescribedWiring:
+        ports = {"bus": lambda: self._port, "plc": lambda: InMemoryModbus(self.answer)}
+        return open_described("stranger", description, ports)
+
+    def answer(self, adu: bytes) -> bytes:
+        return answer(self, adu)
+
     def bench(self) -> Bench:
-        ports = {"bus": lambda: self._port, "plc": lambda: InMemoryModbus(lambda adu: answer(self, adu))}
-        return Bench(open_described("stranger", self.description, ports), self.clock)
+        return Bench(self.wiring(self.description), self.clock)
 
     def _advance(self, until: int) -> None:
         while self._time + 10 * MS <= until:
@@ -208,3 +218,15 @@ def test_a_transport_by_itself_waits_for_a_first_word(tmp_path: Path, first: Cal
     clock.sleep_until(clock.now() + 100 * MS)
     assert 769 in {int(one) for block in sent for one in block["id"]}
     transport.close()
+
+
+def test_a_check_doubts_a_connection_that_loses_polls_though_readings_come(stranger):
+    count = iter(range(10**6))
+    stranger.answer = lambda adu: b"" if next(count) % 8 == 5 else answer(stranger, adu)
+    silent = stranger.wiring(listening(stranger.description))
+    with listen_to(silent, stranger.clock, stranger.description) as one:
+        report = one.examine()
+    (noticed,) = report.connections
+    assert report.doubtful == ["transport plc"]
+    assert re.fullmatch(r"\d+ of \d+ requests got no answer", noticed.remark)
+    assert stranger.words == []

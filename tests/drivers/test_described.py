@@ -14,6 +14,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kN, mm, ms, s
 from bench_protocol.words import STATES
 from drivers.errors import LinkLost, MapMismatch, Misuse, NotAvailable, Refused, WiringError
+from drivers.wiring.contract import Refusal, Remark
 from drivers.wiring.described import DescribedWiring
 from drivers.wiring.description import describe
 from drivers.wiring.listening import listening
@@ -421,3 +422,27 @@ def test_what_is_set_is_what_is_in_force(tmp_path_factory, pressure):
     assert stand.wiring.read(["air.left_target"])["air.left_target"] == pytest.approx(
         pressure * bar, abs=1e-3
     )
+
+
+# -- set-points that are not taken ---------------------------------------------------------------------------------
+
+
+def test_set_points_that_an_active_rig_goes_on_refusing_are_a_failure_that_is_told(stand):
+    stand.plc.points["state"] = 2
+    stand.open()
+    stand.wait(100 * ms)
+    stand.plc.refusal = Refusal(stand.clock.now(), Refused("writing lateral was refused: because", 4))
+    stand.beat(50, lateral__displacement_setpoint=1 * mm)
+    assert stand.wiring.failure is None, "in HOLD it may refuse them: the way up goes on"
+    stand.plc.points["state"] = 3
+    stand.beat(10, lateral__displacement_setpoint=1 * mm)
+    assert stand.wiring.failure is None, "some may be lost on the way into a state"
+    stand.beat(10, lateral__displacement_setpoint=1 * mm)
+    assert isinstance(stand.wiring.failure, Refused)
+    assert str(stand.wiring.failure) == "hall refuses set-points on plc: writing lateral was refused: because"
+
+
+def test_what_transports_notice_is_told_by_transport(stand):
+    stand.open()
+    stand.plc.remarks = lambda: [Remark("3 of 7 requests got no answer", True)]
+    assert stand.wiring.remarks() == {"plc": [Remark("3 of 7 requests got no answer", True)]}
