@@ -219,7 +219,7 @@ def connected() -> Iterator[Callable]:
     with contextlib.ExitStack() as stack:
 
         def connect(**changes: object) -> tuple[ModbusTransport, list, list]:
-            transport = ModbusTransport("plc", {**KEYS, **changes})
+            transport = ModbusTransport("plc", {**KEYS, "timeout": "2 s", "patience": "3 s", **changes})
             stack.callback(transport.close)
             heard: list[dict] = []
             lost: list[str] = []
@@ -276,7 +276,7 @@ def test_answers_with_another_unit_or_number(connected: Callable, quirk: dict, w
     far = device(**quirk)
     with served(far) as server:
         with pytest.raises(LinkLost, match=words):
-            connected(port=server.port)
+            connected(port=server.port, timeout="200 ms")
         transport, _, _ = connected(port=server.port, echo=False)
         transport.write({"target": 3, "valve": 1})
         assert transport.read(list(TRUTH)) == pytest.approx(TRUTH)
@@ -288,7 +288,7 @@ def test_a_slow_device(connected: Callable) -> None:
     far = device(delay=0.3)
     with served(far) as server:
         with pytest.raises(LinkLost, match=r"the device does not answer in 0\.2 s"):
-            connected(port=server.port)
+            connected(port=server.port, timeout="200 ms")
         groups = {"fast": {"every": "20 ms", "stale": "2 s"}}
         transport, _, lost = connected(port=server.port, timeout="1 s", groups=groups)
         assert transport.read(["height"]) == {"height": -12.34}
@@ -299,7 +299,11 @@ def test_a_slow_device(connected: Callable) -> None:
 
 # -- serial lines ------------------------------------------------------------------------------------------------------
 
-RTU = {key: said for key, said in KEYS.items() if key != "host"} | {"kind": "modbus_rtu"}
+RTU = {key: said for key, said in KEYS.items() if key != "host"} | {
+    "kind": "modbus_rtu",
+    "timeout": "1 s",
+    "patience": "2 s",
+}
 
 
 def rtu(**changes: object) -> ModbusTransport:
@@ -316,7 +320,9 @@ def test_frames_of_a_serial_line_over_tcp() -> None:
         assert transport.read(["place"]) == {"place": -70000}
         transport.close()
         with pytest.raises(LinkLost, match="does not answer"):
-            rtu(host="127.0.0.1", port=server.port, unit=8).connect(RealClock(), pytest.fail, within=1.0)
+            rtu(host="127.0.0.1", port=server.port, unit=8, timeout="100 ms").connect(
+                RealClock(), pytest.fail, within=1.0
+            )
 
 
 @pytest.mark.parametrize("echo", [False, True])
