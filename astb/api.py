@@ -166,12 +166,20 @@ def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
 
 
 def find_plan(plan: "str | Plan") -> "Plan":
-    """Return a plan by its name, or itself. PlanError, with what is nearest, if there is none of this name."""
-    from test_plans.discovery import plans
+    """Return a plan by its name, the one that a Python file declares, or itself.
+
+    PlanError, with what is nearest, if there is none of this name, or if the file does not declare just one.
+    """
+    from test_plans.discovery import in_file, plans
     from test_plans.run import PlanError
 
     if not isinstance(plan, str):
         return plan
+    if plan.endswith(".py"):
+        found = in_file(Path(plan))
+        if len(found) != 1:
+            raise PlanError(f"{plan} declares several plans, {', '.join(found)}: give one of them itself")
+        return next(iter(found.values()))
     known = plans()
     if plan not in known:
         raise PlanError(f"there is no plan {plan!r}; {meant(plan, known)}")

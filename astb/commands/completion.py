@@ -56,18 +56,22 @@ def _effect_names() -> Iterable[str]:
         yield from (f"{one.name}.{place}=" for place in one.places) if one.places else (f"{one.name}=",)
 
 
-complete_plans: Final = complete_from(_plan_names)
+complete_plans: Final = complete_from(_plan_names, files=True)
 complete_specimens: Final = complete_from(_specimen_names, files=True)
 complete_rigs: Final = complete_from(_rig_names, files=True)
 complete_effects: Final = complete_from(_effect_names)
 
 
 def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> "list[CompletionItem]":
-    """Offer ``NAME=`` for the parameters of the plans named before, or of all; and their choices."""
+    """Offer ``NAME=`` for the parameters of the plans named before, and their choices."""
     from test_plans.discovery import plans
 
     known = plans()
-    chosen = [known[name] for name in ctx.params.get("plans") or known if name in known]
+    named = (
+        *(ctx.params.get("plans") or ()),
+        *ctx.args,
+    )  # without its value yet, --set has kept click from the rest
+    chosen = [known[name] for name in named if name in known]
     parameters = [one for plan in chosen for one in plan.parameters]
     texts = [f"{one.name}={choice}" for one in parameters for choice in (one.choices or ("",))]
     return complete_from(lambda: dict.fromkeys(texts))(ctx, param, incomplete)

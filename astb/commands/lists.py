@@ -10,8 +10,11 @@ from astb.commands.completion import complete_plans
 from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig
 from astb.exit_codes import misuse
 from astb.tables import print_json
+from bench_protocol.suggestion import meant
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from test_plans.plan import Plan
 
 
@@ -19,14 +22,21 @@ if TYPE_CHECKING:
 @click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=complete_plans)
 @JSON_OPTION
 def plans_command(names: tuple[str, ...], as_json: bool) -> None:
-    """List the test plans, or the instruction of each NAME and its parameters with unit, range and default."""
+    """List the test plans, or the instruction of each NAME and its parameters with unit, range and default.
+
+    A NAME that ends in .py is a file of your own. `astb plans new NAME` writes one to begin with, into the folder
+    ASTB_PLANS if the environment names one, whose plans have names as the others do.
+    """
     from test_plans.specimen import ordinary
 
-    if as_json:
-        print_json([_facts(known_plan(name).on(ordinary())) for name in names or known_plans()])
+    if names[:1] == ("new",):
+        _write_new(names[1:])
         return
-    for name in names:
-        plan = known_plan(name).on(ordinary())
+    if as_json:
+        named = plans_named(names) if names else known_plans().values()
+        print_json([_facts(plan.on(ordinary())) for plan in named])
+        return
+    for plan in (plan.on(ordinary()) for plan in plans_named(names)):
         click.echo(f"{plan.name}\n\n{plan.instruction}\n")
         for one in plan.parameters:
             click.echo(f"    --set {one.name + '=' + one.show(one.default):<32} {one.allowed}")
@@ -166,12 +176,41 @@ def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None, as_jso
             click.echo(f"{row.name:<38} {row.kind:<12} {row.range_text():<28.60} {row.description}")
 
 
-def known_plan(name: str) -> "Plan":
-    """Return a test plan by name; misuse if there is none."""
-    known = known_plans()
-    if name not in known:
-        misuse(f"there is no plan {name!r}; `astb plans` lists {', '.join(known)}")
-    return known[name]
+def _write_new(names: tuple[str, ...]) -> None:
+    import os
+
+    from test_plans.discovery import FOLDER
+    from test_plans.new import write_new
+    from test_plans.run import PlanError
+
+    if len(names) != 1:
+        misuse("one name is wanted, as in `astb plans new pressure_is_kept`")
+    folder = os.environ.get(FOLDER, "")
+    try:
+        path = write_new(names[0], Path(folder), known_plans())
+    except PlanError as error:
+        misuse(error)
+    click.echo(f"{path}: try it with `astb run {names[0] if folder else path} --virtual`")
+
+
+def plans_named(names: "Iterable[str]") -> "list[Plan]":
+    """Return test plans by name, or those that a file of one's own declares; misuse if there are none."""
+    from test_plans.discovery import in_file
+    from test_plans.run import PlanError
+
+    found: list[Plan] = []
+    for name in names:
+        if name.endswith(".py"):
+            try:
+                found += in_file(Path(name)).values()
+            except PlanError as error:
+                misuse(error)
+        else:
+            known = known_plans()
+            if name not in known:
+                misuse(f"there is no plan {name!r}; {meant(name, known, '`astb plans` lists them')}")
+            found.append(known[name])
+    return found
 
 
 def known_plans() -> "dict[str, Plan]":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from astb.commands.completion import complete_settings, complete_specimens
-from astb.commands.lists import known_plan
+from astb.commands.lists import plans_named
 from astb.commands.options import out_option, pairs
 from astb.exit_codes import misuse
 
@@ -65,15 +65,16 @@ def chosen_plans(names: Sequence[str], settings: Sequence[str], path: Path | Non
     """
     from test_plans.parameters import ParameterRefused
 
-    plans = [known_plan(name) for name in names]
+    plans = plans_named(names)
+    chosen = {plan.name for plan in plans}
     given = _read(path) if path else {}
     given |= pairs(
         settings, "has no value: NAME=VALUE would be right, such as amplitude=20mm", option="--set "
     )
     for name in given:
         plan, dot, _ = name.partition(".")
-        if dot and plan not in names:
-            misuse(f"{name} is meant for the plan {plan}, which is not to be run: {', '.join(names)}")
+        if dot and plan not in chosen:
+            misuse(f"{name} is meant for the plan {plan}, which is not to be run: {', '.join(chosen)}")
     try:
         return [plan.given(_meant_for(plan.name, given)) for plan in plans]
     except ParameterRefused as error:

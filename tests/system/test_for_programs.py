@@ -78,6 +78,11 @@ def complete(*words: str) -> list[str]:
 def test_the_shell_completes_plans_parameters_and_effects() -> None:
     assert "aw0" in complete("astb", "run", "a")
     assert complete("astb", "run", "lateral_stiffness", "--set", "load") == ["load=AW0", "load=AW3"]
+    assert {text.partition("=")[0] for text in complete("astb", "run", "lateral_stiffness", "--set", "")} == {
+        "load",
+        "amplitude",
+        "offset",
+    }
     assert complete("astb", "run", "--effect", "leak.l") == ["leak.left="]
 
 

@@ -1,0 +1,51 @@
+"""A plan to begin one's own with: a file that runs as it is."""
+
+import keyword
+from collections.abc import Collection
+from pathlib import Path
+from typing import Final
+
+from test_plans.run import PlanError
+
+_TEXT: Final = '''"""{Title}: under the same load, both springs rest at the same pressure."""
+
+from bench_protocol.units import mbar, s
+from test_plans import steps
+from test_plans.loads import AW0
+from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
+from test_plans.run import Run
+
+
+@plan(setup=steps.carry(AW0), lasts=30 * s, needs=steps.CARRYING, requires=on_the_bench(AW0))
+def {name}(run: Run) -> None:
+    """{Title}: under the same load, both springs rest at the same pressure.
+
+    Both springs carry the empty car, {{AW0.preload}} each, on their leveling valves until the gas has cooled. Good are
+    pressures that differ by less than 70 mbar: the transducers are good for 25 mbar each.
+    """
+    with run.phase("at rest"):
+        mean = run.bench.averages("left.bellows_pressure", "right.bellows_pressure", over=2 * s)
+    difference = mean["left.bellows_pressure"] - mean["right.bellows_pressure"]
+    run.check("pressure, left less right", difference, "bar", low=-70 * mbar, high=70 * mbar)
+'''
+
+
+def write_new(name: str, folder: Path, known: Collection[str]) -> Path:
+    """Write a plan ``name`` into a file of ``folder`` and return its path.
+
+    PlanError for a name that Python or one of the plans ``known`` has already, or if there is such a file.
+    """
+    if not name.isidentifier() or keyword.iskeyword(name) or name == "new":
+        raise PlanError(f"{name!r} is no name for a plan: letters, digits and _ as in pressure_is_kept")
+    if name in known:
+        raise PlanError(f"there is a plan {name} already; another name would do")
+    path = folder / f"{name}.py"
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(_TEXT.format(name=name, Title=name.replace("_", " ").capitalize()))
+    except FileExistsError:
+        raise PlanError(f"{path} is there already, and somebody may have worked on it") from None
+    except OSError as error:
+        raise PlanError(f"{path} cannot be written: {error.strerror}") from None
+    return path

@@ -1,0 +1,81 @@
+"""Plans of one's own, in files that belong to no package: written, run, found in a folder, and refused in words."""
+
+import json
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from astb.api import find_plan
+from astb.cli import commands
+from astb.exit_codes import MISUSE, PASS
+from bench_records.result import Outcome
+from test_plans.discovery import FOLDER, in_file, plans
+from test_plans.execution import execute
+from test_plans.new import write_new
+from test_plans.run import PlanError
+
+
+def astb(*words):
+    """Run the command and return its exit code and what it says."""
+    done = CliRunner().invoke(commands, words)
+    return done.exit_code, done.output
+
+
+def test_a_new_plan_is_a_file_that_runs(tmp_path, bench_composed):
+    """It judges, too: unlike springs fail it."""
+    own = find_plan(str(write_new("alike", tmp_path, ())))
+    assert own.title == "Alike: under the same load, both springs rest at the same pressure."
+    with bench_composed() as made:
+        assert execute(own, made.bench, tmp_path / "sound").verdict is Outcome.PASS
+    with bench_composed(effective_area=[0.26, 0.24]) as made:
+        assert execute(own, made.bench, tmp_path / "unlike").verdict is Outcome.FAIL
+
+
+def test_the_command_writes_lists_and_describes_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, said = astb("plans", "new", "my_plan")
+    assert (code, said) == (PASS, "my_plan.py: try it with `astb run my_plan.py --virtual`\n")
+    code, said = astb("plans", "my_plan.py", "--json")
+    assert [one["name"] for one in json.loads(said)] == ["my_plan"]
+    assert "53.5 kN each" in json.loads(said)[0]["instruction"]
+    code, said = astb("plans", "new", "my_plan")
+    assert (code, "my_plan.py is there already" in said) == (MISUSE, True)
+
+
+def test_a_folder_of_plans_is_seen_by_name(tmp_path, monkeypatch):
+    write_new("ours", tmp_path, ())
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    assert plans.__wrapped__()["ours"].main.__name__ == "ours"
+    monkeypatch.setenv(FOLDER, str(tmp_path / "nowhere"))
+    with pytest.raises(PlanError, match=r"ASTB_PLANS = .*nowhere is no folder"):
+        plans.__wrapped__()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (None, r"wrong\.py is no file; `astb plans new wrong` writes one"),
+        ("def f(:\n", r"wrong\.py, line 1: SyntaxError: invalid syntax"),
+        ("\nimport nothing_of_this_name\n", r"wrong\.py, line 2: ModuleNotFoundError: No module named"),
+        ("from test_plans.aw0 import aw0\n", r"wrong\.py declares no plan: a function with @plan above"),
+    ],
+)
+def test_a_file_that_is_no_plan_is_told_with_its_line(tmp_path, text, told):
+    path = tmp_path / "wrong.py"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(PlanError, match=told):
+        in_file(path)
+
+
+@pytest.mark.parametrize("name", ["2nd", "for", "new", "a-b", "aw0", ""])
+def test_a_name_that_cannot_be_is_refused(tmp_path, name):
+    with pytest.raises(PlanError, match=re.escape(name or "''")):
+        write_new(name, tmp_path, plans())
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_nearly_a_name_is_asked_back():
+    code, said = astb("run", "leakdown", "--virtual")
+    assert (code, "there is no plan 'leakdown'; did you mean 'leak_down'?" in said) == (MISUSE, True)
