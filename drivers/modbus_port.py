@@ -88,7 +88,7 @@ class Line:
         self._connect()
         try:
             reply = request()
-        except ConnectionException:
+        except (ConnectionException, ConnectionError):  # the end, or a reset where it was not read to the end
             if fresh or not (repeatable or self.closings):
                 raise
             self._note_closing()
@@ -104,7 +104,7 @@ class Line:
 
     def reason(self, error: Exception) -> str:
         """Return in words why there was no reply."""
-        if isinstance(error, ConnectionException):
+        if isinstance(error, ConnectionException | ConnectionError):
             if not self._there:
                 return "no connection; is the rig running?"
             if self._answers:
