@@ -211,7 +211,8 @@ def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
     if directory is None:
         yield
         return
-    from drivers.can_log import CanLog, CanLogError
+    from drivers.can_files.frames import CanLogError
+    from drivers.can_log import CanLog
 
     if session.listen is None:
         raise RigFileError("--keep-frames is for rigs that speak as ours; this one has a wiring of its own")

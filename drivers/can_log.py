@@ -1,4 +1,4 @@
-"""Raw CAN frames in files, by python-can's own readers and writers: the ending of the name chooses the format."""
+"""Raw CAN frames in files, by python-can's own writers: the ending of the name chooses the format."""
 
 from __future__ import annotations
 
@@ -9,22 +9,16 @@ from pathlib import Path
 from typing import Final
 
 import can
-import numpy as np
 
-from bench_protocol.frames import FRAME, Block
+from bench_protocol.account import Account
+from bench_protocol.frames import Block
 from bench_protocol.socketcand import iterate
 from bench_protocol.units import NS
+from drivers.can_files.frames import CanLogError
+from drivers.can_files.reading import ENDINGS, read_log
 from drivers.can_port import CanPort
 
-#: What both reads and writes.
-ENDINGS: Final = (".blf", ".asc", ".log", ".trc")
-_BLF: Final = b"LOGG"
-_BATCH: Final = 4096
 _PATIENCE: Final = 60.0  # s, for a slow disk at the end
-
-
-class CanLogError(Exception):
-    """A file of CAN frames that cannot be read or written; the text names it and says why."""
 
 
 class CanLog:
@@ -88,44 +82,8 @@ def write_frames(blocks: Iterable[Block], path: Path) -> int:
 
 
 def read_frames(path: Path) -> Iterator[Block]:
-    """Yield the classic data frames of a file in their order; times (ns) are as the file has them.
-
-    Remote, error and FD frames are left out. CanLogError if it is no file that python-can reads.
-    """
-    _check_ending(path)
-    try:
-        if path.suffix.lower() == ".blf":
-            _check_signature(path)  # python-can would refuse it too, but leave it open
-        with can.LogReader(path) as reader:
-            rows = []
-            for message in reader:
-                if message.is_remote_frame or message.is_error_frame or message.is_fd:
-                    continue
-                data = bytes(message.data)
-                rows.append(
-                    (
-                        round(message.timestamp * NS),
-                        message.arbitration_id,
-                        message.is_extended_id,
-                        len(data),
-                        np.frombuffer(data.ljust(8, b"\0"), np.uint8),
-                    )
-                )
-                if len(rows) == _BATCH:
-                    yield np.array(rows, FRAME)
-                    rows = []
-            if rows:
-                yield np.array(rows, FRAME)
-    except OSError as error:
-        raise CanLogError(f"{path} cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # every reader of python-can has exceptions of its own
-        raise CanLogError(f"{path} is not a file of CAN frames as its ending says: {error}") from None
-
-
-def _check_signature(path: Path) -> None:
-    with path.open("rb") as file:
-        if file.read(len(_BLF)) != _BLF:
-            raise ValueError(f"it does not begin with {_BLF.decode()}")
+    """Yield the classic data frames of a file in the order of their times (ns), which are as the file has them."""
+    yield from read_log(path, Account()).blocks(lambda kind: True)
 
 
 def _messages(block: Block) -> Iterator[can.Message]:

@@ -1,6 +1,7 @@
 """`astb export` and `astb import`: records to and from the files of other programs."""
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -24,7 +25,7 @@ def export_command(directory: Path, target: Path, rate: float, names: tuple[str,
     """
     from astb.exchange import export_run
     from bench_records.layout import RecordError
-    from drivers.can_log import CanLogError
+    from drivers.can_files.frames import CanLogError
 
     try:
         click.echo(f"{target}: {export_run(directory, target, rate, names)}")
@@ -42,16 +43,31 @@ def export_command(directory: Path, target: Path, rate: float, names: tuple[str,
     type=_FILE,
     help="The messages of another rig, for a file of CAN frames; without it they are ours.",
 )
-def import_command(source: Path, directory: Path, dbc: Path | None) -> None:
+@click.option("--charset", help="Of the DBC.  [default: UTF-8 if all of it is, else cp1252]")
+@click.option("--channel", help="Only the frames of this channel of a log, as the log calls it: can0, 1.")
+@click.option(
+    "--stamps",
+    type=click.Choice(["absolute", "delta"]),
+    help="How the time stamps of a candump are meant.  [default: as they look, or refused]",
+)
+def import_command(
+    source: Path,
+    directory: Path,
+    dbc: Path | None,
+    charset: str | None,
+    channel: str | None,
+    stamps: Literal["absolute", "delta"] | None,
+) -> None:
     """Make a run in the new DIRECTORY of SOURCE (.csv, .mf4, .blf, .asc, .log or .trc), for reports and diagnosis.
 
-    Columns and channels are called as `astb export` calls them. Nothing is judged.
+    Columns and channels are called as `astb export` calls them. Nothing is judged. What was left out is told, counted.
     """
     from astb.exchange import import_file
+    from astb.frames_import import LogKeys
     from bench_records.layout import RecordError
 
     try:
-        click.echo(f"{directory}: {import_file(source, directory, dbc)}")
+        click.echo(f"{directory}: {import_file(source, directory, LogKeys(dbc, charset, channel, stamps))}")
     except RecordError as error:
         misuse(error)
     except OSError as error:

@@ -18,7 +18,8 @@ from bench_protocol.table import TABLE
 from bench_records.checksums import SUMS, broken_files
 from bench_records.record import read
 from drivers import can_log
-from drivers.can_log import CanLog, CanLogError, read_frames, write_frames
+from drivers.can_files.frames import CanLogError
+from drivers.can_log import CanLog, read_frames, write_frames
 
 DBC = Path(__file__).resolve().parents[2] / "bench_protocol" / "generated" / "astb.dbc"
 

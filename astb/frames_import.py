@@ -1,0 +1,206 @@
+"""What the frames of a log say: which messages they are, on which channel, and the samples in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_protocol import j1939
+from bench_protocol.account import Account
+from bench_protocol.dbc import Dbc, DbcError, Described, read_dbc
+from bench_records.layout import RecordError, SignalInfo
+from drivers.can_files.frames import CanLogError, Frames, Kind
+from drivers.can_files.reading import read_log
+
+if TYPE_CHECKING:
+    from drivers.can_files.candump import Stamps
+
+#: Times (ns), numbers of signals, values.
+Samples = tuple[Any, Any, Any]
+_BATCH: Final = 4096
+#: A 29-bit identifier but its priority.
+_SENDER: Final = 0x3FF_FFFF
+
+
+@dataclass(frozen=True)
+class LogKeys:
+    """How a log of frames is meant, where it does not tell by itself."""
+
+    dbc: Path | None = None
+    charset: str | None = None  #: of the DBC
+    channel: str | None = None
+    stamps: Stamps | None = None
+
+
+@dataclass(frozen=True)
+class Log:
+    """The signals of a log, its first time (ns), and a function that yields its samples."""
+
+    signals: list[SignalInfo]
+    start: int
+    samples: Callable[[], Iterator[Samples]]
+
+
+def read_frames_of(source: Path, keys: LogKeys, account: Account) -> Log:
+    """Return what a log says in our own messages, or in those of a DBC. RecordError for what cannot be."""
+    try:
+        dbc = None if keys.dbc is None else read_dbc(keys.dbc, keys.charset)
+        frames = read_log(source, account, keys.stamps)
+        counts = _on_channel(source, frames.counts(), keys.channel, account)
+        if dbc is None:
+            signals, samples = _by_our_table(source, frames, counts, account)
+        else:
+            signals, samples = _by_dbc(source, frames, counts, dbc, account)
+    except (CanLogError, DbcError) as error:
+        raise RecordError(str(error)) from None
+    return Log(signals, next(iter(frames))[0], samples)
+
+
+def _on_channel(
+    source: Path, counts: Mapping[Kind, int], channel: str | None, account: Account
+) -> dict[Kind, int]:
+    """Return the kinds of frames on the channel that is meant, or on all."""
+    channels = sorted({kind.channel for kind in counts})
+    if channel is None:
+        return dict(counts)
+    if channel not in channels:
+        raise RecordError(f"--channel {channel}: {source} has {_listed(channels)}")
+    for kind, count in counts.items():
+        account.leave_out("frame(s) on other channels", 0 if kind.channel == channel else count)
+    return {kind: count for kind, count in counts.items() if kind.channel == channel}
+
+
+def _listed(channels: list[str]) -> str:
+    many = f"the channels {', '.join(channels[:-1])} and {channels[-1]}"
+    return many if len(channels) > 1 else f"one channel, {channels[0]}"
+
+
+def _refuse_several(source: Path, what: str, channels: set[str]) -> None:
+    if len(channels) > 1:
+        found = sorted(channels)
+        raise RecordError(
+            f"{source}: {what} comes on {_listed(found)}, and may be two things; --channel {found[0]} takes one of them"
+        )
+
+
+def _by_our_table(
+    source: Path, frames: Frames, counts: Mapping[Kind, int], account: Account
+) -> tuple[list[SignalInfo], Callable[[], Iterator[Samples]]]:
+    import numpy as np
+
+    from bench_protocol.can_codec import Decoder
+    from bench_protocol.table import TABLE
+    from test_plans.recording import recorded_signals
+
+    ours = {message.identifier: message.name for message in TABLE.messages if message.from_rig}
+    wanted = set()
+    channels: dict[int, set[str]] = {}
+    for kind, count in counts.items():
+        if kind.fd:
+            account.leave_out("CAN FD frame(s)", count)
+        elif kind.extended or kind.identifier not in ours:
+            account.leave_out("frame(s) that the rig of this bench does not send", count)
+        else:
+            wanted.add(kind)
+            channels.setdefault(kind.identifier, set()).add(kind.channel)
+    for identifier, found in channels.items():
+        _refuse_several(source, f"{identifier:#x} ({ours[identifier]})", found)
+    if not wanted:
+        raise RecordError(
+            f"no frame of {source} is one of the bench's own messages; --dbc names the messages of another rig"
+        )
+    known = recorded_signals(TABLE)
+    column = np.full(len(TABLE.signals), -1, np.int16)
+    column[list(known)] = np.arange(len(known))
+    decoder = Decoder(TABLE, from_rig=True)
+
+    def samples() -> Iterator[Samples]:
+        for block in frames.blocks(wanted.__contains__):
+            found = decoder.decode(block)
+            rows = column[found.signals]
+            yield found.times[rows >= 0], rows[rows >= 0], found.values[rows >= 0]
+
+    return list(known.values()), samples
+
+
+def _by_dbc(
+    source: Path, frames: Frames, counts: Mapping[Kind, int], dbc: Dbc, account: Account
+) -> tuple[list[SignalInfo], Callable[[], Iterator[Samples]]]:
+    import numpy as np
+
+    from bench_protocol.dbc_decoding import Decoding
+
+    names = _names(source, counts, dbc, account)
+    if not names:
+        raise RecordError(f"no frame of {source} is one of {dbc.path}")
+    signals: list[SignalInfo] = []
+    index: dict[tuple[str, str], int] = {}
+    decodings: dict[str, Decoding] = {}
+    for name, message in dict(sorted((name, message) for name, message in names.values())).items():
+        decodings[name] = Decoding(message)
+        for signal in message.coding.signals:
+            if (name, signal.name) not in index:
+                index[name, signal.name] = len(signals)
+                signals.append(_info(name, signal))
+
+    def samples() -> Iterator[Samples]:
+        rows: list[tuple[int, int, float]] = []
+        for time, kind, data in frames:
+            if kind in names:
+                name = names[kind][0]
+                found = decodings[name].values(data, account)
+                rows += [(time, index[name, signal], value) for signal, value in found]
+            if len(rows) >= _BATCH:
+                yield tuple(np.array(column) for column in zip(*rows, strict=True))  # type: ignore[misc]
+                rows.clear()
+        if rows:
+            yield tuple(np.array(column) for column in zip(*rows, strict=True))  # type: ignore[misc]
+
+    return signals, samples
+
+
+def _names(
+    source: Path, counts: Mapping[Kind, int], dbc: Dbc, account: Account
+) -> dict[Kind, tuple[str, Described]]:
+    """Return what each kind of frames is called, and its message; of several senders each has a name of its own."""
+    found: dict[Kind, Described] = {}
+    for kind, count in counts.items():
+        message = dbc.of(kind.identifier, kind.extended)
+        if message is None:
+            account.leave_out(
+                f"frame(s) that {dbc.path.name} does not describe", count, f"identifier {kind.identifier:#x}"
+            )
+        else:
+            found[kind] = message
+    senders: dict[str, set[int]] = {}
+    channels: dict[tuple[str, int], set[str]] = {}
+    for kind, message in found.items():
+        sender = kind.identifier & _SENDER if message.j1939 else 0
+        senders.setdefault(message.name, set()).add(sender)
+        channels.setdefault((message.name, sender), set()).add(kind.channel)
+        if len(message.coding.signals) != len({one.name for one in message.coding.signals}):
+            raise RecordError(f"{dbc.path}: {message.shown} cannot be read: {message.unsound}")
+    for kind, message in found.items():
+        sender = kind.identifier & _SENDER if message.j1939 else 0
+        _refuse_several(source, f"{kind.identifier:#x} ({message.name})", channels[message.name, sender])
+    return {
+        kind: (_called(message, kind.identifier, senders[message.name]), message)
+        for kind, message in found.items()
+    }
+
+
+def _called(message: Described, identifier: int, senders: set[int]) -> str:
+    """Return the name of a message as its sender has it: with the address, of J1939, where there are several."""
+    if len(senders) < 2:
+        return message.name
+    to = {one >> 8 & 0xFF for one in senders}
+    address = f"{j1939.source_of(identifier):02X}"
+    return f"{message.name}@{address}" + (f">{identifier >> 8 & 0xFF:02X}" if len(to) > 1 else "")
+
+
+def _info(message: str, signal: Any) -> SignalInfo:
+    name, unit = f"{message}.{signal.name}", signal.unit or ""
+    words = {int(key): str(text) for key, text in (signal.choices or {}).items()}
+    return SignalInfo(name, unit, 1.0, name, "" if words else f"{message}, {unit or 'no unit'}", words)

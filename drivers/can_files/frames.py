@@ -1,0 +1,82 @@
+"""The data frames of a log in the order of their times, compactly: a day of a busy bus fits into memory."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from bench_protocol.frames import FRAME, LENGTH_MAX, Block
+
+_BATCH: Final = 4096
+
+
+class CanLogError(Exception):
+    """A file of CAN frames that cannot be read or written; the text names it and says why."""
+
+
+class Kind(NamedTuple):
+    """What frames have in common: the channel as the log calls it, the identifier, and the format."""
+
+    channel: str
+    identifier: int
+    extended: bool
+    fd: bool
+
+
+class Frames:
+    """Frames of one log; ``unit`` is what its places are: lines, or frames."""
+
+    def __init__(self, unit: str = "line") -> None:
+        self.unit = unit
+        self.kinds: dict[Kind, int] = {}
+        self.times = array("q")  #: ns
+        self.places = array("q")
+        self.which = array("l")  #: number of its kind
+        self._lengths = array("B")
+        self._data = bytearray()
+        self._order: np.ndarray | None = None
+
+    def add(self, time: int, kind: Kind, data: bytes, place: int) -> None:
+        """Add a frame behind the others."""
+        self.times.append(time)
+        self.places.append(place)
+        self.which.append(self.kinds.setdefault(kind, len(self.kinds)))
+        self._lengths.append(len(data))
+        self._data += data
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def sort(self) -> None:
+        """Put the frames in the order of their times; those of one time stay in that of the file."""
+        self._order = np.argsort(np.frombuffer(self.times, np.int64), kind="stable")
+
+    def counts(self) -> dict[Kind, int]:
+        """Return how many frames of each kind there are."""
+        numbers = np.bincount(np.frombuffer(self.which, np.dtype("l")), minlength=len(self.kinds))
+        return {kind: int(numbers[index]) for kind, index in self.kinds.items()}
+
+    def __iter__(self) -> Iterator[tuple[int, Kind, bytes]]:
+        kinds = list(self.kinds)
+        ends = np.cumsum(np.frombuffer(self._lengths, np.uint8), dtype=np.int64)
+        for index in range(len(self)) if self._order is None else self._order.tolist():
+            end = int(ends[index])
+            data = bytes(self._data[end - self._lengths[index] : end])
+            yield self.times[index], kinds[self.which[index]], data
+
+    def blocks(self, kept: Callable[[Kind], bool]) -> Iterator[Block]:
+        """Yield blocks of the classic frames whose kind is ``kept``."""
+        rows = []
+        for time, kind, data in self:
+            if kind.fd or not kept(kind):
+                continue
+            padded = np.frombuffer(data.ljust(LENGTH_MAX, b"\0"), np.uint8)
+            rows.append((time, kind.identifier, kind.extended, len(data), padded))
+            if len(rows) == _BATCH:
+                yield np.array(rows, FRAME)
+                rows = []
+        if rows:
+            yield np.array(rows, FRAME)

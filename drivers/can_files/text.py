@@ -1,0 +1,121 @@
+"""The lines of a log, whatever packed it and in whatever charset, and the words for lines that are no frames."""
+
+from __future__ import annotations
+
+import codecs
+import gzip
+import io
+import re
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, Final, NamedTuple, cast
+
+from bench_protocol.account import Account
+from bench_protocol.input_limits import LINE_BYTES, SAMPLES_BYTES, Unfit, check_size, size
+from drivers.can_files.frames import CanLogError
+
+ERRORS: Final = "error frame(s)"
+REMOTE: Final = "remote frame(s)"
+OVERLOAD: Final = "overload frame(s)"
+REQUESTS: Final = "request(s) to send, which are no frames yet"
+EVENTS: Final = "event(s) that are no CAN frames"
+UNKNOWN: Final = "line(s) of an unknown form"
+CUT: Final = "line(s) cut off at the end of the file"
+EARLY: Final = "end(s) of a file that breaks off"
+
+_GZIP: Final = b"\x1f\x8b"
+_MARKS: Final = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_STAMP: Final = re.compile(r"(\d{1,12})(?:\.(\d{1,9})\d*)?", re.ASCII)
+_SHOWN: Final = 40
+
+
+class Line(NamedTuple):
+    """One line: its number, its text without the end, and whether it has an end."""
+
+    number: int
+    text: str
+    ended: bool
+
+    @property
+    def shown(self) -> str:
+        """The place and the beginning, for people."""
+        return f"line {self.number}: {self.text.strip()[:_SHOWN]!r}"
+
+
+def opened(path: Path) -> BinaryIO:
+    """Open a log, unpacked if it is packed with gzip. CanLogError for what is no file, or too long."""
+    try:
+        check_size(path, SAMPLES_BYTES)
+        with path.open("rb") as file:
+            packed = file.read(2) == _GZIP
+        return cast(BinaryIO, gzip.open(path, "rb")) if packed else path.open("rb")
+    except Unfit as error:
+        raise CanLogError(f"{path} {error}") from None
+    except OSError as error:
+        raise CanLogError(f"{path} cannot be read: {error.strerror or error}") from None
+
+
+def lines_of(path: Path, account: Account) -> Iterator[Line]:
+    """Yield the lines that are not empty. CanLogError for what cannot be read, or a line that is far too long."""
+    with opened(path) as file:
+        head = _peeked(path, file)
+        mark, charset = next(((m, name) for m, name in _MARKS if head.startswith(m)), (b"", "latin-1"))
+        file.seek(len(mark))
+        text = io.TextIOWrapper(file, charset, errors="replace")
+        number = taken = 0
+        while True:
+            try:
+                line = text.readline(LINE_BYTES + 1)
+            except EOFError:
+                account.leave_out(EARLY, at=f"after line {number}, within packed data")
+                return
+            except (OSError, zlib.error) as error:
+                raise CanLogError(
+                    f"{path} cannot be unpacked behind line {number}: {type(error).__name__}"
+                ) from None
+            if not line:
+                return
+            number, taken = number + 1, taken + len(line)
+            if len(line) > LINE_BYTES or taken > SAMPLES_BYTES:
+                limit = LINE_BYTES if len(line) > LINE_BYTES else SAMPLES_BYTES
+                raise CanLogError(
+                    f"{path}: line {number} goes beyond the {size(limit)} that are read at most"
+                )
+            bare = line.rstrip("\n").strip("\0")
+            if bare.strip():
+                yield Line(number, bare, line.endswith("\n") and bare == line.rstrip("\n"))
+            elif "\0" in line:
+                account.leave_out(CUT, at=f"line {number}, which is empty bytes")
+
+
+def _peeked(path: Path, file: BinaryIO) -> bytes:
+    try:
+        return file.read(4)
+    except (EOFError, OSError, zlib.error):
+        raise CanLogError(f"{path} cannot be unpacked: what it begins with is no gzip") from None
+
+
+def nanoseconds(text: str) -> int | None:
+    """Return a time in s as digits with a point, in ns without rounding; None for anything else."""
+    found = _STAMP.fullmatch(text)
+    return int(found[1]) * 10**9 + int((found[2] or "").ljust(9, "0")) if found else None
+
+
+def hex_bytes(words: list[str], count: int) -> bytes | None:
+    """Return ``count`` bytes of two hexadecimal digits each; None if they are not all there."""
+    if len(words) < count or any(len(word) != 2 for word in words[:count]):
+        return None
+    try:
+        return bytes(int(word, 16) for word in words[:count])
+    except ValueError:
+        return None
+
+
+def leave_out_line(account: Account, line: Line) -> None:
+    """Count a line that is no frame, and none of the things that are known to stand beside frames."""
+    account.leave_out(UNKNOWN if line.ended else CUT, at=line.shown)
