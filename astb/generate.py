@@ -19,6 +19,7 @@ from astb.canopen_page import canopen_page
 from astb.dbc import dbc
 from astb.eds import eds
 from astb.faults_page import faults_page
+from astb.readers_page import readers_page
 from astb.wiring_page import wiring_page
 from bench_protocol.messages import Protection
 from bench_protocol.registers import ACTIVE_BLOCK
@@ -338,6 +339,7 @@ def files() -> dict[Path, str]:
         ROOT / "docs" / "reference" / "effects.md": effects_page(),
         ROOT / "docs" / "reference" / "faults.md": faults_page(),
         ROOT / "docs" / "reference" / "wiring.md": wiring_page(),
+        ROOT / "docs" / "reference" / "readers.md": readers_page(),
         ROOT / "docs" / "reference" / "command-line.md": commands_page(),
         HIDDEN_EFFECT_PAGE: hidden_effect_page(),
     }

@@ -32,7 +32,12 @@ class _Reader(blf.BLFReader):
 
     def __init__(self, path: Path, account: Account) -> None:
         self.path, self.account = path, account
-        super().__init__(opened(path))
+        file = opened(path)
+        try:
+            super().__init__(file)
+        except BaseException:
+            file.close()
+            raise
 
     def __iter__(self) -> Generator[Message, None, None]:
         while True:

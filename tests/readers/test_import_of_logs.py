@@ -1,0 +1,175 @@
+"""Logs become records: which message a frame is, on which channel, from whom; and what was left out stays with them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from astb.commands.exchange import import_command
+from astb.exit_codes import MISUSE, PASS
+from astb.readers_page import table
+from bench_records.record import read
+from bench_records.result import read_result
+from tests.readers.log_forms import Sample, asc, by_python_can, candump
+
+TESTED = {"channels", "one channel"}
+HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\n'
+LEFT, RIGHT = (
+    f' SG_ {name} : {bit}|16@1- (0.01,0) [0|0] "mm" B\n' for name, bit in (("Left", 0), ("Right", 16))
+)
+HEIGHTS = f"BO_ 256 Heights: 8 PLC\n{LEFT}{RIGHT}"
+FORCES = 'BO_ 257 Forces: 8 PLC\n SG_ Left : 0|16@1- (1,0) [0|0] "N" B\n'
+J1939 = (
+    HEAD
+    + f'BO_ {0x18FF21FE | 1 << 31} State: 8 PLC\n SG_ Height : 0|16@1+ (0.05,-1600) [-1600|1612.75] "mm" B\n'
+    'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+    'BA_DEF_DEF_ "VFrameFormat" "J1939PG";\n'
+)
+
+
+@pytest.fixture
+def came(tmp_path):
+    """Imports a log; returns the exit code, what was said, and where the record is."""
+
+    def come(name: str, content: str | bytes, dbc: str, *options: str) -> tuple[int, str, Path]:
+        (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
+        (tmp_path / "rig.dbc").write_text(dbc)
+        out = tmp_path / f"run{len(list(tmp_path.glob('run*')))}"
+        done = CliRunner().invoke(
+            import_command, [str(tmp_path / name), str(out), "--dbc", str(tmp_path / "rig.dbc"), *options]
+        )
+        return done.exit_code, done.output, out
+
+    return come
+
+
+def heights(
+    count: int, identifier: int = 0x100, channel: int = 1, sign: int = 1, fd: bool = False
+) -> list[Sample]:
+    """Frames with k mm on the left, and less than nothing on the right."""
+    return [
+        Sample(
+            k * 20_000_000 + channel * 1_000_000,
+            channel,
+            identifier,
+            identifier > 0x7FF,
+            fd,
+            (sign * k * 100 % 65536).to_bytes(2, "little")
+            + (-sign * k * 100 % 65536).to_bytes(2, "little")
+            + bytes(4),
+        )
+        for k in range(count)
+    ]
+
+
+def in_order(*parts: list[Sample]) -> list[Sample]:
+    return sorted(one for part in parts for one in part)
+
+
+@pytest.mark.parametrize("name", ["a.asc", "a.log", "a.blf"])
+def test_a_channel_is_chosen_or_the_list_of_them_is_told(came, name: str) -> None:
+    frames = in_order(heights(30), heights(30, channel=2, sign=-1))
+    content = {"a.asc": asc, "a.log": candump, "a.blf": lambda all_: by_python_can(all_, ".blf")}[name](
+        frames
+    )
+    channels = ("can1", "can2") if name == "a.log" else ("1", "2")
+    status, text, out = came(name, content, HEAD + HEIGHTS)
+    assert status == MISUSE and not out.exists()
+    assert f"0x100 (Heights) comes on the channels {channels[0]} and {channels[1]}" in text
+    assert f"--channel {channels[0]} takes one of them" in text
+    for channel, sign in zip(channels, (1, -1), strict=True):
+        status, text, out = came(name, content, HEAD + HEIGHTS, "--channel", channel)
+        assert status == PASS
+        assert "left out: 30 frames on other channels" in text
+        np.testing.assert_allclose(read(out).series("Heights.Left")[1], sign * np.arange(30.0))
+    status, text, _ = came(name, content, HEAD + HEIGHTS, "--channel", "7")
+    assert status == MISUSE and f"has the channels {channels[0]} and {channels[1]}" in text
+
+
+def test_different_messages_on_different_channels_are_one_record(came) -> None:
+    frames = in_order(heights(30), heights(30, 0x101, channel=2))
+    status, _, out = came("a.asc", asc(frames), HEAD + HEIGHTS + FORCES)
+    assert status == PASS
+    assert read(out).series("Forces.Left")[1].size == 30
+
+
+def test_the_bench_s_own_messages_on_two_channels_are_refused_as_well(tmp_path) -> None:
+    from bench_protocol.table import TABLE
+
+    one = next(message for message in TABLE.messages if message.from_rig)
+    log = tmp_path / "a.log"
+    log.write_text(candump(in_order(heights(9, one.identifier), heights(9, one.identifier, channel=2))))
+    done = CliRunner().invoke(import_command, [str(log), str(tmp_path / "run")])
+    assert done.exit_code == MISUSE
+    assert "comes on the channels can1 and can2" in done.output
+
+
+@pytest.mark.parametrize("name", ["a.asc", "a.log", "a.blf"])
+def test_frames_of_can_fd_are_decoded_and_the_rest_stays_counted_in_the_record(came, name: str) -> None:
+    frames = in_order(heights(30), heights(30, 0x101, fd=True), heights(5, 0x333))
+    content = {"a.asc": asc, "a.log": candump, "a.blf": lambda all_: by_python_can(all_, ".blf")}[name](
+        frames
+    )
+    status, text, out = came(name, content, HEAD + HEIGHTS + FORCES)
+    assert status == PASS
+    np.testing.assert_allclose(read(out).series("Forces.Left")[1], 100.0 * np.arange(30))
+    told = "5 frames that rig.dbc does not describe (the first: identifier 0x333)"
+    assert f"left out: {told}" in text
+    assert read(out).meta["reading"]["left_out"] == {"frame(s) that rig.dbc does not describe": 5}
+    assert f"left out: {told}" in read_result(out).warnings
+    assert told in (out / "report.html").read_text()
+
+
+def test_only_what_comes_of_a_dbc_is_judged(came) -> None:
+    faults = (
+        'BO_ 512 Faults: 8 PLC\n SG_ Code : 0|8@1+ (1,0) [0|255] "" B\n SG_ Pump : 0|1@1+ (1,0) [0|1] "" B\n'
+    )
+    status, _, out = came("a.log", candump(heights(30)), HEAD + HEIGHTS + faults)
+    assert status == PASS
+    np.testing.assert_allclose(read(out).series("Heights.Left")[1], np.arange(30.0))
+    twice = HEAD + HEIGHTS + HEIGHTS.replace("Heights", "Others").replace("0.01", "0.02") + FORCES
+    status, text, _ = came("a.log", candump(heights(30)), twice)
+    assert status == MISUSE and "describes 0x100 twice, as Heights and Others" in text
+    assert came("a.log", candump(heights(30, 0x101)), twice)[0] == PASS
+
+
+def test_one_name_of_two_messages_gives_two_series(came) -> None:
+    dbc = HEAD + HEIGHTS + HEIGHTS.replace("256", "258")
+    status, _, out = came("a.log", candump(in_order(heights(20), heights(20, 0x102, sign=-1))), dbc)
+    assert status == PASS
+    for name, sign in (("Heights_0x100.Left", 1), ("Heights_0x102.Left", -1)):
+        np.testing.assert_allclose(read(out).series(name)[1], sign * np.arange(20.0))
+
+
+def state(source: int, raw: int, count: int = 10, priority: int = 6) -> list[Sample]:
+    data = raw.to_bytes(2, "little") + b"\xff" * 6
+    identifier = priority << 26 | 0xFF2100 | source
+    return [Sample(k * 10_000_000 + source * 1000, 1, identifier, True, False, data) for k in range(count)]
+
+
+def test_j1939_by_group_with_what_is_not_available_missing(came) -> None:
+    frames = in_order(state(0x27, 32000 + 200), state(0x28, 0xFFFF, priority=3))
+    status, text, out = came("a.log", candump(frames), J1939)
+    assert status == PASS and "left out: 10 J1939 values that are not available" in text
+    record = read(out)
+    np.testing.assert_allclose(record.series("State@27.Height")[1], 10.0)
+    assert np.isnan(record.series("State@28.Height")[1]).all()
+    status, _, out = came(
+        "a.log", candump(in_order(state(0x27, 32000), state(0x27, 32000, 3, priority=3))), J1939
+    )
+    assert status == PASS
+    np.testing.assert_allclose(read(out).series("State.Height")[1], 0.0, atol=1e-9)
+
+
+def test_a_key_that_a_file_has_no_use_for_is_refused(tmp_path) -> None:
+    (tmp_path / "a.csv").write_text("time_s,left.height [mm]\n0,1\n")
+    for option, value in (("--channel", "1"), ("--stamps", "delta")):
+        done = CliRunner().invoke(
+            import_command, [str(tmp_path / "a.csv"), str(tmp_path / "run"), option, value]
+        )
+        assert done.exit_code == MISUSE and f"{option} is for files of CAN frames" in done.output
+
+
+def test_the_rows_of_channels_are_in_the_table() -> None:
+    assert {one.name for one in table("logs").forms} >= TESTED
