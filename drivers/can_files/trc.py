@@ -65,7 +65,7 @@ def _head(log: _Log, line: Line, key: str, value: str) -> None:
             log.start = round((float(value) - _EPOCH) * _DAY)
         except (ValueError, OverflowError):
             raise CanLogError(f"{log.path}: {line.shown} is no date as a number of days") from None
-        if not 0 < log.start < 10**19 // 2:
+        if not 0 <= log.start < 10**19 // 2:
             log.start = 0
             log.account.take(f"STARTTIME = {value} is no date, and is not used")
     elif key == "COLUMNS":
