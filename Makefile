@@ -29,11 +29,15 @@ test: $(READY)  ## the ordinary suite (ARGS="-k leak" narrows it)
 
 .PHONY: test-slow
 test-slow: $(READY)  ## only the tests that the ordinary suite leaves out for their length
-	@tools/test.sh $(BIN)/python "slow and not vcan" $(ARGS)
+	@tools/test.sh $(BIN)/python "slow and not vcan and not wheel" $(ARGS)
 
 .PHONY: test-all
 test-all: $(READY)  ## the ordinary suite and the slow tests
 	$(PYTEST) $(ARGS)
+
+.PHONY: test-wheel
+test-wheel: $(READY)  ## build sdist and wheel, install the wheel where no checkout is, and use it there
+	$(PYTEST) -m wheel tests/wheel $(ARGS)
 
 .PHONY: test-vcan
 test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mode Linux

@@ -1,10 +1,14 @@
 """The command `astb campaign`, which `astb` finds by its entry point."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from astb.exit_codes import blocked, misuse
+
+if TYPE_CHECKING:
+    from campaigns.plan_case import PlanCase
 
 
 @click.command("campaign")
@@ -50,8 +54,6 @@ def campaign_command(
     from rich.console import Console
 
     from bench_protocol.extras import installed, lacking
-    from bench_protocol.written_values import NotAValue, read_written
-    from campaigns.campaign_file import CampaignError, read_campaign
     from campaigns.display import CampaignDisplay, verdicts
     from campaigns.kept import KeptError, KeptFailed
     from campaigns.plan_case import run_plan_cases
@@ -61,13 +63,7 @@ def campaign_command(
         misuse(lacking("campaign", "campaigns"))
     console = Console()
     out = out or Path("runs", file.stem)
-    try:
-        seconds = read_written("--limit", limit, "s")
-        if seconds <= 0.0:
-            misuse(f"--limit {limit} leaves no time for a case; 10min would be right")
-        cases = read_campaign(file)
-    except (CampaignError, NotAValue) as error:
-        misuse(error)
+    cases, seconds = _asked_for(file, limit)
     if only_list:
         click.echo("\n".join(cases))
         return
@@ -93,3 +89,17 @@ def campaign_command(
     click.echo(f"rows: {out}")
     if failed := sum(bool(row["error"]) for row in rows):
         blocked(f"{failed} of {len(rows)} cases failed; --again tries them once more")
+
+
+def _asked_for(file: Path, limit: str) -> "tuple[dict[str, PlanCase], float]":
+    """Return the cases of a campaign file, and the time for each (s)."""
+    from bench_protocol.written_values import NotAValue, read_written
+    from campaigns.campaign_file import CampaignError, read_campaign
+
+    try:
+        seconds = read_written("--limit", limit, "s")
+        if seconds <= 0.0:
+            misuse(f"--limit {limit} leaves no time for a case; 10min would be right")
+        return read_campaign(file), seconds
+    except (CampaignError, NotAValue) as error:
+        misuse(error)

@@ -1,0 +1,114 @@
+"""An sdist and a wheel of the present tree, and an environment that knows nothing but what they bring."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.is_relative_to(Path(__file__).parent):
+            item.add_marker("wheel")
+            item.add_marker("slow")
+            item.add_marker(pytest.mark.timeout(1200))
+
+
+def carried_out(
+    *command: str | Path, cwd: Path, env: dict[str, str] | None = None
+) -> subprocess.CompletedProcess:
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=900, check=False)
+
+
+def sure(done: subprocess.CompletedProcess) -> str:
+    """Return what a command printed that ended well."""
+    assert done.returncode == 0, f"{done.args}\n{done.stdout[-4000:]}\n{done.stderr[-4000:]}"
+    return done.stdout
+
+
+class Built(NamedTuple):
+    """What was built, and of which files."""
+
+    source: Path
+    tracked: list[str]
+    sdist: Path
+    of_sources: Path  #: the wheel that the tree gives
+    of_sdist: Path  #: and that of the sdist
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """Build in a clone with the files of the working tree, where nothing lies that git does not know."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("only a checkout knows its files")
+    place = tmp_path_factory.mktemp("built")
+    source = place / "source"
+    sure(carried_out("git", "clone", "--quiet", "--shared", str(ROOT), str(source), cwd=place))
+    tracked = sure(carried_out("git", "ls-files", "-z", cwd=ROOT)).strip("\0").split("\0")
+    for name in sure(carried_out("git", "ls-files", "-z", cwd=source)).strip("\0").split("\0"):
+        (source / name).unlink()
+    for name in (tracked := [name for name in tracked if (ROOT / name).exists()]):
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, source / name)
+    # One after the other: the second one makes an sdist, and a wheel of that.
+    for target, what in (("tree", ("--wheel",)), ("sdist", ())):
+        sure(carried_out(sys.executable, "-m", "build", *what, "--outdir", place / target, cwd=source))
+    (of_sources,) = (place / "tree").glob("*.whl")
+    (of_sdist,) = (place / "sdist").glob("*.whl")
+    (sdist,) = (place / "sdist").glob("*.tar.gz")
+    return Built(source, tracked, sdist, of_sources, of_sdist)
+
+
+class Elsewhere:
+    """A computer without a checkout: an environment, an empty home and an empty directory to stand in."""
+
+    def __init__(self, place: Path) -> None:
+        self.bin = place / "environment" / "bin"
+        self.here = place / "here"
+        self.here.mkdir()
+        (place / "home").mkdir()
+        kept = ("PATH", "LANG", "ASTB_CHROMIUM")
+        self.env = {name: os.environ[name] for name in kept if name in os.environ} | {
+            "HOME": str(place / "home"),
+            "OPENBLAS_NUM_THREADS": "1",
+        }
+
+    def try_astb(self, *arguments: str | Path) -> subprocess.CompletedProcess:
+        return carried_out(self.bin / "astb", *arguments, cwd=self.here, env=self.env)
+
+    def astb(self, *arguments: str | Path) -> str:
+        return sure(self.try_astb(*arguments))
+
+    def python(self, program: str) -> str:
+        """Run a program, which may not import from where it stands: `-P`."""
+        return sure(carried_out(self.bin / "python", "-P", "-c", program, cwd=self.here, env=self.env))
+
+    def install(self, *what: str) -> None:
+        command = (
+            self.bin / "python",
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--no-compile",
+            "--no-input",
+            *what,
+        )
+        # pip's own cache is that of whoever runs the tests.
+        sure(carried_out(*command, cwd=self.here))
+
+
+@pytest.fixture(scope="session")
+def elsewhere(built: Built, tmp_path_factory: pytest.TempPathFactory) -> Elsewhere:
+    """Where the wheel is installed, without extras."""
+    place = tmp_path_factory.mktemp("elsewhere")
+    sure(carried_out(sys.executable, "-m", "venv", place / "environment", cwd=place))
+    there = Elsewhere(place)
+    there.install(str(built.of_sources))
+    return there

@@ -1,0 +1,206 @@
+"""Installed from a wheel and started in an empty directory, the bench does all that it does at home."""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path, PurePosixPath
+from urllib.request import urlopen
+
+import pytest
+
+from astb.exit_codes import MISUSE
+from tests.wheel.conftest import ROOT, Built, Elsewhere
+
+CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PACKAGES = {name.partition(".")[0] for name in CONFIG["tool"]["setuptools"]["packages"]}
+TOLD = "astb/commit.txt"
+EVERY_HELP = """
+import click
+from click.testing import CliRunner
+from astb.cli import commands
+
+def visit(command, words):
+    told = CliRunner().invoke(commands, [*words, "--help"])
+    assert told.exit_code == 0, (words, told.output)
+    assert "Usage: " in told.output and "cannot be used" not in told.output, (words, told.output)
+    print(*words)
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            visit(command.get_command(context, name), [*words, name])
+
+visit(commands, [])
+"""
+#: Whoever has pytest gets its plugin and the catalogue.
+EVERY_MODULE = """
+import importlib, pathlib, pkgutil
+import {packages}
+for package in ({packages}):
+    assert pathlib.Path(package.__file__).is_relative_to({environment!r}), package.__file__
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if not module.name.endswith(("__main__", "astb.pytest_plugin", "astb.catalogue")):
+            importlib.import_module(module.name)
+"""
+#: What the study of the paper reads beside its modules.
+DATA_OF_THE_PAPER = """
+import pathlib
+from jinja2 import Environment, FileSystemLoader
+import paper_study
+from bench_sim.parameters.paper import load_paper
+from bench_sim.parameters.vehicle import load_vehicle
+load_paper(), load_vehicle()
+place = pathlib.Path(paper_study.__file__).parent
+Environment(loader=FileSystemLoader(place)).get_template("page.html.j2")
+"""
+
+
+def content(wheel: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def test_a_wheel_holds_the_files_of_its_packages_and_no_other(built: Built) -> None:
+    files = content(built.of_sources)
+    held = {name for name in files if ".dist-info/" not in name}
+    expected = {name for name in built.tracked if PurePosixPath(name).parts[0] in PACKAGES and "/" in name}
+    assert held == expected | {TOLD}
+    assert {name: files[name] for name in expected} == {name: (ROOT / name).read_bytes() for name in expected}
+
+
+def test_an_sdist_gives_the_same_wheel(built: Built) -> None:
+    assert content(built.of_sdist) == content(built.of_sources)
+    with tarfile.open(built.sdist) as archive:
+        names = {str(PurePosixPath(*PurePosixPath(name).parts[1:])) for name in archive.getnames()}
+    assert {"pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md", TOLD} <= names
+
+
+def test_it_knows_its_commit(built: Built, elsewhere: Elsewhere) -> None:
+    head = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=built.source, capture_output=True, text=True, timeout=60, check=True
+    ).stdout[:12]
+    said = elsewhere.astb("--version").strip()
+    assert re.fullmatch(
+        rf"astb {re.escape(CONFIG['project']['version'])} \(commit {head}( \+ changes)?\)", said
+    ), said
+
+
+def test_every_module_is_imported_and_every_command_explains_itself(elsewhere: Elsewhere) -> None:
+    said = elsewhere.python(EVERY_HELP).splitlines()
+    assert {"run", "panel", "diagnose", "campaign", "paper", "wiring new", "rigs"} <= set(said)
+    base = PACKAGES & set(CONFIG["tool"]["importlinter"]["root_packages"])
+    environment = str(elsewhere.bin.parent)
+    elsewhere.python(EVERY_MODULE.format(packages=", ".join(sorted(base)), environment=environment))
+    elsewhere.python(DATA_OF_THE_PAPER)
+
+
+def test_names_are_those_of_a_checkout(elsewhere: Elsewhere) -> None:
+    for kind in ("rigs", "specimens", "instruments", "wirings"):
+        told = json.loads(elsewhere.astb(kind, "--json"))
+        assert [one["name"] for one in told] == sorted(path.stem for path in (ROOT / kind).glob("*.toml"))
+    elsewhere.astb("signals", "--dbc", "astb.dbc", "--csv", "map.csv", "--eds", "astb.eds")
+
+
+def test_what_needs_an_extra_says_so_and_works_with_it(built: Built, elsewhere: Elsewhere) -> None:
+    (elsewhere.here / "few.toml").write_text('plans = ["leak_down"]\nseeds = 2\n')
+    for command in (("campaign", "few.toml"), ("paper", "--quick", "--out", "paper")):
+        refused = elsewhere.try_astb(*command)
+        assert refused.returncode == MISUSE
+        assert re.search(
+            r"need dask and distributed, .*: pip install 'dask>=.*' 'distributed>=", refused.stderr
+        )
+        assert "Traceback" not in refused.stderr
+    elsewhere.install(f"{built.of_sources}[campaign]")
+    assert "2 pass" in elsewhere.astb("campaign", "few.toml", "--workers", "1").replace("  ", " ")
+
+
+def test_plans_run_in_virtual_time_with_reports(elsewhere: Elsewhere) -> None:
+    elsewhere.astb("run", "aw0", "aw3", "--virtual", "--out", "runs/virtual")
+    for plan in ("aw0", "aw3"):
+        directory = elsewhere.here / "runs" / "virtual" / plan
+        page = (directory / "report.html").read_text(encoding="utf-8")
+        (directory / "report.html").unlink()
+        elsewhere.astb("report", directory)
+        assert (directory / "report.html").read_text(encoding="utf-8") == page
+        assert "uPlot" in page
+    assert "aw3" in elsewhere.astb("runs", "--out", "runs/virtual")
+
+
+def test_a_report_is_printed_where_a_browser_is(elsewhere: Elsewhere) -> None:
+    from bench_records.printing import browser
+
+    if browser() is None:
+        pytest.skip("no Chromium")
+    elsewhere.astb("report", "runs/virtual/aw0", "--pdf")
+    (printed,) = (elsewhere.here / "runs" / "virtual" / "aw0").glob("*.pdf")
+    assert printed.read_bytes().startswith(b"%PDF")
+
+
+def test_a_record_is_diagnosed(elsewhere: Elsewhere) -> None:
+    elsewhere.astb("diagnose", "runs/virtual/aw0", "--effects", "leak", "--out", "finding")
+    assert json.loads((elsewhere.here / "finding" / "finding.json").read_text())
+    assert (elsewhere.here / "finding" / "report.html").exists()
+
+
+def test_the_machine_is_fit(elsewhere: Elsewhere) -> None:
+    found = {one["name"]: one for one in json.loads(elsewhere.astb("doctor", "--json"))}
+    assert not [one for one in found.values() if one["state"] == "broken"]
+    assert found["packages"]["state"] == found["compiled code"]["state"] == "fine"
+    assert str(elsewhere.bin.parent) in found["compiled code"]["found"]
+
+
+def rig_of_ones_own(elsewhere: Elsewhere) -> Path:
+    """Return a copy of the ordinary rig at free ports: somebody else may have one at the ordinary ones."""
+    path = elsewhere.here / "mine.toml"
+    if not path.exists():
+        elsewhere.astb("rigs", "local", "--copy", path)
+        with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as other:
+            ports = [one.getsockname()[1], other.getsockname()[1]]
+        text = path.read_text()
+        for was, port in zip((29536, 15020), ports, strict=True):
+            assert f"port = {was}" in text
+            text = text.replace(f"port = {was}", f"port = {port}")
+        path.write_text(text.replace('bus = "auto"', 'bus = "tcp"'))
+    return path
+
+
+def test_a_plan_runs_in_real_time(elsewhere: Elsewhere) -> None:
+    elsewhere.astb("run", "lateral_stiffness", "--rig", rig_of_ones_own(elsewhere), "--out", "runs/real")
+    assert (elsewhere.here / "runs" / "real" / "lateral_stiffness" / "report.html").exists()
+
+
+def test_the_panel_serves_its_page_its_script_and_plots(elsewhere: Elsewhere) -> None:
+    command = [elsewhere.bin / "astb", "panel", "--port", "0", "--rig", rig_of_ones_own(elsewhere)]
+    with subprocess.Popen(
+        [*map(str, command), "--out", "runs/virtual"],
+        cwd=elsewhere.here,
+        env=elsewhere.env | {"PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as panel:
+        try:
+            assert panel.stdout
+            said = iter(panel.stdout.readline, "")
+            address = next(found[1] for line in said if (found := re.search(r"to watch: +(\S+)/", line)))
+
+            def served(path: str) -> str:
+                with urlopen(f"{address}{path}", timeout=60) as answer:
+                    return str(answer.read().decode())
+
+            page = served("/")
+            linked = set(re.findall(r'(?:src|href)="(/[^"#]+)"', page))
+            assert any(path.endswith(".js") for path in linked) and any(
+                path.endswith(".css") for path in linked
+            )
+            for path in linked:
+                assert served(path)
+            assert any("uPlot" in served(path) for path in linked)
+            for name in sorted(path.name for path in (ROOT / "astb" / "panel" / "page").glob("*.js")):
+                assert served(f"/page/{name}") == (ROOT / "astb" / "panel" / "page" / name).read_text()
+        finally:
+            panel.send_signal(signal.SIGINT)
+            panel.wait(60)
