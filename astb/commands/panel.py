@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from astb.commands.ending import UNAWARES, end_in_order, ended_by
 from astb.commands.options import RIG_OPTION, SEED, out_option, read_rig
 from astb.exit_codes import blocked, misuse
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 
 _LOCAL: Final = "127.0.0.1"
+_AT_ONCE: Final = 200  # connections, pages included
 
 
 @click.command("panel")
@@ -42,6 +44,7 @@ def panel_command(rig_named: str | None, host: str, port: int, seed: int | None,
     from bench_protocol.clock import RealClock
     from drivers.errors import BenchError
 
+    end_in_order()
     rig, path = read_rig(rig_named)
     if rig.time == "virtual":
         misuse(
@@ -79,19 +82,31 @@ def _serve(app: "ASGIApp", sockets: "list[socket.socket]") -> None:
     """Serve until somebody ends it."""
     import uvicorn
 
+    from astb.panel.pages import Pages
     from astb.panel.stream import PING
 
     config = uvicorn.Config(
         app,
+        ws=Pages,
         log_level="warning",
         access_log=False,
         ws_per_message_deflate=False,
         ws_max_size=64 * 1024,
+        limit_concurrency=_AT_ONCE,
         ws_ping_interval=PING,
         ws_ping_timeout=PING,
         timeout_graceful_shutdown=1,
     )
-    uvicorn.Server(config).run(sockets=sockets)
+    server = uvicorn.Server(config)
+
+    def end(by: str) -> None:
+        server.should_exit = True
+        if by in UNAWARES:
+            click.echo(f"astb: the panel was ended by {by}", err=True)
+
+    # In place of its own: those say the signal again at the end, of which this process would die with its sockets open.
+    server.capture_signals = lambda: ended_by(end)  # type: ignore[method-assign]
+    server.run(sockets=sockets)
 
 
 def _listening(host: str, port: int) -> "socket.socket":

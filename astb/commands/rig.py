@@ -4,11 +4,13 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from astb.commands.ending import UNAWARES, ended_by
 from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
 from astb.exit_codes import blocked, misuse
 from bench_protocol.rates import TICK_RATE, TICK_RATE_VARIABLE, TICK_RATES
@@ -88,7 +90,7 @@ def rig_command(
     stop = threading.Event()
     _listen(bench, stop, until_eof)
     try:
-        with _captured(capture, live=capture_port is not None) as listener:
+        with ended_by(partial(_end, stop)), _captured(capture, live=capture_port is not None) as listener:
             run_rig(
                 bench,
                 can=can or rig.can.bus,
@@ -148,14 +150,19 @@ def _listen(bench: "Rig", stop: "threading.Event", until_eof: bool) -> None:
     import signal
     import threading
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
     if (
         until_eof
     ):  # whoever started this rig holds the other end: the rig stops when its parent ends, however it does
         threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()
     signal.signal(signal.SIGUSR1, lambda *_: bench.press_estop())
     signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())
+
+
+def _end(stop: "threading.Event", by: str) -> None:
+    """Stop the rig, and say by what, where whoever did it may not know."""
+    if not stop.is_set() and by in UNAWARES:
+        click.echo(f"astb: the rig was ended by {by}", err=True)
+    stop.set()
 
 
 def _when_stdin_ends(call: Callable[[], object]) -> None:

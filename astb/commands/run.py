@@ -6,6 +6,7 @@ from typing import Final
 import click
 
 from astb.commands.completion import complete_plans
+from astb.commands.ending import end_in_order
 from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, simulated, simulation_options
 from astb.commands.plan_values import chosen_plans, plan_value_options
 from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
@@ -81,7 +82,7 @@ def run_command(
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_named)
     rig = simulated(rig, path, model, effects, sealed)
-    _end_in_order()
+    end_in_order()
     try:
         results = run_plans(
             chosen,
@@ -100,24 +101,6 @@ def run_command(
         blocked(error)
     worst = max((result.verdict for result in results), key=list(_EXIT).index)
     raise click.exceptions.Exit(_EXIT[worst])
-
-
-def _end_in_order() -> None:
-    """Whoever ends the run, let its tear-down run."""
-    import signal
-
-    for number in (signal.SIGTERM, signal.SIGQUIT):
-        signal.signal(number, signal.default_int_handler)
-    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:  # with nohup the run goes on
-        signal.signal(signal.SIGHUP, _hung_up)
-
-
-def _hung_up(number: int, _: object) -> None:
-    """End the run as Ctrl-C does, once: the shell tells of a closed terminal, too, in the middle of the tear-down."""
-    import signal
-
-    signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
 
 
 @click.command("report")

@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Final
 
+from anyio import sleep
 from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
@@ -26,6 +27,11 @@ from bench_sim.rig.control_socket import own_directory
 #: A page that commands and is not heard of for so long (a reload, a lost network) has left its seat.
 SEAT_KEPT: Final = 10 * s
 _COOKIE_AGE: Final = 30 * 24 * 3600
+#: Of one client and of all: a try each so many seconds, and so many that are free.
+_EACH: Final = (1.0, 5)
+_ALL: Final = (0.1, 20)
+_LONGEST: Final = 4 * s
+_CLIENTS_MAX: Final = 1024
 
 
 class NotAllowed(Exception):
@@ -93,6 +99,42 @@ def kept_token(rig_file: Path) -> str:
     return token
 
 
+def _client(connection: HTTPConnection) -> str:
+    return connection.client.host if connection.client else "?"
+
+
+class Patience:
+    """How long whoever shows a token has to wait, so that nobody tries many: by his client, and by all together.
+
+    A few tries are free, then there is one in each period (the generic cell rate algorithm, ITU-T I.371). Who would
+    wait longer than 4 s is refused and costs nothing, so that nobody's turn is ever farther away than that.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._due: dict[str, int] = {}  # when the next try of a client would be in time, in ns; "" are all
+
+    def wait(self, client: str) -> float:
+        """Return how long (s) this try of ``client`` is to wait. NotAllowed, with 429, if that would be too long."""
+        now = self._clock.now()
+        if len(self._due) >= _CLIENTS_MAX:
+            self._due = {name: due for name, due in self._due.items() if due > now}
+        names = ((client, _EACH), ("", _ALL)) if len(self._due) < _CLIENTS_MAX else (("", _ALL),)
+        due = {name: max(self._due.get(name, now), now) + round(period * NS) for name, (period, _) in names}
+        wait = max((due[name] - now) / NS - period * free for name, (period, free) in names)
+        if wait > _LONGEST:
+            raise NotAllowed(
+                f"too many tries with a wrong token; in {_LONGEST:g} s there is room for one", 429
+            )
+        self._due |= due
+        return max(wait, 0.0)
+
+    def forgive(self, client: str) -> None:
+        """Forget the tries of a client that has shown the right token."""
+        self._due.pop(client, None)
+        self._due[""] = self._due.get("", 0) - round(_ALL[0] * NS)
+
+
 class Access:
     """The token, and the one seat of whoever commands."""
 
@@ -101,6 +143,7 @@ class Access:
             raise ValueError("the panel has no token: everybody would command")
         self.token, self.cookie = token, f"astb-panel-{port}"
         self._clock = clock
+        self._patience = Patience(clock)
         self._page = ""  # which has the seat
         self._heard = 0
 
@@ -119,6 +162,20 @@ class Access:
             "httponly": True,
             "samesite": "strict",
         }
+
+    async def wait(self, connection: HTTPConnection) -> None:
+        """Let whoever tries a token wait for its turn. NotAllowed if too many do."""
+        if seconds := self._patience.wait(_client(connection)):
+            await sleep(seconds)
+
+    async def slow_down(self, connection: HTTPConnection) -> None:
+        """Let whoever shows a wrong token as a cookie wait; the right one never does: an emergency stop is at once."""
+        if connection.cookies.get(self.cookie) and not self.may_command(connection):
+            await self.wait(connection)
+
+    def known(self, connection: HTTPConnection) -> None:
+        """Note that a client has shown the right token."""
+        self._patience.forgive(_client(connection))
 
     @property
     def taken(self) -> bool:

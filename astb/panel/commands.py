@@ -1,6 +1,6 @@
 """Routes that change something: who may give an order, what it says, and what the page is answered."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -14,6 +14,7 @@ from astb.panel.parts import Parts
 from astb.panel.runs import CannotDo
 
 _BODY_MAX: Final = 64 * 1024
+_DEPTH_MAX: Final = 8
 _AT_ONCE: Final = 4  # of one command
 
 Command = Callable[[Request, dict[str, Any]], object]
@@ -29,6 +30,7 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
     async def endpoint(request: Request) -> Response:
         try:
+            await parts.access.slow_down(request)
             if seat:
                 parts.access.require_seat(request)
             else:
@@ -51,9 +53,38 @@ async def json_body(request: Request) -> dict[str, Any]:
         if len(body) > _BODY_MAX:
             raise NotAllowed("too much to read", 413)
     try:
-        return msgspec.json.decode(body or b"{}", type=dict[str, Any])
-    except msgspec.MsgspecError as error:
+        told = msgspec.json.decode(body or b"{}", type=dict[str, Any])
+    except (msgspec.MsgspecError, UnicodeError) as error:
         raise NotAllowed(f"not understood: {error}", 400) from None
+    except RecursionError:
+        raise NotAllowed("nested too deep", 400) from None
+    if _depth(told) > _DEPTH_MAX:
+        raise NotAllowed("nested too deep", 400)
+    return told
+
+
+def _depth(value: object) -> int:
+    """Return how many tables and lists lie in one another, as far as that matters."""
+    layer, depth = [value], 0
+    while layer and depth <= _DEPTH_MAX:
+        inner = [one for one in layer if isinstance(one, dict | list)]
+        layer = [one for each in inner for one in (each.values() if isinstance(each, dict) else each)]
+        depth += bool(inner)
+        if not inner:
+            break
+    return depth
+
+
+def text_of(body: Mapping[str, Any], key: str) -> str:
+    """Return a text of a request, "" if it says nothing. NotAllowed for what is no text, or is none in UTF-8."""
+    value = body.get(key, "")
+    if not isinstance(value, str):
+        raise NotAllowed(f"{key} is no text", 400)
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise NotAllowed(f"{key} is no text", 400) from None
+    return value
 
 
 def json_answer(content: object, status: int = 200) -> Response:

@@ -14,7 +14,7 @@ from starlette.types import ASGIApp
 
 import bench_records
 from astb.panel.access import Doorkeeper, NotAllowed
-from astb.panel.commands import command, json_answer, json_body
+from astb.panel.commands import command, json_answer, json_body, text_of
 from astb.panel.parts import Parts
 from astb.panel.stream import Stream
 from astb.panel.views import VIEWS
@@ -47,7 +47,7 @@ def application(parts: Parts, *, host: str) -> Starlette:
         command(
             parts,
             "/api/run/answer",
-            lambda request, body: runs.order("answer", text=_text(body, "answer"), to=_text(body, "to")),
+            lambda request, body: runs.order("answer", text=text_of(body, "answer"), to=text_of(body, "to")),
         ),
         command(parts, "/api/reset", lambda request, body: runs.reset()),
         command(parts, "/api/vent", lambda request, body: runs.vent()),
@@ -71,7 +71,10 @@ async def _page(request: Request) -> Response:
 def _entrance(parts: Parts) -> Callable[[Request], Awaitable[Response]]:
     async def enter(request: Request) -> Response:
         try:
-            cookie = parts.access.enter(str((await json_body(request)).get("token", "")))
+            token = text_of(await json_body(request), "token")
+            await parts.access.wait(request)
+            cookie = parts.access.enter(token)
+            parts.access.known(request)
         except NotAllowed as error:
             return json_answer({"error": str(error)}, error.status)
         response = json_answer({"done": None})
@@ -128,24 +131,24 @@ def _plans() -> dict[str, Any]:
 def _start(parts: Parts, body: dict[str, Any]) -> None:
     settings = body.get("set", {})
     if not isinstance(settings, dict):
-        raise NotAllowed(f"set = {settings!r} is no table of parameters", 400)
+        raise NotAllowed("set is no table of parameters", 400)
     parts.runs.start(
-        _text(body, "plan"),
-        {str(name): str(value) for name, value in settings.items()},
-        specimen=_text(body, "specimen"),
-        operator=_text(body, "operator"),
+        text_of(body, "plan"),
+        {text_of({"a name": name}, "a name"): _written(name, value) for name, value in settings.items()},
+        specimen=text_of(body, "specimen"),
+        operator=text_of(body, "operator"),
     )
+
+
+def _written(name: str, value: object) -> str:
+    """Return a parameter as people write it."""
+    if isinstance(value, dict | list):
+        raise NotAllowed(f"{name} is no text and no number", 400)
+    return text_of({name: str(value)}, name)
 
 
 def _seat(parts: Parts, request: Request) -> None:
     parts.access.take_seat(request.headers.get("x-astb-page", ""), from_other=True)
-
-
-def _text(body: dict[str, Any], key: str) -> str:
-    value = body.get(key, "")
-    if not isinstance(value, str):
-        raise NotAllowed(f"{key} = {value!r} is no text", 400)
-    return value
 
 
 class _Fresh:

@@ -33,6 +33,16 @@ HEAD: Final = struct.Struct("<IIIIdd")
 _TRACES_MAX: Final = 12
 
 
+#: Pages at once, and characters of what a page calls itself.
+_PAGES_MAX: Final = 64
+_NAME_MAX: Final = 64
+
+
+def _short(error: Exception) -> str:
+    """Return what was not understood in the 123 bytes that a close frame holds."""
+    return f"not understood: {error}".encode("ascii", "replace")[:100].decode()
+
+
 class Wanted(msgspec.Struct, frozen=True):
     """A trace that a page wants: some signals over the last ``span`` s in about so many columns."""
 
@@ -81,19 +91,24 @@ class Stream:
     async def serve(self, socket: WebSocket) -> None:
         """Serve one page until it leaves."""
         await socket.accept()
-        page = socket.query_params.get("page", "")
+        if len(self._pages) >= _PAGES_MAX:
+            return await socket.close(1013, f"{_PAGES_MAX} pages are open already")
+        page = socket.query_params.get("page", "")[:_NAME_MAX]
         self._pages[id(socket)] = page
         traces: list[Trace] = []
         sending = asyncio.create_task(self._send(socket, page, traces))
         try:
             while True:
-                text = await socket.receive_text()
+                message = await socket.receive()
+                if message["type"] != "websocket.receive":
+                    return
+                if (text := message.get("text")) is None:
+                    return await socket.close(1003, "not understood: no text")
                 try:
                     wanted = msgspec.json.decode(text, type=_Request).traces
                     traces[:] = [Trace(one, self._watch) for one in wanted]
-                except (msgspec.MsgspecError, KeyError) as error:
-                    await socket.close(1008, f"not understood: {error}"[:100])
-                    return
+                except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError) as error:
+                    return await socket.close(1008, _short(error))
         except WebSocketDisconnect:
             pass
         finally:

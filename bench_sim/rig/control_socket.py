@@ -30,7 +30,11 @@ def control_path(host: str, modbus_port: int) -> Path:
 
 
 def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
-    """Return the rig's answer to one line; OSError if there is no rig, or it does not answer within ``timeout`` (s)."""
+    """Return the rig's answer to one line; OSError if there is no rig, or it does not answer within ``timeout`` (s).
+
+    PermissionError, and nothing is said, where the directory is somebody else's: so might be whoever answers.
+    """
+    require_own(path.parent)
     with socket.socket(socket.AF_UNIX) as connection:
         connection.settimeout(timeout)
         connection.connect(str(path))
@@ -135,6 +139,11 @@ def own_directory(folder: Path) -> None:
     """Make ``folder`` for this user alone; PermissionError if it is somebody else's or open to others."""
     with contextlib.suppress(FileExistsError):
         folder.mkdir(mode=0o700)
+    require_own(folder)
+
+
+def require_own(folder: Path) -> None:
+    """PermissionError if ``folder`` is somebody else's or open to others; FileNotFoundError if there is none."""
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise PermissionError(f"{folder} must be a directory that only this user can enter")

@@ -98,7 +98,7 @@ def test_help_comes_at_once():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
     """With a commander and a listener connected, who are the ones that keep ports busy."""
     rig = start_rig()
@@ -111,7 +111,9 @@ def test_an_interrupted_rig_leaves_nothing_behind(start_rig, how):
     assert processes_below(rig.process.pid) == []
     rig.tell(how)
     out, complaints = rig.process.communicate(timeout=10)
-    assert (rig.process.returncode, out, complaints) == (PASS, "", "")
+    told = f"astb: the rig was ended by {how.name}\n" if how in {signal.SIGHUP, signal.SIGQUIT} else ""
+    assert (rig.process.returncode, out, complaints) == (PASS, "", told)
+    assert not Path(rig.ready.partition("control=")[2]).exists()
     can.close()
     modbus.close()
     for port in (rig.can_port, rig.modbus_port):

@@ -1,0 +1,37 @@
+"""How a command that moves or serves a bench ends: whatever ends it, in order, and with a word."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final, NoReturn
+
+#: Signals that whoever sent them may not know of: a closed terminal, Ctrl-\\.
+UNAWARES: Final = ("SIGHUP", "SIGQUIT")
+
+
+def end_in_order() -> None:
+    """Let whoever ends this process be heard as Ctrl-C is: tear-down runs, sockets are closed."""
+    for number in (signal.SIGTERM, signal.SIGQUIT):
+        signal.signal(number, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:  # with nohup it goes on
+        signal.signal(signal.SIGHUP, _hung_up)
+
+
+def _hung_up(number: int, _: object) -> NoReturn:
+    """End as Ctrl-C does, once: the shell tells of a closed terminal, too, in the middle of a tear-down."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def ended_by(end: Callable[[str], object]) -> Iterator[None]:
+    """Call ``end`` with the name of the signal that is to end this process, while the block lasts."""
+    before = {}
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN or number != signal.SIGHUP:  # with nohup it goes on
+            before[number] = signal.signal(number, lambda number, _: end(signal.Signals(number).name))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

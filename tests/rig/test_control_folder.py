@@ -1,0 +1,84 @@
+"""A folder of control sockets that is somebody else's is believed by neither side."""
+
+import os
+import socket
+import threading
+
+import pytest
+from click.testing import CliRunner
+
+from astb.cli import commands
+from astb.exit_codes import BLOCKED
+from astb.live.door import NoRun, knock
+from bench_sim.rig.control_socket import ask, control_path, own_directory
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = tmp_path / "astb"
+    own_directory(folder)
+    return folder
+
+
+@pytest.fixture
+def false_rig(folder):
+    """Somebody who answers where the rig would, and what he has heard."""
+    heard = []
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(control_path("127.0.0.1", 15020)))
+        listening.listen()
+        listening.settimeout(5)
+
+        def answer():
+            try:
+                connection, _ = listening.accept()
+            except OSError:
+                return
+            with connection:
+                heard.append(connection.recv(4096))
+                connection.sendall(b'{"on":[],"off":[]}\n')
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        yield heard
+
+
+def open_to_others(folder):
+    folder.chmod(0o777)
+
+
+def readable_by_others(folder):
+    folder.chmod(0o750)
+
+
+def of_somebody_else(folder):
+    if os.getuid():
+        pytest.skip("needs root")
+    os.chown(folder, 12345, -1)
+
+
+def elsewhere(folder):
+    folder.rename(folder.with_name("real"))
+    folder.symlink_to(folder.with_name("real"))
+
+
+@pytest.mark.parametrize("made", [open_to_others, readable_by_others, of_somebody_else, elsewhere])
+def test_whoever_asks_says_nothing_there(folder, false_rig, made):
+    made(folder)
+    path = control_path("127.0.0.1", 15020)
+    with pytest.raises(PermissionError, match="only this user can enter"):
+        ask(path, b'{"do":"list"}')
+    with pytest.raises(PermissionError, match="only this user can enter"):
+        own_directory(folder)
+    done = CliRunner().invoke(commands, ["fault", "off", "all"], standalone_mode=False)
+    assert done.return_value == BLOCKED or getattr(done.exception, "exit_code", None) == BLOCKED
+    assert "only this user can enter" in done.output
+    with pytest.raises(NoRun):
+        knock(folder / "rig.toml", {"do": "stop"})
+    assert false_rig == []
+
+
+def test_in_a_folder_of_ones_own_it_is_heard(folder, false_rig):
+    assert b'"off"' in ask(control_path("127.0.0.1", 15020), b'{"do":"list"}')
+    assert false_rig
