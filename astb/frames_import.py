@@ -140,6 +140,8 @@ def _by_dbc(
     decodings: dict[str, Decoding] = {}
     for name, message in dict(sorted((name, message) for name, message in names.values())).items():
         decodings[name] = Decoding(message)
+        for outside in decodings[name].outside:
+            account.leave_out("signal(s) that do not fit into their message", at=f"{name}.{outside}")
         for signal in message.coding.signals:
             if (name, signal.name) not in index:
                 index[name, signal.name] = len(signals)

@@ -12,6 +12,7 @@ from bench_protocol.dbc import Described
 
 if TYPE_CHECKING:
     from cantools.database.can import Message as Coding
+    from cantools.database.can import Signal
 
 
 class Decoding:
@@ -24,6 +25,9 @@ class Decoding:
         self.signals = {signal.name: signal for signal in message.coding.signals}
         # cantools takes signals that share bits for neighbours, and finds wrong numbers: each is decoded by itself.
         self._parts = list(_alone(message.coding)) if message.unsound else [message.coding]
+        found = {signal.name for part in self._parts for signal in part.signals}
+        #: Signals that the DBC places outside of their message: no frame has them.
+        self.outside = [name for name in self.signals if name not in found]
         self._errors = (Error, ValueError, OverflowError)
 
     def values(self, data: bytes, account: Account) -> Iterator[tuple[str, float]]:
@@ -33,6 +37,7 @@ class Decoding:
             account.leave_out(
                 f"frame(s) of {name} shorter than its {self.message.coding.length} bytes in part"
             )
+        told = set()
         for part in self._parts:
             try:
                 found: Any = part.decode(
@@ -42,6 +47,9 @@ class Decoding:
                 account.leave_out(f"frame(s) of {name} with a page that the DBC does not have")
                 continue
             for signal, value in found.items():
+                if signal in told:
+                    continue  # the selector of several pages
+                told.add(signal)
                 yield signal, self._checked(signal, value, account) if self.message.j1939 else float(value)
 
     def _checked(self, name: str, raw: float, account: Account) -> float:
@@ -60,7 +68,11 @@ def _alone(coding: Coding) -> Iterator[Coding]:
     from cantools.database.can import Message
 
     for signal in coding.signals:
-        selectors = [one for one in coding.signals if one.name == signal.multiplexer_signal]
+        selectors: list[Signal] = []
+        name = signal.multiplexer_signal
+        while name is not None and len(selectors) < len(coding.signals):
+            selectors.append(next(one for one in coding.signals if one.name == name))
+            name = selectors[-1].multiplexer_signal
         try:
             yield Message(
                 coding.frame_id,

@@ -185,7 +185,7 @@ def _add(log: _Log, line: Line, channel: str, name: str, fd: bool, data: bytes |
         return
     extended = name[-1:].lower() == "x"
     identifier = _number(name[:-1] if extended else name, log.base)
-    told = _OWN_ID.search(line.text)
+    told = _OWN_ID.search(line.text) if "=" in line.text else None
     if identifier is None or (told and name[:1].isalpha()):
         if told is None:
             log.names = log.names or f"{name} in line {line.number}"

@@ -108,10 +108,11 @@ def nanoseconds(text: str) -> int | None:
 
 def hex_bytes(words: list[str], count: int) -> bytes | None:
     """Return ``count`` bytes of two hexadecimal digits each; None if they are not all there."""
-    if len(words) < count or any(len(word) != 2 for word in words[:count]):
+    text = " ".join(words[:count])
+    if len(words) < count or len(text) != max(3 * count - 1, 0) or text[2::3].strip():
         return None
     try:
-        return bytes(int(word, 16) for word in words[:count])
+        return bytes.fromhex(text)
     except ValueError:
         return None
 

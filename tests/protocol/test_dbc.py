@@ -84,6 +84,22 @@ def test_signals_that_share_bits_forbid_sending_and_nothing_else(tmp_path) -> No
     wide, account = read_dbc(written(tmp_path, text)).messages["Wide"], Account()
     assert "Code does not fit into its 1 bytes" in wide.unsound
     assert dict(Decoding(wide).values(b"\x07", account)) == {"One": 7}
+    assert Decoding(wide).outside == ["Code"]
+
+
+def test_pages_with_signals_that_share_bits_are_read_as_each_alone(tmp_path) -> None:
+    text = HEAD + (
+        'BO_ 256 Pages: 8 PLC\n SG_ Page M : 0|8@1+ (1,0) [0|0] "" X\n SG_ A m0 : 8|16@1+ (1,0) [0|0] "" X\n'
+        ' SG_ Low m0 : 8|8@1+ (1,0) [0|0] "" X\n SG_ B m1 : 8|8@1- (1,0) [0|0] "" X\n'
+    )
+    one, account = Decoding(read_dbc(written(tmp_path, text)).messages["Pages"]), Account()
+    assert one.message.unsound and one.outside == []
+    assert sorted(one.values(b"\0\x34\x12" + bytes(5), account)) == [
+        ("A", 0x1234),
+        ("Low", 0x34),
+        ("Page", 0),
+    ]
+    assert sorted(one.values(b"\1\xff" + bytes(6), account)) == [("B", -1), ("Page", 1)]
 
 
 @pytest.mark.parametrize(
