@@ -8,11 +8,15 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_protocol import text as file_text
+
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
 _MiB: Final = 1 << 20
+#: What is raised of a file that goes beyond what is taken in.
+Unfit = file_text.Unfit
 
 #: A file that people write, or that describes something: TOML, JSON, a list of registers.
 DESCRIPTION_BYTES: Final = 4 * _MiB
@@ -36,10 +40,20 @@ TIME: Final = 9.0e9
 #: Tables in tables, as a file for people may have them.
 DEPTH: Final = 32
 _WHOLE: Final = 1 << 63
-
-
-class Unfit(ValueError):
-    """A file that goes beyond what is taken in; the text continues a sentence that begins with its name."""
+#: What the parser's sentences begin with, and what is meant.
+_TOML: Final = {
+    "Cannot": "the key or the table is there twice",
+    "Duplicate": "the key is there twice",
+    "Expected newline": "something stands behind the value; a text stands between quotation marks",
+    "Expected ']": "a bracket does not close",
+    "Expected '=": "a key without a value; key = value would be right",
+    "Unclosed": "a bracket does not close",
+    "Unescaped": "a \\ in a text; \\\\, or single quotation marks around the text, would be right",
+    "Unterminated": "a text does not end",
+    "Invalid value": "no value; a number, true, false, or a text between quotation marks would be right",
+    "Invalid date": "no date",
+    "": "no TOML; key = value, [table] or # comment would be right",
+}
 
 
 def size(count: float) -> str:
@@ -76,18 +90,30 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(content: bytes) -> dict[str, Any]:
-    """Return the tables of a TOML file of which every number is finite. Unfit for what is none, or too deep."""
+    """Return the tables of a TOML file of which every number is finite. Unfit for what is none, or too deep.
+
+    The byte order mark that some editors write is no part of it.
+    """
+    text = file_text.only_utf_8(content)
     try:
-        tables = tomllib.loads(content.decode("utf-8"))
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise Unfit(f"is not TOML: line {line} is not in UTF-8") from None
+        tables = tomllib.loads(text)
     except RecursionError:
         raise Unfit(f"is nested too deep; {DEPTH} tables or lists in one another are enough") from None
     except ValueError as error:  # also of Python itself, for whole numbers with thousands of digits
-        raise Unfit(f"is not TOML: {error}") from None
+        raise Unfit(f"is not TOML: {_in_words(str(error), text)}") from None
     _check_value("", tables, DEPTH)
     return tables
+
+
+def _in_words(error: str, text: str) -> str:
+    """What the parser says of a text, with the line that it speaks of."""
+    place = re.search(r"\(at (?:line (\d+), column \d+|end of document)\)$", error)
+    if place is None:
+        return "a number has too many digits"
+    lines = text.rstrip().splitlines() or [""]
+    number = min(int(place[1] or len(lines)), len(lines))
+    why = next((words for start, words in _TOML.items() if error.startswith(start)), _TOML[""])
+    return f"line {number}, {lines[number - 1].strip()[:60]}: {why}"
 
 
 def _check_value(name: str, value: object, depth: int) -> None:

@@ -69,7 +69,7 @@ def test_a_size_in_words_is_the_number(count):
         (b"[a]\nb = [1.0, inf]", r"says a.b.2 = inf; a finite number"),
         (b"a = nan", "says a = nan"),
         (b"a = 1e999", "says a = inf"),
-        (b"x = 1\n# \xff\n", "line 2 is not in UTF-8"),
+        (b"x = 1\n# \xff\n", "is not in UTF-8: line 2"),
         (b"a", "is not TOML"),
     ],
 )

@@ -1,0 +1,96 @@
+"""The text of files that other programs wrote: by its byte order mark, else UTF-8, else the Windows code page."""
+
+from __future__ import annotations
+
+import codecs
+from typing import Final
+
+UTF_8: Final = "UTF-8"
+#: What Windows of western Europe and America writes where it does not write Unicode.
+WINDOWS: Final = "cp1252"
+#: The longer marks first: that of UTF-32 begins as that of UTF-16 does.
+_MARKS: Final = (
+    (codecs.BOM_UTF8, UTF_8),
+    (codecs.BOM_UTF32_LE, "UTF-32-LE"),
+    (codecs.BOM_UTF32_BE, "UTF-32-BE"),
+    (codecs.BOM_UTF16_LE, "UTF-16-LE"),
+    (codecs.BOM_UTF16_BE, "UTF-16-BE"),
+)
+_LOOKED_AT: Final = 4096
+
+
+class Unfit(ValueError):
+    """A file that is not taken in as it is; the text continues a sentence that begins with its name."""
+
+
+def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
+    """Return the text of a file without its mark, and the name of its encoding, which ``encoding`` fixes.
+
+    Without a mark it is UTF-16 if every other byte of plain letters is 0, else UTF-8, and what is not UTF-8 is taken as
+    cp1252. Unfit, to be put behind the file's name, for an encoding that does not exist and a text that is none.
+    """
+    if encoding:
+        return _by_name(content, encoding), encoding
+    for mark, name in _MARKS:
+        if content.startswith(mark):
+            return _strictly(content[len(mark) :], name), name
+    if name := _without_mark(content):
+        return _strictly(content, name), name
+    try:
+        text, name = content.decode("utf-8"), UTF_8
+    except UnicodeDecodeError:
+        text, name = _strictly(content, WINDOWS), WINDOWS
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise Unfit(f"is no text: line {line} has a byte 0")
+    return text, name
+
+
+def _by_name(content: bytes, encoding: str) -> str:
+    try:
+        known = codecs.lookup(encoding).name
+        "".encode(encoding)  # there are codecs that make no text of bytes, such as "zip"
+    except (LookupError, ValueError):
+        raise Unfit(
+            f'cannot be read: encoding = "{encoding}" is none; "utf-8", "utf-16" or "cp1252" would be'
+        ) from None
+    for mark, name in _MARKS:
+        if content.startswith(mark) and known in (name.lower(), name.lower()[:-3], "utf-8-sig"):
+            return _strictly(content[len(mark) :], name)
+    return _strictly(content, encoding)
+
+
+def _without_mark(content: bytes) -> str:
+    """UTF-16 has a 0 in every character of a Latin text, on one side; no other text has any."""
+    head = content[: _LOOKED_AT // 2 * 2]
+    low, high = head[::2].count(0), head[1::2].count(0)
+    half = len(head) // 2
+    if half and max(low, high) > 0.7 * half and not min(low, high):
+        return "UTF-16-LE" if high > low else "UTF-16-BE"
+    return ""
+
+
+def _strictly(content: bytes, encoding: str) -> str:
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise Unfit(
+            f"is not in {encoding}: byte {error.start + 1}, in line {line}, means nothing there"
+        ) from None
+
+
+def only_utf_8(content: bytes) -> str:
+    """Return a text that has to be in UTF-8, with a mark or without. Unfit, with line and guess, for another one."""
+    text, name = decode(content)
+    if name == UTF_8:
+        return text
+    if name != WINDOWS:
+        raise Unfit(f"is in {name}; save it as UTF-8")
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        seen = content[error.start : error.start + 1].decode(WINDOWS)
+        raise Unfit(f'is not in UTF-8: line {line} has "{seen}" in cp1252; save it as UTF-8') from None
+    return text

@@ -1,0 +1,89 @@
+"""The text of foreign files is what another program wrote, whatever its encoding, or is refused in words."""
+
+import codecs
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench_protocol.input_limits import parse_toml
+from bench_protocol.text import Unfit, decode, only_utf_8
+
+#: What python writes for them begins with a mark, but for the first and the last.
+ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-32", "cp1252"]
+LETTERS = st.text(st.sampled_from("aZ09 .,;\n°µäßÜé€"), min_size=1)
+
+
+@given(LETTERS, st.sampled_from(ENCODINGS))
+def test_what_another_program_wrote_is_read(text, encoding):
+    content = text.encode(encoding)
+    assert decode(content, encoding)[0] == text
+    if encoding != "cp1252":
+        assert decode(content) == (text, decode(content)[1])
+
+
+@given(LETTERS)
+def test_what_is_not_utf_8_is_taken_as_windows_and_named(text):
+    content = ("Weg in µm: " + text).encode(
+        "cp1252"
+    ) + b"\xb5 "  # that is no UTF-8, whatever stands before it
+    assert decode(content) == (content.decode("cp1252"), "cp1252")
+
+
+@pytest.mark.parametrize("name", ["utf-16-le", "utf-16-be"])
+def test_utf_16_without_a_mark_is_seen(name):
+    text = "time;Höhe\n" + "0,01;17,5\n" * 20
+    assert decode(text.encode(name)) == (text, name.upper())
+
+
+@pytest.mark.parametrize(
+    ("content", "encoding", "told"),
+    [
+        (b"a\nb\0c", "", "is no text: line 2 has a byte 0"),
+        (b"a\n\x81", "", "is not in cp1252: byte 3, in line 2"),
+        (b"a\xff", "utf-8", "is not in utf-8: byte 2"),
+        (b"a", "klingon", 'encoding = "klingon" is none; "utf-8"'),
+        (b"a", "zip", 'encoding = "zip" is none'),
+        (codecs.BOM_UTF16_LE + b"a", "", "is not in UTF-16-LE"),
+    ],
+)
+def test_what_is_no_text_is_refused(content, encoding, told):
+    with pytest.raises(Unfit, match=told):
+        decode(content, encoding)
+
+
+def test_a_mark_is_no_part_of_toml():
+    assert parse_toml("Höhe = '°C'".replace("Höhe", '"Höhe"').encode("utf-8-sig")) == {"Höhe": "°C"}
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("a = 1\nb = 'Höhe'".encode("cp1252"), 'line 2 has "ö" in cp1252; save it as UTF-8'),
+        ("a = 1".encode("utf-16"), "is in UTF-16-LE; save it as UTF-8"),
+    ],
+)
+def test_toml_is_in_utf_8_and_nothing_else(content, told):
+    with pytest.raises(Unfit, match=told):
+        only_utf_8(content)
+    with pytest.raises(Unfit, match=told):
+        parse_toml(content)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("a = 1\na = 2\n", "line 2, a = 2: the key or the table is there twice"),
+        ("[a]\n[a]\nb = 1\n", r"line 2, \[a\]: the key or the table is there twice"),
+        ("a = wide", "line 1, a = wide: no value; a number, true, false, or a text between quotation marks"),
+        ('path = "C:\\xyz"', r"single quotation marks around the text"),
+        ('a = "x', 'line 1, a = "x: a text does not end'),
+        ("a = [1,\n2\n", "line 2, 2: a bracket does not close"),
+        ("hello", "line 1, hello: a key without a value"),
+        ("bore = 25 mm", "line 1, bore = 25 mm: something stands behind the value"),
+        ("a = " + "1" * 5000, "a number has too many digits"),
+    ],
+)
+def test_what_is_no_toml_is_told_with_its_line_in_our_words(content, told):
+    with pytest.raises(Unfit, match="is not TOML: .*" + told):
+        parse_toml(content.encode())
