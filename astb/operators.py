@@ -3,7 +3,6 @@
 import os
 import sys
 import threading
-import tomllib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, Final, TextIO
 from rich.console import Console
 from rich.text import Text
 
+from bench_protocol.input_limits import Unfit, read_toml
 from test_plans.operator import (
     DONE,
     Answer,
@@ -152,11 +152,11 @@ def read_answers(path: Path) -> Script:
     AnswersFileError for a file that is none.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
     except OSError as error:
         raise AnswersFileError(f"answers {path} cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise AnswersFileError(f"answers {path} is not TOML: {error}") from None
+    except Unfit as error:
+        raise AnswersFileError(f"answers {path} {error}") from None
     for question, answer in content.items():
         if not isinstance(answer, str):
             raise AnswersFileError(

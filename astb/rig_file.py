@@ -1,7 +1,6 @@
 """A rig file: the TOML that says where a rig is, and, if it is a simulated one, what it simulates."""
 
 import re
-import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -10,6 +9,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.named_files import named_files
 
 Port = Annotated[int, Meta(ge=1, le=65535)]
@@ -121,11 +121,11 @@ def read(path: Path) -> RigFile:
     Raises RigFileError, naming the file, the key and what would be right.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
     except OSError as error:
         raise RigFileError(f"rig file {path} cannot be read: {error.strerror}; --rig names another") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RigFileError(f"rig file {path} is not TOML: {error}") from None
+    except Unfit as error:
+        raise RigFileError(f"rig file {path} {error}") from None
     try:
         rig = msgspec.convert(content, RigFile)
     except msgspec.ValidationError as error:

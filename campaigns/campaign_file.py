@@ -1,6 +1,5 @@
 """A campaign file: the TOML that says which plans run with which parameters, specimens, rigs and seeds."""
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
@@ -11,6 +10,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, find_rig
+from bench_protocol.input_limits import Unfit, read_toml
 from campaigns.plan_case import PlanCase, by_key
 
 Seed = Annotated[int, Meta(ge=0, le=SEED_MAX)]
@@ -51,12 +51,12 @@ def read_campaign(path: Path) -> dict[str, PlanCase]:
     directory. CampaignError with file, key and what would be right.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
         campaign = msgspec.convert(content, CampaignFile)
     except OSError as error:
         raise CampaignError(f"campaign file {path} cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CampaignError(f"campaign file {path} is not TOML: {error}") from None
+    except Unfit as error:
+        raise CampaignError(f"campaign file {path} {error}") from None
     except msgspec.ValidationError as error:
         raise CampaignError(f"campaign file {path}: {error}") from None
     try:

@@ -7,7 +7,6 @@ one of which nobody knows how good it is: what is computed from it has no uncert
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import date, timedelta
@@ -16,6 +15,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
+from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
 from bench_protocol.named_files import named_files, place_of
 from bench_protocol.suggestion import meant
 from bench_protocol.table import TABLE
@@ -158,15 +158,15 @@ def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
     """
     path = place_of(PACKAGE, name, home)
     try:
-        text = path.read_bytes()
-        content = tomllib.loads(text.decode("utf-8"))
+        text = read_bounded(path)
+        content = parse_toml(text)
     except OSError as error:
         raise InstrumentsError(
             f"instruments {path} cannot be read: {error.strerror}; there is {', '.join(named_files(PACKAGE))}, "
             "and any path that ends in .toml would do"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InstrumentsError(f"instruments {path} is not TOML: {error}") from None
+    except Unfit as error:
+        raise InstrumentsError(f"instruments {path} {error}") from None
     try:
         return Instruments(path.name, hashlib.sha256(text).hexdigest(), _pieces(content))
     except _Unfit as error:

@@ -7,7 +7,6 @@ plan asks for it, what nobody understands when the file is read.
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -16,6 +15,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
+from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
 from bench_protocol.named_files import named_files, place_of
 from bench_protocol.units import WRITTEN_UNITS, bar, kN, mm, mrad
 from bench_protocol.words import PROVENANCES
@@ -166,15 +166,15 @@ def read_specimen(name: str | Path) -> Specimen:
     """
     path = place_of(PACKAGE, name)
     try:
-        text = path.read_bytes()
-        content = tomllib.loads(text.decode("utf-8"))
+        text = read_bounded(path)
+        content = parse_toml(text)
     except OSError as error:
         raise SpecimenError(
             f"specimen {name} cannot be read: {path}: {error.strerror}; there is {', '.join(packaged())}, "
             "and any path that ends in .toml would do"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SpecimenError(f"specimen {path} is not TOML: {error}") from None
+    except Unfit as error:
+        raise SpecimenError(f"specimen {path} {error}") from None
     try:
         return _specimen(path.name, hashlib.sha256(text).hexdigest(), content)
     except _Unfit as error:

@@ -1,6 +1,5 @@
 """The plans that a command is told to run, with the parameters that it gives them."""
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,6 +10,7 @@ from astb.commands.completion import complete_settings, complete_specimens
 from astb.commands.lists import plans_named
 from astb.commands.options import out_option, pairs
 from astb.exit_codes import misuse
+from bench_protocol.input_limits import Unfit, read_toml
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
@@ -91,11 +91,11 @@ def _meant_for(plan: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
     except OSError as error:
         misuse(f"--with {path} cannot be read: {error.strerror}")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        misuse(f"--with {path} is not TOML: {error}")
+    except Unfit as error:
+        misuse(f"--with {path} {error}")
     given: dict[str, Any] = {}
     for name, value in content.items():
         if isinstance(value, dict):

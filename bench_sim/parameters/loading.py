@@ -1,6 +1,5 @@
 """What every parameter file shares: entries with unit, range, provenance and source, refused when they do not fit."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -10,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from bench_protocol import input_limits
 from bench_protocol.units import WRITTEN_UNITS
 from bench_protocol.words import PROVENANCES
 from bench_sim.model.quantities import Quantity
@@ -51,12 +51,12 @@ def read_toml(
     if sets and path.suffix != ".toml":
         path = Path(__file__).parent / f"{name}.toml"
     try:
-        return path, tomllib.loads(path.read_text(encoding="utf-8"))
+        return path, input_limits.read_toml(path)
     except OSError as error:
         hint = f"; there is {', '.join(sets)}" if sets else ""
         raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read{hint}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path.name}: {error}") from error
+    except input_limits.Unfit as error:
+        raise ParameterError(f"{path.name} {error}") from error
 
 
 def read_sections(tables: Mapping[str, Any], known: Mapping[str, Quantity]) -> dict[str, Entry]:

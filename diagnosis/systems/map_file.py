@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import fnmatch
-import tomllib
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import msgspec
 
+from bench_protocol.input_limits import Unfit, read_toml
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.model_file import read_changes, with_changes
 from diagnosis.contracts import Channel, DiagnosisError, Role
@@ -90,11 +90,12 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:
     """Return the map and the system that it is for: the ``simulator`` of the user's own if one is given."""
     try:
-        with map_path.open("rb") as file:
-            mapping = msgspec.convert(tomllib.load(file), Map)
+        mapping = msgspec.convert(read_toml(map_path), Map)
     except OSError as error:
         raise DiagnosisError(f"{map_path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeError, msgspec.ValidationError) as error:
+    except Unfit as error:
+        raise DiagnosisError(f"{map_path} {error}") from None
+    except msgspec.ValidationError as error:
         raise DiagnosisError(f"{map_path}: {error}") from None
     named = [name for name in (mapping.system, mapping.simulator, simulator) if name is not None]
     if len(named) != 1:

@@ -7,7 +7,6 @@ the transport's own: `drivers.wiring.transports` reads it. docs/reference/wiring
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
+from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.wires import Table
 from bench_protocol.words import STATES
@@ -38,11 +38,11 @@ _READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
 def read_description(path: Path, table: Table) -> Description:
     """Return what the wiring file ``path`` says."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = read_toml(path)
     except OSError as error:
         raise WiringError(f"wiring file {path} cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise WiringError(f"wiring file {path} is not TOML: {error}") from None
+    except Unfit as error:
+        raise WiringError(f"wiring file {path} {error}") from None
     return describe(content, path, table)
 
 

@@ -1,0 +1,135 @@
+"""Tables as other programs write them: a record goes out, is changed by their dialects, and comes back equal or refused."""
+
+from __future__ import annotations
+
+import csv
+import io
+import random
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench_protocol.account import Account
+from bench_records.importing import ImportKeys, import_keys, read_table
+from bench_records.layout import RecordError, SignalInfo
+from bench_records.record import read
+from bench_records.tables.keys import FileKeys, Source, TimeSource
+from bench_records.tables.reading import read_series
+
+SIGNALS = {
+    "left.height": SignalInfo("left.height", "mm", 1e-3),
+    "left.bellows_pressure": SignalInfo("left.bellows_pressure", "bar", 1e5),
+    "left.force": SignalInfo("left.force", "N", 1.0),
+}
+START = datetime(2026, 3, 9, 23, 59, 59, 500_000, tzinfo=UTC)
+
+
+def record(seed: int, rows: int = 120) -> pd.DataFrame:
+    """Times in ms from 0 and three signals: small and large numbers, both signs, and cells that are empty."""
+    rng = np.random.default_rng(seed)
+    table = pd.DataFrame(
+        {
+            "time_s": np.arange(rows) / 100.0,
+            "left.height [mm]": np.round(rng.normal(0.0, 30.0, rows), 4),
+            "left.bellows_pressure [bar]": np.round(rng.uniform(0.0, 8.0, rows), 3),
+            "left.force [N]": np.round(rng.uniform(-250_000.0, 250_000.0, rows), 2),
+        }
+    )
+    table.loc[rng.random(rows) < 0.1, "left.bellows_pressure [bar]"] = np.nan
+    return table
+
+
+def grouped(text: str, thousands: str, decimal: str) -> str:
+    whole, point, part = text.partition(".")
+    sign, digits = ("-", whole[1:]) if whole.startswith("-") else ("", whole)
+    if thousands and len(digits) > 3:
+        digits = f"{int(digits):,}".replace(",", thousands)
+    return f"{sign}{digits}{decimal if point else ''}{part}"
+
+
+CLOCKS: dict[str, Callable[[float], str]] = {
+    "seconds": lambda t: f"{t:.3f}",
+    "unix": lambda t: f"{START.timestamp() + t:.3f}",
+    "iso": lambda t: (START + timedelta(seconds=t)).strftime("%Y-%m-%d %H:%M:%S.%f"),
+    "iso zone": lambda t: (START + timedelta(seconds=t)).isoformat(timespec="microseconds"),
+    "german": lambda t: (START + timedelta(seconds=t)).strftime("%d.%m.%Y %H:%M:%S,%f"),
+    "of day": lambda t: (START + timedelta(seconds=t)).strftime("%H:%M:%S.%f"),
+    "half": lambda t: (START + timedelta(seconds=t)).strftime("%I:%M:%S.%f %p"),
+    "american": lambda t: (START + timedelta(seconds=t)).strftime("%m/%d/%Y %I:%M:%S.%f %p"),
+    "matlab": lambda t: (START + timedelta(seconds=t)).strftime("%d-%b-%Y %H:%M:%S.%f"),
+}
+
+
+def dialect(table: pd.DataFrame, random_: random.Random) -> tuple[bytes, str]:
+    """The table as some program may write it, and what was chosen."""
+    pick = random_.choice
+    delimiter, decimal = pick([(",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ","), ("|", ",")])
+    thousands = pick(["", "", "." if decimal == "," else ",", "'"])
+    thousands = "" if thousands == delimiter else thousands
+    clock = pick(list(CLOCKS))
+    if clock == "german" and delimiter == ",":
+        clock = "iso"
+    missing = pick(["", "", "NaN", "#N/A", "---"])
+    names = list(table.columns)
+    spaces = pick([True, False])
+    if units := pick([True, False]):
+        names = [name.partition(" [")[0] for name in names]
+    rows = [[f" {name} " if spaces else name for name in names]]
+    if units:
+        rows.append(["s", "mm", "bar", "N"])
+    for row in table.itertuples(index=False):
+        time = CLOCKS[clock](row[0])
+        if clock in ("seconds", "unix"):
+            time = time.replace(".", decimal)
+        cells = [missing if np.isnan(one) else grouped(repr(float(one)), thousands, decimal) for one in row[1:]]
+        rows.append([time, *cells])
+    above = pick([[], [], ["Measured by A. Müller", "Kanäle: 3"]])
+    trailing = pick(["", "", delimiter, delimiter * 3])
+    below = pick([[], [], [""], [delimiter * 3], ["End of file"]])
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter=delimiter, lineterminator="\n")
+    writer.writerows(rows)
+    lines = [*above, *(line + trailing for line in text.getvalue().splitlines()), *below]
+    encoding = pick(["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+    content = (pick(["\n", "\r\n"]).join(lines) + "\n").encode(encoding)
+    words = [delimiter, decimal, thousands, clock, missing, spaces, units, bool(above), trailing, below, encoding]
+    return content, repr(words)
+
+
+def imported(path: Path, into: Path, *keys: str) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], Account]:
+    account = Account()
+    read_table(path, into, SIGNALS.get, {}, account, import_keys(keys))
+    found = read(into)
+    return {name: found.series(name) for name in found.signals}, account
+
+
+def same(found: dict[str, tuple[np.ndarray, np.ndarray]], table: pd.DataFrame) -> None:
+    for name, signal in SIGNALS.items():
+        column = table[f"{name} [{signal.unit}]"]
+        known = column.notna().to_numpy()
+        times, values = found[name]
+        np.testing.assert_allclose(values, column[known] * signal.scale, rtol=1e-12)
+        np.testing.assert_allclose(times, table["time_s"][known], atol=1e-6)
+
+
+def test_in_any_dialect_a_record_comes_back_equal_or_is_refused(tmp_path) -> None:
+    refused = []
+    for seed in range(120):
+        table = record(seed)
+        content, words = dialect(table, random.Random(seed))
+        path = tmp_path / f"{seed}.csv"
+        path.write_bytes(content)
+        try:
+            found, _ = imported(path, tmp_path / str(seed))
+        except RecordError as error:
+            refused.append(f"{words}: {error}")
+            continue
+        try:
+            same(found, table)
+        except AssertionError as error:
+            raise AssertionError(f"{seed} {words}: {error}") from None
+    assert len(refused) < 12, "\n".join(refused)
