@@ -18,7 +18,9 @@ from drivers.can_files.reading import ending_of
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
 
-TABLE_ENDINGS: Final = (".csv", ".mf4")
+TABLE_ENDINGS: Final = (".csv", ".parquet", ".arrow", ".mf4")
+#: What is read, but not written.
+_READ_ENDINGS: Final = (".txt", ".tsv", ".dat", ".feather", ".mdf")
 
 
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
@@ -41,22 +43,25 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
         from drivers.can_log import read_frames, write_frames
 
         return f"{write_frames(read_frames(source), target)} frames"
-    from bench_records.exchange import write_csv, write_mdf
+    from bench_records.exchange import write_arrow, write_csv, write_mdf
     from bench_records.record import read
 
     record = read(directory)
     if ending == ".csv":
         return f"{write_csv(record, target, rate, names)} rows"
+    if ending in (".parquet", ".arrow"):
+        return f"{write_arrow(record, target, rate, names)} rows"
     return f"{write_mdf(record, target, names)} samples"
 
 
-def import_file(source: Path, directory: Path, keys: LogKeys | None = None) -> str:
+def import_file(source: Path, directory: Path, keys: LogKeys | None = None, table: Sequence[str] = ()) -> str:
     """Make a run of a file in the new ``directory``; return in words what came in and what was left out.
 
     A file of CAN frames is read with our own messages, or with those of a DBC: then its signals are called
-    MESSAGE.SIGNAL, in the units of the DBC; ``keys`` say how it is meant. RecordError for what cannot be.
+    MESSAGE.SIGNAL, in the units of the DBC; ``keys`` say how it is meant. ``table`` are keys for the reader of
+    tables, as KEY=VALUE. RecordError for what cannot be.
     """
-    ending = _known_ending(source)
+    ending = _known_ending(source, *_READ_ENDINGS)
     if not source.is_file():
         raise RecordError(f"{source} is no file")
     keys = keys or LogKeys()
@@ -74,10 +79,10 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None) -> s
         if ending in FRAME_ENDINGS:
             count = _import_frames(source, directory, keys, meta, account)
         else:
-            from bench_records.exchange import read_csv, read_mdf
+            from bench_records.importing import import_keys, read_mdf, read_table
 
-            reader = read_csv if ending == ".csv" else read_mdf
-            count = reader(source, directory, _known_signals().get, meta, account)
+            reader = read_mdf if ending in (".mf4", ".mdf") else read_table
+            count = reader(source, directory, _known_signals().get, meta, account, import_keys(table))
     except BaseException:
         rmtree(directory, ignore_errors=True)  # it was new or empty: half a record is none
         raise
@@ -120,9 +125,9 @@ def _known_signals() -> dict[str, SignalInfo]:
     return {one.name: one for one in recorded_signals(TABLE).values()}
 
 
-def _known_ending(path: Path) -> str:
+def _known_ending(path: Path, *others: str) -> str:
     ending = ending_of(path)
-    if ending not in (*TABLE_ENDINGS, *FRAME_ENDINGS):
+    if ending not in (*TABLE_ENDINGS, *FRAME_ENDINGS, *others):
         raise RecordError(
             f"{path} ends in {ending or 'nothing'}; known are {', '.join((*TABLE_ENDINGS, *FRAME_ENDINGS))}"
         )

@@ -120,6 +120,7 @@ UNITS: Final[dict[str, Unit]] = WRITTEN_UNITS | {
     "cm": Unit("m", 1e-2),
     "us": Unit("s", 1e-6),
     "ns": Unit("s", 1e-9),
+    "d": Unit("s", 86_400.0),
     "cm3": Unit("m3", 1e-6),
     "MN": Unit("N", 1e6),
     "mN": Unit("N", 1e-3),

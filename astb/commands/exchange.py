@@ -20,8 +20,8 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 def export_command(directory: Path, target: Path, rate: float, names: tuple[str, ...]) -> None:
     """Write the run in DIRECTORY as TARGET, whose ending says what it becomes.
 
-    .csv is a table at one rate, .mf4 is MDF 4 with every sample; .blf, .asc, .log (candump) and .trc hold the CAN
-    frames of a run that kept them.
+    .csv, .parquet and .arrow are tables at one rate, .mf4 is MDF 4 with every sample; .blf, .asc, .log (candump) and
+    .trc hold the CAN frames of a run that kept them.
     """
     from astb.exchange import export_run
     from bench_records.layout import RecordError
@@ -50,6 +50,12 @@ def export_command(directory: Path, target: Path, rate: float, names: tuple[str,
     type=click.Choice(["absolute", "delta"]),
     help="How the time stamps of a candump are meant.  [default: as they look, or refused]",
 )
+@click.option(
+    "--table",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="How a table is to be read where it does not tell, such as decimal=, or time=t; repeatable.",
+)
 def import_command(
     source: Path,
     directory: Path,
@@ -57,9 +63,11 @@ def import_command(
     charset: str | None,
     channel: str | None,
     stamps: Literal["absolute", "delta"] | None,
+    table: tuple[str, ...],
 ) -> None:
-    """Make a run in the new DIRECTORY of SOURCE (.csv, .mf4, .blf, .asc, .log or .trc), for reports and diagnosis.
+    """Make a run in the new DIRECTORY of SOURCE, for reports and diagnosis.
 
+    Tables (.csv, .txt, .parquet, .arrow), MDF files (.mf4) and files of CAN frames (.blf, .asc, .log, .trc) are read.
     Columns and channels are called as `astb export` calls them. Nothing is judged. What was left out is told, counted.
     """
     from astb.exchange import import_file
@@ -67,7 +75,8 @@ def import_command(
     from bench_records.layout import RecordError
 
     try:
-        click.echo(f"{directory}: {import_file(source, directory, LogKeys(dbc, charset, channel, stamps))}")
+        keys = LogKeys(dbc, charset, channel, stamps)
+        click.echo(f"{directory}: {import_file(source, directory, keys, table)}")
     except RecordError as error:
         misuse(error)
     except OSError as error:

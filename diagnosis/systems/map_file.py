@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from bench_protocol.input_limits import Unfit, read_toml
+from bench_records.tables.keys import FileKeys, Source, TimeSource
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.model_file import read_changes, with_changes
 from diagnosis.contracts import Channel, DiagnosisError, Role
@@ -16,17 +17,15 @@ from diagnosis.systems.chamber import CHAMBER
 from diagnosis.systems.own_simulator import load_system
 from diagnosis.systems.piston import PISTON
 from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
-from diagnosis.systems.tables import ColumnName, FileFormat, Source, column_names
+from diagnosis.systems.tables import column_names
 
 _BUILT_IN: Final = (PISTON, CHAMBER)
 _SYSTEMS: Final = ", ".join(("air_spring", *(system.name for system in _BUILT_IN)))
 
 
-class TimeColumn(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class TimeColumn(TimeSource, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[time]``: the column of the clock, the grid of the replay, and the part of each file that is used."""
 
-    column: ColumnName = "time"
-    unit: str = "s"
     step: str | None = None
     longest_gap: str | None = None
     start: str | None = None
@@ -81,7 +80,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     change: dict[str, Any] = {}  #: what is different in this set, as in a model file
     columns: dict[str, Column]
     time: TimeColumn = TimeColumn()
-    file: FileFormat = FileFormat()
+    file: FileKeys = FileKeys()
     settings: dict[str, str] = {}
     file_settings: list[FileRule] = []
     runs: Runs = Runs()
@@ -116,7 +115,7 @@ def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
     Outputs that the ``first`` of the files does not have were not measured.
     """
     system = load_system(simulator, Path.cwd())
-    there = column_names(first, FileFormat())
+    there = column_names(first, ["time", *system.signals])
     columns = {
         signal.name: Column(column=signal.name, unit=signal.unit, reading=_reading(signal))
         for signal in system.signals.values()

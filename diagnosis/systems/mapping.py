@@ -12,6 +12,8 @@ from typing import Final
 import numpy as np
 
 from bench_protocol.account import Account
+from bench_protocol.units import UNITS
+from bench_records.tables.reading import Series
 from diagnosis.contracts import (
     Array,
     Channel,
@@ -55,9 +57,11 @@ def read_mapped(
     given = channels_of(mapping, system, where)
     simulator = system.simulator(settings_of(mapping, system, where), given)
     reader = _Reader(mapping, system, _described(simulator, given, where), where)
-    sources = {"time": mapping.time} | dict(mapping.columns)
     accounts = {path: Account() for path in paths}
-    tables = [(path, read_columns(path, mapping.file, sources, accounts[path])) for path in paths]
+    tables = [
+        (path, read_columns(path, mapping.file, mapping.time, mapping.columns, accounts[path]))
+        for path in paths
+    ]
 
     def read(columns: Mapping[str, Column], records: Sequence[str]) -> list[MeasuredRun]:
         wanted = [(path, table) for path, table in tables if path.stem in records]
@@ -119,7 +123,7 @@ class _Reader:
         return settings.get("ambient_pressure", _STANDARD_ATMOSPHERE)
 
     def runs(
-        self, path: Path, table: Mapping[str, Array], columns: Mapping[str, Column]
+        self, path: Path, table: Mapping[str, Series], columns: Mapping[str, Column]
     ) -> list[MeasuredRun]:
         mapping, system, where = self.mapping, self.system, self.where
         grid, values = self._on_grid(path, table, columns)
@@ -156,15 +160,17 @@ class _Reader:
         return runs
 
     def _on_grid(
-        self, path: Path, table: Mapping[str, Array], columns: Mapping[str, Column]
+        self, path: Path, table: Mapping[str, Series], columns: Mapping[str, Column]
     ) -> tuple[Array, dict[str, Array]]:
         """Return the equidistant times (n,) and every signal there in SI, NaN in its gaps."""
         signals, ambient = self.system.signals, self.ambient(path)
-        time, grid, longest_gap = _clock(path, table, self.mapping, self.where)
+        grid, gaps = _clock(path, table, self.mapping, self.where)
         values = {}
         for name, column in columns.items():
-            si = _in_si(table[name], column, signals[name], ambient, f"{self.where}: columns.{name}")
-            values[name] = resample(time, si, grid, longest_gap)
+            series, key = table[name], f"{self.where}: columns.{name}"
+            _refuse_other_unit(path, series, column, key)
+            si = _in_si(series.values, column, signals[name], ambient, key)
+            values[name] = resample(series.times, si, grid, gaps[name])
         for signal in self.system.inputs:
             if signal.name in values and not np.isfinite(values[signal.name]).any():
                 raise DiagnosisError(f"{path}: column {signal.name} has no numbers in the part that counts")
@@ -193,31 +199,41 @@ def _in_si(values: Array, column: Column, signal: SystemSignal, ambient: float, 
     return si - ambient if signal.gauge else si + ambient
 
 
-def _clock(path: Path, columns: Mapping[str, Array], mapping: Map, where: Path) -> tuple[Array, Array, float]:
-    """Return the times of the samples, the grid on which all columns are there, and the longest gap, in s."""
-    factor = conversion(mapping.time.unit, "s", f"{where}: time.unit")[0]
-    time = columns["time"] * factor
-    wrong = np.flatnonzero(~(np.diff(time) > 0.0))
-    if len(time) < 3:
-        raise DiagnosisError(f"{path}: {len(time)} rows are too few")
-    if len(wrong):
-        row = int(wrong[0]) + 2
+def _refuse_other_unit(path: Path, series: Series, column: Column, where: str) -> None:
+    """Refuse a unit of the map that is another one than that which the file tells."""
+    told, said = UNITS.get(series.unit), UNITS.get(column.unit)
+    if told is not None and said is not None and told != said:
         raise DiagnosisError(
-            f"{path}: time.column = {mapping.time.column!r}: row {row} lies at {time[row - 1]:.9g} s, the row before "
-            f"at {time[row - 2]:.9g} s; times must increase (file.decimal, time.thousands and time.unit may be wrong)"
+            f'{where}.unit = "{column.unit}": {path} says that "{series.name}" is in {series.unit}; right would be '
+            f'unit = "{series.unit}", or a file that says what it holds'
         )
-    usual = float(np.median(np.diff(time)))
-    step = usual if mapping.time.step is None else quantity(mapping.time.step, "s", f"{where}: time.step")
-    gap = (
-        3.0 * usual
-        if mapping.time.longest_gap is None
-        else quantity(mapping.time.longest_gap, "s", f"{where}: time.longest_gap")
-    )
-    first, last = _common(time, columns)
+
+
+def _clock(
+    path: Path, table: Mapping[str, Series], mapping: Map, where: Path
+) -> tuple[Array, dict[str, float]]:
+    """Return the grid (n,) on which all columns are there, and the longest gap of each column, in s."""
+    known = {name: one.times[np.isfinite(one.values)] for name, one in table.items()}
+    rows = max(len(one.times) for one in table.values())
+    if rows < 3:
+        raise DiagnosisError(f"{path}: {rows} rows are too few")
+    for one in table.values():
+        _refuse_standing(path, one)
+    # Every column has a rhythm of its own, as the channels of an MDF file have, or a table with empty cells.
+    usual = {name: float(np.median(np.diff(times))) for name, times in known.items() if len(times) > 1}
+    finest = min(usual.values(), default=0.0)
+    step = finest if mapping.time.step is None else quantity(mapping.time.step, "s", f"{where}: time.step")
+    longest = mapping.time.longest_gap
+    said = None if longest is None else quantity(longest, "s", f"{where}: time.longest_gap")
+    gaps = {name: 3.0 * usual.get(name, finest) if said is None else said for name in table}
+    begin = min(float(one.times[0]) for one in table.values() if len(one.times))
+    there = [times for times in known.values() if len(times)]
+    first = max((float(times[0]) for times in there), default=begin)
+    last = min((float(times[-1]) for times in there), default=begin)
     if mapping.time.start is not None:
-        first = max(first, time[0] + quantity(mapping.time.start, "s", f"{where}: time.start"))
+        first = max(first, begin + quantity(mapping.time.start, "s", f"{where}: time.start"))
     if mapping.time.end is not None:
-        last = min(last, time[0] + quantity(mapping.time.end, "s", f"{where}: time.end"))
+        last = min(last, begin + quantity(mapping.time.end, "s", f"{where}: time.end"))
     if not step > 0.0 or last - first < 10.0 * step:
         raise DiagnosisError(
             f"{path}: from {first:.6g} to {last:.6g} s there are fewer than ten steps of {step:.6g} s; look at "
@@ -225,16 +241,17 @@ def _clock(path: Path, columns: Mapping[str, Array], mapping: Map, where: Path) 
         )
     grid: Array = first + step * np.arange(int((last - first) / step + 1e-9) + 1, dtype=np.float64)
     # Rounding must not carry the last time past the last sample.
-    return time, np.minimum(grid, last), gap
+    return np.minimum(grid, last), gaps
 
 
-def _common(time: Array, columns: Mapping[str, Array]) -> tuple[float, float]:
-    """Return when the last column has begun and when the first one ends."""
-    there = [time[np.isfinite(values)] for name, values in columns.items() if name != "time"]
-    there = [times for times in there if len(times)]
-    if not there:
-        return float(time[0]), float(time[0])
-    return float(max(times[0] for times in there)), float(min(times[-1] for times in there))
+def _refuse_standing(path: Path, series: Series) -> None:
+    stands = np.flatnonzero(~(np.diff(series.times) > 0.0))
+    if len(stands):
+        row = int(stands[0]) + 1
+        raise DiagnosisError(
+            f"{path}: {series.name}: sample {row + 1} lies at {series.times[row]:.9g} s, as the one before it does; "
+            "times must increase: the clock of the file is too coarse, or time.unit wrong"
+        )
 
 
 def _pieces(

@@ -271,11 +271,14 @@ def test_errors_say_whose_fault_it_is(
     [
         (
             lambda text: text.replace("17.000000000", "n/a?", 1),
-            r'"n/a\?" in row \d+ of the table is no number',
+            r'a.csv: displacement: "n/a\?" in line \d+ is no number',
         ),
-        (lambda text: text.replace("\n20,", "\n5,", 1), r"row 3 lies at 0.005 s, the row before at 0.01 s"),
+        (
+            lambda text: text.replace("\n20,", "\n5,", 1),
+            r"line 4 lies at 0.005 s, before it the clock was at 0.01 s",
+        ),
         (lambda text: "t,x,p,F\n", r"rows are too few"),
-        (lambda text: "", r"not a table"),
+        (lambda text: "", r"a.csv is empty"),
     ],
 )
 def test_damaged_tables_are_refused(tmp_path: Path, damage, message: str) -> None:

@@ -133,14 +133,18 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
     ("name", "content", "said"),
     [
         ("a.csv", "time_s,left.hight [mm]\n0,1\n", "'left.hight [mm]' is no signal of the bench"),
-        ("a.csv", "time_s,left.height [m]\n0,1\n", "is not in mm"),
-        ("a.csv", "time_s,left.height [mm]\n0,1\n1,much\n", "line 3, left.height [mm] = 'much' is no number"),
+        ("a.csv", "time_s,left.height [m]\n0,1\n", "is in m, but it has to be said that it is in mm"),
+        (
+            "a.csv",
+            "time_s,left.height [mm]\n0,1\n1,much\n",
+            'left.height [mm]: "much" in line 3 is no number',
+        ),
         ("a.csv", "t,left.height [mm]\n0,1\n", "has no column time_s"),
-        ("a.csv", "time_s,left.height [mm]\n0,1\n,2\n1,3\n", "line 3 has no time in time_s"),
-        ("a.csv", "time_s,left.height [mm]\n0,1\ninf,2\n", "line 3 has no time in time_s"),
+        ("a.csv", "time_s,left.height [mm]\n0,1\n,2\n1,3\n", "line 3 has no time"),
+        ("a.csv", "time_s,left.height [mm]\n0,1\ninf,2\n", "line 3 has no time"),
         ("a.blf", "rubbish", "is not a file of CAN frames"),
         ("a.log", "", "holds no data frame"),
-        ("a.txt", "", "known are .csv, .mf4, .blf"),
+        ("a.xls", "", "known are .csv, .parquet, .arrow, .mf4, .blf"),
     ],
 )
 def test_what_cannot_come_in_is_told_and_leaves_nothing(tmp_path, name: str, content: str, said: str) -> None:

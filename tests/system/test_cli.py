@@ -157,7 +157,7 @@ BAD_FILES = {
     'name = "x"\ntime = "virtual"': "time = virtual needs a [simulation] table",
     'name = "x"': "without a [simulation] table there is nothing to run in virtual time",
     'name = "x"\n[simulation]\nseed = -1': "simulation.seed = -1: expected int >= 0",
-    'name = "x"\n[simulation]\nseed = 99999999999999999999': "says simulation.seed = a whole number of more than 64 bits",
+    'name = "x"\n[simulation]\nseed = 99999999999999999999': "simulation.seed = a whole number of more than 64",
     'name = "x"\n[simulation]\nlate_ticks = "drop"': "one of catch_up, skip, fault is right",
     'name = "x"\n[simulation]\nfaults = [{ name = "a", values = { b = [1] } }]': "[0].values = {'b': [1]}: expected",
     'name = "x"\n[simulation]\nparameters = "atsb"': "no parameter set 'atsb'",

@@ -46,7 +46,7 @@ def map_of(path: Path) -> Any:
         (read_rig, "rigs/virtual.toml", RigFileError),
         (read_specimen, "specimens/astb.toml", SpecimenError),
         (read_instruments, "instruments/astb.toml", InstrumentsError),
-        (wiring, "tests/foreign/plant_a_wiring.toml", WiringError),
+        (wiring, "wirings/plant_a.toml", WiringError),
         (map_of, "docs/tutorials/maps/piston.toml", DiagnosisError),
         (load, "bench_sim/parameters/astb.toml", ParameterError),
         (campaign, 'plans = ["leak_down"]\nrig = "none.toml"\n', CampaignError),

@@ -1,0 +1,244 @@
+"""Records of the files of other programs: columns and channels are called as signals are, and nothing is guessed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import msgspec
+
+from bench_protocol.units import UNITS
+from bench_records.exchange import Comment
+from bench_records.layout import SECOND, RecordedEvent, RecordError, SignalInfo
+from bench_records.recorder import Recorder
+from bench_records.tables import mdf as mdf_file
+from bench_records.tables.clock import in_words
+from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
+from bench_records.tables.reading import Series, of_sheet, read_sheet, refuse_falling
+from bench_records.tables.stamps import looks_like_a_stamp
+
+if TYPE_CHECKING:
+    from bench_protocol.account import Account
+    from bench_records.tables.sheet import Column, Sheet
+
+TIME: Final = "time_s"
+#: What a clock may be called that has dates, or tells its unit.
+_CLOCKS: Final = ("time", "timestamp", "datetime", "date", "date/time", "zeit", "zeitstempel", "datum", "t")
+_COLUMN: Final = re.compile(r"(?P<name>\S+)(?: ?[\[(](?P<unit>[^\])]*)[\])])?")
+_SAME_UNIT: Final = {"°C": "degC", "µm": "um", "l": "litre", "-": ""}
+#: From names of the table of signals to how the record describes them.
+Known = Callable[[str], SignalInfo | None]
+
+
+class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The keys of ``[file]`` of a map, and those that a map has elsewhere."""
+
+    time: ColumnName | None = None
+    time_unit: str | None = None
+    thousands: str | None = None
+    group: ColumnName | None = None  #: of an MDF file: only this one
+    raw: bool = False
+
+
+def import_keys(texts: Iterable[str]) -> ImportKeys:
+    """Return what ``KEY=VALUE`` texts say. RecordError for a key that there is not, or a value that it cannot have."""
+    given: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise RecordError(f'--table {text}: KEY=VALUE would be right, such as "decimal=,"')
+        given[key.strip().replace("-", "_")] = {"\\t": "\t", "tab": "\t"}.get(value, value)
+        if value.isdigit() and key.strip() in ("time", "group"):
+            given[key.strip()] = int(value)
+    unknown = set(given) - set(ImportKeys.__struct_fields__)
+    if unknown:
+        known = ", ".join(ImportKeys.__struct_fields__)
+        raise RecordError(f"--table {unknown.pop()}: there is no such key; there are {known}")
+    try:
+        return msgspec.convert(given, ImportKeys, strict=False)
+    except (msgspec.ValidationError, ValueError) as error:
+        raise RecordError(f"--table: {error}") from None
+
+
+class _Found(NamedTuple):
+    """What a file holds of one signal."""
+
+    signal: SignalInfo
+    series: Series
+    scale: float  #: SI value of what its numbers count
+
+
+def read_table(
+    path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
+) -> int:
+    """Make a record in the directory ``into`` of a table with a clock, ``time_s``; return the number of samples.
+
+    RecordError, with line or column, for a table that is none, or a column that is no signal or has another unit.
+    """
+    import numpy as np
+
+    wanted = [keys.time if keys.time is not None else TIME]
+    sheet = read_sheet(path, keys, wanted, account)
+    time = _clock_of(sheet, keys)
+    clock = time.column
+    chosen: dict[str, tuple[int, Source]] = {}
+    signals: dict[str, SignalInfo] = {}
+    for index, column in enumerate(sheet.columns):
+        if index + 1 == clock:
+            continue
+        if not column.name and _is_empty(column):
+            account.leave_out("column(s) without name and values")
+            continue
+        signal = _signal(path, column.name, column.unit, known)
+        twice = [one for one, other in signals.items() if other.name == signal.name]
+        if twice:
+            first = chosen[twice[0]][0] + 1
+            raise RecordError(
+                f"{path}: the columns {first} and {index + 1} are both {signal.name}; leave one of them out of the file"
+            )
+        signals[column.name] = signal
+        chosen[column.name] = (index, Source(column=index + 1, thousands=keys.thousands))
+    found = of_sheet(sheet, keys, time, chosen, account)
+    there = []
+    for key, one in found.items():
+        known_values = np.isfinite(one.values)  # what is empty was not measured: it is no sample
+        series = one._replace(times=one.times[known_values], values=one.values[known_values])
+        there.append(_Found(signals[key], series, signals[key].scale))
+    return _write(into, there, meta, account, path)
+
+
+def _is_empty(column: Column) -> bool:
+    return column.kind == "text" and not any(str(cell).strip() for cell in column.cells)
+
+
+def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
+    """Which column is the clock. RecordError if no key, name or date says it."""
+    decimal = keys.decimal
+    if keys.time is not None:
+        place = sheet.place(keys.time, f"{sheet.path}: --table time")
+        unit = keys.time_unit or sheet.columns[place].unit or "s"
+        return TimeSource(column=place + 1, unit=unit, decimal=decimal)
+    if sheet.places(TIME):
+        return TimeSource(column=sheet.place(TIME, f"{sheet.path}: time") + 1, unit=keys.time_unit or "s")
+    able = [index for index, column in enumerate(sheet.columns) if _base(column.name).lower() in _CLOCKS]
+    if sheet.clock is not None:
+        able = [sheet.clock]
+    if len(able) == 1:
+        column = sheet.columns[able[0]]
+        unit = keys.time_unit or (column.unit if column.unit in UNITS else "")
+        if unit or _dated(column):
+            return TimeSource(column=able[0] + 1, unit=unit or "s", decimal=decimal)
+    hint = f"--table time={sheet.columns[able[0]].name or able[0] + 1}" if able else "--table time=COLUMN"
+    raise RecordError(
+        f"{sheet.path} has no column {TIME}; it has {', '.join(map(str, sheet.names))}; {hint}, and "
+        "--table time_unit=s (or ms, us, ns, d) for numbers, would name another one"
+    )
+
+
+def _base(name: str) -> str:
+    found = _COLUMN.fullmatch(name)
+    return found["name"] if found else name
+
+
+def _dated(column: Column) -> bool:
+    if column.kind != "text":
+        return column.kind in ("stamp", "span")
+    return looks_like_a_stamp(next((text for cell in column.cells if (text := str(cell).strip())), ""))
+
+
+def read_mdf(
+    path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
+) -> int:
+    """Make a record in the directory ``into`` of an MDF file; return the number of samples.
+
+    A file of ours gives back the record that it was made of. In another one channels must be called as signals are, and
+    are taken in their own unit. RecordError for what is no MDF file, or a channel that is no signal.
+    """
+    with mdf_file.opened(path) as mdf:
+        ours = _own_comment(mdf.header.description)
+        told = {one.name: one for one in ours.signals} if ours else {}
+        places = mdf_file.places(path, mdf, account)
+        if keys.group is not None:
+            places = [one for one in places if keys.group in (one.group, one.called)]
+        found = []
+        for place in places:
+            mdf_file.find(places, place.name, None, f"{path}: the channel")  # a name in two groups
+            own = told.get(place.name)
+            unit = str(mdf.groups[place.group].channels[place.index].unit or "")
+            signal = own or _signal(path, place.name, unit, known)
+            texts = {text: number for number, text in signal.names.items()}
+            raw = own is not None or keys.raw
+            times, values, _ = mdf_file.samples(path, mdf, place, raw, account, texts)
+            refuse_falling(path, times, f"{place.name}, {place.title}")
+            scale = signal.scale if own is None else 1.0  # what stands in a file of ours is in SI
+            found.append(_Found(signal, Series(place.name, times, values), scale))
+        if ours is None:
+            if start := mdf_file.start_of(mdf):
+                account.take(f"the file says that it begins at {in_words(start, True)}")
+            return _write(into, found, meta, account, path, start or 0)
+    names = {one.signal.name for one in found}
+    silent = [one for one in ours.signals if one.name not in names]
+    return _write(
+        into, found, {**ours.meta, **meta}, account, path, ours.start_ns, events=ours.events, silent=silent
+    )
+
+
+def _own_comment(text: str) -> Comment | None:
+    try:
+        return msgspec.json.decode(text, type=Comment)
+    except (msgspec.MsgspecError, TypeError):
+        return None
+
+
+def _signal(path: Path, name: str, unit: str, known: Known) -> SignalInfo:
+    """Return the signal that a column is of; its unit has to be that in which the signal is shown."""
+    found = _COLUMN.fullmatch(name)
+    signal = known(found["name"]) if found else None
+    if found is None or signal is None:
+        raise RecordError(f"{path}: the column {name!r} is no signal of the bench; `astb signals` lists them")
+    told = found["unit"] or unit
+    if _SAME_UNIT.get(told, told) != _SAME_UNIT.get(signal.unit, signal.unit):
+        said = f"{told}, but" if told else "no unit;"
+        raise RecordError(
+            f"{path}: the column {name!r} is in {said} it has to be said that it is in {signal.unit}"
+            if signal.unit
+            else f"{path}: the column {name!r} is in {told}, and {signal.name} has no unit"
+        )
+    return signal
+
+
+def _write(
+    into: Path,
+    found: list[_Found],
+    meta: dict[str, Any],
+    account: Account,
+    path: Path,
+    start_ns: int | None = None,
+    *,
+    events: Iterable[RecordedEvent] = (),
+    silent: Iterable[SignalInfo] = (),
+) -> int:
+    """Write a record, its samples in the order of their times."""
+    import numpy as np
+
+    series = [(one.series.times, one.series.values * one.scale) for one in found]
+    places = [np.full(times.size, index, np.int16) for index, (times, _) in enumerate(series)]
+    times = np.concatenate([times for times, _ in series]) if series else np.empty(0)
+    if not times.size:
+        raise RecordError(f"{path} holds no samples: a clock and a number beside it are needed")
+    values = np.concatenate([values for _, values in series])
+    order = np.argsort(times, kind="stable")
+    start = next((one.series.start for one in found if one.series.start is not None), start_ns or 0)
+    begins = min(0, int(np.floor(times[order[0]] * SECOND)))
+    if begins:
+        account.take(f"the record begins {-begins / SECOND:.9g} s before its clock is at 0")
+    instants = start + np.rint(times[order] * SECOND).astype(np.int64)
+    told = {**meta, **account.as_meta()}
+    signals = [*(one.signal for one in found), *silent]
+    with Recorder(into, signals, told, start_ns=start + begins, in_background=False) as recorder:
+        for event in events:
+            recorder.event(event.time_ns, event.kind, event.text, **event.data)
+        recorder.append(instants, np.concatenate(places)[order], values[order])
+    return int(times.size)

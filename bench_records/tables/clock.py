@@ -1,0 +1,231 @@
+"""The clock of a table: seconds from a beginning, of numbers, dates, times of day and counts since an epoch."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from bench_protocol.input_limits import Unfit, check_times
+from bench_protocol.units import UNITS
+from bench_records.layout import SECOND, RecordError
+from bench_records.tables.numbers import Point, in_plain_digits, numbers, without_missing
+from bench_records.tables.stamps import NotAStamp, looks_like_a_stamp, read_stamps
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from bench_protocol.account import Account
+    from bench_records.tables.keys import FileKeys, TimeSource
+    from bench_records.tables.sheet import Column, Sheet
+
+    Seconds = npt.NDArray[np.float64]
+
+#: Counts of time that begin long ago: from, to (both in the unit), the unit in s, its 0 in days from 1970, its name.
+_EPOCHS: Final = (
+    (3.1e8, 2.9e9, 1.0, 0, "Unix times"),
+    (3.0e9, 4.2e9, 1.0, -24_107, "counts since 1904, as LabVIEW has them"),
+    (2.9e4, 7.3e4, 86_400.0, -25_569, "days of Excel"),
+    (7.1e5, 7.7e5, 86_400.0, -719_529, "days of MATLAB"),
+)
+_YEAR: Final = 3.2e7
+#: A step of more than so many usual ones, and seconds, is told.
+_LEAP, _LONG = 100.0, 1.0
+
+
+class Clock(NamedTuple):
+    """Seconds (n,) from ``start`` (ns since 1970; None: nobody knows when that was); NaN where a row has no time."""
+
+    seconds: Seconds
+    start: int | None = None
+    zoned: bool = False
+
+
+def read_clock(
+    sheet: Sheet, index: int, source: TimeSource, keys: FileKeys, point: Point, account: Account, where: str
+) -> Clock:
+    """Return the clock in a column. RecordError, with line, for a cell that is no time, or a unit of none."""
+    column = sheet.columns[index]
+    if column.kind == "stamp":
+        return _from_stamps(column.cells, column.there, column.zoned, keys, account, where)
+    if column.kind == "span":
+        return _from_spans(column, account)
+    if column.kind == "other":
+        raise RecordError(
+            f"{where}: the column holds {column.what}; numbers, dates or times of day would be right"
+        )
+    if column.kind == "text":
+        example = next((str(cell).strip() for cell in column.cells if cell.as_py() and str(cell).strip()), "")
+        if looks_like_a_stamp(example):
+            return _from_text(sheet, index, keys, account, where)
+    unit = UNITS.get(source.unit)
+    if unit is None or unit.si != "s":
+        known = ", ".join(name for name, one in UNITS.items() if one.si == "s")
+        raise RecordError(
+            f'{where}: time.unit = "{source.unit}" is no unit of time; right would be one of {known}'
+        )
+    values = _exact(sheet, index, source, point, where)
+    return _from_numbers(values, unit.factor, source.unit, account, where, sheet)
+
+
+def _exact(sheet: Sheet, index: int, source: TimeSource, point: Point, where: str) -> Any:
+    """The numbers of a column, less rounding where they are too long for a double: whole ones, or long ones."""
+    import numpy as np
+
+    column = sheet.columns[index]
+    if column.kind == "number":
+        return column.cells
+    values = numbers(sheet, index, source, point, None, where)
+    if not np.nanmax(np.abs(values), initial=0.0) > 1e7:
+        return values
+    cells = in_plain_digits(without_missing(sheet, index, None), sheet, index, source, point, where)
+    texts = ["nan" if cell is None else cell for cell in cells.to_pylist()]
+    if all(text.isdigit() and len(text) < 19 for text in texts):
+        return np.array(texts, np.int64)
+    return np.array(texts).astype(np.longdouble)
+
+
+def _from_numbers(values: Any, factor: float, unit: str, account: Account, where: str, sheet: Sheet) -> Clock:
+    import numpy as np
+
+    plain = np.asarray(values, dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(plain))
+    if not known.size:
+        return Clock(plain * factor)
+    begin = float(plain[known[0]])
+    for low, high, size, zero, name in _EPOCHS:
+        if (size == 1.0) != (factor < 86_400.0):
+            continue
+        if low <= begin * factor / size < high:
+            first = values[known[0]]
+            seconds = np.asarray((values - first).astype(np.float64) * factor, dtype=np.float64)
+            start = zero * 86_400 * SECOND + _ns(first, factor)
+            zoned = size == 1.0
+            account.take(f"the times are {name}; the record begins at {in_words(start, zoned)}")
+            return Clock(seconds, start, zoned)
+    seconds = plain * factor
+    try:
+        check_times(seconds[known])
+    except Unfit:
+        better = [name for name in ("ms", "us", "ns") if 3.1e8 <= begin * UNITS[name].factor < 2.9e9]
+        hint = f'; with time.unit = "{better[0]}" they would be Unix times' if better else ""
+        raise RecordError(
+            f"{where}: {begin:.17g} {unit} in {sheet.at(int(known[0]))} is no time of a record{hint}"
+        ) from None
+    return Clock(seconds)
+
+
+def _ns(number: Any, factor: float) -> int:
+    """A number of a unit in whole nanoseconds, whose whole part loses nothing."""
+    whole = int(number)
+    size = round(factor * SECOND)
+    return whole * size + round(float(number - whole) * size)
+
+
+def _from_text(sheet: Sheet, index: int, keys: FileKeys, account: Account, where: str) -> Clock:
+    import numpy as np
+
+    cells = without_missing(sheet, index, None).to_pylist()
+    try:
+        found = read_stamps(cells, keys.dates)
+    except NotAStamp as error:
+        hint = f": {error.hint}" if error.hint else ""
+        raise RecordError(
+            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)} is no time like those before it{hint}'
+            if error.index
+            else f'{where}: "{cells[0]}" in {sheet.at(0)} is no time{hint}'
+        ) from None
+    for sentence in found.told:
+        account.take(sentence)
+    if found.dated:
+        return _from_stamps(found.ns, found.there, found.zoned, keys, account, where)
+    if not found.there.any():
+        return Clock(np.full(len(cells), np.nan))
+    begin = int(found.ns[found.there][0])
+    if not found.told:
+        account.take(f"the times are times of day; the record begins at {in_words(begin)[11:]}")
+    steps = np.diff(found.ns[found.there] // (86_400 * SECOND))
+    if steps.any():
+        row = int(np.flatnonzero(found.there)[int(np.argmax(steps != 0)) + 1])
+        account.take(f"the clock passes midnight before {sheet.at(row)}")
+    return Clock(np.where(found.there, (found.ns - begin) / SECOND, np.nan))
+
+
+def _from_stamps(ns: Any, there: Any, zoned: bool, keys: FileKeys, account: Account, where: str) -> Clock:
+    import numpy as np
+
+    if not there.any():
+        return Clock(np.full(len(ns), np.nan))
+    if keys.zone is not None and not zoned:
+        ns, zoned = _in_utc(ns, keys.zone, where), True
+    begin = int(ns[there][0])
+    account.take(f"the record begins at {in_words(begin, zoned)}")
+    return Clock(np.where(there, (ns - begin) / SECOND, np.nan), begin, zoned)
+
+
+def _in_utc(ns: Any, zone: str, where: str) -> Any:
+    """Local stamps in UTC; the hour that there is twice in autumn goes by the order of the rows."""
+    import pandas as pd
+
+    local = pd.DatetimeIndex(ns)
+    try:
+        local = local.tz_localize(zone, ambiguous="infer")
+    except Exception:  # pandas and the zones of Python have many names for it
+        try:
+            local = local.tz_localize(zone, ambiguous=[True] * len(local))
+        except Exception:
+            raise RecordError(
+                f'{where}: file.zone = "{zone}" has no such times, or is no zone as "Europe/Berlin" is'
+            ) from None
+    return local.tz_convert("UTC").asi8 if local.unit == "ns" else local.tz_convert("UTC").as_unit("ns").asi8
+
+
+def _from_spans(column: Column, account: Account) -> Clock:
+    import numpy as np
+
+    assert column.there is not None
+    if column.what:  # times of day, without a date
+        account.take(column.what)
+    return Clock(np.where(column.there, column.cells / SECOND, np.nan))
+
+
+def in_words(ns: int, zoned: bool = False) -> str:
+    """An instant as people write it."""
+    told = datetime.fromtimestamp(ns // SECOND, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    return f"{told}.{ns % SECOND // 1_000_000:03d}{' UTC' if zoned else ''}"
+
+
+def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) -> None:
+    """Refuse a clock that falls, or leaps by a year; tell of one that stands or leaps. Rows without time are passed."""
+    import numpy as np
+
+    rows = np.flatnonzero(np.isfinite(seconds))
+    times = seconds[rows]
+    steps = np.diff(times)
+    if (steps < 0).any():
+        at = int(np.argmax(steps < 0))
+        raise RecordError(
+            f"{where}: {sheet.at(int(rows[at + 1]))} lies at {times[at + 1]:.9g} s, before it the clock was at "
+            f"{times[at]:.9g} s; times must not fall: if these are two recordings, cut the file there"
+            + (" (summer time ends? give file.zone)" if abs(steps[at] + 3600.0) < 60.0 else "")
+        )
+    if (steps > _YEAR).any():
+        at = int(np.argmax(steps > _YEAR))
+        raise RecordError(
+            f"{where}: before {sheet.at(int(rows[at + 1]))} the clock leaps by {steps[at] / _YEAR:.3g} years; cut the "
+            "file where it was set"
+        )
+    if steps.size and not steps.any():
+        raise RecordError(f"{where}: the clock stands at {times[0]:.9g} s in all rows")
+    stands = steps == 0
+    if stands.any():
+        at = int(rows[int(np.argmax(stands)) + 1])
+        account.take(f"the clock stands in {int(stands.sum())} rows, first in {sheet.at(at)}")
+    moving = steps[steps > 0]
+    usual = float(np.median(moving)) if moving.size else 0.0
+    leaps = (steps > _LEAP * usual) & (steps > _LONG)
+    if leaps.any():
+        at = int(np.argmax(leaps))
+        account.take(
+            f"the clock leaps {int(leaps.sum())} times, first by {steps[at]:.6g} s before {sheet.at(int(rows[at + 1]))}"
+        )

@@ -1,0 +1,145 @@
+"""Parquet and Arrow files as sheets: every column as it is typed, the index of a pandas frame among them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench_protocol.input_limits import SAMPLES_BYTES, Unfit, check_shape, check_size
+from bench_records.layout import RecordError
+from bench_records.tables.sheet import Column, Sheet
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def read_columnar(path: Path, parquet: bool) -> Sheet:
+    """Return the sheet of a file of Parquet, or of Arrow (a file, which is Feather too, or a stream)."""
+    import numpy as np
+    import pyarrow as pa
+
+    try:
+        check_size(path, SAMPLES_BYTES)
+        table = _parquet(path) if parquet else _arrow(path)
+        check_shape(table.num_rows, table.num_columns)
+    except Unfit as error:
+        raise RecordError(f"{path} {error}") from None
+    except (pa.ArrowException, OSError, ValueError, KeyError):
+        raise RecordError(f"{path} is no whole {'Parquet' if parquet else 'Arrow'} file") from None
+    columns = [_column(path, field, table.column(i)) for i, field in enumerate(table.schema)]
+    sheet = Sheet(path, columns, np.arange(1, table.num_rows + 1), row_word="row")
+    sheet.clock = _index(table, columns)
+    return sheet
+
+
+def _parquet(path: Path) -> pa.Table:
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        check_shape(file.metadata.num_rows, len(file.schema_arrow))
+        return file.read()
+
+
+def _arrow(path: Path) -> pa.Table:
+    import pyarrow as pa
+
+    with pa.OSFile(str(path)) as file:
+        try:
+            return pa.ipc.open_file(file).read_all()
+        except pa.ArrowInvalid:
+            file.seek(0)
+            return pa.ipc.open_stream(file).read_all()
+
+
+def _index(table: pa.Table, columns: list[Column]) -> int | None:
+    """The column that was the index of a pandas frame and holds times: it is the clock where no column is named so."""
+    try:
+        told = json.loads((table.schema.metadata or {}).get(b"pandas", b"{}"))
+        named = [one for one in told.get("index_columns", []) if isinstance(one, str)]
+    except (ValueError, AttributeError):
+        return None
+    places = [index for index, column in enumerate(columns) if column.name in named]
+    for index in places:
+        if columns[index].name.startswith("__index_level_"):
+            columns[index].name = ""
+    return places[0] if len(places) == 1 and columns[places[0]].kind in ("stamp", "span", "number") else None
+
+
+def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind = field.type
+    if pa.types.is_dictionary(kind):
+        data = data.cast(kind.value_type)
+        kind = kind.value_type
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return Column(field.name, "text", _flat(data))
+    try:
+        if pa.types.is_integer(kind) and not data.null_count and kind != pa.uint64():
+            return Column(field.name, "number", _flat(data).to_numpy(zero_copy_only=False).astype(np.int64))
+        if pa.types.is_boolean(kind):
+            data = data.cast(pa.int8())
+        if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
+            values = pc.cast(_flat(data), pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+            return Column(field.name, "number", np.asarray(values, np.float64))
+        if pa.types.is_decimal(kind):
+            return Column(field.name, "number", _flat(data.cast(pa.float64())).to_numpy(zero_copy_only=False))
+        if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
+            zoned = pa.types.is_timestamp(kind) and kind.tz is not None
+            return _stamps(field.name, data, zoned)
+        if pa.types.is_time(kind):
+            return _of_day(field.name, data)
+        if pa.types.is_duration(kind):
+            cells, there = _ns(data, pa.duration("ns"))
+            return Column(field.name, "span", cells, there=there)
+    except pa.ArrowException:
+        raise RecordError(f"{path}: the column {field.name} has a value that no record holds") from None
+    return Column(field.name, "other", None, what=f"values of the kind {kind}")
+
+
+def _stamps(name: str, data: pa.ChunkedArray, zoned: bool) -> Column:
+    import pyarrow as pa
+
+    cells, there = _ns(data, pa.timestamp("ns"))
+    return Column(name, "stamp", cells, zoned=zoned, there=there)
+
+
+def _flat(data: pa.ChunkedArray) -> Any:
+    import pyarrow as pa
+
+    whole = data.combine_chunks()
+    return pa.concat_arrays(whole.chunks) if isinstance(whole, pa.ChunkedArray) else whole
+
+
+def _ns(data: pa.ChunkedArray, kind: Any) -> tuple[Any, Any]:
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    whole = _flat(data)
+    zone = getattr(whole.type, "tz", None)
+    cast = whole.cast(pa.timestamp("ns", zone) if zone else kind)
+    there = np.asarray(pc.is_valid(cast).to_numpy(zero_copy_only=False), np.bool_)
+    cells = pc.fill_null(cast.cast(pa.int64()), 0).to_numpy(zero_copy_only=False)
+    return np.asarray(cells, np.int64), there
+
+
+def _of_day(name: str, data: pa.ChunkedArray) -> Column:
+    """Times of day, from the first one on."""
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    from bench_records.tables.stamps import over_midnight
+
+    whole = _flat(data).cast(pa.time64("ns"))
+    there = np.asarray(pc.is_valid(whole).to_numpy(zero_copy_only=False), np.bool_)
+    cells = np.asarray(pc.fill_null(whole.cast(pa.int64()), 0).to_numpy(zero_copy_only=False), np.int64)
+    cells, there = over_midnight(cells, there)
+    begin = int(cells[there][0]) if there.any() else 0
+    column = Column(name, "span", cells - begin, there=there)
+    column.what = f"the times are times of day; the record begins {begin / 1e9:.9g} s after midnight"
+    return column

@@ -1,0 +1,155 @@
+"""MDF files: channels by name and group, each with the clock of its group."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_protocol.extras import lacking
+from bench_protocol.input_limits import COLUMNS, SAMPLES_BYTES, Unfit, check_size
+from bench_records.layout import SECOND, RecordError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from bench_protocol.account import Account
+    from bench_records.tables.keys import ColumnName
+
+    Numbers = npt.NDArray[np.float64]
+
+#: Of a clock, that it is a time; 0 stands where a file does not say it.
+_TIME: Final = (0, 1)
+#: What the channels of frames are called: the standard for raw bus logging.
+_BUSES: Final = ("CAN_", "LIN_", "FLX_", "ETH_", "MOST_", "USB_")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a channel stands."""
+
+    group: int
+    index: int
+    name: str
+    title: str  #: of the group, in words
+    called: str  #: what its group is called
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """Give the MDF file to whoever reads it. RecordError without asammdf, or for what is no MDF file."""
+    try:
+        from asammdf import MDF
+    except ImportError:
+        raise RecordError(f"{path}: {lacking('mdf', 'MDF files')}") from None
+    try:
+        check_size(path, SAMPLES_BYTES)
+        with path.open("rb") as file:
+            if file.read(3) not in (b"MDF", b"UnF"):
+                raise RecordError(f"{path} is not an MDF file: it does not begin with MDF")
+        mdf = MDF(path)
+    except Unfit as error:
+        raise RecordError(f"{path} {error}") from None
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or 'no file'}") from None
+    except RecordError:
+        raise
+    except Exception:  # asammdf has an exception of its own and raises others, too
+        raise RecordError(f"{path} is a damaged MDF file, or of a kind that asammdf does not read") from None
+    with mdf:
+        yield mdf
+
+
+def places(path: Path, mdf: Any, account: Account) -> list[Place]:
+    """Return every channel but clocks and frames on a bus, which the ``account`` counts."""
+    if sum(len(group.channels) for group in mdf.groups) > COLUMNS:
+        raise RecordError(f"{path} has more than {COLUMNS} channels")
+    found = []
+    for number, group in enumerate(mdf.groups):
+        if holds_frames(group):
+            account.leave_out("group(s) of frames on a bus, which --dbc decodes", 1, f"group {number}")
+            continue
+        told = group.channel_group
+        called = str(getattr(told, "acq_name", "") or getattr(told, "comment", "") or "").strip()
+        title = f'group {number} ("{called}")' if called and len(called) < 60 else f"group {number}"
+        found += [
+            Place(number, index, channel.name, title, called)
+            for index, channel in enumerate(group.channels)
+            if index != mdf.masters_db.get(number)
+        ]
+    return found
+
+
+def holds_frames(group: Any) -> bool:
+    """Whether a group is raw bus logging."""
+    return any(channel.name.startswith(_BUSES) for channel in group.channels)
+
+
+def find(known: list[Place], column: ColumnName, group: ColumnName | None, where: str) -> Place:
+    """Return the one channel of a name. RecordError, with the groups, if there are several or none."""
+    if isinstance(column, int):
+        raise RecordError(f"{where} = {column}: the channels of an MDF file go by name")
+    named = [one for one in known if one.name == column]
+    chosen = [one for one in named if group is None or group in (one.group, one.called)]
+    if len(chosen) == 1:
+        return chosen[0]
+    if len(chosen) > 1:
+        groups = ", ".join(one.title for one in chosen)
+        raise RecordError(
+            f'{where} = "{column}": there are {len(chosen)} such channels, in {groups}; '
+            f"group = {chosen[0].group} of this column would choose one"
+        )
+    if named:
+        groups = ", ".join(one.title for one in named)
+        raise RecordError(f'{where} = "{column}" is not in group {group!r}, but in {groups}')
+    names = ", ".join(sorted({one.name for one in known})) or "none"
+    raise RecordError(f'{where} = "{column}": the file has the channels {names}')
+
+
+def samples(
+    path: Path, mdf: Any, place: Place, raw: bool, account: Account, texts: Mapping[str, int] | None = None
+) -> tuple[Numbers, Numbers, str]:
+    """Return times (n,), values (n,) and unit of a channel; ``texts`` gives words their numbers.
+
+    RecordError, with file and group, for what is no number, and a clock that is no time.
+    """
+    import numpy as np
+
+    where = f"{path}: the channel {place.name} of {place.title}"
+    group = mdf.groups[place.group]
+    master = mdf.masters_db.get(place.group)
+    if master is None or getattr(group.channels[master], "sync_type", 1) not in _TIME:
+        raise RecordError(f"{where} has no clock in seconds")
+    try:
+        signal = mdf.get(group=place.group, index=place.index, raw=raw)
+    except Exception:  # asammdf has an exception of its own and raises others, too
+        raise RecordError(f"{where} cannot be read") from None
+    values, times = signal.samples, np.asarray(signal.timestamps, np.float64)
+    lost = int(group.channel_group.cycles_nr) - len(times)
+    account.leave_out("sample(s) that the file itself calls invalid", lost, f"{place.name}, {place.title}")
+    if values.ndim != 1 or values.dtype.names:
+        raise RecordError(f"{where} has more than one number a sample")
+    if values.dtype.kind in "iufb":
+        return times, values.astype(np.float64), str(signal.unit or "")
+    words = [_word(one) for one in values]
+    if texts is not None and set(words) <= set(texts):
+        return times, np.array([texts[one] for one in words], np.float64), ""
+    some = ", ".join(f'"{one}"' for one in sorted(set(words))[:3])
+    raise RecordError(
+        f"{where} has texts, such as {some}; raw = true of this column takes the numbers behind them"
+    )
+
+
+def _word(value: Any) -> str:
+    return value.decode("utf-8", "replace").rstrip("\0") if isinstance(value, bytes) else str(value)
+
+
+def start_of(mdf: Any) -> int | None:
+    """When the file began, in ns since 1970, where its header tells a time that can be."""
+    begin = getattr(mdf.header, "start_time", None)
+    if begin is None or begin.year < 1980:
+        return None
+    return round(begin.timestamp() * 1e6) * (SECOND // 1_000_000)

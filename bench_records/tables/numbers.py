@@ -1,0 +1,230 @@
+"""Numbers as people and their programs write them: decimal commas, thousands, and cells that hold none."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_records.layout import RecordError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from bench_protocol.account import Account
+    from bench_records.tables.keys import FileKeys, Source
+    from bench_records.tables.sheet import Sheet
+
+#: What programs write where they have no number, in capitals.
+MISSING: Final = (
+    *("NAN", "-NAN", "NA", "N/A", "#N/A", "#NV", "<NA>", "NAT", "NULL", "NONE", "---", "--", "-", "?", "*", "\u2013"),
+    *("#VALUE!", "#WERT!", "#DIV/0!", "#REF!", "#BEZUG!", "#NAME?", "#NUM!", "#ZAHL!", "#NULL!"),
+    *("1.#QNAN", "-1.#IND", "1.#IND", "1.#QNAN0", "-1.#IND00", "NO DATA"),
+)  # fmt: skip
+INFINITE: Final = (
+    "INF",
+    "+INF",
+    "-INF",
+    "INFINITY",
+    "+INFINITY",
+    "-INFINITY",
+    "\u221e",
+    "-\u221e",
+    "1.#INF",
+    "-1.#INF",
+)
+_SPACES: Final = "[ '\u2019\u00a0\u2009\u202f]"  # Switzerland, France and ISO put them between threes
+_GROUPED: Final = rf"^[-+]?[0-9]{{1,3}}({_SPACES}[0-9]{{3}})+([.,][0-9]*)?$"
+_NUMBER: Final = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """The first rows that show what separates decimals, by separator, and rows that could mean either."""
+
+    certain: dict[str, int]
+    open: dict[str, int]  #: 1.250 may be a thousand, by the separator that it has
+    between: frozenset[str]  #: what certainly is between thousands
+
+
+@dataclass(frozen=True)
+class Point:
+    """What is before decimals in a file, "" where it is open; and whether a key says so."""
+
+    point: str
+    said: bool = False
+
+
+def first(mask: Any) -> int:
+    """The index of the first true one in an Arrow mask; -1 if there is none."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    return int(pc.index(mask, pa.scalar(True)).as_py())
+
+
+def tidy(cells: Any) -> Any:
+    """Cells without what has no meaning: spaces around, a typographic minus; null where nothing is left."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    cells = pc.replace_substring(pc.utf8_trim_whitespace(cells), "\u2212", "-")
+    return pc.if_else(pc.equal(cells, ""), pa.scalar(None, cells.type), cells)
+
+
+def numbers(
+    sheet: Sheet,
+    index: int,
+    source: Source,
+    decimal: Point,
+    account: Account | None,
+    where: str,
+) -> npt.NDArray[np.float64]:
+    """Return the numbers (n,) of a column of text, NaN where a cell is empty or says that it has none.
+
+    ``decimal`` is what is before decimals where the column itself leaves it open. What is missing or infinite is told
+    to the ``account``. RecordError, with line, for a cell that is no number or could be two.
+    """
+    import numpy as np
+    import pyarrow.compute as pc
+
+    cells = without_missing(sheet, index, account)
+    plain = in_plain_digits(cells, sheet, index, source, decimal, where)
+    bad = pc.and_(pc.is_valid(plain), pc.invert(pc.match_substring_regex(plain, _NUMBER)))
+    if (at := first(pc.fill_null(bad, False))) >= 0:
+        raise RecordError(_no_number(sheet, index, at, source, where))
+    return np.asarray(pc.cast(plain, "double").to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) -> str:
+    cell = str(sheet.columns[index].cells[at])[:40]
+    keys = (
+        "file.delimiter, file.decimal or thousands may be wrong"
+        if sheet.delimiter
+        else "it is a column of text"
+    )
+    return f'{where}: "{cell}" in {sheet.at(at)} is no number; {keys}'
+
+
+def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
+    """The cells of a column, null where they say that there is no number; the ``account`` counts them."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    cells = tidy(sheet.columns[index].cells)
+    capitals = pc.utf8_upper(cells)
+    for words, what in ((MISSING, "cell(s) without a number"), (INFINITE, "infinite value(s)")):
+        gone = pc.fill_null(pc.is_in(capitals, pa.array(words, cells.type)), False)
+        count = pc.sum(gone).as_py() or 0
+        if count:
+            at = first(gone)
+            if account is not None:
+                account.leave_out(what, count, f"{sheet.at(at)}, {sheet.columns[index].name}: {cells[at]}")
+            cells = pc.if_else(gone, pa.scalar(None, cells.type), cells)
+    return cells
+
+
+def in_plain_digits(cells: Any, sheet: Sheet, index: int, source: Source, decimal: Point, where: str) -> Any:
+    """The cells with a point before the decimals and nothing between thousands; RecordError if that is not certain."""
+    import pyarrow.compute as pc
+
+    grouped = pc.fill_null(pc.match_substring_regex(cells, _GROUPED), False)
+    if pc.any(grouped).as_py() and source.thousands is None:
+        cells = pc.if_else(grouped, pc.replace_substring_regex(cells, _SPACES, ""), cells)
+    point, between = _separators(cells, sheet, index, source, decimal, where)
+    if between:
+        group = re.escape(between)
+        fits = (
+            rf"^[-+]?([0-9]{{1,3}}({group}[0-9]{{3}})+|[0-9]*)({re.escape(point)}[0-9]*)?([eE][-+]?[0-9]+)?$"
+        )
+        bad = pc.and_(pc.is_valid(cells), pc.invert(pc.match_substring_regex(cells, fits)))
+        if (at := first(pc.fill_null(bad, False))) >= 0:
+            raise RecordError(
+                f'{where}: "{cells[at]}" in {sheet.at(at)} is no number with "{between}" between thousands and '
+                f'"{point}" before decimals'
+            )
+        cells = pc.replace_substring(cells, between, "")
+    return cells if point == "." else pc.replace_substring(cells, point, ".")
+
+
+def _separators(
+    cells: Any, sheet: Sheet, index: int, source: Source, decimal: Point, where: str
+) -> tuple[str, str]:
+    """What stands before decimals, and what between thousands ("": nothing)."""
+    if source.thousands:
+        opposite = {".": ",", ",": "."}.get(source.thousands)
+        return source.decimal or opposite or decimal.point or ".", source.thousands
+    found = evidence(cells)
+    if source.decimal is None and len(found.certain) == 2:
+        one, other = (f'"{cells[at]}" in {sheet.at(at)}' for at in sorted(found.certain.values()))
+        raise RecordError(f"{where}: {one} and {other} cannot be numbers of one kind")
+    point: str = source.decimal or "".join(found.certain)[:1] or decimal.point
+    if not point:
+        if found.open:
+            at = min(found.open.values())
+            raise RecordError(
+                f'{where}: "{cells[at]}" in {sheet.at(at)} may be a thousand or have three decimals; '
+                'file.decimal = "." or "," would say it'
+            )
+        point = "."
+    other = "," if point == "." else "."
+    if other in found.certain:
+        at = found.certain[other]
+        raise RecordError(
+            f'{where}: "{cells[at]}" in {sheet.at(at)} does not have decimal = "{point}"; decimal = "{other}" would '
+            "be right for it"
+        )
+    # Threes behind the other separator are thousands if the column itself, or a key, says what is before decimals.
+    thousands = other in found.between or (
+        other in found.open and (point in found.certain or bool(source.decimal) or decimal.said)
+    )
+    if other in found.open and not thousands:
+        at = found.open[other]
+        raise RecordError(
+            f'{where}: "{cells[at]}" in {sheet.at(at)} may be a thousand or have three decimals, and the column does '
+            f'not tell; thousands = "{other}" or decimal = "{other}" of this column would say it'
+        )
+    return point, other if thousands else ""
+
+
+def evidence(cells: Any) -> _Evidence:
+    """What the cells of a column tell of their separators."""
+    import pyarrow.compute as pc
+
+    certain: dict[str, int] = {}
+    open_: dict[str, int] = {}
+    between: set[str] = set()
+    for point, other in ((".", ","), (",", ".")):
+        p, o = re.escape(point), re.escape(other)
+        # Both: the last one is before decimals. One twice: it is between thousands.
+        last = rf"^[-+]?[0-9]{{1,3}}({o}[0-9]{{3}})+{p}[0-9]*([eE][-+]?[0-9]+)?$"
+        twice = rf"^[-+]?[0-9]{{1,3}}({o}[0-9]{{3}}){{2,}}$"
+        single = rf"^[-+]?[0-9]*{p}[0-9]*([eE][-+]?[0-9]+)?$"
+        either = rf"^[-+]?[1-9][0-9]{{0,2}}{p}[0-9]{{3}}$"
+        alone = pc.match_substring_regex(cells, single)
+        unclear = pc.match_substring_regex(cells, either)
+        groups = pc.or_(pc.match_substring_regex(cells, last), pc.match_substring_regex(cells, twice))
+        if first(pc.fill_null(groups, False)) >= 0:
+            between.add(other)
+        shows = pc.or_(groups, pc.and_(alone, pc.invert(unclear)))
+        if (at := first(pc.fill_null(shows, False))) >= 0:
+            certain[point] = at
+        if (at := first(pc.fill_null(unclear, False))) >= 0:
+            open_[point] = at
+    return _Evidence(certain, open_, frozenset(between))
+
+
+def of_the_file(sheet: Sheet, keys: FileKeys, texts: Sequence[tuple[int, Source]]) -> Point:
+    """What is before decimals in a file: what its key says, or what its columns agree upon."""
+    if keys.decimal is not None:
+        return Point(keys.decimal, said=True)
+    shown: set[str] = set()
+    for index, source in texts:
+        if source.thousands is None and source.decimal is None:
+            shown |= set(evidence(without_missing(sheet, index, None)).certain)
+    if len(shown) == 1:
+        return Point(shown.pop())
+    # Where commas separate columns a point is before decimals; else 1.250 stays open.
+    return Point("." if not shown and sheet.delimiter in (",", " ") else "")

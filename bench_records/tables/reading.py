@@ -1,0 +1,217 @@
+"""The reader of foreign tables: samples with their times, by column, of CSV, Parquet, Arrow and MDF alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from bench_records.layout import SECOND, RecordError
+from bench_records.tables import mdf as mdf_file
+from bench_records.tables.clock import Clock, check_order, read_clock
+from bench_records.tables.columnar import read_columnar
+from bench_records.tables.keys import ColumnName, FileKeys, Format, Source, TimeSource
+from bench_records.tables.numbers import Point, numbers, of_the_file
+from bench_records.tables.text_table import read_text_table
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from bench_protocol.account import Account
+    from bench_records.tables.sheet import Sheet
+
+    Numbers = npt.NDArray[np.float64]
+
+SUFFIXES: Final[Mapping[str, Format]] = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".tsv": "csv",
+    ".dat": "csv",
+    ".parquet": "parquet",
+    ".arrow": "arrow",
+    ".feather": "arrow",
+    ".mf4": "mdf",
+    ".mdf": "mdf",
+}
+
+
+class Series(NamedTuple):
+    """Samples of a column: times (n,) in s, values (n,) in the unit of the file, NaN where a cell is empty."""
+
+    name: str
+    times: Numbers
+    values: Numbers
+    unit: str = ""  #: as the file tells it, "" where it does not
+    start: int | None = None  #: when 0 s was, in ns since 1970, where the file tells it
+
+
+def format_of(path: Path, keys: FileKeys) -> Format:
+    """Return how a file is read. RecordError for none, and for one whose suffix says nothing."""
+    kind = keys.format or SUFFIXES.get(path.suffix.lower())
+    if not path.is_file():
+        raise RecordError(f"{path}: no such file")
+    if kind is None:
+        raise RecordError(
+            f'{path}: the suffix "{path.suffix}" says no format; give file.format = "csv", "parquet", "arrow" or "mdf"'
+        )
+    return kind
+
+
+def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
+    """Return the sheet of a file that is no MDF file."""
+    kind = format_of(path, keys)
+    return (
+        read_text_table(path, keys, wanted, account)
+        if kind == "csv"
+        else read_columnar(path, kind == "parquet")
+    )
+
+
+def column_names(
+    path: Path, keys: FileKeys, account: Account, wanted: Sequence[ColumnName] = ()
+) -> list[str]:
+    """Return the names of all columns, or channels, of a file."""
+    if format_of(path, keys) == "mdf":
+        with mdf_file.opened(path) as mdf:
+            return sorted({place.name for place in mdf_file.places(path, mdf, account)})
+    return read_sheet(path, keys, wanted, account).names
+
+
+def read_series(
+    path: Path, keys: FileKeys, time: TimeSource, wanted: Mapping[str, Source], account: Account
+) -> dict[str, Series]:
+    """Return the ``wanted`` columns by the name that the caller gives them.
+
+    RecordError names file, key, line or group, and what would be right; the ``account`` is told the rest.
+    """
+    if format_of(path, keys) == "mdf":
+        return _of_mdf(path, wanted, account)
+    names = [time.column, *(source.column for source in wanted.values())]
+    sheet = read_sheet(path, keys, names, account)
+    places = {key: sheet.place(source.column, f"{path}: {key}.column") for key, source in wanted.items()}
+    return of_sheet(
+        sheet, keys, time, {key: (places[key], source) for key, source in wanted.items()}, account
+    )
+
+
+def of_sheet(
+    sheet: Sheet,
+    keys: FileKeys,
+    time: TimeSource,
+    chosen: Mapping[str, tuple[int, Source]],
+    account: Account,
+) -> dict[str, Series]:
+    """Return the ``chosen`` columns of a sheet with their times."""
+    clocks: dict[int, tuple[Clock, TimeSource, str]] = {}
+    places = {}
+    for key, (_, source) in chosen.items():
+        own = source.time is not None
+        said = TimeSource(column=source.time, unit=time.unit, decimal=time.decimal) if own else time  # type: ignore[arg-type]
+        where = f"{sheet.path}: {key}.time" if own else f"{sheet.path}: time.column"
+        places[key] = clock_place(sheet, said, where, account)
+        clocks.setdefault(places[key], (Clock(_nothing()), said, where))
+    texts = [(index, source) for index, source in chosen.values() if sheet.columns[index].kind == "text"]
+    texts += [(index, said) for index, (_, said, _) in clocks.items() if sheet.columns[index].kind == "text"]
+    point = of_the_file(sheet, keys, texts)
+    read = {
+        index: read_clock(sheet, index, said, keys, point, account, where)
+        for index, (_, said, where) in clocks.items()
+    }
+    for index, clock in read.items():
+        check_order(sheet, clock.seconds, account, clocks[index][2])
+    read = _from_one_start(sheet, read)
+    return {
+        key: _series(sheet, index, source, read[places[key]], clocks[places[key]][2], point, account, key)
+        for key, (index, source) in chosen.items()
+    }
+
+
+def clock_place(sheet: Sheet, time: TimeSource, where: str, account: Account) -> int:
+    """Return the column of the clock: the index of a frame is it where no column is called so."""
+    if sheet.clock is not None and not sheet.places(time.column) and time.column == TimeSource().column:
+        name = sheet.columns[sheet.clock].name
+        account.take(f"the index{f' {name}' if name else ''} is the clock")
+        return sheet.clock
+    return sheet.place(time.column, where)
+
+
+def _from_one_start(sheet: Sheet, clocks: Mapping[int, Clock]) -> dict[int, Clock]:
+    """Clocks of one file count from one beginning."""
+    starts = [clock.start for clock in clocks.values() if clock.start is not None]
+    if not starts:
+        return dict(clocks)
+    if len(starts) < len(clocks) or len({clock.zoned for clock in clocks.values()}) > 1:
+        raise RecordError(f"{sheet.path}: one clock has dates, or a zone, and another has none")
+    first = min(starts)
+    return {
+        index: clock._replace(seconds=clock.seconds + ((clock.start or first) - first) / SECOND, start=first)
+        for index, clock in clocks.items()
+    }
+
+
+def _series(
+    sheet: Sheet,
+    index: int,
+    source: Source,
+    clock: Clock,
+    clock_where: str,
+    point: Point,
+    account: Account,
+    key: str,
+) -> Series:
+    import numpy as np
+
+    column = sheet.columns[index]
+    where = f"{sheet.path}: {key}"
+    if column.kind == "text":
+        values = numbers(sheet, index, source, point, account, where)
+    elif column.kind == "number":
+        values = np.asarray(column.cells, np.float64)
+        infinite = np.isinf(values)
+        if infinite.any():
+            at = int(np.argmax(infinite))
+            account.leave_out("infinite value(s)", int(infinite.sum()), f"{sheet.at(at)}, {column.name}")
+            values = np.where(infinite, np.nan, values)
+    else:
+        what = column.what or "times"
+        raise RecordError(f'{where}: the column "{column.name}" holds {what}; numbers would be right')
+    known = np.isfinite(clock.seconds)
+    lost = ~known & np.isfinite(values)
+    if lost.any():
+        raise RecordError(f"{clock_where}: {sheet.at(int(np.argmax(lost)))} has no time")
+    return Series(column.name, clock.seconds[known], values[known], column.unit, clock.start)
+
+
+def _of_mdf(path: Path, wanted: Mapping[str, Source], account: Account) -> dict[str, Series]:
+    import numpy as np
+
+    found = {}
+    with mdf_file.opened(path) as mdf:
+        known = mdf_file.places(path, mdf, account)
+        start = mdf_file.start_of(mdf)
+        for key, source in wanted.items():
+            place = mdf_file.find(known, source.column, source.group, f"{path}: {key}.column")
+            times, values, unit = mdf_file.samples(path, mdf, place, source.raw, account)
+            refuse_falling(path, times, f"{place.name}, {place.title}")
+            found[key] = Series(place.name, times, np.where(np.isinf(values), np.nan, values), unit, start)
+    return found
+
+
+def refuse_falling(path: Path, times: Numbers, what: str) -> None:
+    """Refuse samples whose clock goes back. RecordError."""
+    import numpy as np
+
+    falls = np.flatnonzero(np.diff(times) < 0)
+    if falls.size:
+        at = int(falls[0])
+        raise RecordError(
+            f"{path}: {what}: sample {at + 2} lies at {times[at + 1]:.9g} s, the one before at {times[at]:.9g} s; "
+            "times must not fall: if these are two recordings, cut the file there"
+        )
+
+
+def _nothing() -> Any:
+    import numpy as np
+
+    return np.empty(0)

@@ -1,0 +1,76 @@
+"""A sheet: columns of one length, as they stand in a file, and where in the file each row stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from bench_records.layout import RecordError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from bench_records.tables.keys import ColumnName
+
+#: text: Arrow strings, null where empty; number: numpy; stamp: ns since 1970; span: ns; other: nothing that is read.
+Kind = Literal["text", "number", "stamp", "span", "other"]
+
+
+@dataclass
+class Column:
+    """One column: ``cells`` (n,) as its ``kind`` says; ``there`` (n,) where a stamp or span is not missing."""
+
+    name: str
+    kind: Kind
+    cells: Any
+    unit: str = ""  #: as the file tells it
+    zoned: bool = False  #: of stamps: whether they are in UTC
+    there: npt.NDArray[np.bool_] | None = None
+    what: str = ""  #: of another kind: what it is
+
+
+@dataclass
+class Sheet:
+    """Columns side by side; ``rows`` (n,) says in which line, or row, of the file each stands."""
+
+    path: Path
+    columns: list[Column]
+    rows: npt.NDArray[np.int64]
+    row_word: str = "line"
+    delimiter: str = ""  #: of a text
+    clock: int | None = None  #: which column is the clock, where the file says it
+    title: str = ""  #: of a group in a file with several
+    notes: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns in their order."""
+        return [column.name for column in self.columns]
+
+    def at(self, index: int) -> str:
+        """Where a row stands, in words."""
+        return f"{self.row_word} {self.rows[index]}"
+
+    def places(self, wanted: ColumnName) -> list[int]:
+        """The indices of the columns that ``wanted`` names: none, one or several."""
+        if isinstance(wanted, int):
+            return [wanted - 1] if 1 <= wanted <= len(self.columns) else []
+        return [index for index, column in enumerate(self.columns) if column.name == wanted]
+
+    def place(self, wanted: ColumnName, where: str) -> int:
+        """The index of the one column that ``wanted`` names. RecordError, which begins with ``where``."""
+        found = self.places(wanted)
+        if len(found) == 1:
+            return found[0]
+        told = f'{where} = "{wanted}"' if isinstance(wanted, str) else f"{where} = {wanted}"
+        if found:
+            numbers = " and ".join(str(index + 1) for index in found)
+            raise RecordError(
+                f"{told}: the columns {numbers} are called so; give the number of the one that is meant, "
+                f"such as {found[0] + 1}"
+            )
+        if isinstance(wanted, int):
+            raise RecordError(f"{told}: the file has the columns 1 to {len(self.columns)}")
+        raise RecordError(f"{told}: the file has the columns {', '.join(self.names) or 'none'}")

@@ -1,0 +1,210 @@
+"""Dates and times of day as programs and countries write them, as whole nanoseconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import date
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+from bench_records.layout import SECOND
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+DAY: Final = 86_400 * SECOND
+_MONTHS: Final = {
+    name: number
+    for number, names in enumerate(
+        ("jan", "feb", "mar mär mrz mae", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez"), 1
+    )
+    for name in names.split()
+}  # fmt: skip
+_ZONES: Final = {"": None, "z": 0, "utc": 0, "gmt": 0, "cet": 60, "mez": 60, "cest": 120, "mesz": 120}
+_DATE: Final = (
+    r"(?:(?:[A-Za-z]{2,10}\.?,?\s+)?"
+    r"(?:(?P<iso>\d{4}[-/.]\d{1,2}[-/.]\d{1,2})|(?P<dots>\d{1,2}\.\d{1,2}\.\d{2}(?:\d{2})?)"
+    r"|(?P<open>\d{1,2}[/-]\d{1,2}[/-]\d{2}(?:\d{2})?)|(?P<day>\d{1,2}\.?[-\s]?[^\W\d_]{3,9}\.?[-\s]?,?\s?\d{4})"
+    r"|(?P<month>[^\W\d_]{3,9}\.?\s\d{1,2},?\s\d{4})))"
+)
+_TIME: Final = (
+    r"(?P<h>\d{1,3}):(?P<m>\d{2})(?::(?P<s>\d{2}))?(?:[.,](?P<f>\d{1,9})\d*|:(?P<ms>\d{3}))?"
+    r"(?:\s?(?P<half>[AaPp])\.?[Mm]\.?)?"
+)
+_ZONE: Final = r"(?:\s?(?P<zone>Z|z|UTC|GMT|CES?T|MES?Z|[+-]\d{2}(?::?\d{2})?))?"
+_STAMP: Final = re.compile(rf"{_DATE}(?:[T\s,;_]+{_TIME}{_ZONE})?")
+_OF_DAY: Final = re.compile(rf"(?:(?P<days>-?\d+) days?,?\s+\+?)?{_TIME}")
+#: A fall by a day, less a minute of what may lie between, is midnight.
+_MIDNIGHT: Final = 60 * SECOND
+
+
+class Stamps(NamedTuple):
+    """Stamps (n,) in ns: since 1970 if they are ``dated``, in UTC if they are ``zoned``; where not ``there``, 0."""
+
+    ns: npt.NDArray[np.int64]
+    there: npt.NDArray[np.bool_]
+    dated: bool
+    zoned: bool
+    told: Sequence[str]
+
+
+class NotAStamp(Exception):
+    """A cell that is none: its index, and what may be said beside."""
+
+    def __init__(self, index: int, hint: str = "") -> None:
+        super().__init__(index, hint)
+        self.index, self.hint = index, hint
+
+
+def looks_like_a_stamp(text: str) -> bool:
+    """Whether a cell is a date or a time of day."""
+    return bool(_STAMP.fullmatch(text) or _OF_DAY.fullmatch(text))
+
+
+def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None = None) -> Stamps:
+    """Return the instants of cells of text. NotAStamp for one that is none, or is open without ``dates``."""
+    import numpy as np
+
+    ns = np.zeros(len(cells), np.int64)
+    there = np.array([cell is not None for cell in cells])
+    example = next((cell for cell in cells if cell is not None), "")
+    if _OF_DAY.fullmatch(example):
+        for index, cell in enumerate(cells):
+            if cell is not None:
+                ns[index] = _of_day(cell, index)
+        return Stamps(*over_midnight(ns, there), dated=False, zoned=False, told=())
+    days = _Days(cells, dates)
+    zones = set()
+    for index, cell in enumerate(cells):
+        if cell is None:
+            continue
+        found = _STAMP.fullmatch(cell)
+        if found is None:
+            raise NotAStamp(index)
+        of_day = _time(found, index) if found["h"] else 0
+        if of_day > DAY or (found["h"] and not found["s"] and (found["f"] or found["ms"])):
+            raise NotAStamp(index, "hh:mm:ss would be right")
+        offset = _zone(found["zone"])
+        zones.add(offset is None)
+        ns[index] = days.of(found, index) * DAY + of_day - (offset or 0) * 60 * SECOND
+    if len(zones) == 2:
+        raise NotAStamp(0, "some stamps name a zone and some do not")
+    return Stamps(ns, there, dated=days.known, zoned=zones == {False}, told=days.told)
+
+
+def _of_day(cell: str, index: int) -> int:
+    found = _OF_DAY.fullmatch(cell)
+    if found is None:
+        raise NotAStamp(index)
+    if found["s"] is None and not (found["f"] or found["ms"]):
+        raise NotAStamp(index, "it may be hours and minutes, or minutes and seconds; hh:mm:ss would be right")
+    return int(found["days"] or 0) * DAY + _time(found, index)
+
+
+def _time(found: re.Match[str], index: int) -> int:
+    """Nanoseconds of a time of day; minutes and seconds, where there is a fraction but no third number."""
+    hours, minutes, seconds = int(found["h"]), int(found["m"]), int(found["s"] or 0)
+    fraction = found["f"] or found["ms"] or ""
+    if found["s"] is None and fraction:
+        hours, minutes, seconds = 0, hours, minutes
+    if half := found["half"]:
+        if not 1 <= hours <= 12:
+            raise NotAStamp(index, "with a.m. and p.m. there are the hours 1 to 12")
+        hours = hours % 12 + (12 if half in "Pp" else 0)
+    if minutes > 59 or seconds > 60:
+        raise NotAStamp(index, "there are 60 minutes, and 60 seconds")
+    return (hours * 3600 + minutes * 60 + seconds) * SECOND + int(fraction.ljust(9, "0") or 0)
+
+
+def _zone(text: str | None) -> int | None:
+    """Minutes east of Greenwich; None where no zone is named."""
+    word = (text or "").lower()
+    if word in _ZONES:
+        return _ZONES[word]
+    digits = word[1:].replace(":", "").ljust(4, "0")
+    return (int(digits[:2]) * 60 + int(digits[2:])) * (-1 if word[0] == "-" else 1)
+
+
+class _Days:
+    """Days since 1970 of the dates in cells, each text once."""
+
+    def __init__(self, cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None) -> None:
+        self._known: dict[str, int] = {}
+        self.told: list[str] = []
+        self.known = True
+        open_: dict[str, int] = {}
+        start = _STAMP.fullmatch(next((cell for cell in cells if cell is not None), ""))
+        for index, cell in enumerate(cells) if start is not None and start["open"] else ():
+            found = _STAMP.fullmatch(cell) if cell is not None else None
+            if found is not None and found["open"]:
+                open_.setdefault(found["open"], index)
+        self._order = dates or _order(open_)
+        if open_ and self._order is None:
+            if len(open_) > 1:
+                raise NotAStamp(
+                    next(iter(open_.values())),
+                    'day or month may come first; dates = "dmy" or "mdy" would say it',
+                )
+            self.known, self._order = False, "dmy"
+            (text,) = open_
+            self.told.append(
+                f"the times begin at their first row: whether {text} begins with the day or the month is open "
+                '(dates = "dmy" or "mdy")'
+            )
+
+    def of(self, found: re.Match[str], index: int) -> int:
+        """Days since 1970 of the date in a cell."""
+        if found["open"] and self._order is None:
+            raise NotAStamp(index, "dates of two kinds")
+        text = next(one for one in (found[kind] for kind in ("iso", "dots", "open", "day", "month")) if one)
+        if text not in self._known:
+            try:
+                self._known[text] = self._days(found, text)
+            except (ValueError, KeyError):
+                raise NotAStamp(index, "there is no such day") from None
+        return self._known[text]
+
+    def _days(self, found: re.Match[str], text: str) -> int:
+        numbers = [int(one) for one in re.findall(r"\d+", text)]
+        if found["iso"]:
+            year, month, day = numbers
+        elif found["day"] or found["month"]:
+            day, year = numbers
+            month = _MONTHS[re.findall(r"[^\W\d_]+", text)[0].lower()[:3]]
+        else:
+            day, month, year = numbers
+            if found["open"] and self._order == "mdy":
+                day, month = month, day
+            year += 2000 if year < 100 else 0
+        return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
+
+
+def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
+    """What comes first in dates with strokes, if a number above 12 tells; NotAStamp if they contradict each other."""
+    firsts, seconds = [], []
+    for text in texts:
+        one, other = (int(number) for number in re.findall(r"\d+", text)[:2])
+        firsts.append(one)
+        seconds.append(other)
+    if max(firsts, default=0) > 12 and max(seconds, default=0) > 12:
+        raise NotAStamp(next(iter(texts.values())), "dates of two kinds")
+    if max(firsts, default=0) > 12:
+        return "dmy"
+    return "mdy" if max(seconds, default=0) > 12 else None
+
+
+def over_midnight(
+    ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Times of day that go on after midnight."""
+    import numpy as np
+
+    rows = np.flatnonzero(there)
+    steps = np.diff(ns[rows])
+    midnight = (steps < 0) & (
+        steps + DAY <= np.maximum(_MIDNIGHT, 10 * np.median(np.abs(steps)) if steps.size else 0)
+    )
+    ns = ns.copy()
+    ns[rows[1:]] += np.cumsum(midnight) * DAY
+    return ns, there

@@ -1,0 +1,291 @@
+"""Tables as text: encoding, delimiter and head are found, and every row has a cell for each name of the head."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from bench_protocol.input_limits import TABLE_BYTES, Unfit, check_text_table, read_bounded
+from bench_protocol.text import UTF_8, WINDOWS, decode
+from bench_protocol.units import UNITS
+from bench_records.layout import RecordError
+from bench_records.tables.numbers import INFINITE, MISSING
+from bench_records.tables.sheet import Column, Sheet
+from bench_records.tables.stamps import looks_like_a_stamp
+
+if TYPE_CHECKING:
+    from bench_protocol.account import Account
+    from bench_records.tables.keys import ColumnName, FileKeys
+
+_DELIMITERS: Final = (";", "\t", "|", ",", " ")
+_LOOKED_AT: Final = 400  # lines, for the head
+_BATCH: Final = 50_000
+_LIKE_A_NUMBER: Final = re.compile(r"[-+\u2212]?[\d.,'\u2019\u00a0\u202f ]*\d[\d.,]*([eE][-+]?\d+)?")
+_UNIT_IN_NAME: Final = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\]|\((?P<other>[^()]*)\))")
+_MISSING: Final = frozenset((*MISSING, *INFINITE))
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell holds a number, a time, or a word for none."""
+    text = cell.strip()
+    return bool(
+        text and (_LIKE_A_NUMBER.fullmatch(text) or text.upper() in _MISSING or looks_like_a_stamp(text))
+    )
+
+
+def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
+    """Return the sheet of a table of text, whose head is where the ``wanted`` names are.
+
+    RecordError, with line, for a row with more or fewer cells than the head, and for text between the rows.
+    """
+    lines = text_lines(path, keys.encoding, account)
+    delimiter = keys.delimiter or _delimiter(lines, keys, wanted)
+    try:
+        check_text_table(path, delimiter)
+    except Unfit as error:
+        raise RecordError(f"{path} {error}") from None
+    start, head = _head(lines, keys, delimiter, wanted)
+    if keys.skip_rows is None and start > bool(head):
+        above = sum(bool(line.strip()) for line in lines[: start - bool(head)])
+        account.leave_out("line(s) above the head", above - lines[0].lower().startswith("sep="))
+    reading = _Rows(path, lines, delimiter, start, head)
+    reading.read()
+    return reading.sheet(account)
+
+
+def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
+    """The lines of a file of text, without their ends. RecordError for what is no text."""
+    try:
+        text, name = decode(read_bounded(path, TABLE_BYTES), encoding)
+    except Unfit as error:
+        raise RecordError(f"{path} {error}") from None
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or 'no file'}") from None
+    if name == WINDOWS and not encoding:
+        account.take('the text is no UTF-8 and is taken as cp1252 (encoding = "cp1252")')
+    elif name != UTF_8 and not encoding:
+        account.take(f"the text is in {name}")
+    if not text.strip("\x1a\r\n\t ,;"):
+        raise RecordError(f"{path} is empty: a head with names, and rows below it, would be a table")
+    return io.StringIO(text.rstrip("\x1a"), newline=None).read().split("\n")
+
+
+def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of lines of text with the number of the last line of each, from 1; csv.Error for none."""
+    if delimiter == " ":
+        for number, line in enumerate(lines, 1):
+            yield number, line.split()
+        return
+    reader = csv.reader(
+        (line + "\n" for line in lines), delimiter=delimiter, skipinitialspace=True, strict=True
+    )
+    for row in reader:
+        yield reader.line_num, row
+
+
+def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
+    """One row for each line, whatever its quotation marks say."""
+    if delimiter == " ":
+        return [line.split() for line in lines]
+    found = []
+    for line in lines:
+        row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+        found.append([cell.strip() for cell in row])
+    return found
+
+
+def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName]) -> str:
+    """What separates the columns: what gives the wanted names a row, else what gives most rows one width."""
+    if lines[0].lower().startswith("sep=") and len(lines[0].strip()) == 5:
+        return lines[0].strip()[-1]
+    looked = lines[:_LOOKED_AT]
+    names = {name for name in wanted if isinstance(name, str)}
+    scores: dict[str, tuple[float, ...]] = {}
+    for one in _DELIMITERS:
+        rows = [row for row in _lenient(looked, one) if any(row)]
+        found = max((len(names & set(row)) for row in rows), default=0) if keys.header else 0
+        widths = Counter(len(row) for row in rows if len(row) > 1)
+        width, count = widths.most_common(1)[0] if widths else (1, 0)
+        cells = [cell for row in rows if len(row) == width for cell in row if cell]
+        values = sum(map(is_value, cells)) / max(len(cells), 1)
+        # A space is the last choice: dates and names have some.
+        scores[one] = (found, one != " " and count > 0, count > 0, round(values, 2), count, width)
+    return max(scores, key=lambda one: scores[one])
+
+
+def _head(
+    lines: Sequence[str], keys: FileKeys, delimiter: str, wanted: Sequence[ColumnName]
+) -> tuple[int, list[str]]:
+    """The index of the first line below the head, and the names in it; none without a head."""
+    skipped = keys.skip_rows or 0
+    if keys.skip_rows is None and lines[0].lower().startswith("sep="):
+        skipped = 1
+    rows = _lenient(lines[: skipped + _LOOKED_AT], delimiter)
+    if not keys.header:
+        first = next(
+            (index for index in range(skipped, len(rows)) if sum(map(is_value, rows[index])) > 1), skipped
+        )
+        return (skipped if keys.skip_rows is not None else first), []
+    there = [index for index in range(skipped, len(rows)) if any(rows[index])]
+    names = {name for name in wanted if isinstance(name, str)}
+    best = there[0] if there else 0
+    if keys.skip_rows is None and there:
+        # Among rows with equally many of the names the first one, or the first one with more than one cell.
+        best = max(
+            there, key=lambda index: (len(names & set(_names(rows[index]))), len(rows[index]) > 1, -index)
+        )
+    return best + 1, _names(rows[best]) if rows and there else []
+
+
+def _names(row: Sequence[str]) -> list[str]:
+    """The names in a head, of which a mark of comments is none."""
+    if row and row[0][:1] in ("#", "%"):
+        first = row[0].lstrip("#% ")
+        row = [first, *row[1:]] if first else row[1:]
+    return list(row)
+
+
+@dataclass
+class _Rows:
+    """The rows below a head, sorted into those that hold values and what stands around them."""
+
+    path: Path
+    lines: Sequence[str]
+    delimiter: str
+    start: int
+    head: list[str]
+    width: int = 0
+    batches: list[list[Any]] = field(default_factory=list)  #: by column, Arrow arrays
+    numbers: list[int] = field(default_factory=list)
+    above: list[tuple[int, list[str]]] = field(default_factory=list)  #: text between head and first row
+    below: list[tuple[int, list[str]]] = field(default_factory=list)  #: text, perhaps below the last row
+    comments: int = 0
+    empty: int = 0
+    cut: int = 0
+    trailing: bool = False
+
+    def read(self) -> None:
+        """Sort all rows. RecordError for one that belongs nowhere."""
+        self.width = len(self.head)
+        while self.width and not self.head[self.width - 1]:
+            self.width -= 1
+        rows = rows_of(self.lines[self.start :], self.delimiter)
+        number = self.start
+        try:
+            while batch := list(islice(rows, _BATCH)):
+                good = []
+                for number, row in batch:
+                    if self._is_row(self.start + number, row):
+                        good.append(row)
+                        self.numbers.append(self.start + number)
+                self._keep(good)
+        except csv.Error:
+            raise RecordError(f"{self.path}: after line {number} quotation marks do not close") from None
+
+    def _is_row(self, line: int, row: list[str]) -> bool:
+        filled = sum(bool(cell.strip()) for cell in row)
+        if not filled:
+            self.empty += bool(row)
+            return False
+        if row[0][:1] in ("#", "%") and row[0].upper() not in _MISSING:
+            self.comments += 1
+            return False
+        values = row[0][:1].isdigit() or any(map(is_value, row))
+        if values and not self._is_units(row):
+            self.width = self.width or len(row)
+            if len(row) > self.width and not any(cell.strip() for cell in row[self.width :]):
+                self.trailing = True
+                del row[self.width :]
+            if len(row) < self.width and line >= len(self.lines):
+                self.cut = line  # no line end follows: whoever wrote it was interrupted
+                return False
+            if len(row) != self.width:
+                raise RecordError(self._wrong_width(line, row))
+            if self.below:
+                raise RecordError(self._text_between())
+            return True
+        (self.below if self.numbers else self.above).append((line, row))
+        if len(self.above) > _LOOKED_AT:
+            raise RecordError(f"{self.path}: there are no values below line {self.start}")
+        return False
+
+    def _is_units(self, row: list[str]) -> bool:
+        """Whether a row is one of units: right below the head, and its only number is the unit 1."""
+        if self.numbers or not self.head:
+            return False
+        cells = [cell.strip().strip("[]()") for cell in row if cell.strip()]
+        return any(cell in UNITS and cell != "1" for cell in cells) and not any(
+            is_value(cell) and cell not in ("1", "-") for cell in cells
+        )
+
+    def _wrong_width(self, line: int, row: list[str]) -> str:
+        text = f"{self.path}: line {line} has {len(row)} cells and the head {self.width}"
+        if not self.head:
+            text = f"{self.path}: line {line} has {len(row)} cells and those before it {self.width}"
+        return f'{text}; the delimiter is "{self.delimiter}" (file.delimiter), which no number may hold'
+
+    def _text_between(self) -> str:
+        line, row = self.below[0]
+        if [cell.strip() for cell in row][: self.width] == self.head[: self.width] and self.head:
+            return f"{self.path}: line {line} is the head again: these are two tables; cut the file there"
+        text = self.delimiter.join(row)[:40]
+        return f'{self.path}: line {line}, "{text}", is no row of values, and more rows follow'
+
+    def _keep(self, rows: list[list[str]]) -> None:
+        import pyarrow as pa
+
+        if not rows:
+            return
+        if not self.batches:
+            self.batches = [[] for _ in range(self.width)]
+        for index, cells in enumerate(zip(*rows, strict=True)):
+            self.batches[index].append(pa.array(cells, pa.large_string()))
+
+    def sheet(self, account: Account) -> Sheet:
+        """Return the columns, and tell the ``account`` what stood around them."""
+        import numpy as np
+        import pyarrow as pa
+
+        units = self._units(account)
+        self._tell(account)
+        empty = pa.array([], pa.large_string())
+        names = self.head[: self.width] or [str(index + 1) for index in range(self.width)]
+        columns = []
+        for index, name in enumerate(names):
+            cells = pa.concat_arrays(self.batches[index]) if self.batches else empty
+            columns.append(Column(name, "text", cells, unit=units[index] if index < len(units) else ""))
+        return Sheet(self.path, columns, np.array(self.numbers, np.int64), delimiter=self.delimiter)
+
+    def _units(self, account: Account) -> list[str]:
+        """The units that the file tells, in a row below the head or in the names."""
+        units = [_unit_in(name) for name in self.head[: self.width]]
+        for line, row in self.above:
+            if self._is_units(row) or any(cell.strip().strip("[]()") in UNITS for cell in row):
+                units = [cell.strip().strip("[]()") for cell in row]
+                self.above.remove((line, row))
+                account.take(f"line {line} is taken as units: {', '.join(units)[:120]}")
+                break
+        return units
+
+    def _tell(self, account: Account) -> None:
+        for rows, where in ((self.above, "between head and values"), (self.below, "below the values")):
+            if rows:
+                account.leave_out(f"line(s) of text {where}", len(rows), f"line {rows[0][0]}")
+        account.leave_out("comment line(s)", self.comments)
+        account.leave_out("row(s) of empty cells", self.empty)
+        if self.cut:
+            account.leave_out("row within which the file ends", 1, f"line {self.cut}")
+        if self.trailing:
+            account.take("an empty field at the end of rows is no column")
+
+
+def _unit_in(name: str) -> str:
+    found = _UNIT_IN_NAME.fullmatch(name)
+    return ((found["unit"] or found["other"] or "") if found else "").strip()
