@@ -398,8 +398,14 @@ def test_a_packed_blf(tmp_path) -> None:
 
 
 @form("clock back")
-@pytest.mark.parametrize("name", ["a.asc", "a.log", "a.trc", "a.blf"])
-@pytest.mark.parametrize("step", [-1.0, -0.05, 90_000.0])
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [
+        *((name, step) for name in ("a.asc", "a.log", "a.trc") for step in (-1.0, -0.05, 90_000.0)),
+        ("a.blf", -1.0),
+        ("a.blf", -0.05),
+    ],
+)
 def test_a_clock_that_goes_back_or_leaps_is_refused_with_its_place(tmp_path, name: str, step: float) -> None:
     first, second = (
         recording(),
@@ -416,8 +422,6 @@ def test_a_clock_that_goes_back_or_leaps_is_refused_with_its_place(tmp_path, nam
     if name == "a.blf":  # python-can's writer puts them in order: two files are put together
         with_two = by_python_can(first, ".blf"), by_python_can(second, ".blf")
         begin = with_two[1].index(b"LOBJ")
-        if step > 0:
-            pytest.skip("the second of two files put together counts from the beginning of the first")
         refused(tmp_path, name, with_two[0] + with_two[1][begin:], "the clock goes back")
         return
     refused(
