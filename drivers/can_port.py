@@ -17,10 +17,27 @@ import can
 import numpy as np
 
 from bench_protocol.clock import hurry, wall_time_ns
-from bench_protocol.frames import EXTENDED_ID_MAX, FRAME, LENGTH_MAX, STANDARD_ID_MAX, Block, empty_block
+from bench_protocol.frames import (
+    EXTENDED_ID_MAX,
+    FRAME,
+    STANDARD_ID_MAX,
+    Block,
+    empty_block,
+    payload,
+)
 from bench_protocol.socketcand import iterate
+from drivers.can_fd import FD_FRAME, Fd
 from drivers.errors import LinkLost
 from drivers.hub_bus import HubBus
+from drivers.stamps import (
+    HARDWARE_STAMPS,
+    SO_TIMESTAMPING,
+    SO_TIMESTAMPNS,
+    TIMESTAMPING,
+    Clock,
+    HardwareClock,
+    of_notes,
+)
 from drivers.wire import Wire
 
 OnFrames = Callable[[Block], None]
@@ -40,13 +57,12 @@ _BATCH_MAX: Final = 4096
 
 # linux/socket.h, linux/can.h: numbers Python's socket module does not name.
 _SO_RCVBUFFORCE: Final = 33
-_SO_TIMESTAMPNS: Final = 35
 _SO_RXQ_OVFL: Final = 40
 _CAN_EFF_FLAG: Final = 0x8000_0000
 _CAN_RTR_FLAG: Final = 0x4000_0000
 _CAN_ERR_FLAG: Final = 0x2000_0000
 _CAN_FRAME: Final = struct.Struct("=IB3x8s")
-_TIMESPEC: Final = struct.Struct("@ll")
+_CANFD_FRAME: Final = struct.Struct("=IBB2x64s")
 _RECORD: Final = struct.Struct("<qIBB8s")
 
 
@@ -76,6 +92,7 @@ class _Receiver(Protocol):
     #: Frames the operating system had to throw away because nobody fetched them.
     overflows: int
     wire: Wire | None
+    stamped_by: Clock
 
     def receive(self, timeout: float) -> Block:
         """Return what has come, waiting at most ``timeout`` s for the first frame; raises when the bus is lost."""
@@ -87,6 +104,7 @@ class _HubReceiver:
     """A ``HubBus`` moves whole blocks by itself."""
 
     overflows = 0
+    stamped_by: Clock = "system"
 
     def __init__(self, bus: HubBus) -> None:
         self.wire: Wire | None = bus.wire
@@ -95,86 +113,129 @@ class _HubReceiver:
 
 
 class _MessageReceiver:
-    """Any other python-can bus, message by message."""
+    """Any other python-can bus, message by message; ``fd``: with the frames of CAN FD on it."""
 
     overflows = 0
     wire: Wire | None = None
 
-    def __init__(self, bus: can.BusABC) -> None:
-        self._bus = bus
+    def __init__(self, bus: can.BusABC, fd: Fd | None = None, stamped_by: Clock = "system") -> None:
+        self._bus, self._fd, self.stamped_by = bus, fd, stamped_by
+        self._hardware = HardwareClock() if stamped_by == "hardware" else None
 
     def receive(self, timeout: float) -> Block:
         messages: list[can.Message] = []
         message = self._bus.recv(timeout)
         while message is not None:
-            if message.is_rx and not (message.is_error_frame or message.is_remote_frame or message.is_fd):
+            wanted = self._fd is not None or not message.is_fd
+            if message.is_rx and wanted and not (message.is_error_frame or message.is_remote_frame):
                 messages.append(message)
             if len(messages) >= _BATCH_MAX:
                 break
             message = self._bus.recv(0)
-        block = np.zeros(len(messages), FRAME)
+        block = np.zeros(len(messages), FRAME if self._fd is None else FD_FRAME)
         for record, each in zip(block, messages, strict=True):
-            record["time"] = round(each.timestamp * 1e9)
+            stamp = round(each.timestamp * 1e9)
+            record["time"] = self._hardware.time(stamp, wall_time_ns()) if self._hardware else stamp
             record["id"], record["extended"] = each.arbitration_id, each.is_extended_id
             record["length"] = len(each.data)
             record["data"][: len(each.data)] = np.frombuffer(bytes(each.data), np.uint8)
+            if self._fd is not None:
+                record["fd"] = each.is_fd
         return block
 
     def send(self, block: Block) -> None:
+        _send_messages(self._bus, block, self._fd)
+
+
+def _send_messages(bus: can.BusABC, block: Block, fd: Fd | None) -> None:
+    if fd is None:
         for _, identifier, extended, data in iterate(block):
-            self._bus.send(
-                can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _SEND_TIMEOUT
-            )
+            message = can.Message(arbitration_id=identifier, is_extended_id=extended, data=data)
+            bus.send(message, _SEND_TIMEOUT)
+        return
+    for record in block:
+        fast = bool(record["fd"])
+        message = can.Message(
+            arbitration_id=int(record["id"]),
+            is_extended_id=bool(record["extended"]),
+            data=payload(record),
+            is_fd=fast,
+            bitrate_switch=fast and fd.bitrate_switch,
+        )
+        bus.send(message, _SEND_TIMEOUT)
 
 
 class _SocketCanReceiver:
-    """A SocketCAN bus, read past python-can: one system call per frame, kernel time stamps, losses counted."""
+    """A SocketCAN bus, read past python-can: one system call per frame, the best stamp it has, losses counted."""
 
-    def __init__(self, bus: can.BusABC, sock: socket.socket) -> None:
+    def __init__(self, bus: can.BusABC, sock: socket.socket, fd: Fd | None = None) -> None:
         self.overflows = 0
-        self.wire: Wire | None = Wire.on(sock.fileno(), lines=False)
-        self._bus = bus
-        self._socket = sock
+        self.wire: Wire | None = Wire.on(sock.fileno(), lines=False) if fd is None else None
+        self.stamped_by: Clock = "system"
+        self._bus, self._socket, self._fd = bus, sock, fd
+        self._hardware = HardwareClock()
         _enlarge(sock)
         # From now on every frame brings the kernel's count of those it had no room for.
         sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-        sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        with contextlib.suppress(OSError):  # a kernel without them has its own
+            sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, TIMESTAMPING)
         self._poll = select.poll()
         self._poll.register(sock, select.POLLIN)
 
     def receive(self, timeout: float) -> Block:
         if not self._poll.poll(1000 * timeout):
             return empty_block()
-        records: list[bytes] = []
-        while len(records) < _BATCH_MAX:
+        frames: list[tuple[int, int, bool, bool, bytes]] = []
+        while len(frames) < _BATCH_MAX:
             try:
-                raw, notes, flags, _ = self._socket.recvmsg(_CAN_FRAME.size, 128, socket.MSG_DONTWAIT)
+                raw, notes, flags, _ = self._socket.recvmsg(_CANFD_FRAME.size, 256, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 break
-            time = 0
-            for _, kind, note in notes:
-                if kind == _SO_TIMESTAMPNS:
-                    seconds, nanoseconds = _TIMESPEC.unpack_from(note)
-                    time = seconds * 1_000_000_000 + nanoseconds
-                elif kind == _SO_RXQ_OVFL:
-                    self.overflows = int.from_bytes(note[:4], "little" if _LITTLE else "big")
+            time = self._time(notes)
             # MSG_CONFIRM marks this socket's own frames, which a bus with an echo sends back.
-            if len(raw) != _CAN_FRAME.size or flags & socket.MSG_CONFIRM:
-                continue
-            word, length, data = _CAN_FRAME.unpack(raw)
-            if word & (_CAN_RTR_FLAG | _CAN_ERR_FLAG):
-                continue
-            extended = bool(word & _CAN_EFF_FLAG)
-            identifier = word & (EXTENDED_ID_MAX if extended else STANDARD_ID_MAX)
-            length = min(length, LENGTH_MAX)
-            records.append(_RECORD.pack(time or wall_time_ns(), identifier, extended, length, data[:length]))
-        return np.frombuffer(bytearray(b"".join(records)), FRAME)
+            if not flags & socket.MSG_CONFIRM and (found := _unpacked(raw)):
+                frames.append((time, *found))
+        if self._fd is None:
+            records = [_RECORD.pack(*one[:3], len(one[4]), one[4]) for one in frames if not one[3]]
+            return np.frombuffer(bytearray(b"".join(records)), FRAME)
+        block = np.zeros(len(frames), FD_FRAME)
+        for record, (time, identifier, extended, fast, data) in zip(block, frames, strict=True):
+            record["time"], record["id"], record["extended"] = time, identifier, extended
+            record["length"], record["fd"] = len(data), fast
+            record["data"][: len(data)] = np.frombuffer(data, np.uint8)
+        return block
+
+    def _time(self, notes: list[tuple[int, int, bytes]]) -> int:
+        """Return when a frame came, by the best clock that its ancillary data have."""
+        for _, kind, note in notes:
+            if kind == _SO_RXQ_OVFL:
+                self.overflows = int.from_bytes(note[:4], "little" if _LITTLE else "big")
+        system, hardware = of_notes(notes)
+        system = system or wall_time_ns()
+        if not hardware:
+            return system
+        self.stamped_by = "hardware"
+        return self._hardware.time(hardware, system)
 
     def send(self, block: Block) -> None:
-        for _, identifier, extended, data in iterate(block):
-            self._bus.send(
-                can.Message(arbitration_id=identifier, is_extended_id=extended, data=data), _SEND_TIMEOUT
-            )
+        _send_messages(self._bus, block, self._fd)
+
+
+def _unpacked(raw: bytes) -> tuple[int, bool, bool, bytes] | None:
+    """Return identifier, whether it has 29 bits, whether it is of CAN FD, and data; None for what is no data frame."""
+    fast = len(raw) == _CANFD_FRAME.size
+    if fast:
+        word, length, _, data = _CANFD_FRAME.unpack(raw)
+    elif len(raw) == _CAN_FRAME.size:
+        word, length, data = _CAN_FRAME.unpack(raw)
+    else:
+        return None
+    if word & (_CAN_RTR_FLAG | _CAN_ERR_FLAG):
+        return None
+    extended = bool(word & _CAN_EFF_FLAG)
+    identifier = word & (EXTENDED_ID_MAX if extended else STANDARD_ID_MAX)
+    return identifier, extended, fast, data[: min(length, len(data))]
 
 
 _LITTLE: Final = struct.pack("=H", 1) == b"\1\0"
@@ -187,9 +248,9 @@ class PythonCanPort:
     the exception as the reason.
     """
 
-    def __init__(self, bus: can.BusABC) -> None:
+    def __init__(self, bus: can.BusABC, *, fd: Fd | None = None, stamped_by: Clock = "system") -> None:
         self._bus = bus
-        self._receiver = _receiver(bus)
+        self._receiver = _receiver(bus, fd, stamped_by)
         self._subscribers: tuple[OnFrames, ...] = ()
         self._lost_callbacks: list[OnLost] = []
         self._lost = ""
@@ -207,6 +268,11 @@ class PythonCanPort:
     def overflows(self) -> int:
         """Frames the kernel has thrown away since the port was opened; 0 on buses that cannot tell."""
         return self._receiver.overflows
+
+    @property
+    def stamped_by(self) -> Clock:
+        """Whose clock stamps what comes: the interface's hardware, or the system's."""
+        return self._receiver.stamped_by
 
     @property
     def wire(self) -> Wire | None:
@@ -270,14 +336,20 @@ class PythonCanPort:
             callback(reason)
 
 
-def open_can(spec: str = "auto", *, host: str = HUB_HOST, port: int = HUB_PORT) -> PythonCanPort:
+def open_can(
+    spec: str = "auto", *, host: str = HUB_HOST, port: int = HUB_PORT, fd: Fd | None = None
+) -> PythonCanPort:
     """Open the bus ``spec``: ``auto``, ``tcp``, or a SocketCAN interface such as ``vcan0`` or ``can0``.
 
     ``auto`` is SocketCAN's vcan0 if the kernel has it, else the hub; ``tcp`` is the hub at ``host``:``port``.
-    Raises LinkLost, in words, if the bus cannot be opened.
+    ``fd``: with CAN FD. Raises LinkLost, in words, if the bus cannot be opened.
     """
     kind = resolve_can(spec)
     try:
+        if kind == "tcp" and fd is not None:
+            raise LinkLost(
+                f"can = {spec!r}: a socketcand server has no CAN FD; an interface such as can0 has"
+            )
         if kind == "tcp":
             return PythonCanPort(HubBus(VIRTUAL_INTERFACE, host, port))
         if not has_interface(kind):
@@ -286,16 +358,27 @@ def open_can(spec: str = "auto", *, host: str = HUB_HOST, port: int = HUB_PORT) 
                 f" (it has {', '.join(can_interfaces()) or 'none at all'}; 'tcp' is the rig's own hub)"
             )
         # Error frames are of no use here, and not asking for them costs nothing.
-        bus = can.Bus(channel=kind, interface="socketcan", ignore_rx_error_frames=True, ignore_config=True)
-        return PythonCanPort(bus)
+        bus = can.Bus(
+            channel=kind,
+            interface="socketcan",
+            fd=fd is not None,
+            ignore_rx_error_frames=True,
+            ignore_config=True,
+        )
+        return PythonCanPort(bus, fd=fd)
     except (can.CanError, OSError) as error:
         raise LinkLost(f"the CAN bus '{spec}' cannot be opened: {error}") from error
 
 
-def open_bus(interface: str, channel: str | None, options: Mapping[str, Any]) -> PythonCanPort:
-    """Open any bus that python-can knows; LinkLost, in words, if it cannot be opened."""
+def open_bus(
+    interface: str, channel: str | None, options: Mapping[str, Any], *, fd: Fd | None = None
+) -> PythonCanPort:
+    """Open any bus that python-can knows, ``fd`` with CAN FD; LinkLost, in words, if it cannot be opened."""
+    whole = {"fd": True, **options} if fd is not None else options
+    stamped_by: Clock = "hardware" if interface in HARDWARE_STAMPS else "system"
     try:
-        return PythonCanPort(can.Bus(channel=channel, interface=interface, ignore_config=True, **options))
+        bus = can.Bus(channel=channel, interface=interface, ignore_config=True, **whole)
+        return PythonCanPort(bus, fd=fd, stamped_by=stamped_by)
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         raise LinkLost(f"the CAN bus {channel!r} of {interface!r} cannot be opened: {error}") from error
 
@@ -323,13 +406,13 @@ def can_interfaces() -> list[str]:
     return sorted(found)
 
 
-def _receiver(bus: can.BusABC) -> _Receiver:
+def _receiver(bus: can.BusABC, fd: Fd | None, stamped_by: Clock) -> _Receiver:
     if isinstance(bus, HubBus):
         return _HubReceiver(bus)
     sock = getattr(bus, "socket", None)
     if isinstance(sock, socket.socket) and sock.family == getattr(socket, "AF_CAN", None):
-        return _SocketCanReceiver(bus, sock)
-    return _MessageReceiver(bus)
+        return _SocketCanReceiver(bus, sock, fd)
+    return _MessageReceiver(bus, fd, stamped_by)
 
 
 def _enlarge(sock: socket.socket) -> None:

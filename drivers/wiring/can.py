@@ -8,6 +8,9 @@
     # or any bus of python-can's: interface = "slcan", channel = "/dev/ttyACM0", options = { bitrate = 500000 }
     dbc = "plant_b.dbc"           # or any other file that cantools reads; without one, ids and bits below
     charset = "cp1250"            # of the DBC; without it UTF-8 if all of it is, else cp1252; optional
+    fd = false                    # true: with CAN FD, messages of up to 64 bytes
+    bitrate_switch = false        # true: the data of our frames of CAN FD go out at the fast rate
+    j1939 = true                  # all with 29 bits are known by their group; without it as the DBC says; optional
     node = "BENCH"                # our name in the DBC: only its messages can be written; optional
     stale = "100 ms"              # per page; without it three times the cycle time in the DBC, and at least 100 ms
     burst = "5 ms"                # what comes so soon after a frame was sampled with it and has its time; optional
@@ -19,6 +22,7 @@
     counter = "Alive"             # counts from 0, up to what its bits carry or to counter_period
     checksum = { signal = "Crc", scheme = "xor8", start = 0xA5, identifier = true }  # | sum8 | e2e_p1 | function:NAME
     values = { Reserved = 0 }     # of signals that nobody writes
+    source = 0x27                 # J1939: the address that sends it, ours where we do
 
     [transports.bus.messages."*"] # the same for all messages that have such signals and say nothing themselves
     counter = "Alive"
@@ -32,9 +36,11 @@
     "Cells.Cell1" = { start = 7, length = 16, byte_order = "big", signed = true, scale = 0.5, null = -32768 }
 
 Counters and checksums are filled in when a message is sent and checked when it is received; what is wrong is counted
-(``counts``) and not handed on. A multiplexed message is sent page by page. Nothing is sent before somebody commands;
-start values in the DBC then stand in for signals that nobody writes, never for a set-point. What is sent by itself
-pauses while set-points, once they were streamed, are not: a dead bench must not look alive.
+(``counts``) and not handed on. Of a frame that is shorter than described, what fits is read. With J1939 priority and
+addresses do not matter, the codes FE and FF are no values, and of two that send one group the first is heard. Stamps of
+the interface's own clock are used where it has one. A multiplexed message is sent page by page. Nothing is sent before
+somebody commands; start values in the DBC then stand in for signals that nobody writes, never for a set-point. What is
+sent by itself pauses while set-points, once they were streamed, are not: a dead bench must not look alive.
 """
 
 from __future__ import annotations
@@ -45,17 +51,19 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import msgspec
-from msgspec import Meta
-
+from bench_protocol import j1939
 from bench_protocol.clock import Clock, wall_time_ns
 from bench_protocol.frames import LENGTH_MAX, frame, join, payload
 from bench_protocol.units import NS, ms, s
+from drivers.can_fd import FD_LENGTH_MAX, Fd, fd_frame
 from drivers.errors import LinkLost, WiringError
-from drivers.wiring.can_messages import Message, read_messages
-from drivers.wiring.contract import OnLost, OnPoints
+from drivers.wiring.can_hearing import Hearing
+from drivers.wiring.can_keys import CanKeys
+from drivers.wiring.can_message import Message
+from drivers.wiring.can_messages import read_messages
+from drivers.wiring.contract import OnLost, OnPoints, Remark
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant
 from drivers.wiring.keys import convert, duration, meant
 
@@ -68,27 +76,6 @@ _LOOK: Final = round(5 * ms * NS)
 _OF_THE_DAY: Final = 10**17
 #: A time stamp further behind is of somebody else's clock.
 _LAG_MAX: Final = round(1 * s * NS)
-
-
-class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME]``."""
-
-    kind: str
-    bus: str = "auto"
-    host: str = "127.0.0.1"
-    port: Annotated[int, Meta(ge=1, le=0xFFFF)] = 29536
-    interface: str | None = None
-    channel: str | None = None
-    options: dict[str, Any] = {}
-    dbc: str | None = None
-    charset: str | None = None  #: of the DBC
-    node: str | None = None
-    stale: str | None = None
-    burst: str | None = None  #: what comes within this time after a frame was sampled with it
-    burst_begins: str | None = None  #: the message that is sent first
-    answers: bool = True
-    messages: dict[str, Any] = {}
-    points: dict[str, Any] = {}
 
 
 class CanTransport:
@@ -123,22 +110,16 @@ class CanTransport:
             message, signal = self._find(point)
             if signal not in message.keys.values:
                 message.given.pop(signal, None)
-        self._by_id = {
-            (one.coding.frame_id, one.coding.is_extended_frame): one
-            for one in self._messages.values()
-            if not one.refused
-        }
+        self._hearing = Hearing(self._messages, lambda message: message in self._ours)
         self._ours = {one.name for one in self._messages.values() if one.every}
         if keys.node is not None:
             self._check_node(place, keys.node)
         if keys.burst_begins is not None:
             self._check_burst(place, keys.burst_begins)
-        self.counts: dict[str, dict[str, int]] = {}  #: frames lost, repeated, corrupt, or of an unknown page
         self._where = f"{name} on {keys.channel or keys.bus}"
         self._ear, self._grant = Ear(self._where), Grant()
         self._latest: dict[str, float] = {}
         self._times: dict[str, int] = {}
-        self._undescribed = _coding_error()
         self._lock = threading.RLock()
         self._port: CanPort | None = None
         self._clock: Clock | None = None
@@ -169,6 +150,15 @@ class CanTransport:
                 )
         self._ours = {one.name for one in self._messages.values() if node in one.coding.senders}
 
+    @property
+    def counts(self) -> dict[str, dict[str, int]]:
+        """Frames lost, repeated, corrupt, short, of an unknown page or another source, by message."""
+        return self._hearing.counts
+
+    def remarks(self) -> list[Remark]:
+        """Return what came that was dropped or read in part, and what else is on the bus."""
+        return self._hearing.remarks()
+
     # -- what there is -------------------------------------------------------------------------------------------
 
     @property
@@ -186,9 +176,10 @@ class CanTransport:
             raise WiringError(
                 f"{place} cannot be used: {message.refused}; another DBC, or id and points, would be right"
             )
-        if message.coding.length > LENGTH_MAX:
+        if message.coding.length > (FD_LENGTH_MAX if self._keys.fd else LENGTH_MAX):
             raise WiringError(
-                f"{place}: {message.name} has {message.coding.length} bytes; a CAN frame carries 8"
+                f"{place}: {message.name} has {message.coding.length} bytes; a CAN frame carries 8, and with CAN FD, "
+                "fd = true, 64"
             )
         if not writable:
             return
@@ -199,6 +190,11 @@ class CanTransport:
         if self._keys.node is not None and message.name not in self._ours:
             raise WiringError(
                 f"{place} is sent by {', '.join(message.coding.senders)}, not by {self._keys.node}"
+            )
+        if message.j1939 and j1939.source_of(message.identifier) == j1939.NOBODY:
+            raise WiringError(
+                f"{place}: in the DBC {message.name} is sent by nobody's address, 0xFE; ours would be right: "
+                f"source = 0x27 in messages.{message.name}"
             )
 
     def _find(self, name: str) -> tuple[Message, str]:
@@ -235,7 +231,8 @@ class CanTransport:
         """Join the bus and wait for the rig's first message; LinkLost if none comes ``within`` s."""
         self._clock, self._grant = clock, Grant()
         self._epoch = wall_time_ns() - clock.now()
-        self._latest, self._times, self.counts = {}, {}, {}
+        self._latest, self._times = {}, {}
+        self._hearing.begin()
         for message in self._messages.values():
             message.begin()
         port = self._opener() if self._opener is not None else self._join()
@@ -253,16 +250,18 @@ class CanTransport:
         if told or (self._keys.answers and not self._latest):
             self.close()
             silent = f"{self._where}: none of its {len(self._messages)} messages came in {within:g} s"
-            raise LinkLost(told[0] if told else f"{silent}; is the rig running?")
+            came = self._hearing.instead()
+            raise LinkLost(told[0] if told else f"{silent}; " + (came or "is the rig running?"))
         self._ear.when_lost(lost)
 
     def _join(self) -> CanPort:
         from drivers.can_port import open_bus, open_can
 
         keys = self._keys
+        fd = Fd(keys.bitrate_switch) if keys.fd else None
         if keys.interface is not None:
-            return open_bus(keys.interface, keys.channel, keys.options)
-        return open_can(keys.bus, host=keys.host, port=keys.port)
+            return open_bus(keys.interface, keys.channel, keys.options, fd=fd)
+        return open_can(keys.bus, host=keys.host, port=keys.port, fd=fd)
 
     def subscribe(self, hear: OnPoints) -> None:
         """Call ``hear(time, points)`` with each sound message from now on."""
@@ -282,10 +281,10 @@ class CanTransport:
 
     def _receive(self, block: Block) -> None:
         for record in block:
-            message = self._by_id.get((int(record["id"]), bool(record["extended"])))
-            if message is not None and message.name not in self._ours:
-                sampled = self._sampled(message, self._time(int(record["time"])))
-                self._accept(message, payload(record), sampled)
+            time = self._time(int(record["time"]))
+            message = self._hearing.message(int(record["id"]), bool(record["extended"]), time)
+            if message is not None:
+                self._accept(message, payload(record), self._sampled(message, time))
 
     def _sampled(self, message: Message, time: int) -> int:
         """Return when what comes at ``time`` was sampled: a rig samples at once and sends one frame after the other.
@@ -307,33 +306,32 @@ class CanTransport:
         return min(now, time) if now - time < _LAG_MAX else now
 
     def _accept(self, message: Message, data: bytes, time: int) -> None:
-        if len(data) < message.coding.length or not message.sound(data):
-            self._note(message, "corrupt")
-            return
-        try:
-            values = message.decode(data)
-        except self._undescribed:  # a page that nobody described
-            self._note(message, "unknown")
+        note = partial(self._hearing.note, message)
+        sound = message.sound(data)
+        values = message.decode(data) if sound else {}
+        if not values:  # a wrong checksum, or too short for anything; else a page that nobody described
+            note("unknown" if sound and len(data) >= message.coding.length else "corrupt")
             return
         if message.keys.counter:
-            count = int(values[message.points[message.keys.counter]])
+            counter = message.points[message.keys.counter]
+            if counter not in values:
+                note("corrupt")
+                return
+            count = int(values[counter])
             step = (count - message.heard) % message.counter_period
             if message.when >= 0 and time - message.when < message.stale * NS:
                 if step == 0:
                     message.when = time  # it goes on coming: a counter that stands still is never news
-                    self._note(message, "repeated")
+                    note("repeated")
                     return
-                self._note(message, "lost", step - 1)
+                note("lost", step - 1)
             message.heard, message.when = count, time
+        self._hearing.heard[message.name] += 1
+        note("short", int(len(data) < message.coding.length))
         with self._lock:
             self._latest.update(values)
             self._times.update(dict.fromkeys(values, time))
         self._ear.tell(time, values)
-
-    def _note(self, message: Message, what: str, count: int = 1) -> None:
-        if count:
-            tally = self.counts.setdefault(message.name, {})
-            tally[what] = tally.get(what, 0) + count
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """Return what came last; NaN for what is stale, or never came. A bus cannot be asked."""
@@ -423,15 +421,12 @@ class CanTransport:
     def _send(self, data: Sequence[bytes], messages: Sequence[Message]) -> None:
         assert self._clock is not None and self._port is not None
         now = self._clock.now()
-        block = join(
-            frame(message.coding.frame_id, one, now, extended=message.coding.is_extended_frame)
-            for message, one in zip(messages, data, strict=True)
-        )
+        block = join(self._frame(message, one, now) for message, one in zip(messages, data, strict=True))
         if block.size:
             self._port.send(block)
 
-
-def _coding_error() -> type[Exception]:
-    from cantools import Error
-
-    return Error
+    def _frame(self, message: Message, data: bytes, now: int) -> Block:
+        extended = bool(message.coding.is_extended_frame)
+        if self._keys.fd:
+            return fd_frame(message.identifier, data, now, extended=extended, classic=not message.fd)
+        return frame(message.identifier, data, now, extended=extended)

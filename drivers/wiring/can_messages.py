@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
-from msgspec import Meta
 
 from bench_protocol.dbc import DbcError, Described, read_dbc
+from bench_protocol.dbc_decoding import Decoding
 from bench_protocol.frames import EXTENDED_ID_MAX, LENGTH_MAX, STANDARD_ID_MAX
 from bench_protocol.units import ms
+from drivers.can_fd import FD_LENGTH_MAX
 from drivers.errors import WiringError
+from drivers.wiring.can_keys import DBC_SAYS, CommonKeys, MessageKeys, SignalKeys
+from drivers.wiring.can_message import Message
 from drivers.wiring.keys import convert, duration, meant
-from drivers.wiring.protection import E2E_COUNTER_PERIOD, Checksum, ChecksumKeys, checksum
+from drivers.wiring.protection import E2E_COUNTER_PERIOD, ChecksumKeys, checksum
 
 if TYPE_CHECKING:
     from cantools.database.can import Message as Coding
@@ -25,155 +29,6 @@ if TYPE_CHECKING:
 _ALL: Final = "*"
 _STALE_PERIODS: Final = 3
 _STALE_MIN: Final = 100 * ms
-
-
-class MessageKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME.messages.MESSAGE]``."""
-
-    id: Annotated[int, Meta(ge=0)] | None = None  #: of a message that no DBC describes
-    extended: bool | None = None  #: its identifier has 29 bits
-    length: Annotated[int, Meta(ge=0)] | None = None  #: its bytes, 8 where nothing is said
-    every: str | None = None  #: how often it is sent; without it, when it is written
-    stale: str | None = None  #: after how long without it its points are stale
-    counter: str | None = None  #: the signal that counts its frames
-    counter_period: Annotated[int, Meta(ge=2)] | None = None  #: after how many frames the counter is 0 again
-    checksum: dict[str, Any] | None = None
-    values: dict[str, float] = {}  #: of signals that are sent with it and that nobody writes
-
-
-class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What stands under ``[transports.NAME.messages."*"]``: for all messages that have such signals."""
-
-    counter: str | None = None
-    checksum: dict[str, Any] | None = None
-
-
-class SignalKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"is_float": "float"}):
-    """A point of a CAN message: number = scale · raw + offset. With a DBC only ``null`` is left to say."""
-
-    start: Annotated[int, Meta(ge=0, le=63)] | None = None  #: bit, counted as in a DBC
-    length: Annotated[int, Meta(ge=1, le=64)] | None = None  #: bits
-    byte_order: Literal["little", "big"] = "little"
-    signed: bool = False
-    is_float: bool = False  #: IEEE 754 in 16, 32 or 64 bits
-    scale: float = 1.0
-    offset: float = 0.0
-    page: int | None = None  #: it is there when the selector has this value
-    selector: bool = False  #: it says which page is sent
-    null: int | None = None  #: the raw value that means "not available"
-
-
-_DBC_SAYS: Final = frozenset(SignalKeys.__struct_fields__) - {"null"}
-
-
-@dataclass(slots=True)
-class Message:
-    """One message: how it is coded and guarded, what it carries, and what goes round with it."""
-
-    name: str
-    coding: Coding
-    keys: MessageKeys
-    stale: float  #: s
-    nulls: dict[str, float]
-    limits: dict[str, tuple[float, float]]  #: of each signal, as it is coded
-    every: float = 0.0  #: how often it is sent (s); 0 for when it is written
-    counter_period: int = 0
-    checksum: Checksum | None = None
-    checksum_coding: Coding | None = None  #: of the checksum alone
-    checksum_mask: int = 0
-    given: dict[str, float] = field(default_factory=dict)  #: what is sent before anybody writes, by signal
-    values: dict[str, float] = field(default_factory=dict)  #: what is sent, by signal
-    count: int = -1  #: last sent
-    heard: int = -1  #: last received
-    when: int = -1  #: ns, last received
-    points: dict[str, str] = field(default_factory=dict)  #: names of its points, by signal
-    refused: str = ""  #: why nothing of it can be used, of what the DBC says
-    _placed: dict[int, int] = field(default_factory=dict)  #: checksums in their place, by value
-
-    def begin(self) -> None:
-        """Forget what was sent and received on an earlier connection."""
-        self.values, self.count, self.heard, self.when = dict(self.given), -1, -1, -1
-
-    @property
-    def guards(self) -> set[str]:
-        """Signals that the transport fills in by itself."""
-        own = {self.keys.counter, self.keys.checksum["signal"] if self.keys.checksum else None}
-        return {name for name in own if name}
-
-    @property
-    def selector(self) -> str:
-        """The signal that says which page is sent; empty if all is sent always."""
-        selectors = [signal.name for signal in self.coding.signals if signal.is_multiplexer]
-        return selectors[0] if selectors else ""
-
-    @property
-    def sendable(self) -> bool:
-        """Whether its pages are of one level, which is all that can be written."""
-        return sum(signal.is_multiplexer for signal in self.coding.signals) <= 1
-
-    def pages(self) -> list[int]:
-        """Return the numbers of its pages; none if all is sent always."""
-        return sorted({page for signal in self.coding.signals for page in signal.multiplexer_ids or ()})
-
-    def page_of(self, signal: str) -> int | None:
-        """Return the page on which ``signal`` is sent; None if on all."""
-        ids = self.coding.get_signal_by_name(signal).multiplexer_ids
-        return ids[0] if ids else None
-
-    def on_page(self, page: int | None) -> list[str]:
-        """Return the signals to be given with a page, without those that are filled in."""
-        return [
-            signal.name
-            for signal in self.coding.signals
-            if signal.name not in self.guards
-            and signal.name != self.selector
-            and (signal.multiplexer_ids is None or page in signal.multiplexer_ids)
-        ]
-
-    def missing(self, page: int | None) -> list[str]:
-        """Return the signals of a page that have no value yet."""
-        return [name for name in self.on_page(page) if name not in self.values]
-
-    def encode(self, page: int | None) -> bytes:
-        """Return the data of the next frame of a page."""
-        signals = {name: self.values[name] for name in self.on_page(page)}
-        if self.selector:
-            signals[self.selector] = page if page is not None else self.values.get(self.selector, 0)
-        if self.keys.counter:
-            self.count = (self.count + 1) % self.counter_period
-            signals[self.keys.counter] = self.count
-        if self.checksum is None or not self.keys.checksum:
-            return bytes(self.coding.encode(signals, strict=False))
-        data = bytes(self.coding.encode({**signals, self.keys.checksum["signal"]: 0}, strict=False))
-        bare = int.from_bytes(data, "big") & ~self.checksum_mask
-        return (bare | self._place(self.checksum(self.coding.frame_id, data))).to_bytes(len(data), "big")
-
-    def sound(self, data: bytes) -> bool:
-        """Return whether the checksum of a received frame is right."""
-        if self.checksum is None:
-            return True
-        bits = int.from_bytes(data, "big")
-        bare = (bits & ~self.checksum_mask).to_bytes(len(data), "big")
-        return bits & self.checksum_mask == self._place(self.checksum(self.coding.frame_id, bare))
-
-    def _place(self, checksum: int) -> int:
-        """Return the bits of a frame that has ``checksum`` and nothing else."""
-        bits = self._placed.get(checksum)
-        if bits is None:
-            assert self.checksum_coding is not None and self.keys.checksum is not None
-            alone = self.checksum_coding.encode({self.keys.checksum["signal"]: checksum}, scaling=False)
-            bits = self._placed[checksum] = int.from_bytes(alone, "big")
-        return bits
-
-    def decode(self, data: bytes) -> dict[str, float]:
-        """Return the numbers of a received frame by point; NaN where there is none."""
-        values: Any = self.coding.decode(data, decode_choices=False)
-        names = self.points
-        found = {names[signal]: float(value) for signal, value in values.items()}
-        for signal, null in self.nulls.items():
-            if found.get(names[signal]) == null:
-                found[names[signal]] = math.nan
-        return found
 
 
 def read_messages(
@@ -191,6 +46,7 @@ def read_messages(
                 f'{where}.points: {name} is no name; points of CAN are "Message.Signal", in quotes'
             )
         points.setdefault(message, {})[signal] = convert(f"{where}.points: {name}", one, SignalKeys)
+    fd, j1939 = bool(table.get("fd")), table.get("j1939")
     described = _from_file(where, table.get("dbc"), table.get("charset"), directory)
     codings = {name: one.coding for name, one in described.items()}
     for name, one in keys.items():
@@ -199,7 +55,13 @@ def read_messages(
                 raise WiringError(
                     f"{where}.messages.{name}: id = {one.id:#x}, but the DBC describes {name} already"
                 )
-            codings[name] = _own_coding(f"{where}.messages.{name}", name, one, points.pop(name, {}))
+            codings[name] = _own_coding(
+                f"{where}.messages.{name}",
+                name,
+                one,
+                points.pop(name, {}),
+                FD_LENGTH_MAX if fd else LENGTH_MAX,
+            )
         elif name not in codings:
             raise WiringError(
                 f"{where}.messages.{name}: no message of this name{_in_dbc(table)}; {meant(name, codings)}. Without a "
@@ -217,8 +79,7 @@ def read_messages(
     return {
         name: _message(
             f"{where}.messages.{name}",
-            name,
-            coding,
+            _described(name, coding, described.get(name), j1939),
             _with_common(keys.get(name, MessageKeys()), common, coding),
             points.get(name, {}),
             functions,
@@ -227,6 +88,12 @@ def read_messages(
         )
         for name, coding in codings.items()
     }
+
+
+def _described(name: str, coding: Coding, by_file: Described | None, j1939: object) -> Described:
+    """Return a message as it is to be decoded; ``j1939`` is what the wiring says of all with 29 bits."""
+    one = by_file or Described(name, coding)
+    return one if j1939 is None else replace(one, j1939=bool(j1939 and coding.is_extended_frame))
 
 
 def _check_common(where: str, common: CommonKeys, codings: Mapping[str, Coding]) -> None:
@@ -261,7 +128,9 @@ def _from_file(where: str, name: object, charset: object, directory: Path) -> di
         raise WiringError(f"{where}: dbc = {name!r}{str(error).removeprefix(str(path))}") from None
 
 
-def _own_coding(where: str, name: str, keys: MessageKeys, signals: Mapping[str, SignalKeys]) -> Coding:
+def _own_coding(
+    where: str, name: str, keys: MessageKeys, signals: Mapping[str, SignalKeys], most: int
+) -> Coding:
     from cantools import Error
     from cantools.database.can import Message as Coding
     from cantools.database.can import Signal
@@ -274,8 +143,11 @@ def _own_coding(where: str, name: str, keys: MessageKeys, signals: Mapping[str, 
         kind = "29-bit" if extended else "11-bit"
         raise WiringError(f"{where}: id = {keys.id:#x} is no {kind} identifier (0 to {highest:#x})")
     length = LENGTH_MAX if keys.length is None else keys.length
-    if length > LENGTH_MAX:
-        raise WiringError(f"{where}: length = {length} bytes is more than a CAN frame carries, {LENGTH_MAX}")
+    if length > most:
+        raise WiringError(
+            f"{where}: length = {length} bytes is more than a CAN frame carries, {most}"
+            + ("" if most > LENGTH_MAX else "; with CAN FD, fd = true, it is 64")
+        )
     if not signals:
         raise WiringError(f'{where}: it has no points; "{name}.Signal" = {{ start = 0, length = 16 }} is one')
     selector = next((signal for signal, one in signals.items() if one.selector), None)
@@ -328,7 +200,7 @@ def _check_points(
                 raise WiringError(
                     f"{where}.points: {message} has no signal {signal!r}; {meant(signal, names)}"
                 )
-            said = [key for key in sorted(_DBC_SAYS) if getattr(one, key) != getattr(SignalKeys(), key)]
+            said = [key for key in sorted(DBC_SAYS) if getattr(one, key) != getattr(SignalKeys(), key)]
             if said:
                 raise WiringError(
                     f"{where}.points: {message}.{signal}: {said[0].removeprefix('is_')} is said by the DBC already"
@@ -354,23 +226,28 @@ def _same_identifiers(
 
 def _message(
     where: str,
-    name: str,
-    coding: Coding,
+    one: Described,
     keys: MessageKeys,
     points: Mapping[str, SignalKeys],
     functions: Path | None,
     stale: float | None,
     refused: str = "",
 ) -> Message:
+    name, coding = one.name, one.coding
     names = [signal.name for signal in coding.signals]
     nulls = {}
     for signal in coding.signals:
         null = points[signal.name].null if signal.name in points else None
         if null is not None:
-            nulls[signal.name] = float(signal.conversion.raw_to_scaled(null, decode_choices=False))  # type: ignore[arg-type]
+            raw = _raw_null(f"{where}: {signal.name}", signal, null)
+            nulls[signal.name] = float(signal.conversion.raw_to_scaled(raw, decode_choices=False))  # type: ignore[arg-type]
+    if keys.source is not None and not one.j1939:
+        raise WiringError(
+            f"{where}: source = {keys.source:#x} is for J1939; where the DBC does not say so, j1939 = true does"
+        )
     limits = {signal.name: _limits(signal) for signal in coding.signals}
     every = 0.0 if keys.every is None else duration(f"{where}: every", keys.every)
-    message = Message(name, coding, keys, 0.0, nulls, limits, every, refused=refused)
+    message = Message(name, coding, Decoding(one), keys, 0.0, nulls, limits, every, refused=refused)
     pages = max(1, len(message.pages()))
     cycle = (coding.cycle_time or 0) * ms
     by_rate = max(_STALE_MIN, _STALE_PERIODS * cycle) if stale is None else stale
@@ -388,6 +265,26 @@ def _message(
     }
     _guard(where, message, functions)
     return message
+
+
+def _raw_null(where: str, signal: Signal, null: float) -> float:
+    """Return what a signal holds that was given ``null``: of -999.9 a float of 32 bits has only the nearest."""
+    if signal.conversion.is_float:
+        letter = {16: ">e", 32: ">f"}.get(signal.length, ">d")
+        try:
+            return float(struct.unpack(letter, struct.pack(letter, null))[0])
+        except OverflowError:
+            raise WiringError(
+                f"{where}: null = {null:g} does not fit in a float of {signal.length} bits"
+            ) from None
+    first = -(1 << signal.length - 1) if signal.is_signed else 0
+    last = first + (1 << signal.length) - 1
+    if null != round(null) or not first <= null <= last:
+        raise WiringError(
+            f"{where}: null = {null:.12g} is nothing that {signal.length} bits can hold ({first} to {last}), in whole "
+            "numbers, before scale and offset"
+        )
+    return int(null)
 
 
 def _guard(where: str, message: Message, functions: Path | None) -> None:

@@ -1,0 +1,48 @@
+"""Frames of CAN FD: blocks with room for 64 bytes, for the buses that have them."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.frames import Block, frame
+
+#: Data bytes that a frame of CAN FD can have.
+FD_LENGTHS: Final = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+FD_LENGTH_MAX: Final = FD_LENGTHS[-1]
+#: The fields of ``FRAME``, wider, and whether it is one of CAN FD.
+FD_FRAME: Final = np.dtype(
+    [
+        ("time", "<i8"),
+        ("id", "<u4"),
+        ("extended", "u1"),
+        ("length", "u1"),
+        ("fd", "u1"),
+        ("data", "u1", (FD_LENGTH_MAX,)),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Fd:
+    """How frames of CAN FD go out."""
+
+    bitrate_switch: bool = False  #: their data at the fast rate
+
+
+def fd_frame(
+    identifier: int, data: bytes, time: int = 0, *, extended: bool = False, classic: bool = False
+) -> Block:
+    """Return a block of one frame for a bus that has CAN FD, filled up with zeros to a length that there is."""
+    head = frame(identifier, data[:8], time, extended=extended)
+    length = next((one for one in FD_LENGTHS if one >= len(data)), 0)
+    if len(data) > length:
+        raise ValueError(
+            f"data = {len(data)} bytes does not fit in a frame of CAN FD (0 to {FD_LENGTH_MAX} bytes)"
+        )
+    block = np.zeros(1, FD_FRAME)
+    for field in ("time", "id", "extended"):
+        block[field] = head[field]
+    block["length"], block["fd"] = length, not classic
+    block["data"][0, : len(data)] = np.frombuffer(data, np.uint8)
+    return block

@@ -1,0 +1,74 @@
+"""The keys of messages and signals of a CAN transport."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+from msgspec import Meta
+
+from drivers.can_fd import FD_LENGTH_MAX
+
+
+class CanKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What stands under ``[transports.NAME]``."""
+
+    kind: str
+    bus: str = "auto"
+    host: str = "127.0.0.1"
+    port: Annotated[int, Meta(ge=1, le=0xFFFF)] = 29536
+    interface: str | None = None
+    channel: str | None = None
+    options: dict[str, Any] = {}
+    dbc: str | None = None
+    charset: str | None = None  #: of the DBC
+    node: str | None = None
+    fd: bool = False
+    bitrate_switch: bool = False
+    j1939: bool | None = None
+    stale: str | None = None
+    burst: str | None = None  #: what comes within this time after a frame was sampled with it
+    burst_begins: str | None = None  #: the message that is sent first
+    answers: bool = True
+    messages: dict[str, Any] = {}
+    points: dict[str, Any] = {}
+
+
+class MessageKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What stands under ``[transports.NAME.messages.MESSAGE]``."""
+
+    id: Annotated[int, Meta(ge=0)] | None = None  #: of a message that no DBC describes
+    extended: bool | None = None  #: its identifier has 29 bits
+    length: Annotated[int, Meta(ge=0)] | None = None  #: its bytes, 8 where nothing is said
+    every: str | None = None  #: how often it is sent; without it, when it is written
+    stale: str | None = None  #: after how long without it its points are stale
+    counter: str | None = None  #: the signal that counts its frames
+    counter_period: Annotated[int, Meta(ge=2)] | None = None  #: after how many frames the counter is 0 again
+    checksum: dict[str, Any] | None = None
+    values: dict[str, float] = {}  #: of signals that are sent with it and that nobody writes
+    source: Annotated[int, Meta(ge=0, le=0xFD)] | None = None  #: J1939: who sends it
+
+
+class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What stands under ``[transports.NAME.messages."*"]``: for all messages that have such signals."""
+
+    counter: str | None = None
+    checksum: dict[str, Any] | None = None
+
+
+class SignalKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"is_float": "float"}):
+    """A point of a CAN message: number = scale · raw + offset. With a DBC only ``null`` is left to say."""
+
+    start: Annotated[int, Meta(ge=0, le=8 * FD_LENGTH_MAX - 1)] | None = None  #: bit, counted as in a DBC
+    length: Annotated[int, Meta(ge=1, le=64)] | None = None  #: bits
+    byte_order: Literal["little", "big"] = "little"
+    signed: bool = False
+    is_float: bool = False  #: IEEE 754 in 16, 32 or 64 bits
+    scale: float = 1.0
+    offset: float = 0.0
+    page: int | None = None  #: it is there when the selector has this value
+    selector: bool = False  #: it says which page is sent
+    null: float | None = None  #: the raw value that means "not available"
+
+
+DBC_SAYS: Final = frozenset(SignalKeys.__struct_fields__) - {"null"}

@@ -1,0 +1,153 @@
+"""One message of a CAN transport: how it is coded and guarded, what it carries, and what goes round with it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from bench_protocol.account import Account
+from bench_protocol.dbc_decoding import Decoding
+from bench_protocol.frames import LENGTH_MAX
+from drivers.wiring.can_keys import MessageKeys
+from drivers.wiring.protection import Checksum
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message as Coding
+
+
+@dataclass(slots=True)
+class Message:
+    """One message: how it is coded and guarded, what it carries, and what goes round with it."""
+
+    name: str
+    coding: Coding
+    decoding: Decoding
+    keys: MessageKeys
+    stale: float  #: s
+    nulls: dict[str, float]
+    limits: dict[str, tuple[float, float]]  #: of each signal, as it is coded
+    every: float = 0.0  #: how often it is sent (s); 0 for when it is written
+    counter_period: int = 0
+    checksum: Checksum | None = None
+    checksum_coding: Coding | None = None  #: of the checksum alone
+    checksum_mask: int = 0
+    given: dict[str, float] = field(default_factory=dict)  #: what is sent before anybody writes, by signal
+    values: dict[str, float] = field(default_factory=dict)  #: what is sent, by signal
+    count: int = -1  #: last sent
+    heard: int = -1  #: last received
+    when: int = -1  #: ns, last received
+    points: dict[str, str] = field(default_factory=dict)  #: names of its points, by signal
+    refused: str = ""  #: why nothing of it can be used, of what the DBC says
+    source: int | None = None  #: J1939: the address that it is heard from
+    source_when: int = -1  #: ns, last heard from there
+    _placed: dict[int, int] = field(default_factory=dict)  #: checksums in their place, by value
+
+    def begin(self) -> None:
+        """Forget what was sent and received on an earlier connection."""
+        self.values, self.count, self.heard, self.when = dict(self.given), -1, -1, -1
+        self.source, self.source_when = self.keys.source, -1
+
+    @property
+    def j1939(self) -> bool:
+        """Whether it is known by its group, whoever sends it."""
+        return self.decoding.message.j1939
+
+    @property
+    def fd(self) -> bool:
+        """Whether it is a frame of CAN FD, where the bus has those."""
+        return bool(self.coding.is_fd) or self.coding.length > LENGTH_MAX
+
+    @property
+    def identifier(self) -> int:
+        """What it is sent with."""
+        own = self.j1939 and self.keys.source is not None
+        return self.coding.frame_id & ~0xFF | (self.keys.source or 0) if own else self.coding.frame_id
+
+    @property
+    def guards(self) -> set[str]:
+        """Signals that the transport fills in by itself."""
+        own = {self.keys.counter, self.keys.checksum["signal"] if self.keys.checksum else None}
+        return {name for name in own if name}
+
+    @property
+    def selector(self) -> str:
+        """The signal that says which page is sent; empty if all is sent always."""
+        selectors = [signal.name for signal in self.coding.signals if signal.is_multiplexer]
+        return selectors[0] if selectors else ""
+
+    @property
+    def sendable(self) -> bool:
+        """Whether its pages are of one level, which is all that can be written."""
+        return sum(signal.is_multiplexer for signal in self.coding.signals) <= 1
+
+    def pages(self) -> list[int]:
+        """Return the numbers of its pages; none if all is sent always."""
+        return sorted({page for signal in self.coding.signals for page in signal.multiplexer_ids or ()})
+
+    def page_of(self, signal: str) -> int | None:
+        """Return the page on which ``signal`` is sent; None if on all."""
+        ids = self.coding.get_signal_by_name(signal).multiplexer_ids
+        return ids[0] if ids else None
+
+    def on_page(self, page: int | None) -> list[str]:
+        """Return the signals to be given with a page, without those that are filled in."""
+        return [
+            signal.name
+            for signal in self.coding.signals
+            if signal.name not in self.guards
+            and signal.name != self.selector
+            and (signal.multiplexer_ids is None or page in signal.multiplexer_ids)
+        ]
+
+    def missing(self, page: int | None) -> list[str]:
+        """Return the signals of a page that have no value yet."""
+        return [name for name in self.on_page(page) if name not in self.values]
+
+    def encode(self, page: int | None) -> bytes:
+        """Return the data of the next frame of a page."""
+        signals = {name: self.values[name] for name in self.on_page(page)}
+        if self.selector:
+            signals[self.selector] = page if page is not None else self.values.get(self.selector, 0)
+        if self.keys.counter:
+            self.count = (self.count + 1) % self.counter_period
+            signals[self.keys.counter] = self.count
+        if self.checksum is None or not self.keys.checksum:
+            return bytes(self.coding.encode(signals, strict=False))
+        data = bytes(self.coding.encode({**signals, self.keys.checksum["signal"]: 0}, strict=False))
+        bare = int.from_bytes(data, "big") & ~self.checksum_mask
+        return (bare | self._place(self.checksum(self.identifier, data))).to_bytes(len(data), "big")
+
+    def sound(self, data: bytes) -> bool:
+        """Return whether the checksum of a received frame is right; not if the frame ends before it."""
+        if self.checksum is None:
+            return True
+        more = 8 * (len(data) - self.coding.length)  # bits; a frame may be longer or shorter than described
+        mask = _shifted(self.checksum_mask, more)
+        if _shifted(mask, -more) != self.checksum_mask:
+            return False
+        bits = int.from_bytes(data, "big")
+        bare = (bits & ~mask).to_bytes(len(data), "big")
+        return bits & mask == _shifted(self._place(self.checksum(self.identifier, bare)), more)
+
+    def _place(self, checksum: int) -> int:
+        """Return the bits of a frame that has ``checksum`` and nothing else."""
+        bits = self._placed.get(checksum)
+        if bits is None:
+            assert self.checksum_coding is not None and self.keys.checksum is not None
+            alone = self.checksum_coding.encode({self.keys.checksum["signal"]: checksum}, scaling=False)
+            bits = self._placed[checksum] = int.from_bytes(alone, "big")
+        return bits
+
+    def decode(self, data: bytes) -> dict[str, float]:
+        """Return the numbers in a received frame by point, as far as it goes; NaN where there is none."""
+        names = self.points
+        found = {names[signal]: value for signal, value in self.decoding.values(data, Account())}
+        for signal, null in self.nulls.items():
+            if found.get(names[signal]) == null:
+                found[names[signal]] = math.nan
+        return found
+
+
+def _shifted(bits: int, by: int) -> int:
+    return bits << by if by >= 0 else bits >> -by
