@@ -1,6 +1,7 @@
 """`astb wiring new`: a first wiring file for a rig that speaks otherwise."""
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -20,8 +21,19 @@ def wiring_command() -> None:
     "--registers", type=_FILE, help="Its Modbus registers (CSV): name, table, address; type, scale, unit."
 )
 @click.option("--charset", help="Of the DBC.  [default: UTF-8 if all of it is, else cp1252]")
+@click.option(
+    "--addresses",
+    type=click.Choice(["wire", "one", "modicon"]),
+    help="How the list counts: as on the wire, from 1, or 30001 and 40001.  [default: as it looks, or refused]",
+)
 @click.option("--out", type=_FILE, help="Where to write the file.  [default: standard output]")
-def new_command(dbc: Path | None, registers: Path | None, charset: str | None, out: Path | None) -> None:
+def new_command(
+    dbc: Path | None,
+    registers: Path | None,
+    charset: str | None,
+    addresses: Literal["wire", "one", "modicon"] | None,
+    out: Path | None,
+) -> None:
     """Write a first wiring file: what is clear by name and unit filled in, what may be as comments.
 
     Signs, offsets and states nobody can know from names: read every line, then let `astb check-rig` look.
@@ -34,7 +46,7 @@ def new_command(dbc: Path | None, registers: Path | None, charset: str | None, o
     if out is not None and out.exists():
         misuse(f"{out} is there already, and somebody may have worked on it")
     try:
-        text = skeleton(dbc, registers, out.parent if out else Path(), charset)
+        text = skeleton(dbc, registers, out.parent if out else Path(), charset, addresses)
     except WiringError as error:
         misuse(error)
     if out is None:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from astb.skeleton.matching import Match, match
-from astb.skeleton.points import Point, dbc_points, register_points
+from astb.skeleton.points import Point, dbc_points
+from astb.skeleton.register_list import Counting, read_register_list
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
 from bench_protocol.units import UNITS
@@ -52,7 +53,13 @@ _CONDUCT: Final = """\
 """
 
 
-def skeleton(dbc: Path | None, registers: Path | None, beside: Path, charset: str | None = None) -> str:
+def skeleton(
+    dbc: Path | None,
+    registers: Path | None,
+    beside: Path,
+    charset: str | None = None,
+    counting: Counting | None = None,
+) -> str:
     """Return a wiring file for the directory ``beside``; WiringError for a DBC or a list that cannot be read."""
     points: list[Point] = []
     text = 'description = "A rig described in part: fill in what is absent"\nlatency = "100 ms"\n\n'
@@ -69,8 +76,10 @@ def skeleton(dbc: Path | None, registers: Path | None, beside: Path, charset: st
         text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
     if registers is not None:
-        rows = register_points(registers)
+        listed = read_register_list(registers, counting=counting)
+        rows = listed.points
         points += rows
+        text += "".join(f"# {note}\n" for note in listed.notes)
         text += '[transports.plc]\nkind = "modbus"\nhost = "127.0.0.1"\nport = 502\nword_order = "high"\n'
         text += (
             '# alive = { point = "…", every = "100 ms" }\n\n[transports.plc.groups.fast]\nevery = "50 ms"\n\n'

@@ -90,6 +90,11 @@ def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[st
         yield reader.line_num, row
 
 
+def cells_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """As `rows_of`, whatever quotation marks say, and without spaces around cells."""
+    yield from enumerate(_lenient(lines, delimiter), 1)
+
+
 def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
     """One row for each line, whatever its quotation marks say."""
     if delimiter == " ":

@@ -7,7 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from astb.cli import commands
-from astb.skeleton.points import dbc_points, register_points
+from astb.skeleton.points import dbc_points
+from astb.skeleton.register_list import register_points
 from astb.skeleton.writing import GROUPS, matches, skeleton
 from bench_protocol.table import TABLE
 from drivers.errors import WiringError

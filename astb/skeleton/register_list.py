@@ -1,0 +1,355 @@
+"""The points of a rig as a list of its Modbus registers names them, in the forms that people keep such lists in."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from astb.skeleton.points import Point, unit_of
+from bench_protocol.account import Account
+from bench_records.layout import RecordError
+from bench_records.tables.text_table import cells_of, text_lines
+from drivers.errors import WiringError
+
+#: How the addresses of a list count: as they are on the wire, from 1 in each table, or as Modicon numbered them.
+Counting = Literal["wire", "one", "modicon"]
+
+_COLUMNS: Final = {
+    "name": (
+        *("name", "names", "signal", "signals", "tag", "tags", "tag name", "label", "variable", "variables", "symbol"),
+        *("signal name", "bezeichnung", "bezeichner", "variablen", "signalname", "datenpunkt", "messgröße", "point"),
+    ),
+    "table": (
+        *("table", "tables", "space", "area", "areas", "kind", "register type", "registertyp", "bereich", "tabelle"),
+        *("registerart", "register", "object type", "art"),
+    ),
+    "address": (
+        *("address", "addresses", "addr", "offset address", "adresse", "adressen", "register address"),
+        *("registeradresse", "modbus address", "modbus adresse", "modbusadresse", "start address", "startadresse"),
+        *("register number", "reg", "register", "registernummer"),
+    ),
+    "type": (
+        *("type", "types", "encoding", "format", "formats", "datatype", "datatypes", "data type", "data types"),
+        *("datentyp", "datentypen", "typ", "datenformat"),
+    ),
+    "scale": (
+        *("scale", "scales", "scaling", "factor", "factors", "resolution", "lsb", "faktor", "faktoren", "skalierung"),
+        *("auflösung", "multiplier", "skalierungsfaktor"),
+    ),
+    "unit": ("unit", "units", "einheit", "einheiten"),
+    "text": (
+        *("description", "descriptions", "comment", "comments", "text", "meaning", "remark", "remarks"),
+        *("beschreibung", "kommentar", "bemerkung", "bedeutung"),
+    ),
+}  # fmt: skip
+_TABLES: Final = {
+    "input": (
+        *("input", "inputs", "ir", "3x", "3xxxx", "input register", "input registers", "analog input", "ai"),
+        *("eingang", "eingänge", "eingangsregister", "fc4", "fc04"),
+    ),
+    "holding": (
+        *("holding", "holdings", "hr", "4x", "4xxxx", "holding register", "holding registers", "halteregister"),
+        *("haltende register", "fc3", "fc03"),
+    ),
+    "coil": ("coil", "coils", "0x", "0xxxx", "do", "spule", "spulen", "fc1", "fc01"),
+    "discrete": (
+        *("discrete", "discretes", "di", "1x", "1xxxx", "discrete input", "discrete inputs", "contact", "contacts"),
+        *("diskreter eingang", "diskrete eingänge", "digitaleingang", "digitaleingänge", "fc2", "fc02"),
+    ),
+}  # fmt: skip
+#: What a Modicon number begins with.
+_DIGIT: Final = {"coil": "0", "discrete": "1", "input": "3", "holding": "4"}
+_TYPES: Final = {
+    **dict.fromkeys(("bit", "bool", "boolean"), "bit"),
+    **dict.fromkeys(("uint16", "word", "uint", "u16", "unsigned16", "ushort", "unsignedint16"), "uint16"),
+    **dict.fromkeys(("int16", "int", "sint16", "s16", "i16", "signed16", "short", "signedint16"), "int16"),
+    **dict.fromkeys(("uint32", "dword", "udint", "u32", "unsigned32", "ulong", "unsignedint32"), "uint32"),
+    **dict.fromkeys(("int32", "dint", "sint32", "s32", "i32", "signed32", "long", "signedint32"), "int32"),
+    **dict.fromkeys(("uint64", "u64", "ulint", "lword"), "uint64"),
+    **dict.fromkeys(("int64", "s64", "i64", "lint"), "int64"),
+    **dict.fromkeys(("float32", "float", "real", "single", "f32", "real32", "ieee754"), "float32"),
+    **dict.fromkeys(("float64", "double", "lreal", "f64", "real64"), "float64"),
+}
+#: In which order the bytes A (the highest) to D of 32 bits travel: the words, the bytes in each.
+_ORDERS: Final = {
+    "abcd": ("high", "big"),
+    "cdab": ("low", "big"),
+    "badc": ("high", "little"),
+    "dcba": ("low", "little"),
+    "abcdefgh": ("high", "big"),
+    "ghefcdab": ("low", "big"),
+}
+_WORDS: Final = {
+    **{order: order for order in _ORDERS},
+    **dict.fromkeys(("big endian", "be", "msw first", "high word first"), "abcd"),
+    **dict.fromkeys(("word swapped", "word swap", "swapped", "lsw first", "low word first"), "cdab"),
+}
+
+
+@dataclass(frozen=True)
+class RegisterList:
+    """What a list says: its points, and in words how it was taken."""
+
+    points: list[Point]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class _Row:
+    line: int
+    name: str
+    table: str
+    address: str
+    type: str
+    scale: str
+    unit: str
+    text: str
+
+
+def register_points(path: Path, transport: str = "plc") -> list[Point]:
+    """Return the rows of a list of registers (CSV). WiringError, with row and column, for what cannot be."""
+    return read_register_list(path, transport).points
+
+
+def read_register_list(path: Path, transport: str = "plc", counting: Counting | None = None) -> RegisterList:
+    """Return the points of a list of registers, and how its addresses were taken, which ``counting`` says else.
+
+    WiringError, with row and column, for what cannot be, and for addresses that may be two things.
+    """
+    account = Account()
+    try:
+        lines = text_lines(path, "", account)
+    except RecordError as error:
+        raise WiringError(str(error)) from None
+    rows, notes = _rows(path, lines)
+    notes = [*account.taken, *notes]
+    if not rows:
+        raise WiringError(f"{path}: there is no row below the head")
+    tables = {row.line: _table(f"{path}, row {row.line}", row, rows) for row in rows}
+    counted = counting or _counting(path, rows, tables)
+    if counted == "modicon":
+        first = next((row for row in rows if tables[row.line] in ("input", "holding")), rows[0])
+        at = _address(f"{path}, row {first.line}", first, tables[first.line], counted)
+        notes.append(
+            f"The addresses are taken as Modicon numbers: {first.address} is {tables[first.line]} register {at} on the "
+            "wire (--addresses wire takes them as they stand)."
+        )
+    elif counted == "one":
+        notes.append("The addresses are taken to count from 1: on the wire each is one less.")
+    commas = _comma_in([row.scale for row in rows])
+    twice = {name for name, count in Counter(_name(row.name) for row in rows).items() if count > 1}
+    points = [
+        _point(f"{path}, row {row.line}", transport, row, tables[row.line], counted, twice, commas)
+        for row in rows
+    ]
+    return RegisterList(points, notes)
+
+
+def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], list[str]]:
+    """The rows with an address, and what was left out in words."""
+    delimiter, head, found = _head(path, lines)
+    notes = (
+        [f"Lines above the head of the list: {head}."] if any(line.strip() for line in lines[:head]) else []
+    )
+    names = next(cells_of([lines[head]], delimiter))[1]
+    unread = [name for index, name in enumerate(names) if name and index not in found.values()]
+    if unread:
+        notes.append(f"Columns of the list that were not read: {', '.join(unread)}.")
+    width = len(names)
+    rows, titles = [], 0
+    for number, cells in cells_of(lines[head + 1 :], delimiter):
+        line = head + 1 + number
+        if len(cells) > width and any(cells[width:]):
+            raise WiringError(f"{path}, row {line}: there are {len(cells)} cells, and the head has {width}")
+        row = {key: cells[index] if index < len(cells) else "" for key, index in found.items()}
+        if not any(row.values()):
+            continue
+        if not row["address"] and sum(map(bool, cells)) == 1:
+            titles += 1  # of a section
+            continue
+        rows.append(_Row(line, *(row.get(key, "") for key in _COLUMNS)))
+    if titles:
+        notes.append(f"Rows with a single cell, taken as titles: {titles}.")
+    return rows, notes
+
+
+def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
+    """Delimiter, index of the head, and where in it each column is: of all lines the one with most of them."""
+    best: tuple[str, int, dict[str, int]] | None = None
+    for delimiter in (",", ";", "\t", "|"):
+        for index, line in enumerate(lines[:60]):
+            cells = next(cells_of([line], delimiter), (0, []))[1]
+            found = _columns(cells)
+            if best is None or len(found) > len(best[2]):
+                best = (delimiter, index, found)
+    assert best is not None
+    delimiter, index, found = best
+    if "address" not in found and "table" in found:  # a column `Register` may be the table or the number
+        below = [cells for _, cells in cells_of(lines[index + 1 :], delimiter) if len(cells) > found["table"]]
+        if any(re.search(r"\d{2}", cells[found["table"]]) for cells in below):
+            found["address"] = found.pop("table")
+    for key in ("name", "address"):
+        if key not in found:
+            told = [_plain(cell) for cell in next(cells_of([lines[index]], delimiter), (0, []))[1]]
+            raise WiringError(f"{path}: no column {key}; there are {', '.join(told) or 'none'}")
+    return delimiter, index, found
+
+
+def _columns(cells: Sequence[str]) -> dict[str, int]:
+    plain = [_plain(cell) for cell in cells]
+    found: dict[str, int] = {}
+    for key, names in _COLUMNS.items():
+        places = [plain.index(name) for name in names if name in plain]
+        free = [place for place in places if place not in found.values()]
+        if free:
+            found[key] = free[0]
+    return found
+
+
+def _table(where: str, row: _Row, rows: Sequence[_Row]) -> str:
+    table = next((one for one, names in _TABLES.items() if _plain(row.table) in names), "")
+    if table:
+        return table
+    if not row.table and all(not one.table for one in rows):
+        if all(re.fullmatch(r"[0134]\d{4,5}", one.address) for one in rows):
+            return next(one for one, digit in _DIGIT.items() if digit == row.address[0])
+        raise WiringError(
+            f"{where}: no column table; input, holding, coil or discrete, or addresses such as 30011, say it"
+        )
+    raise WiringError(f"{where}, column table: {row.table!r} is none of input, holding, coil, discrete")
+
+
+def _counting(path: Path, rows: Sequence[_Row], tables: Mapping[int, str]) -> Counting:
+    """Whether addresses are Modicon numbers: all of them fit their tables, or none does."""
+    fits = {row.line: _is_modicon(row.address, tables[row.line]) for row in rows}
+    if not any(fits.values()):
+        return "wire"
+    if set(tables.values()) == {"coil"}:  # 00010 may be a number with zeros before it
+        raise WiringError(
+            f"{path}: {rows[0].address} in row {rows[0].line} may be a Modicon number of a coil: --addresses modicon "
+            "or wire would say it"
+        )
+    if all(fits.values()):
+        return "modicon"
+    yes, no = (next(row for row in rows if fits[row.line] is one) for one in (True, False))
+    raise WiringError(
+        f"{path}: {yes.address} in row {yes.line} looks like a Modicon number of table {tables[yes.line]}, "
+        f"{no.address} in row {no.line} does not: --addresses wire takes all as they stand; else make them one kind"
+    )
+
+
+def _is_modicon(address: str, table: str) -> bool:
+    return bool(re.fullmatch(rf"{_DIGIT[table]}(\d{{4}}|\d{{5}})", address)) and int(address[1:]) > 0
+
+
+def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
+    text = row.address.strip()
+    if re.fullmatch(r"0[xX][0-9A-Fa-f]+|16#[0-9A-Fa-f]+|[0-9A-Fa-f]+[hH]", text):
+        number = int(re.sub(r"^(0[xX]|16#)|[hH]$", "", text), 16)
+    elif re.fullmatch(r"\d+", text):
+        number = int(text)
+    else:
+        raise WiringError(
+            f"{where}: address = {row.address!r} is no number; one such as 10 or 0x0A would be right"
+        )
+    if counting == "modicon":
+        if not _is_modicon(text, table):
+            raise WiringError(f"{where}: address = {row.address!r} is no Modicon number of table {table}")
+        number = int(text[1:]) - 1
+    elif counting == "one":
+        number -= 1
+    if not 0 <= number <= 0xFFFF:
+        raise WiringError(f"{where}: address = {row.address!r}; on the wire 0 to 65535 would be right")
+    return number
+
+
+def _comma_in(scales: Sequence[str]) -> bool:
+    """Whether the factors of a list have decimal commas."""
+    return any(re.search(r"\d,\d", scale) for scale in scales)
+
+
+def _scale(where: str, text: str, commas: bool) -> float:
+    if not text:
+        return 1.0
+    wrong = WiringError(f"{where}: scale = {text!r} must be a number, such as 0.01 or 1/100")
+    if commas and "." in text:
+        raise WiringError(
+            f"{where}: scale = {text!r}: other rows have decimal commas, and this one has a point"
+        )
+    if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", text):
+        raise WiringError(
+            f"{where}: scale = {text!r} may be a thousand or have three decimals; write it with a point"
+        )
+    parts = text.replace(",", ".").split("/")
+    try:
+        numbers = [float(part) for part in parts if "_" not in part]
+        scale = numbers[0] / numbers[1] if len(parts) == 2 else numbers[0]
+    except (ValueError, IndexError, ZeroDivisionError):
+        raise wrong from None
+    if len(numbers) != len(parts) or len(parts) > 2 or not 0.0 < abs(scale) < float("inf"):
+        raise wrong
+    return scale
+
+
+def _kind(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
+    """Type and order of its bytes, of FLOAT32 CDAB, INT32 (word swapped), or 32 bit float."""
+    if not text:
+        return "", None
+    words = re.sub(r"[-_()\[\],;]+", " ", text.lower())
+    order = None
+    for name in sorted(_WORDS, key=len, reverse=True):
+        if re.search(rf"(?<![a-z]){re.escape(name)}(?![a-z])", words):
+            order = _ORDERS[_WORDS[name]]
+            words = re.sub(rf"(?<![a-z]){re.escape(name)}(?![a-z])", " ", words)
+            break
+    plain = words.replace(" ", "").replace("bits", "").replace("integer", "int")
+    plain = plain.replace("bit", "") if plain != "bit" else plain
+    plain = re.sub(r"^(16|32|64)(\D+)$", r"\2\1", plain)
+    kind = _TYPES.get(plain)
+    if kind is None:
+        known = ", ".join(dict.fromkeys(_TYPES.values()))
+        raise WiringError(
+            f"{where}, column type: {text!r} is none of {known}, with ABCD, CDAB, BADC or DCBA behind"
+        )
+    return kind, order
+
+
+def _point(
+    where: str, transport: str, row: _Row, table: str, counting: Counting, twice: set[str], commas: bool
+) -> Point:
+    address = _address(where, row, table, counting)
+    scale = _scale(where, row.scale, commas)
+    kind, order = _kind(where, row.type)
+    name = _name(row.name)
+    if not name:
+        raise WiringError(f"{where}, column name: {row.name!r} has no letter to begin with")
+    name = f"{name}_{table}_{address}" if name in twice else name
+    words = table in ("input", "holding")
+    parts = [f'table = "{table}"', f"address = {address}"]
+    parts += [f'type = "{kind}"'] if kind and words and kind != "bit" else []
+    if order and words:
+        parts += [f'word_order = "{order[0]}"'] if kind[-2:] != "16" else []
+        parts += ['byte_order = "little"'] if order[1] == "little" else []
+    parts += [f"scale = {scale:.12g}"] if scale != 1 and words else []
+    parts += ['group = "fast"'] if table == "input" else []
+    return Point(
+        f"{transport}.{name}",
+        row.name,
+        row.text,
+        unit_of(row.unit),
+        written=table in ("holding", "coil"),
+        read=table in ("input", "discrete"),
+        line=f'"{name}" = {{ {", ".join(parts)} }}',
+    )
+
+
+def _name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", text.strip()).lstrip("_.0123456789").rstrip("_.")
+
+
+def _plain(text: str) -> str:
+    return " ".join(re.sub(r"[_\-:./]+", " ", text.strip().lower()).split())

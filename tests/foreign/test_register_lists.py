@@ -1,0 +1,124 @@
+"""Lists of registers as people keep them: the places that are meant, in words how they were taken, or a refusal."""
+
+import random
+import tomllib
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from astb.cli import commands
+from astb.skeleton.register_list import read_register_list
+from drivers.errors import WiringError
+
+HEADS = {
+    "english": "Tag{d}Area{d}Address{d}Data type{d}Factor{d}Unit",
+    "plural": "Names{d}Tables{d}Addresses{d}Types{d}Factors{d}Units",
+    "german": "Bezeichnung{d}Bereich{d}Adresse{d}Datentyp{d}Faktor{d}Einheit",
+    "registers": "Bezeichnung{d}Register{d}Adressen{d}Datentypen{d}Faktoren{d}Einheiten",
+}
+TABLES = {"input": ("3x", "Input registers", "Eingangsregister"), "holding": ("4x", "HR", "Halteregister")}
+TYPES = {
+    "uint16": ("UINT16", "word", "unsigned 16 bit"),
+    "int32": ("INT32", "DINT", "32 bit int"),
+    "float32": ("FLOAT32", "real", "Float (32 bit)"),
+}
+ORDERS = {"": {}, " CDAB": {"word_order": "low"}, " ABCD": {"word_order": "high"}}
+OFFSETS = {"input": 30001, "holding": 40001}
+
+
+def points(path: Path, **keys) -> dict:
+    found = read_register_list(path, **keys)
+    return tomllib.loads("\n".join(point.line for point in found.points))
+
+
+def list_of(seed: int) -> tuple[bytes, dict]:
+    """A list in some form, and the points that it means."""
+    pick = random.Random(seed)
+    delimiter = pick.choice([",", ";", "\t"])
+    comma = delimiter != "," and pick.random() < 0.5
+    modicon, zeros = pick.random() < 0.4, pick.random() < 0.3
+    lines = [HEADS[pick.choice(list(HEADS))].format(d=delimiter)]
+    right = {}
+    for number in range(6):
+        table, kind = pick.choice(list(TABLES)), pick.choice(list(TYPES))
+        order = pick.choice(list(ORDERS)) if kind != "uint16" else ""
+        address, scale = pick.randrange(9000), pick.choice([1.0, 0.01, 0.5, 0.125])
+        written = str(address + OFFSETS[table]) if modicon else f"{address:05d}" if zeros else str(address)
+        factor = f"{scale:g}".replace(".", ",") if comma else f"{scale:g}"
+        cells = [
+            f"p{number}",
+            pick.choice(TABLES[table]),
+            written,
+            pick.choice(TYPES[kind]) + order,
+            factor,
+            "mm",
+        ]
+        lines.append(delimiter.join(cells))
+        right[f"p{number}"] = {"table": table, "address": address, "type": kind, **ORDERS[order]}
+        right[f"p{number}"] |= {"scale": scale} if scale != 1.0 else {}
+        right[f"p{number}"] |= {"group": "fast"} if table == "input" else {}
+    if pick.random() < 0.3:
+        lines = ["Registerliste Prüfstand", "", *lines]
+    if pick.random() < 0.3:
+        lines = [line + delimiter * 2 for line in lines]
+    return "\r\n".join(lines).encode(pick.choice(["utf-8", "utf-8-sig", "cp1252", "utf-16"])), right
+
+
+def test_in_any_form_a_list_names_the_places_that_are_meant(tmp_path):
+    path = tmp_path / "list.csv"
+    for seed in range(200):
+        content, right = list_of(seed)
+        path.write_bytes(content)
+        assert points(path) == right, seed
+
+
+def test_modicon_numbers_are_said_in_the_file_and_a_key_takes_them_as_they_stand(tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text(
+        "Tag,Area,Address\nlaser,input,30011\nrequest,holding,40001\nlamp,coil,00003\nlid,di,10002\n"
+    )
+    written = CliRunner().invoke(commands, ["wiring", "new", "--registers", str(path)]).output
+    assert "# The addresses are taken as Modicon numbers: 30011 is input register 10 on the wire" in written
+    told = tomllib.loads(written)["transports"]["plc"]["points"]
+    assert [told[name]["address"] for name in ("laser", "request", "lamp", "lid")] == [10, 0, 2, 1]
+    assert points(path, counting="wire")["laser"]["address"] == 30011
+    assert points(path, counting="one")["laser"]["address"] == 30010
+    path.write_text("Name;Adresse\nlaser;300011\nrequest;400001\n")  # the number alone says the table
+    found = points(path)
+    assert (found["laser"]["table"], found["laser"]["address"]) == ("input", 10)
+    assert (found["request"]["table"], found["request"]["address"]) == ("holding", 0)
+
+
+def test_what_was_not_read_of_a_list_is_said(tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text("Plant list\nname;table;address;divisor\nHeights\nx;input;1;10\n")
+    notes = " ".join(read_register_list(path).notes)
+    assert "Lines above the head of the list: 1." in notes
+    assert "Columns of the list that were not read: divisor." in notes
+    assert "taken as titles: 1" in notes
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (
+            "x,input,30011,,\ny,holding,12,,",
+            "30011 in row 2 looks like a Modicon number .* 12 in row 3 does not",
+        ),
+        ("x,coil,00010,,", "00010 in row 2 may be a Modicon number of a coil: --addresses"),
+        ("x,input,1,FLOAT32 XYZ,", "row 2, column type: 'FLOAT32 XYZ' is none of"),
+        ('x,input,1,,"1,000"', "scale = '1,000' may be a thousand or have three decimals"),
+        ('x,input,1,,"0,5"\ny,input,2,,1.000', "row 3: scale = '1.000': other rows have decimal commas"),
+        ("x,input,1,,0", "scale = '0' must be a number"),
+        ("x,input,1.5,,", "address = '1.5' is no number"),
+        ("x,input,70000,,", "on the wire 0 to 65535"),
+        ("x,input,1,,1,7", "row 2: there are 6 cells, and the head has 5"),
+        ("", "there is no row below the head"),
+    ],
+)
+def test_what_may_be_two_things_or_none_is_refused(tmp_path, rows, told):
+    path = tmp_path / "list.csv"
+    path.write_text("name,table,address,type,scale\n" + rows + "\n")
+    with pytest.raises(WiringError, match=told):
+        read_register_list(path)
