@@ -49,16 +49,16 @@ class HardwareClock:
     """
 
     def __init__(self) -> None:
-        self._apart: float | None = None  # ns, from the hardware's clock to that of the day
+        self._apart: int | None = None  # ns, from the hardware's clock to that of the day
         self._last = 0
 
     def time(self, stamp: int, arrived: int) -> int:
         """Return the time of the day (ns) of a hardware ``stamp`` that ``arrived`` then."""
-        lag = float(arrived - stamp)
+        lag = arrived - stamp
         if self._apart is None or abs(lag - self._apart) > _LEAP or stamp < self._last - _LEAP:
             self._apart = lag
         else:
             passed = max(0, stamp - self._last)
-            self._apart = min(lag, self._apart + _DRIFT * passed)
+            self._apart = min(lag, self._apart + round(_DRIFT * passed))
         self._last = max(stamp, self._last) if stamp > self._last - _LEAP else stamp
-        return stamp + round(self._apart)
+        return stamp + self._apart

@@ -29,6 +29,7 @@ from test_plans.readings import CHAMBERS
 from test_plans.recording import Recording, begin_recording, keep_settings
 from test_plans.run import Heard, Nobody, Run, Watcher
 from test_plans.specimen import Specimen, ordinary
+from test_plans.stamps import clocks
 from test_plans.steps.carrying import ARM_WITHIN, RESIDUAL_PRESSURE
 from test_plans.suspension import HeldTooLong, Suspension
 
@@ -76,7 +77,7 @@ def execute(
     """
     spring, instruments = specimen or ordinary(), bench.instruments or UNKNOWN
     plan = plan.on(spring)
-    facts = _facts(plan, spring, instruments) | dict(meta or {})
+    facts = _facts(plan, spring, instruments) | _clocks(bench) | dict(meta or {})
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()
     run = Run(
@@ -143,6 +144,12 @@ def _facts(plan: Plan, spring: Specimen, instruments: Instruments) -> dict[str, 
         "specimen": spring.facts,
         **told,
     }
+
+
+def _clocks(bench: Bench) -> dict[str, Any]:
+    """Return what a record says of the clocks that stamped it, where that is known."""
+    told = clocks(bench)
+    return {"time_stamps": told} if told else {}
 
 
 def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:

@@ -13,6 +13,7 @@ from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.parameters import Value
 from test_plans.specimen import Specimen, ordinary
+from test_plans.stamps import stamps_of
 from test_plans.suspension import HOLD_WITHIN, Suspension
 from test_plans.uncertainty import Evaluation, Exact, Measured, Readings, measured
 
@@ -190,7 +191,8 @@ class Run:
         came = self.bench.receiver.rates
         if over:
             how["averaged"] = {name: max(round(hertz * over), 1) for name, hertz in came.items()}
-        return measured(evaluate, *captures, instruments=self.instruments, came=came, **how)
+        stamps = stamps_of(self.bench)
+        return measured(evaluate, *captures, instruments=self.instruments, came=came, stamps=stamps, **how)
 
     def can(self, *checks: str, needs: Iterable[str]) -> bool:
         """Return whether the rig has all signals that ``checks`` need; if not, these are *not available*, and why.

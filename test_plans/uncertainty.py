@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from bench_protocol.table import TABLE
 from bench_protocol.units import Hz
+from drivers.wiring.contract import Stamp
 from test_plans.instruments import Instruments, Piece
 
 Samples = npt.NDArray[np.float64]
@@ -117,13 +118,15 @@ def measured(
     rate: float | Mapping[str, float] = 200 * Hz,
     averaged: int | Mapping[str, int] = 1,
     came: Mapping[str, float] | None = None,
+    stamps: Mapping[str, Stamp] | None = None,
     themselves: bool = False,
 ) -> tuple[Measured, ...]:
     """Return what ``evaluate(*captures)`` gives, a number or several, each with its uncertainty.
 
     ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate``, one or by signal, or means over
     ``averaged`` samples, of all or by signal. ``came`` is how often (Hz) a signal came from the rig: what was slower
-    than ``rate`` lies on lines between few samples, and so does its noise. Where the instruments ``themselves`` are
+    than ``rate`` lies on lines between few samples, and so does its noise. ``stamps`` are of the clocks that say when
+    signals came: those that share one are late together. Where the instruments ``themselves`` are
     what is measured, their errors are the value and not its uncertainty: what is left is noise and resolution.
     Readings without an instrument leave the value without an uncertainty, except statuses and choices, which have no
     error. A value that is no number has none either, nor one that was computed of none of the readings.
@@ -140,17 +143,14 @@ def measured(
     rates = rate if isinstance(rate, Mapping) else dict.fromkeys(used, rate)
     parts: dict[str, Samples] = {}
     even = np.zeros_like(best)
-    for name in () if themselves else used:
-        for cause, moved in _ways(instruments.pieces[name], rates.get(name, 1.0)):
-            up, down = (
-                np.atleast_1d(np.asarray(evaluate(*_changed(captures, name, moved, way)), float))
-                for way in (1.0, -1.0)
-            )
-            key = f"{instruments.pieces[name].instrument.name} {cause}"
-            # Half the difference, unless the value turns between both, as a size does near 0.
-            part = 0.5 * (abs(up - best) + abs(best - down))
-            parts[key] = np.hypot(parts.get(key, 0.0), part)
-            even = np.maximum(even, part)
+    for key, moves in () if themselves else _all_ways(used, instruments, rates, stamps or {}):
+        up, down = (
+            np.atleast_1d(np.asarray(evaluate(*_changed(captures, moves, way)), float)) for way in (1.0, -1.0)
+        )
+        # Half the difference, unless the value turns between both, as a size does near 0.
+        part = 0.5 * (abs(up - best) + abs(best - down))
+        parts[key] = np.hypot(parts.get(key, 0.0), part)
+        even = np.maximum(even, part)
     pieces = [instruments.pieces[name] for name in used]
     apart = {
         name: max(rates.get(name, 1.0) / hertz, 1.0) for name, hertz in (came or {}).items() if hertz > 0.0
@@ -176,6 +176,28 @@ def _can_err(name: str) -> bool:
 Move = Callable[[Any], Any]
 
 
+def _all_ways(
+    used: Sequence[str], instruments: Instruments, rates: Mapping[str, float], stamps: Mapping[str, Stamp]
+) -> Iterator[tuple[str, Mapping[str, Move]]]:
+    """Yield each cause with how it moves the signals: a piece one of them, a stamp all that came with it."""
+    for name in used:
+        for cause, moved in _ways(instruments.pieces[name], rates.get(name, 1.0)):
+            yield f"{instruments.pieces[name].instrument.name} {cause}", {name: moved}
+    together: dict[str, list[str]] = {}
+    for name in used:
+        if name in stamps:
+            together.setdefault(stamps[name].shared, []).append(name)
+    for names in together.values():
+        one = stamps[names[0]]
+        late = {name: _late(one.within, rates.get(name, 1.0)) for name in names}
+        yield f"time stamps by the {one.clock}", late
+
+
+def _late(by: float, rate: float) -> Move:
+    """Return what one standard deviation of a time that may be off ``by`` so much (s) does to samples."""
+    return lambda values: -by * EVEN * np.gradient(values) * rate if np.size(values) > 1 else 0.0
+
+
 def _ways(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
     """Yield in which ways one piece may be wrong: by one standard deviation each."""
     one, signal = piece.instrument, TABLE[piece.signal]
@@ -187,15 +209,17 @@ def _ways(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
     if one.nonlinearity:
         yield "nonlinearity", lambda values: one.nonlinearity * EVEN * (1 - ((values - middle) / half) ** 2)
     if one.lag:
-        yield (
-            "lag",
-            lambda values: -one.lag * EVEN * np.gradient(values) * rate if np.size(values) > 1 else 0.0,
-        )
+        yield "lag", _late(one.lag, rate)
 
 
-def _changed(captures: Sequence[Readings], name: str, moved: Move, way: float) -> list[dict[str, Any]]:
+def _changed(captures: Sequence[Readings], moves: Mapping[str, Move], way: float) -> list[dict[str, Any]]:
     return [
-        {**one, name: one[name] + way * moved(np.asarray(one[name], float))} if name in one else dict(one)
+        dict(one)
+        | {
+            name: one[name] + way * moved(np.asarray(one[name], float))
+            for name, moved in moves.items()
+            if name in one
+        }
         for one in captures
     ]
 

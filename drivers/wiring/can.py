@@ -59,11 +59,12 @@ from bench_protocol.frames import LENGTH_MAX, frame, join, payload
 from bench_protocol.units import NS, ms, s
 from drivers.can_fd import FD_LENGTH_MAX, Fd, fd_frame
 from drivers.errors import LinkLost, WiringError
+from drivers.stamps import UNCERTAINTY
 from drivers.wiring.can_hearing import Hearing
 from drivers.wiring.can_keys import CanKeys
 from drivers.wiring.can_message import Message
 from drivers.wiring.can_messages import read_messages
-from drivers.wiring.contract import OnLost, OnPoints, Remark
+from drivers.wiring.contract import OnLost, OnPoints, Remark, Stamp
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant
 from drivers.wiring.keys import convert, duration, meant
 
@@ -158,6 +159,14 @@ class CanTransport:
     def remarks(self) -> list[Remark]:
         """Return what came that was dropped or read in part, and what else is on the bus."""
         return self._hearing.remarks()
+
+    def stamp(self, name: str) -> Stamp | None:
+        """Return by whose clock the message of a point is stamped; None in memory, where all have the bench's."""
+        clock = getattr(self._port, "stamped_by", None)
+        if clock is None:
+            return None
+        shared = self.name if self._burst else f"{self.name}.{self._find(name)[0].name}"
+        return Stamp(clock, UNCERTAINTY[clock], shared)
 
     # -- what there is -------------------------------------------------------------------------------------------
 

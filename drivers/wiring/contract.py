@@ -115,6 +115,14 @@ class Remark(NamedTuple):
     doubtful: bool  #: readings or commands are lost by it
 
 
+class Stamp(NamedTuple):
+    """Whose clock says when a signal came, and how well."""
+
+    clock: str  #: "hardware" of the interface, or of the "system"
+    within: float  #: s, half-width of what it may be off by
+    shared: str  #: what comes with the same stamp errs by the same time
+
+
 class Outlet(Protocol):
     """Where set-points go, beat by beat."""
 
@@ -181,6 +189,14 @@ class Remarking(Protocol):
 
     def remarks(self) -> list[Remark]:
         """Return what was noticed since it was connected."""
+
+
+@runtime_checkable
+class Stamping(Protocol):
+    """A transport, or a wiring, that knows by which clock its points, or signals, are stamped."""
+
+    def stamp(self, name: str) -> Stamp | None:
+        """Return whose stamps a point or signal has, once some have come; None where nothing is known of them."""
 
 
 class Wiring(Protocol):

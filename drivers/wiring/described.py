@@ -27,6 +27,8 @@ from drivers.wiring.contract import (
     Outlet,
     Remark,
     Remarking,
+    Stamp,
+    Stamping,
     Transport,
     refuse_absent,
 )
@@ -239,6 +241,14 @@ class DescribedWiring:
                 self._tell_player(time)
         active = self._active or "rig.state" not in self._description.readings
         self.failure = self.failure or self._streaming.send(values, offsets, time, active=active)
+
+    def stamp(self, name: str) -> Stamp | None:
+        """Return whose stamps a signal has: those of the first of its points."""
+        if name not in self._sources.limits:
+            return None
+        transport, _, point = self._description.readings[name].points[0].partition(".")
+        one = self._transports[transport]
+        return one.stamp(point) if isinstance(one, Stamping) else None
 
     def remarks(self) -> dict[str, list[Remark]]:
         """Return what the transports have noticed of the rig, by transport."""

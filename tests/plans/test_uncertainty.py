@@ -13,6 +13,7 @@ from bench_protocol.units import bar, kN, mm, ms
 from bench_records.conformity import conformity, coverage_factor, cumulative, decimals, guard_factor
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
+from drivers.wiring.contract import Stamp
 from test_plans.analysis import dynamic_stiffness
 from test_plans.instruments import (
     Instrument,
@@ -315,3 +316,30 @@ def test_a_checks_probability_decides_between_pass_marginal_and_fail():
         str(run.checks[1])
         == "pressure = 5.10 ± 0.20 bar (k = 2; at least 5 bar): marginal, conforms with 84.1 %"
     )
+
+
+# -- time stamps -------------------------------------------------------------------------------------------------------
+
+
+def _phase(readings, frequency=2.0, rate=200.0):
+    times = np.arange(len(readings["left.height"])) / rate
+    turn = np.exp(-1j * tau * frequency * times)
+    return float(np.angle((readings["load_cell.1"] @ turn) / (readings["left.height"] @ turn)))
+
+
+@pytest.mark.parametrize(("clock", "within"), [("hardware", 5e-6), ("system", 900e-6)])
+def test_a_phase_is_as_uncertain_as_the_clocks_that_stamped_its_readings(clock, within):
+    times = np.arange(400) / 200.0
+    sines = {
+        "left.height": 5 * mm * np.sin(tau * 2 * times),
+        "load_cell.1": 9e3 * np.sin(tau * 2 * times + 0.1),
+    }
+    perfect = instruments(offset=0.0, gain=0.0)
+    apart = {name: Stamp(clock, within, f"bus.{name}") for name in sines}
+    (found,) = measured(_phase, sines, instruments=perfect, rate=200.0, stamps=apart)
+    assert found.value == pytest.approx(0.1)
+    assert found.u == pytest.approx(tau * 2 * within / sqrt(3) * sqrt(2), rel=0.02)
+    assert set(found.parts) == {f"time stamps by the {clock}"}
+    together = {name: Stamp(clock, within, "bus") for name in sines}
+    (same,) = measured(_phase, sines, instruments=perfect, rate=200.0, stamps=together)
+    assert same.u < 1e-3 * found.u, "what comes with one stamp is late together"
