@@ -28,6 +28,7 @@ from astb.commands.lists import (
     signals_command,
 )
 from astb.commands.named import (
+    demos_command,
     instruments_command,
     parameters_command,
     rigs_command,
@@ -115,6 +116,7 @@ for _command in (
     instruments_command,
     wirings_command,
     parameters_command,
+    demos_command,
     effects_command,
     limits_command,
     signals_command,

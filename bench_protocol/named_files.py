@@ -11,6 +11,12 @@ _HOME: Final = Path(str(files("bench_protocol"))).parent
 
 
 @cache
+def named_folders(package: str) -> dict[str, Path]:
+    """Return the folders of a package by their names."""
+    return {path.name: path for path in sorted((_HOME / package).iterdir()) if path.is_dir()}
+
+
+@cache
 def named_files(package: str) -> dict[str, Path]:
     """Return the TOML files of a package by their names."""
     return {path.stem: path for path in sorted((_HOME / package.replace(".", "/")).glob("*.toml"))}

@@ -12,6 +12,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
+DEMOS = Path(__file__).parents[1] / "demos"
 SEALS = {"NAPN": "#c0392b", "O-ring": "#2471a3", "PK": "#1e8449"}
 BAR, MM = 1e5, 1e-3
 
@@ -33,8 +34,8 @@ def main() -> None:
     figure, (loop, law) = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
     for seal, colour in SEALS.items():
         simulator, dataset = read_mapped(
-            sorted((TUTORIALS / "data" / "zillen").glob(f"friction__{seal}_*bar.csv")),
-            TUTORIALS / "maps" / "piston.toml",
+            sorted((DEMOS / "piston").glob(f"friction__{seal}_*bar.csv")),
+            DEMOS / "piston" / "piston.toml",
         )
         pressures, halves = half_loops(simulator, dataset)
         law.plot(pressures, halves, "o", color=colour, ms=3.5, mfc="none", label=seal)

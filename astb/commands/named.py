@@ -1,7 +1,8 @@
-"""`astb rigs`, `specimens`, `instruments`, `wirings` and `parameters`: the files that come with the bench."""
+"""`astb rigs`, `specimens`, `instruments`, `wirings`, `parameters` and `demos`: files that come with the bench."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from shutil import copytree
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
@@ -59,10 +60,14 @@ def _copy(command: str, known: Mapping[str, Path], names: tuple[str, ...], targe
         )
     if target.exists():
         misuse(f"{target} is there already, and somebody may have worked on it")
-    if target.suffix != ".toml":
+    source = known[names[0]]
+    if source.is_file() and target.suffix != ".toml":
         misuse(f"{target} would be taken for a name: a file that ends in .toml would do")
     try:
-        target.write_bytes(known[names[0]].read_bytes())
+        if source.is_dir():
+            copytree(source, target)
+        else:
+            target.write_bytes(source.read_bytes())
     except OSError as error:
         misuse(f"{target} cannot be written: {error.strerror}")
     click.echo(target)
@@ -159,6 +164,24 @@ def _parameters(name: str) -> Listed:
     )
 
 
+def _demos() -> Mapping[str, Path]:
+    from bench_protocol.named_files import named_folders
+
+    return named_folders("demos")
+
+
+def _demo(name: str) -> Listed:
+    folder = (
+        _demos()[name]
+        if name in _demos()
+        else misuse(f"there is no demo {name!r}; there is {', '.join(_demos())}")
+    )
+    (mapped,) = folder.glob("*.toml")
+    title = mapped.read_text(encoding="utf-8").partition(":")[0].lstrip("# ")
+    files = sorted(path.name for path in folder.iterdir() if path != mapped)
+    return Listed(f"{title}; {len(files)} files", {"title": title, "map": mapped.name, "files": files})
+
+
 rigs_command = _listing(
     "rigs",
     _rigs,
@@ -194,4 +217,13 @@ parameters_command = _listing(
     _sets,
     _parameters,
     """List the parameter sets that come with the bench, for --model, or what each NAME is.""",
+)
+demos_command = _listing(
+    "demos",
+    _demos,
+    _demo,
+    """List the measured data that come with the bench, each a folder with its map, to try a diagnosis on.
+
+    astb demos chamber --copy chamber, then astb diagnose chamber/*.csv --map chamber/chamber.toml --out found.
+    """,
 )

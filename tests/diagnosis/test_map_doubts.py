@@ -8,11 +8,8 @@ import pytest
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.mapping import read_mapped
 
-TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
-DATA = TUTORIALS / "data" / "zillen"
-MAPS = {
-    name: (TUTORIALS / "maps" / f"{name}.toml").read_text(encoding="utf-8") for name in ("piston", "chamber")
-}
+DEMOS = Path(__file__).parents[2] / "demos"
+MAPS = {name: (DEMOS / name / f"{name}.toml").read_text(encoding="utf-8") for name in ("piston", "chamber")}
 TURN_X = ('displacement = { column = 5, unit = "mm"', 'displacement = { column = 5, unit = "mm", sign = -1')
 TURN_F = ('force = { column = 7, unit = "N"', 'force = { column = 7, unit = "N", sign = -1')
 ABSOLUTE = ('reading = "gauge"', 'reading = "absolute"')
@@ -49,7 +46,7 @@ def test_what_cannot_be_right_is_doubted_and_nothing_else(
         text = text.replace(old, new)
     mapping = tmp_path / "map.toml"
     mapping.write_text(text, encoding="utf-8")
-    _, dataset = read_mapped(sorted(DATA.glob(data)), mapping)
+    _, dataset = read_mapped(sorted(DEMOS.rglob(data)), mapping)
     assert len(dataset.doubts) == len(doubts), dataset.doubts
     for said, start in zip(dataset.doubts, doubts, strict=True):
         assert said.startswith(start)

@@ -18,17 +18,18 @@ from diagnosis.systems.mapping import read_mapped
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = ROOT / "docs" / "tutorials"
-DATA = TUTORIALS / "data" / "zillen"
-MAPS = TUTORIALS / "maps"
+DEMOS = ROOT / "demos"
 SEALS = ("NAPN", "O-ring", "PK")
 
 
 def actuator(seal: str) -> tuple[Simulator, Dataset]:
-    return read_mapped(sorted(DATA.glob(f"friction__{seal}_*bar.csv")), MAPS / "piston.toml")
+    return read_mapped(
+        sorted((DEMOS / "piston").glob(f"friction__{seal}_*bar.csv")), DEMOS / "piston" / "piston.toml"
+    )
 
 
 def chamber(name: str) -> tuple[Simulator, Dataset]:
-    return read_mapped([DATA / f"chamber__{name}.csv"], MAPS / "chamber.toml")
+    return read_mapped([DEMOS / "chamber" / f"chamber__{name}.csv"], DEMOS / "chamber" / "chamber.toml")
 
 
 def errors(simulator: Simulator, runs: tuple[MeasuredRun, ...], parameters=None, effects=None) -> np.ndarray:
@@ -160,7 +161,7 @@ def test_a_slow_leak_says_nothing_about_its_law() -> None:
 @pytest.fixture
 def typed(tmp_path: Path) -> Callable[[str], Finding]:
     """Type the one command of the tutorial that names some data, in a directory with what a clone has; its finding."""
-    (tmp_path / "docs").symlink_to(TUTORIALS.parent)
+    (tmp_path / "demos").symlink_to(DEMOS)
     astb = tmp_path / ".venv" / "bin" / "astb"
     astb.parent.mkdir(parents=True)
     astb.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m astb "$@"\n')
@@ -250,11 +251,11 @@ def test_the_diagnosis_cannot_tell_the_law_of_a_slow_leak_and_says_so(
 @pytest.mark.slow
 @pytest.mark.parametrize("length", [20, 28, 35])
 def test_a_slow_leak_is_as_ambiguous_however_its_record_is_cut(length: int, tmp_path: Path) -> None:
-    text = (MAPS / "chamber.toml").read_text(encoding="utf-8")
+    text = (DEMOS / "chamber" / "chamber.toml").read_text(encoding="utf-8")
     mapping = tmp_path / "chamber.toml"
     roles_left_to_chance = text[: text.index("[[runs.role]]")]
     mapping.write_text(roles_left_to_chance.replace('"10 s"', f'"{length} s"'), encoding="utf-8")
-    simulator, dataset = read_mapped([DATA / "chamber__Aluminium.csv"], mapping)
+    simulator, dataset = read_mapped([DEMOS / "chamber" / "chamber__Aluminium.csv"], mapping)
     finding = diagnose(dataset, simulator)
     assert finding.models.after_runs.keys() == {"chamber__Aluminium"}
     assert finding.verdict == "ambiguous"

@@ -47,7 +47,7 @@ def map_of(path: Path) -> Any:
         (read_specimen, "specimens/astb.toml", SpecimenError),
         (read_instruments, "instruments/astb.toml", InstrumentsError),
         (wiring, "wirings/plant_a.toml", WiringError),
-        (map_of, "docs/tutorials/maps/piston.toml", DiagnosisError),
+        (map_of, "demos/piston/piston.toml", DiagnosisError),
         (load, "bench_sim/parameters/astb.toml", ParameterError),
         (campaign, 'plans = ["leak_down"]\nrig = "none.toml"\n', CampaignError),
         (read_answers, '"*" = "done"\n', AnswersFileError),

@@ -90,3 +90,21 @@ def test_a_rig_file_names_instruments_and_a_wiring_that_come_with_the_bench(tmp_
     path.write_text('name = "mine"\nwiring = "plant_a"\ninstruments = "astb"')
     assert wiring_of(read(path), path).text == "A PLC on Modbus/TCP, process image every 50 ms"
     assert instruments_of(read(path), path).file == "astb.toml"
+
+
+def test_measured_data_are_copied_with_their_map_and_read_as_ones_own(cli, tmp_path):
+    from diagnosis.systems.mapping import read_mapped
+
+    told = json.loads(cli("demos", "--json")[1])
+    assert [one["name"] for one in told] == ["chamber", "piston"]
+    assert cli("demos", "chamber", "--copy", tmp_path / "mine")[0] == PASS
+    files = sorted((tmp_path / "mine").glob("*.csv"))
+    assert [path.name for path in files] == told[0]["files"]
+    _, dataset = read_mapped(files[:1], tmp_path / "mine" / told[0]["map"])
+    assert len(dataset.runs) > 5
+    for arguments, reason in (
+        (("chamber", "--copy", "mine"), "is there already"),
+        (("nobody",), "there is no demo"),
+    ):
+        status, _, err = cli("demos", *arguments)
+        assert (status, reason in err) == (MISUSE, True)

@@ -17,7 +17,7 @@ from astb.exit_codes import MISUSE
 from tests.wheel.conftest import ROOT, Built, Elsewhere
 
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PACKAGES = {name.partition(".")[0] for name in CONFIG["tool"]["setuptools"]["packages"]}
+PACKAGES = {name.partition(".")[0] for name in CONFIG["tool"]["setuptools"]["packages"]["find"]["include"]}
 TOLD = "astb/commit.txt"
 EVERY_HELP = """
 import click
@@ -48,14 +48,11 @@ for package in ({packages}):
 """
 #: What the study of the paper reads beside its modules.
 DATA_OF_THE_PAPER = """
-import pathlib
-from jinja2 import Environment, FileSystemLoader
-import paper_study
+from importlib.resources import files
 from bench_sim.parameters.paper import load_paper
 from bench_sim.parameters.vehicle import load_vehicle
 load_paper(), load_vehicle()
-place = pathlib.Path(paper_study.__file__).parent
-Environment(loader=FileSystemLoader(place)).get_template("page.html.j2")
+assert (files("paper_study") / "page.html.j2").read_text()
 """
 
 
