@@ -190,7 +190,9 @@ def test_the_layers_are_exhaustive() -> None:
     }
     layers = next(contract["layers"] for contract in CONTRACTS if contract["name"] == LAYERS)
     packaged = CONFIG["tool"]["setuptools"]["packages"]["find"]["include"]
-    assert sorted(packaged) == sorted(f"{name}{end}" for name in {*PACKAGES, *FILES_ONLY} for end in ("", ".*"))
+    assert sorted(packaged) == sorted(
+        f"{name}{end}" for name in {*PACKAGES, *FILES_ONLY} for end in ("", ".*")
+    )
     assert {name.split(".")[0] for name in on_disk} == set(PACKAGES)
     assert {name.strip() for layer in layers for name in layer.split("|")} == set(PACKAGES)
     assert set(CONFIG["tool"]["mypy"]["packages"]) == set(PACKAGES)
