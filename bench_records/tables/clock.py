@@ -195,6 +195,11 @@ def in_words(ns: int, zoned: bool = False) -> str:
     return f"{told}.{ns % SECOND // 1_000_000:03d}{' UTC' if zoned else ''}"
 
 
+def many(rows: int) -> str:
+    """A number of rows in words."""
+    return f"{rows} row{'s' * (rows != 1)}"
+
+
 def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) -> None:
     """Refuse a clock that falls, or leaps by a year; tell of one that stands or leaps. Rows without time are passed."""
     import numpy as np
@@ -220,12 +225,12 @@ def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) ->
     stands = steps == 0
     if stands.any():
         at = int(rows[int(np.argmax(stands)) + 1])
-        account.take(f"the clock stands in {int(stands.sum())} rows, first in {sheet.at(at)}")
+        account.take(f"the clock stands in {many(int(stands.sum()))}, first in {sheet.at(at)}")
     moving = steps[steps > 0]
     usual = float(np.median(moving)) if moving.size else 0.0
     leaps = (steps > _LEAP * usual) & (steps > _LONG)
     if leaps.any():
         at = int(np.argmax(leaps))
         account.take(
-            f"the clock leaps {int(leaps.sum())} times, first by {steps[at]:.6g} s before {sheet.at(int(rows[at + 1]))}"
+            f"the clock leaps {'once' if leaps.sum() == 1 else f'{int(leaps.sum())} times'}, first by {steps[at]:.6g} s before {sheet.at(int(rows[at + 1]))}"
         )

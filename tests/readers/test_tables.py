@@ -1,0 +1,172 @@
+"""Every form of a table that the reference page lists is read, refused, or read with what it leaves out told."""
+# ruff: noqa: E501
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from astb.readers_page import table
+from bench_protocol.account import Account
+from bench_records.layout import RecordError
+from bench_records.tables.keys import FileKeys, Source, TimeSource
+from bench_records.tables.reading import Series, read_series
+
+TIMES = np.arange(30) / 100.0
+X = np.round(np.linspace(-20.0, 1250.25, 30), 4)
+P = np.round(5.0 + 0.5 * np.sin(np.arange(30)), 3)
+START = datetime(2026, 3, 19, 10, 0, tzinfo=UTC)
+
+
+def csv(
+    head: str = "time,x,p",
+    cells: Callable[[float, float, float], str] = lambda t, x, p: f"{t:.2f},{x:.4f},{p:.3f}",
+    above: str = "",
+    below: str = "",
+    change: tuple[str, str] = ("", ""),
+) -> bytes:
+    rows = [cells(*row) for row in zip(TIMES, X, P, strict=True)]
+    text = above + "\n".join([head, *rows]) + "\n" + below
+    return text.replace(*change, 1).encode() if change[0] else text.encode()
+
+
+def times(form: Callable[[datetime], str]) -> bytes:
+    return csv(cells=lambda t, x, p: f"{form(START + timedelta(seconds=t))},{x:.4f},{p:.3f}")
+
+
+def comma(number: float, digits: int = 4) -> str:
+    return f"{number:.{digits}f}".replace(".", ",")
+
+
+def german(t: float, x: float, p: float) -> str:
+    return ";".join((comma(t, 2), comma(x), comma(p, 3)))
+
+
+FRAME = pd.DataFrame({"x": X, "p": P}, index=pd.Index(TIMES, name="time"))
+DATES = pd.DatetimeIndex([START + timedelta(seconds=float(t)) for t in TIMES])
+
+
+def parquet(frame: pd.DataFrame) -> bytes:
+    out = io.BytesIO()
+    frame.to_parquet(out)
+    return out.getvalue()
+
+
+def arrow(frame: pd.DataFrame) -> bytes:
+    out = io.BytesIO()
+    frame.to_feather(out)
+    return out.getvalue()
+
+
+def indexed(index: Any) -> bytes:
+    return parquet(pd.DataFrame({"x": X, "p": P}, index=index))
+
+
+def with_time(values: Any, kind: Callable[[pd.DataFrame], bytes] = parquet) -> bytes:
+    return kind(pd.DataFrame({"time": values, "x": X, "p": P}))
+
+
+#: By the name of the form: the file, its suffix, keys of the file and the clock, and what has to be said.
+FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
+    "plain": (csv(), ".csv", {}, ""),
+    "semicolons": (csv("time;x;p", german), ".csv", {}, ""),
+    "tabs": (csv("time\tx\tp", lambda t, x, p: f"{t:.2f}\t{x:.4f}\t{p:.3f}"), ".txt", {}, ""),
+    "columns": (csv("  time      x      p", lambda t, x, p: f"{t:8.2f} {x:12.4f} {p:9.3f}"), ".dat", {}, ""),
+    "sep": (csv("time|x|p", lambda t, x, p: f"{t:.2f}|{x:.4f}|{p:.3f}", above="sep=|\n"), ".csv", {}, ""),
+    "quotes": (csv('"time","x","p"', lambda t, x, p: f'"{t:.2f}","{x:,.4f}","{p:.3f}"'), ".csv", {}, ""),
+    "thousands": (csv("time;x;p", lambda t, x, p: f"{comma(t, 2)};{f'{x:,.4f}'.translate(str.maketrans(',.', '.,'))};{comma(p, 3)}"), ".csv", {}, ""),
+    "apostrophes": (csv(cells=lambda t, x, p: f"{t:.2f},{f'{x:,.4f}'.replace(',', chr(39))},{p:.3f}"), ".csv", {}, ""),
+    "an open number": (csv("time;x;p", lambda t, x, p: f"{round(100 * t)};{round(x)};{p:.3f}"), ".csv", {"unit": "ms"}, r'p: "5\.\d{3}" in line \d+ may be a thousand or have three decimals; file.decimal'),
+    "spaces": (csv(" time , x , p "), ".csv", {}, ""),
+    "units": (csv(above="", head="time,x,p\ns,mm,bar"), ".csv", {}, "line 2 is taken as units: s, mm, bar"),
+    "trailing": (csv(cells=lambda t, x, p: f"{t:.2f},{x:.4f},{p:.3f},"), ".csv", {}, "an empty field at the end of rows"),
+    "empty columns": (csv("time,x,p,,,", lambda t, x, p: f"{t:.2f},{x:.4f},{p:.3f},,,"), ".csv", {}, ""),
+    "more fields": (csv(change=("0.05,", "0.05,7,")), ".csv", {}, "line 7 has 4 cells and the head 3"),
+    "fewer fields": (csv(change=("0.05,", "")), ".csv", {}, "line 7 has 2 cells and the head 3"),
+    "twice": (csv("time,x,p,x", lambda t, x, p: f"{t:.2f},{x:.4f},{p:.3f},0"), ".csv", {}, 'x.column = "x": the columns 2 and 4 are called so; give the number'),
+    "titles": (csv(above="Test 7\nOperator: A, B\n\n"), ".csv", {}, r"2 lines above the head"),
+    "comments": (csv("# time,x,p", above="# made by numpy\n"), ".csv", {}, "1 line above the head"),
+    "text below": (csv(below=",,\nEnd of data\n"), ".csv", {}, r"1 line of text below the values \(line 33\), 1 row of empty cells"),
+    "text between": (csv(change=("\n0.05,", "\npause\n0.05,")), ".csv", {}, 'line 7, "pause", is no row of values'),
+    "head again": (csv(below="time,x,p\n0.5,1,2\n"), ".csv", {}, "line 32 is the head again"),
+    "cut": (csv() + b"0.30,1", ".csv", {}, r"1 row within which the file ends \(line 32\)"),
+    "missing": (csv(below="0.30,#N/A,---\n0.31,-inf,NaN\n"), ".csv", {}, r"3 cells without a number \(the first: line 32, x: #N/A\), 1 infinite value"),
+    "no number": (csv(change=("0.05,", "0.05,=1+")), ".csv", {}, 'x: "=1+.*" in line 7 is no number'),
+    "marked": (b"\xef\xbb\xbf" + csv(), ".csv", {}, ""),
+    "utf-16": (csv().decode().encode("utf-16"), ".csv", {}, "the text is in UTF-16"),
+    "cp1252": (csv("time;x;p;Größe".encode("cp1252").decode("latin-1"), lambda t, x, p: german(t, x, p) + ";0").decode().encode("latin-1"), ".csv", {}, "is no UTF-8 and is taken as cp1252"),
+    "binary": (b"time,x,p\n0,\x001,2\n", ".csv", {}, "is no text: line 2 has a byte 0"),
+    "empty": (b"\n\n", ".csv", {}, "is empty"),
+    "iso": (times(lambda t: t.strftime("%Y-%m-%d %H:%M:%S.%f")), ".csv", {}, "the record begins at 2026-03-19 10:00:00.000$"),
+    "iso with zone": (times(lambda t: (t.astimezone(tz=None)).isoformat()), ".csv", {}, "the record begins at 2026-03-19 10:00:00.000 UTC"),
+    "german dates": (times(lambda t: t.strftime("%d.%m.%y %H:%M:%S.%f")), ".csv", {}, "begins at 2026-03-19 10:00:00"),
+    "american dates": (times(lambda t: t.strftime("%m/%d/%Y %I:%M:%S.%f %p")), ".csv", {}, "begins at 2026-03-19 10:00:00"),
+    "open dates": (times(lambda t: (t - timedelta(days=10 + (t.microsecond < 150_000))).strftime("%m/%d/%Y %H:%M:%S.%f")), ".csv", {}, 'day or month may come first; dates = "dmy" or "mdy"'),
+    "month names": (times(lambda t: t.strftime("%d-%b-%Y %H:%M:%S.%f")), ".csv", {}, "begins at 2026-03-19"),
+    "times of day": (times(lambda t: (t + timedelta(hours=13, minutes=59, seconds=59.9)).strftime("%H:%M:%S.%f")), ".csv", {}, "the clock passes midnight before line 12"),
+    "hours and minutes": (times(lambda t: t.strftime("%H:%M")), ".csv", {}, "it may be hours and minutes, or minutes and seconds"),
+    "unix": (csv(cells=lambda t, x, p: f"{1_700_000_000 + t:.2f},{x:.4f},{p:.3f}"), ".csv", {}, "the times are Unix times; the record begins at 2023-11-14 22:13:20.000 UTC"),
+    "unix in ms": (csv(cells=lambda t, x, p: f"{1_700_000_000_000 + 1000 * t:.0f},{x:.4f},{p:.3f}"), ".csv", {}, 'is no time of a record; with time.unit = "ms" they would be Unix times'),
+    "unix in ns": (csv(cells=lambda t, x, p: f"{1_700_000_000_000_000_000 + round(1e9 * t)},{x:.4f},{p:.3f}"), ".csv", {"unit": "ns"}, "Unix times"),
+    "excel": (csv(cells=lambda t, x, p: f"{46100 + t / 86400:.12f},{x:.4f},{p:.3f}"), ".csv", {"unit": "d"}, "the times are days of Excel; the record begins at 2026-03-19 00:00:00"),
+    "labview": (csv(cells=lambda t, x, p: f"{3_856_759_200 + t:.2f},{x:.4f},{p:.3f}"), ".csv", {}, "counts since 1904.* begins at 2026-03-19"),
+    "falls": (csv(below="0.00,1,2\n0.01,1,2\n"), ".csv", {}, "line 32 lies at 0 s, before it the clock was at 0.29 s; times must not fall"),
+    "stands": (csv(change=("\n0.05,", "\n0.04,")), ".csv", {}, "the clock stands in 1 row, first in line 7"),
+    "leaps": (csv(below="3600.0,1,2\n"), ".csv", {}, "the clock leaps once, first by 3599.71 s before line 32"),
+    "was set": (csv(below="1700000000,1,2\n"), ".csv", {}, "before line 32 the clock leaps by 53.1 years"),
+    "no time": (csv(below=",1,2\n"), ".csv", {}, "line 32 has no time"),
+    "summer time": (times(lambda t: (t.replace(month=10, day=25, hour=2, minute=59, second=59, microsecond=900_000) + (t - START) - timedelta(hours=t.microsecond > 95_000)).strftime("%Y-%m-%d %H:%M:%S.%f")), ".csv", {"zone": "Europe/Berlin"}, "begins at 2026-10-25 00:59:59.900 UTC"),
+    "parquet": (with_time(TIMES), ".parquet", {}, ""),
+    "index": (parquet(FRAME), ".parquet", {}, ""),
+    "dates in the index": (indexed(DATES.rename("when")), ".parquet", {}, "the index when is the clock"),
+    "nameless index": (indexed(DATES.tz_localize(None)), ".parquet", {}, "the index is the clock"),
+    "timedelta": (with_time(pd.to_timedelta(TIMES, unit="s")), ".parquet", {}, ""),
+    "microseconds": (with_time(DATES.as_unit("us")), ".parquet", {}, "begins at 2026-03-19 10:00:00.000 UTC"),
+    "texts in parquet": (with_time([f"{t:.2f}" for t in TIMES]), ".parquet", {}, ""),
+    "lists in parquet": (parquet(pd.DataFrame({"time": TIMES, "x": [[1.0]] * 30, "p": P})), ".parquet", {}, 'the column "x" holds values of the kind list'),
+    "cut parquet": (parquet(FRAME)[:-40], ".parquet", {}, "is no whole Parquet file"),
+    "arrow": (with_time(TIMES, arrow), ".arrow", {}, ""),
+    "feather": (with_time(DATES, arrow), ".feather", {}, "the record begins at 2026-03-19 10:00:00.000 UTC"),
+}  # fmt: skip
+
+
+def read(path: Path, keys: dict[str, Any]) -> tuple[dict[str, Series], Account]:
+    account = Account()
+    time = TimeSource(unit=keys.get("unit", "s"))
+    file = FileKeys(**{key: value for key, value in keys.items() if key != "unit"})
+    found = read_series(path, file, time, {"x": Source(column="x"), "p": Source(column="p")}, account)
+    return found, account
+
+
+@pytest.mark.parametrize("form", table("tables").forms, ids=lambda form: form.name)
+def test_every_form_of_a_table_is_what_the_page_says(form, tmp_path) -> None:
+    content, suffix, keys, said = FORMS[form.name]
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(content)
+    if form.outcome == "refused":
+        with pytest.raises(RecordError, match=said) as refused:
+            read(path, keys)
+        assert str(path) in str(refused.value)
+        return
+    found, account = read(path, keys)
+    for name, values in (("x", X), ("p", P)):
+        series = found[name]
+        np.testing.assert_allclose(series.values[:30], values, rtol=1e-12)
+        coarse = form.name in ("excel", "stands")
+        np.testing.assert_allclose(series.times[:30] - series.times[0], TIMES, atol=0.011 if coarse else 2e-7)
+    assert bool(account.counts) == (form.outcome == "left out"), account.lines()
+    told = "\n".join(account.lines())
+    assert re.search(said, told, re.MULTILINE), told
+    assert told or not said
+
+
+def test_the_page_lists_every_form() -> None:
+    assert [form.name for form in table("tables").forms] == list(FORMS)
