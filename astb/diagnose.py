@@ -138,9 +138,10 @@ def read_data(
     DiagnosisError or RecordError, which name the file and what would be right.
     """
     if map_path is not None or own is not None:
+        from astb.frames_columns import columns_of_frames
         from diagnosis.systems.mapping import read_mapped
 
-        return read_mapped(paths, map_path, own)
+        return read_mapped(paths, map_path, own, columns_of_frames)
     for path in paths:
         if not path.is_dir():
             raise DiagnosisError(

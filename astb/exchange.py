@@ -13,7 +13,7 @@ from bench_protocol.account import Account
 from bench_records.checksums import FRAMES, sha256_of, write_sums
 from bench_records.layout import RecordError
 from drivers.can_files.reading import ENDINGS as FRAME_ENDINGS
-from drivers.can_files.reading import ending_of
+from drivers.can_files.reading import MDF_ENDINGS, ending_of
 
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
@@ -65,18 +65,20 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
     if not source.is_file():
         raise RecordError(f"{source} is no file")
     keys = keys or LogKeys()
-    if ending not in FRAME_ENDINGS:
+    frames = ending in FRAME_ENDINGS or (ending in MDF_ENDINGS and keys.dbc is not None)
+    if not frames:
         for option in fields(keys):
             if getattr(keys, option.name) is not None:
                 raise RecordError(
-                    f"--{option.name} is for files of CAN frames ({', '.join(FRAME_ENDINGS)}), not for {source}"
+                    f"--{option.name} is for files of CAN frames ({', '.join(FRAME_ENDINGS)}, or .mf4 with --dbc), not "
+                    f"for {source}"
                 )
     if directory.exists() and any(directory.iterdir()):
         raise RecordError(f"{directory} is not empty; nothing there is overwritten")
     account = Account()
     meta = {"imported": {"file": source.name, "sha256": sha256_of(source)}}
     try:
-        if ending in FRAME_ENDINGS:
+        if frames:
             count = _import_frames(source, directory, keys, meta, account)
         else:
             from bench_records.importing import import_keys, read_mdf, read_table

@@ -71,6 +71,15 @@ class FileRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     settings: dict[str, str]
 
 
+class FrameKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """``[frames]``: how logs of CAN frames are meant; their columns are called ``MESSAGE.SIGNAL``."""
+
+    dbc: str | None = None  #: beside the map; without it the messages are those of this bench
+    charset: str | None = None
+    channel: str | None = None
+    stamps: Literal["absolute", "delta"] | None = None
+
+
 class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole map file."""
 
@@ -81,6 +90,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     columns: dict[str, Column]
     time: TimeColumn = TimeColumn()
     file: FileKeys = FileKeys()
+    frames: FrameKeys = FrameKeys()
     settings: dict[str, str] = {}
     file_settings: list[FileRule] = []
     runs: Runs = Runs()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -13,6 +13,7 @@ import numpy as np
 
 from bench_protocol.account import Account
 from bench_protocol.units import UNITS
+from bench_records.tables.keys import Source
 from bench_records.tables.reading import Series
 from diagnosis.contracts import (
     Array,
@@ -27,23 +28,37 @@ from diagnosis.contracts import (
 from diagnosis.engine.contract_check import check_contract
 from diagnosis.systems.cutting import bridge, pieces_by_length, pieces_by_reversals, resample
 from diagnosis.systems.map_doubts import map_doubts
-from diagnosis.systems.map_file import Column, Map, RoleRule, channels_of, plain_map, read_map, settings_of
+from diagnosis.systems.map_file import (
+    Column,
+    FrameKeys,
+    Map,
+    RoleRule,
+    channels_of,
+    plain_map,
+    read_map,
+    settings_of,
+)
 from diagnosis.systems.system import System, SystemSignal, conversion, difference, quantity
 from diagnosis.systems.tables import read_columns
 
+#: Reads the columns of a log of CAN frames, of which the keys lie in a folder; None for a file that is none.
+FrameReader = Callable[[Path, FrameKeys, Path, Mapping[str, Source], Account], dict[str, Series] | None]
 #: What a gauge pressure is relative to if the system has no setting for it.
 _STANDARD_ATMOSPHERE: Final = 101_325.0
 
 
 def read_mapped(
-    paths: Sequence[Path], map_path: Path | None, own: str | None = None
+    paths: Sequence[Path],
+    map_path: Path | None,
+    own: str | None = None,
+    frames: FrameReader | None = None,
 ) -> tuple[Simulator, Dataset]:
     """Return the simulator and the runs in ``paths``, in SI on an equidistant grid.
 
     The map names the simulator, or ``own`` does, "package.module:factory". Without a map columns are named like its
     signals. A simulator of the user's own is checked against its contract on the shortest run. Outputs that were not
-    measured are no channels of the dataset. In a gap outputs are NaN and inputs are straight lines. DiagnosisError
-    names file, key, value with its unit, and what would be right.
+    measured are no channels of the dataset. In a gap outputs are NaN and inputs are straight lines. ``frames`` reads
+    logs of CAN frames. DiagnosisError names file, key, value with its unit, and what would be right.
     """
     if not paths:
         raise DiagnosisError(f"{map_path or own}: no data files were given")
@@ -58,10 +73,14 @@ def read_mapped(
     simulator = system.simulator(settings_of(mapping, system, where), given)
     reader = _Reader(mapping, system, _described(simulator, given, where), where)
     accounts = {path: Account() for path in paths}
-    tables = [
-        (path, read_columns(path, mapping.file, mapping.time, mapping.columns, accounts[path]))
-        for path in paths
-    ]
+
+    def table_of(path: Path) -> dict[str, Series]:
+        found = frames and frames(path, mapping.frames, where.parent, mapping.columns, accounts[path])
+        if found is not None:
+            return found
+        return read_columns(path, mapping.file, mapping.time, mapping.columns, accounts[path])
+
+    tables = [(path, table_of(path)) for path in paths]
 
     def read(columns: Mapping[str, Column], records: Sequence[str]) -> list[MeasuredRun]:
         wanted = [(path, table) for path, table in tables if path.stem in records]

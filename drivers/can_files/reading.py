@@ -17,6 +17,8 @@ from drivers.can_files.text import UNKNOWN, lines_of
 from drivers.can_files.trc import read_trc
 
 ENDINGS: Final = (".blf", ".asc", ".log", ".trc")
+#: What may hold frames beside columns.
+MDF_ENDINGS: Final = (".mf4", ".mdf")
 _PACKED: Final = ".gz"
 _OTHERS: Final = {
     "***BUSMASTER": "a log of BUSMASTER",
@@ -44,7 +46,7 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
     without a frame, and for a clock that goes back or leaps.
     """
     ending = ending_of(path)
-    if ending not in ENDINGS:
+    if ending not in (*ENDINGS, *MDF_ENDINGS):
         raise CanLogError(
             f"{path} ends in {ending or 'nothing'}; files of CAN frames end in {', '.join(ENDINGS)}, or these and .gz"
         )
@@ -52,6 +54,10 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
         from drivers.can_files.blf import read_blf  # it imports python-can
 
         frames = read_blf(path, account)
+    elif ending in MDF_ENDINGS:
+        from drivers.can_files.mdf import read_mdf_frames
+
+        frames = read_mdf_frames(path, account)
     elif ending == ".log":
         frames = read_candump(path, account, stamps)
     else:

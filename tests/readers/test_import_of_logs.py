@@ -2,18 +2,22 @@
 
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from astb.commands.exchange import import_command
 from astb.exit_codes import MISUSE, PASS
+from astb.frames_columns import columns_of_frames
 from astb.readers_page import table
 from bench_records.record import read
 from bench_records.result import read_result
-from tests.readers.log_forms import Sample, asc, by_python_can, candump
+from diagnosis.contracts import Dataset, DiagnosisError
+from diagnosis.systems.mapping import read_mapped
+from tests.readers.log_forms import START, Sample, asc, by_python_can, candump
 
-TESTED = {"channels", "one channel"}
+TESTED = {"channels", "one channel", "mdf frames", "mdf beside", "mdf without frames", "map"}
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\n'
 LEFT, RIGHT = (
     f' SG_ {name} : {bit}|16@1- (0.01,0) [0|0] "mm" B\n' for name, bit in (("Left", 0), ("Right", 16))
@@ -160,6 +164,85 @@ def test_j1939_by_group_with_what_is_not_available_missing(came) -> None:
     )
     assert status == PASS
     np.testing.assert_allclose(read(out).series("State.Height")[1], 0.0, atol=1e-9)
+
+
+def mdf_of_signals(folder: Path) -> bytes:
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as mdf:
+        mdf.append([Signal(np.arange(9.0), np.arange(9.0), name="F", unit="N")])
+        mdf.save(folder / "signals.mf4", overwrite=True)
+    return (folder / "signals.mf4").read_bytes()
+
+
+def test_frames_in_mdf_come_in_as_those_of_a_log(came, tmp_path) -> None:
+    pytest.importorskip("asammdf", reason="MDF needs the extra astb[mdf]")
+    error = can.Message(timestamp=START / 1e9 + 0.1, is_error_frame=True, channel=0)
+    frames = in_order(heights(30), heights(30, 0x101, fd=True), heights(9, 0x18FF2127))
+    content = by_python_can(frames, ".mf4", [error])
+    status, text, out = came("a.mf4", content, HEAD + HEIGHTS + FORCES)
+    assert status == PASS
+    assert "left out: 1 error frame, 9 frames that rig.dbc does not describe" in text
+    record = read(out)
+    np.testing.assert_allclose(record.series("Heights.Left")[1], np.arange(30.0))
+    np.testing.assert_allclose(record.series("Forces.Left")[1], 100.0 * np.arange(30))
+    np.testing.assert_allclose(np.diff(record.series("Forces.Left")[0]), 0.02, atol=1e-6)
+    two = by_python_can(in_order(heights(30), heights(30, channel=2)), ".mf4")
+    status, text, _ = came("a.mf4", two, HEAD + HEIGHTS)
+    assert status == MISUSE and "0x100 (Heights) comes on the channels" in text
+    status, text, _ = came("a.mf4", mdf_of_signals(tmp_path), HEAD + HEIGHTS)
+    assert status == MISUSE and "holds no data frame (1 group without CAN frames" in text
+    status, text, _ = came("a.mf4", b"rubbish", HEAD + HEIGHTS)
+    assert status == MISUSE and "is no MDF file: it does not begin with MDF" in text
+
+
+MAP = """
+system = "piston"
+[frames]
+dbc = "rig.dbc"
+{frames}
+[columns]
+displacement = {{ column = "{column}", unit = "mm" }}
+pressure = {{ column = "Gas.P", unit = "bar", reading = "gauge" }}
+force = {{ column = "Gas.F", unit = "N", noise = "1 N" }}
+[settings]
+bore = "25 mm"
+stroke_from = "-3 mm"
+stroke_to = "100 mm"
+"""
+GAS = 'BO_ 257 Gas: 8 PLC\n SG_ P : 0|16@1- (0.01,0) [0|0] "bar" B\n SG_ F : 16|16@1- (1,0) [0|0] "N" B\n'
+
+
+@pytest.mark.parametrize("name", ["a.asc", "a.log", "a.blf"])
+def test_a_map_reads_logs_by_the_names_of_their_dbc(tmp_path, name: str) -> None:
+    frames = in_order(
+        *(heights(60, identifier, channel) for channel in (1, 2) for identifier in (0x100, 0x101))
+    )
+    frames.insert(0, heights(1, 0x333)[0])
+    content = {"a.asc": asc, "a.log": candump, "a.blf": lambda all_: by_python_can(all_, ".blf")}[name](
+        frames
+    )
+    (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    (tmp_path / "rig.dbc").write_text(HEAD + HEIGHTS + GAS)
+    channel = "can1" if name == "a.log" else "1"
+
+    def mapped(frames: str = f'channel = "{channel}"', column: str = "Heights.Left") -> Dataset:
+        (tmp_path / "map.toml").write_text(MAP.format(frames=frames, column=column))
+        return read_mapped([tmp_path / name], tmp_path / "map.toml", None, columns_of_frames)[1]
+
+    dataset = mapped()
+    (run,) = dataset.runs
+    np.testing.assert_allclose(np.diff(run.experiment.time), 0.02, rtol=1e-4)
+    np.testing.assert_allclose(
+        run.outputs[:, 0], 100.0 * np.arange(len(run.outputs)) * -1 + run.outputs[0, 0], atol=1
+    )
+    assert any("120 frames on other channels" in one and name in one for one in dataset.readings)
+    with pytest.raises(DiagnosisError, match=f"frames.channel = {channel} takes one of them"):
+        mapped("")
+    with pytest.raises(
+        DiagnosisError, match=r"displacement.column = 'Hight': the log has Gas.F, Gas.P, Heights.Left"
+    ):
+        mapped(column="Hight")
 
 
 def test_a_key_that_a_file_has_no_use_for_is_refused(tmp_path) -> None:

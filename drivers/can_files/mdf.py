@@ -1,0 +1,65 @@
+"""Frames in MDF 4, as CANape, CANoe and small loggers write them, by python-can's reader; the rest is counted here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from bench_protocol.account import Account
+from drivers.can_files.frames import CanLogError, Frames, Kind
+from drivers.can_files.text import ERRORS, REMOTE, opened
+
+_NS: Final = 10**9
+_BUS_EVENTS: Final = 2  #: flag of a group that holds events on a bus
+_DATA: Final = "CAN_DataFrame"
+_FRAMES: Final = (_DATA, "CAN_ErrorFrame", "CAN_RemoteFrame")
+_MDF: Final = b"MDF"
+_EXTENDED: Final = f"{_DATA}.IDE"
+
+
+def read_mdf_frames(path: Path, account: Account) -> Frames:
+    """Return the data frames of an MDF 4 file with raw bus logging. CanLogError for one without, or without asammdf."""
+    with opened(path) as file:
+        if file.read(len(_MDF)) != _MDF:  # python-can's reader would leave it open
+            raise CanLogError(f"{path} is no MDF file: it does not begin with {_MDF.decode()}")
+    try:
+        import asammdf  # noqa: F401  python-can's reader needs it, and has its own words where it lacks
+        from can.io.mf4 import MF4Reader
+    except ImportError:
+        raise CanLogError("MDF files need asammdf, which is not installed: pip install 'astb[mdf]'") from None
+    frames = Frames("frame")
+    try:
+        with MF4Reader(path) as reader:
+            _check_groups(path, reader._mdf, account)
+            for number, message in enumerate(reader, 1):
+                if message.is_error_frame:
+                    account.leave_out(ERRORS)
+                elif message.is_remote_frame:
+                    account.leave_out(REMOTE)
+                else:
+                    channel = "1" if message.channel is None else str(message.channel)
+                    kind = Kind(channel, message.arbitration_id, message.is_extended_id, message.is_fd)
+                    frames.add(round(message.timestamp * _NS), kind, bytes(message.data), number)
+    except CanLogError:
+        raise
+    except Exception:  # asammdf has an exception of its own and raises others, too
+        raise CanLogError(
+            f"{path} is a damaged MDF file, or of a kind that is not read, behind frame {len(frames)}"
+        ) from None
+    return frames
+
+
+def _check_groups(path: Path, mdf: Any, account: Account) -> None:
+    """Count the groups that are passed over. CanLogError for frames that nobody could tell apart."""
+    for number, group in enumerate(mdf.groups):
+        names = {channel.name for channel in group.channels}
+        if not group.channel_group.cycles_nr:
+            continue
+        if not names & set(_FRAMES):
+            account.leave_out("group(s) without CAN frames", at=f"group {number}")
+        elif not group.channel_group.flags & _BUS_EVENTS or group.channel_group.acq_source is None:
+            raise CanLogError(f"{path}: group {number} holds frames, but does not say of which kind of bus")
+        elif _DATA in names and _EXTENDED not in names:
+            raise CanLogError(
+                f"{path}: group {number} does not say which identifiers have 29 bits ({_EXTENDED})"
+            )
