@@ -15,10 +15,12 @@
     [transports.cell.points]
     height = { node = "ns=2;s=Left.Height", scale = 0.001 }     # number = scale · what the server says + offset
     target = { node = "ns=2;i=1012" }
+    cell_3 = { node = "nsu=urn:plant:cells;s=Loads", index = 2 }    # an element of an array; a namespace by its name
     serial = { node = "ns=2;s=Serial", subscribe = false }      # read when asked; text(name) reads a text
 
-A server tells only what changes. As long as it answers, what it has not told anew is as it was, and handed on as such.
-A value whose status is not good is NaN. Times are those of arrival.
+What can never come (no such node, a text, an array without its index) is said on connecting. An element is written with
+the others of its array as the server has them then. A server tells only what changes. As long as it answers, what it
+has not told anew is as it was, and is handed on. A value whose status is not good is NaN. Times are those of arrival.
 """
 
 from __future__ import annotations
@@ -27,7 +29,6 @@ import asyncio
 import contextlib
 import logging
 import math
-import struct
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import CancelledError
@@ -38,11 +39,12 @@ import msgspec
 from bench_protocol.clock import Clock
 from bench_protocol.extras import installed, lacking
 from bench_protocol.units import ms, s
-from drivers.errors import BenchError, LinkLost, MapMismatch, Refused, WiringError
-from drivers.wiring.contract import OnLost, OnPoints
+from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
+from drivers.wiring.contract import OnLost, OnPoints, Refusal
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.event_loop import EventLoop
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
+from drivers.wiring.opcua_values import NEVER, NodeKeys, said_of
 
 if TYPE_CHECKING:
     from asyncua import Client, ua
@@ -55,15 +57,6 @@ _SMALLER_COUNTS: Final = {"Boolean": 1, "SByte": 0x7F, "Byte": 0xFF}
 _CLOSING: Final = 2 * s
 # What asyncua logs as an error is raised here as an exception; without this it is also printed.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
-
-
-class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A point that is a variable of the server: number = scale · value + offset."""
-
-    node: str
-    scale: float = 1.0
-    offset: float = 0.0
-    subscribe: bool = True
 
 
 class OpcUaKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -108,12 +101,11 @@ class OpcUaTransport:
             one: convert(f"{place}.points: {one}", said, NodeKeys) for one, said in keys.points.items()
         }
         self._ids = {one: _node_id(f"{place}.points: {one}", said) for one, said in self._points.items()}
-        for one, node in self._ids.items():
-            first = next(other for other, same in self._ids.items() if same == node)
+        seen: dict[tuple[ua.NodeId, int | None], str] = {}
+        for one, said in self._points.items():
+            first = seen.setdefault((self._ids[one], said.index), one)
             if first != one:
-                raise WiringError(
-                    f"{place}.points: {first} and {one} are the same node, {self._points[one].node}"
-                )
+                raise WiringError(f"{place}.points: {first} and {one} are the same node, {said.shown}")
         self._alive: tuple[str, float] | None = None
         if keys.alive is not None:
             alive = convert(f"{place}.alive", keys.alive, AliveKeys)
@@ -121,6 +113,7 @@ class OpcUaTransport:
             self._alive = alive.point, duration(f"{place}.alive: every", alive.every)
         self._where = f"{name} at {keys.url}"
         self._ear, self._grant, self._outbox = Ear(self._where), Grant(), Outbox()
+        self._found = dict(self._ids)  # with the server's own numbers of the namespaces
         self._types: dict[str, ua.VariantType] = {}
         self._loop: EventLoop | None = None
         self._client: Client | None = None
@@ -128,6 +121,7 @@ class OpcUaTransport:
         self._news: list[tuple[int, str, float]] = []
         self._known: dict[str, float] = {}
         self._news_lock, self._closing = threading.Lock(), threading.Lock()
+        self._writing = threading.RLock()
         self._beats = 0
 
     # -- what there is -------------------------------------------------------------------------------------------
@@ -155,6 +149,7 @@ class OpcUaTransport:
         from asyncua import Client
 
         self._clock, self._known, self._news = clock, {}, []
+        self._found = dict(self._ids)
         self._outbox, self._grant = Outbox(), Grant()
         self._loop = EventLoop(self._where)
         self._client = Client(self._keys.url, timeout=self._timeout)
@@ -164,6 +159,7 @@ class OpcUaTransport:
         try:
             self._run(self._client.connect(), "connecting", within)
             self._ear.open(clock, lost)
+            self._resolve(self._client)
             self._look_for_all()
             if self.period:
                 self._run(self._subscribe(self._client), "subscribing", within)
@@ -174,25 +170,43 @@ class OpcUaTransport:
         if self._alive is not None:
             self._ear.recur(self._alive[1], self._count)
 
+    def _resolve(self, client: Client) -> None:
+        """Find the namespaces that are given by their names; MapMismatch for one that the server does not have."""
+        from asyncua import ua
+
+        named = {one: node for one, node in self._ids.items() if isinstance(node, ua.ExpandedNodeId)}
+        ask = "asking for the namespaces"
+        known = self._run(client.get_namespace_array(), ask, self._timeout) if named else []
+        for one, node in named.items():
+            if node.NamespaceUri not in known:
+                raise MapMismatch(
+                    f"{self._where} has no namespace {node.NamespaceUri!r}, for {one}; it has {', '.join(known)}"
+                )
+            self._found[one] = ua.NodeId(node.Identifier, known.index(node.NamespaceUri), node.NodeIdType)
+
     def _look_for_all(self) -> None:
-        missing = []
+        """MapMismatch for points that will never have a value."""
+        never = []
         for name, value in zip(self._points, self._values(list(self._points)), strict=True):
-            if value.StatusCode is not None and value.StatusCode.name in (
-                "BadNodeIdUnknown",
-                "BadNodeIdInvalid",
-            ):
-                missing.append(f"{name} ({self._points[name].node})")
-        if missing:
-            raise MapMismatch(f"{self._where} has no node for {', '.join(missing)}")
+            point = self._points[name]
+            code = "" if value.StatusCode is None else value.StatusCode.name
+            raw = value.Value.Value if value.Value is not None else None
+            if why := NEVER.get(code, "") or point.never(raw):
+                never.append(f"{name} ({point.shown}): {why}")
+        if never:
+            raise MapMismatch(f"{self._where} has no value for {'; '.join(never)}")
 
     async def _subscribe(self, client: Client) -> None:
-        names = {self._ids[name]: name for name, point in self._points.items() if point.subscribe}
+        names: dict[ua.NodeId, list[str]] = {}
+        for name, point in self._points.items():
+            if point.subscribe:
+                names.setdefault(self._found[name], []).append(name)
         subscription = await client.create_subscription(1e3 * self._every, _Handler(names, self._hear))
         nodes = [client.get_node(node) for node in names]
         told = await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
         refused = [
-            f"{name} ({one.name})"
-            for name, one in zip(names.values(), told, strict=True)
+            f"{', '.join(several)} ({one.name})"
+            for several, one in zip(names.values(), told, strict=True)
             if not isinstance(one, int)
         ]
         if refused:
@@ -246,18 +260,39 @@ class OpcUaTransport:
         if not points:
             return
         client = self._connected()
-        values = [
-            ua.DataValue(ua.Variant(self._raw(name, value), self._type(name)))
-            for name, value in points.items()
-        ]
-        nodes = [self._ids[name] for name in points]
-        what = f"writing {', '.join(points)}"
-        codes = self._run(client.uaclient.write_attributes(nodes, values), what, self._timeout)
-        for name, code in zip(points, codes, strict=True):
+        raws = {name: self._raw(name, value) for name, value in points.items()}
+        with self._writing:
+            whole = self._with_the_others(raws)
+            values = [ua.DataValue(ua.Variant(raw, self._type(names[0]))) for names, raw in whole.values()]
+            what = f"writing {', '.join(points)}"
+            ask = client.uaclient.write_attributes(list(whole), values)
+            codes = self._run(ask, what, self._timeout)
+        for (names, _), code in zip(whole.values(), codes, strict=True):
             if not code.is_good():
-                raise Refused(
-                    f"writing {name} to {self._where} was refused: {code.name} ({code.doc})", code.value
-                )
+                said = f"writing {', '.join(names)} to {self._where} was refused: {code.name} ({code.doc})"
+                raise Refused(said, code.value)
+
+    def _with_the_others(self, raws: Mapping[str, float | bool]) -> dict[ua.NodeId, tuple[list[str], Any]]:
+        """Return by node which points are written and what goes there: of an array all, as the server has it now."""
+        elements = [name for name in raws if self._points[name].index is not None]
+        first = {self._found[name]: name for name in elements}
+        told = self._values(list(first.values())) if first else []
+        arrays = {
+            node: list(value.Value.Value) if value.Value is not None else []
+            for node, value in zip(first, told, strict=True)
+        }
+        whole: dict[ua.NodeId, tuple[list[str], Any]] = {}
+        for name, raw in raws.items():
+            node, index = self._found[name], self._points[name].index
+            names = whole[node][0] if node in whole else []
+            if index is not None:
+                if index >= len(arrays[node]):
+                    raise Refused(
+                        f"{self._where} has no {self._points[name].shown} now, to write {name} to", 0
+                    )
+                arrays[node][index] = raw
+            whole[node] = ([*names, name], raw if index is None else arrays[node])
+        return whole
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take values that are written with the next period; NaN leaves what was there.
@@ -277,39 +312,22 @@ class OpcUaTransport:
         from asyncua import ua
 
         ask = self._connected().uaclient.read_attributes
-        nodes = [self._ids[name] for name in names]
+        nodes = [self._found[name] for name in names]
         return self._run(ask(nodes, ua.AttributeIds.Value), f"reading {', '.join(names)}", self._timeout)
 
     def _number(self, name: str, value: ua.DataValue) -> float:
         raw = value.Value.Value if value.Value is not None else None
         good = value.StatusCode is None or value.StatusCode.is_good()
-        if not good or not isinstance(raw, int | float):
-            return math.nan
-        return self._points[name].scale * raw + self._points[name].offset
+        return self._points[name].number(raw) if good else math.nan
 
     def _raw(self, name: str, value: float) -> float | bool:
         """Return what the server's type of variable carries for ``value``; ValueError if it does not fit."""
-        point, kind = self._points[name], self._type(name).name
-        raw = (value - point.offset) / point.scale
-        if kind == "Boolean":
-            if value not in (0.0, 1.0):
-                raise ValueError(f"{name} = {value:g} is no Boolean (0 or 1)")
-            return bool(value)
-        if not math.isfinite(raw):
-            raise ValueError(f"{name} = {value:g} is not a number to write")
-        letter = _LETTERS.get(kind)
-        if letter is None:
-            raise ValueError(f"{name} = {value:g} cannot be written: it is a {kind} of the server, no number")
-        try:
-            struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
-        except (struct.error, OverflowError):
-            raise ValueError(f"{name} = {value:g} does not fit in the server's {kind}") from None
-        return raw if letter in "fd" else round(raw)
+        return self._points[name].raw(name, value, self._type(name).name)
 
     def _type(self, name: str) -> ua.VariantType:
         """Return the type of a variable, which is asked for once."""
         if name not in self._types:
-            node = self._connected().get_node(self._ids[name])
+            node = self._connected().get_node(self._found[name])
             kind = self._run(
                 node.read_data_type_as_variant_type(), f"reading the type of {name}", self._timeout
             )
@@ -333,7 +351,8 @@ class OpcUaTransport:
         """Write what is streamed, hand on what is new, and, if the server answers, what is as it was."""
         assert self._clock is not None
         try:
-            self._in_background(self._outbox.take())
+            if values := self._outbox.take():
+                self._outbox.refusal = self._in_background(values, self._outbox.refusal)
             with self._news_lock:
                 news, self._news = self._news, []
             for time, name, value in news:
@@ -361,12 +380,20 @@ class OpcUaTransport:
                 highest = _SMALLER_COUNTS.get(self._type(self._alive[0]).name, _COUNT_MAX)
                 self._in_background({self._alive[0]: float(self._beats % (highest + 1))})
 
-    def _in_background(self, values: Mapping[str, float]) -> None:
-        """Write ``values``; a server that refuses them in its present state is asked again with the next ones."""
+    @property
+    def refusal(self) -> Refusal | None:
+        """Since when the server refuses set-points, and with which words; None while it takes them."""
+        return self._outbox.refusal
+
+    def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
+        """Write ``values``; return what the server has against them."""
+        assert self._clock is not None
         try:
             self.write(values)
         except (Refused, ValueError) as error:
-            logging.getLogger("asyncua").debug("streaming to %s: %s", self._where, error)
+            told = error if isinstance(error, Refused) else Misuse(str(error))
+            return Refusal(before.since if before else self._clock.now(), told)
+        return None
 
     def _connected(self) -> Client:
         if self._client is None:
@@ -384,7 +411,7 @@ class OpcUaTransport:
         try:
             result = loop.run(work, within)
         except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
-            said = str(error) or f"no answer in {within:g} s"
+            said = said_of(error, within)
             reason = f"{what}: {self._where} failed: {said}; is the server running?"
             if self._ear.busy and self._ear.silence() >= self._patience:
                 self._ear.lose(reason)
@@ -393,31 +420,19 @@ class OpcUaTransport:
         return result
 
 
-#: How Python packs what a variable of the server carries.
-_LETTERS: Final = {
-    "SByte": "b",
-    "Byte": "B",
-    "Int16": "h",
-    "UInt16": "H",
-    "Int32": "i",
-    "UInt32": "I",
-    "Int64": "q",
-    "UInt64": "Q",
-    "Float": "f",
-    "Double": "d",
-}
-
-
 class _Handler:
     """Hears a subscription, in the thread of the loop."""
 
-    def __init__(self, names: Mapping[ua.NodeId, str], hear: Callable[[str, ua.DataValue], None]) -> None:
+    def __init__(
+        self, names: Mapping[ua.NodeId, Sequence[str]], hear: Callable[[str, ua.DataValue], None]
+    ) -> None:
         self._names, self._hear = names, hear
 
     def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
         """Take the new value of a node, with its status."""
         del value
-        self._hear(self._names[node.nodeid], data.monitored_item.Value)
+        for name in self._names[node.nodeid]:
+            self._hear(name, data.monitored_item.Value)
 
 
 def _node_id(place: str, keys: NodeKeys) -> ua.NodeId:
@@ -431,5 +446,5 @@ def _node_id(place: str, keys: NodeKeys) -> ua.NodeId:
         return ua.NodeId.from_string(keys.node)
     except (ua.UaError, ValueError, TypeError):
         raise WiringError(
-            f'{place}: node = {keys.node!r} is no node id like "ns=2;s=Height" or "ns=2;i=7"'
+            f'{place}: node = {keys.node!r} is no node id like "ns=2;s=Height", "ns=2;i=7" or "nsu=urn:cell;s=Height"'
         ) from None

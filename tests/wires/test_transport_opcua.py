@@ -31,6 +31,7 @@ VARIABLES = {
     "Valve": (False, ua.VariantType.Boolean, True),
     "Beat": (0, ua.VariantType.UInt16, True),
     "Serial": ("Cell 7", ua.VariantType.String, False),
+    "Loads": ([1.5, 2.5, 3.5], ua.VariantType.Double, True),
 }
 
 POINTS = {
@@ -62,7 +63,7 @@ class Cell:
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        assert self._started.wait(10)
+        assert self._started.wait(60), "a busy machine takes its time"
 
     def _run(self) -> None:
         with asyncio.Runner() as runner:  # which ends what the server leaves behind
@@ -276,10 +277,49 @@ def test_a_sign_of_life_may_be_a_bit(cell: Cell, connected: Callable) -> None:
     assert 4 <= sum(a != b for a, b in itertools.pairwise(seen)) <= 12
 
 
-def test_a_node_that_the_server_does_not_have(cell: Cell, connected: Callable) -> None:
-    points = {**POINTS, "heigth": {"node": "ns=2;s=Heigth"}}
-    with pytest.raises(MapMismatch, match=r"cell at opc.* has no node for heigth \(ns=2;s=Heigth\)"):
-        connected(cell, points=points)
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"node": "ns=2;s=Heigth"}, r"odd \(ns=2;s=Heigth\): the server has no such node"),
+        ({"node": "ns=2;s=Serial"}, r"it is a text, no number; subscribe = false reads a text"),
+        ({"node": "ns=2;s=Loads"}, r"it is an array of 3; index = 0 to 2 is one element"),
+        ({"node": "ns=2;s=Loads", "index": 3}, r"element 3\): its 3 elements have indices from 0 to 2"),
+        ({"node": "ns=2;s=Force", "index": 0}, r"it is no array, and has no elements"),
+        ({"node": "i=85"}, r"odd \(i=85\): it is no variable"),
+        ({"node": "nsu=urn:sell;s=Force"}, r"has no namespace 'urn:sell', for odd; it has .*urn:cell"),
+    ],
+)
+def test_a_value_that_can_never_come_is_said_at_once(
+    cell: Cell, connected: Callable, said: dict, words: str
+) -> None:
+    points = {name: one for name, one in POINTS.items() if one["node"] != said["node"]}
+    with pytest.raises(MapMismatch, match=words):
+        connected(cell, points={**points, "odd": said})
+
+
+def test_elements_of_an_array_in_a_namespace_by_its_name(cell: Cell, connected: Callable) -> None:
+    loads = {f"load_{k}": {"node": "nsu=urn:cell;s=Loads", "index": k, "scale": 2.0} for k in range(3)}
+    transport = connected(cell, points={**POINTS, **loads})
+    assert transport.read(list(loads)) == {"load_0": 3.0, "load_1": 5.0, "load_2": 7.0}
+    transport.write({"load_2": 9.0, "rate": 1.5, "load_0": 1.0})
+    assert cell.get("Loads") == [0.5, 2.5, 4.5], "the others are as they were"
+    assert cell.get("Rate") == 1.5
+    deadline = time.monotonic() + 5
+    while transport.read(["load_2"]) != {"load_2": 9.0} and time.monotonic() < deadline:
+        time.sleep(0.02)
+    transport.stream({"load_1": 6.0}, transport._clock.now())
+    while cell.get("Loads")[1] != 3.0 and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert cell.get("Loads") == [0.5, 3.0, 4.5]
+
+
+def test_set_points_that_the_server_refuses_are_told(cell: Cell, connected: Callable) -> None:
+    transport = connected(cell)
+    transport.stream({"force": 1.0}, transport._clock.now())
+    deadline = time.monotonic() + 5
+    while transport.refusal is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert "writing force" in str(transport.refusal.error)
 
 
 @pytest.mark.parametrize(

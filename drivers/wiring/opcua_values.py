@@ -1,0 +1,101 @@
+"""What a variable of an OPC UA server says of a point: a number, an element of an array, a text, or nothing ever."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import struct
+from concurrent.futures import CancelledError
+from typing import Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta
+
+#: Status codes with which a value never comes, in words.
+NEVER: Final = {
+    "BadNodeIdUnknown": "the server has no such node",
+    "BadNodeIdInvalid": "the server has no such node",
+    "BadAttributeIdInvalid": "it is no variable",
+}
+#: How Python packs what a variable of the server carries.
+LETTERS: Final = {
+    "SByte": "b",
+    "Byte": "B",
+    "Int16": "h",
+    "UInt16": "H",
+    "Int32": "i",
+    "UInt32": "I",
+    "Int64": "q",
+    "UInt64": "Q",
+    "Float": "f",
+    "Double": "d",
+}
+
+
+class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A point that is a variable of the server, or an element of one: number = scale · value + offset."""
+
+    node: str
+    index: Annotated[int, Meta(ge=0)] | None = None  #: of the element, from 0, where it is an array
+    scale: float = 1.0
+    offset: float = 0.0
+    subscribe: bool = True
+
+    @property
+    def shown(self) -> str:
+        """Which it is, for people."""
+        return self.node if self.index is None else f"{self.node}, element {self.index}"
+
+    def number(self, raw: Any) -> float:
+        """Return the number of what the server says; NaN for what is none."""
+        if self.index is not None:
+            raw = raw[self.index] if isinstance(raw, list) and self.index < len(raw) else None
+        return self.scale * raw + self.offset if isinstance(raw, int | float) else math.nan
+
+    def raw(self, name: str, value: float, kind: str) -> float | bool:
+        """Return what a variable of ``kind`` carries for ``value`` of the point ``name``; ValueError if it cannot."""
+        raw = (value - self.offset) / self.scale
+        if kind == "Boolean":
+            if value not in (0.0, 1.0):
+                raise ValueError(f"{name} = {value:g} is no Boolean (0 or 1)")
+            return bool(value)
+        if not math.isfinite(raw):
+            raise ValueError(f"{name} = {value:g} is not a number to write")
+        letter = LETTERS.get(kind)
+        if letter is None:
+            raise ValueError(f"{name} = {value:g} cannot be written: it is a {kind} of the server, no number")
+        try:
+            struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
+        except (struct.error, OverflowError):
+            raise ValueError(f"{name} = {value:g} does not fit in the server's {kind}") from None
+        return raw if letter in "fd" else round(raw)
+
+    def never(self, raw: Any) -> str:
+        """Return why a value like this will never be one of this point; empty if it may."""
+        if raw is None:  # nothing has come yet
+            return ""
+        if isinstance(raw, list):
+            if self.index is None:
+                return f"it is an array of {len(raw)}; index = 0 to {max(len(raw) - 1, 0)} is one element"
+            if self.index >= len(raw):
+                return f"its {len(raw)} elements have indices from 0 to {len(raw) - 1}"
+            raw = raw[self.index]
+        elif self.index is not None:
+            return "it is no array, and has no elements"
+        if isinstance(raw, int | float) or (isinstance(raw, str) and not self.subscribe):
+            return ""
+        kind = "a text" if isinstance(raw, str) else f"a {type(raw).__name__}"
+        return f"it is {kind}, no number" + (
+            "; subscribe = false reads a text" if isinstance(raw, str) else ""
+        )
+
+
+def said_of(error: BaseException, within: float) -> str:
+    """Return in words of ours what went wrong: a status of the server, or why it was not reached ``within`` s."""
+    if isinstance(error, TimeoutError | CancelledError | asyncio.CancelledError):
+        return f"no answer in {within:g} s"
+    if isinstance(error, OSError):
+        return error.strerror or "no connection"
+    if isinstance(getattr(error, "code", None), int):  # each status is an exception of its name
+        return f"the server says {type(error).__name__}"
+    return "what came is no answer of an OPC UA server"
