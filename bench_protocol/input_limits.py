@@ -20,6 +20,8 @@ Unfit = file_text.Unfit
 
 #: A file that people write, or that describes something: TOML, JSON, a list of registers.
 DESCRIPTION_BYTES: Final = 4 * _MiB
+#: A result or a finding: those of the longest plans have some 100 KiB.
+RESULT_BYTES: Final = 64 * _MiB
 #: A DBC: the largest that are known have some 5 MiB, and cantools takes seventy times as much memory.
 DBC_BYTES: Final = 8 * _MiB
 #: What stands between two quotation marks of a DBC: cantools takes two hundred times as much memory.

@@ -1,7 +1,7 @@
 """Numbers with units as people write them: read into SI, and written so that reading gives the same number again."""
 
 import re
-from math import isfinite, log10
+from math import isfinite, isinf, log10
 from typing import Any, Final
 
 import numpy as np
@@ -28,7 +28,10 @@ def read_written(what: str, text: Any, si: str) -> float:
     base, factor, _ = WRITTEN_UNITS.get(unit, ("", 0.0, 0.0))
     if base != si:
         raise NotAValue(f"{what} = {text!r} is not in {fitting}")
-    return float(match[1]) * factor
+    number = float(match[1]) * factor
+    if isinf(number):
+        raise NotAValue(f"{what} = {text!r} is not finite ({fitting})")
+    return number
 
 
 def fitting_unit(number: float, si: str) -> str:

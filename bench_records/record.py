@@ -25,7 +25,7 @@ from bench_records.layout import (
     flat,
     phases_of,
 )
-from bench_records.stream import read_stream, refuse_held
+from bench_records.stream import read_stream, refuse_held, told
 
 if TYPE_CHECKING:
     import numpy as np
@@ -153,17 +153,24 @@ def read(directory: Path | str) -> Record:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             raw = file.metadata.metadata or {}
-            ours = {key.decode(): value for key, value in raw.items() if key.startswith(PREFIX.encode())}
+            ours = {
+                key.decode(errors="replace"): value
+                for key, value in raw.items()
+                if key.startswith(PREFIX.encode())
+            }
             if ours.get(PREFIX + "format") != encode(FORMAT):
                 raise RecordError(f"{path} is a Parquet file, but not a record of this bench ({FORMAT})")
             table = file.read(columns=["time_ns", "signal", "value"])
     except (pa.ArrowException, OSError) as error:
         raise RecordError(f"{path} is damaged or no Parquet file: {error}") from error
     facts = {key.removeprefix(PREFIX): value for key, value in ours.items()}
-    meta = {key: msgspec.json.decode(value) for key, value in sorted(facts.items()) if key not in RESERVED}
-    meta["start_ns"] = msgspec.json.decode(facts["start_ns"], type=int)
-    signals = msgspec.json.decode(facts["signals"], type=list[SignalInfo])
-    events = msgspec.json.decode(facts["events"], type=list[RecordedEvent])
+    with told(path):
+        meta = {
+            key: msgspec.json.decode(value) for key, value in sorted(facts.items()) if key not in RESERVED
+        }
+        meta["start_ns"] = msgspec.json.decode(facts["start_ns"], type=int)
+        signals = msgspec.json.decode(facts["signals"], type=list[SignalInfo])
+        events = msgspec.json.decode(facts["events"], type=list[RecordedEvent])
     return Record(path, table, meta, signals, events)
 
 

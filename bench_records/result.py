@@ -18,6 +18,7 @@ from typing import Any
 
 import msgspec
 
+from bench_protocol.input_limits import RESULT_BYTES, Unfit, read_bounded
 from bench_records.conformity import SURE, conformity, coverage_factor, decimals, guard_factor, percent
 from bench_records.curves import Curve
 from bench_records.layout import RESULT, Condition, Phase, RecordError, put
@@ -350,8 +351,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         """The result that ``to_json`` wrote.  Raises ``RecordError`` for anything else."""
         try:
             return msgspec.json.decode(data, type=Result)
-        except msgspec.MsgspecError as error:
-            raise RecordError(f"this is no result of a test plan: {error}") from error
+        except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
+            raise RecordError(f"this is no result of a test plan: {str(error)[:200]}") from error
 
     def write(self, directory: Path | str) -> Path:
         """Write ``result.json`` into the directory."""
@@ -403,9 +404,11 @@ def read_result(directory: Path | str) -> Result:
     """The ``result.json`` of a directory.  Raises ``RecordError`` if there is none or it is not one of ours."""
     path = Path(directory) / RESULT
     try:
-        data = path.read_bytes()
+        data = read_bounded(path, RESULT_BYTES)
     except OSError as error:
         raise RecordError(f"{directory} holds no readable {RESULT}: {error.strerror}") from error
+    except Unfit as error:
+        raise RecordError(f"{path} {error}") from None
     try:
         return Result.from_json(data)
     except RecordError as error:

@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.layout import META, PARQUET, RESULT, STREAM, Condition, RecordedEvent, RecordError
 from bench_records.record import Record, read
 from bench_records.result import Check, Result, Sample, conclude, read_result
@@ -67,12 +68,12 @@ def facts_of(directory: Path) -> dict[str, Any]:
 
     Nothing where that cannot be read.
     """
-    with suppress(OSError, msgspec.MsgspecError, RecordError):
+    with suppress(OSError, ValueError, RecordError, RecursionError):
         if (directory / STREAM).exists():
             return {
                 key: one for key, one in read_head(directory / STREAM).items() if key not in _OF_THE_STREAM
             }
-        meta = msgspec.json.decode((directory / META).read_bytes(), type=dict[str, Any])
+        meta = msgspec.json.decode(read_bounded(directory / META, RESULT_BYTES), type=dict[str, Any])
         return {name: value for name, value in meta.items() if name not in _BESIDE}
     return {}
 

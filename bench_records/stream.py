@@ -7,7 +7,8 @@ ends: a stream that nobody holds is of a run that was cut off.
 from __future__ import annotations
 
 import fcntl
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -146,13 +147,24 @@ def _opened(source: Any, stream: Path) -> Any:
 
 
 def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
-    raw = {key.decode(): value for key, value in (schema.metadata or {}).items()}
+    raw = {key.decode(errors="replace"): value for key, value in (schema.metadata or {}).items()}
     if raw.get(PREFIX + "format") != encode(FORMAT):
         raise RecordError(f"{stream} is an Arrow stream, but not one of this recorder's ({FORMAT})")
-    facts = {key.removeprefix(PREFIX): msgspec.json.decode(value) for key, value in raw.items()}
-    del facts["format"]
-    facts["signals"] = msgspec.convert(facts["signals"], list[SignalInfo], strict=False)
+    with told(stream):
+        facts = {key.removeprefix(PREFIX): msgspec.json.decode(value) for key, value in raw.items()}
+        del facts["format"]
+        facts["signals"] = msgspec.convert(facts["signals"], list[SignalInfo], strict=False)
+        facts["start_ns"] = msgspec.convert(facts["start_ns"], int | None)
     return facts
+
+
+@contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Let what a file says of itself be read: RecordError if somebody has damaged it."""
+    try:
+        yield
+    except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError):
+        raise RecordError(f"{path} is damaged: what it says of its run cannot be read") from None
 
 
 def _span(start_ns: int | None, table: pa.Table, events: list[RecordedEvent]) -> tuple[int, int]:

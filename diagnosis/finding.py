@@ -394,7 +394,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         """The finding that ``to_json`` wrote.  Raises ``DiagnosisError`` for anything else."""
         try:
             return msgspec.json.decode(data, type=Finding)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
             raise DiagnosisError(f"this is no finding of a diagnosis: {error}") from error
 
 

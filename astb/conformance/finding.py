@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import msgspec
 
+from bench_protocol.input_limits import Unfit, read_bounded
+
 
 class ReportError(ValueError):
     """A file is no report of a conformance test."""
@@ -62,10 +64,12 @@ class Difference(NamedTuple):
 def read_report(path: Path) -> Report:
     """Return the report in the file ``path``. ReportError if it cannot be read, or is none."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Report)
+        return msgspec.json.decode(read_bounded(path), type=Report)
     except OSError as error:
         raise ReportError(f"{path} cannot be read: {error.strerror}") from None
-    except msgspec.MsgspecError as error:
+    except Unfit as error:
+        raise ReportError(f"{path} {error}") from None
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
         raise ReportError(f"{path} is no report of `astb conform --json`: {error}") from None
 
 

@@ -51,7 +51,7 @@ def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[st
         answer = msgspec.json.decode(line, type=dict[str, Any])
     except TimeoutError as error:
         raise Deaf(str(error)) from None
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise NoRun(str(error)) from None
     return answer
 
@@ -70,7 +70,7 @@ class Door:
         try:
             order = msgspec.json.decode(line, type=dict[str, str])
             told = self._obey(order)
-        except (msgspec.MsgspecError, ValueError, BenchError) as error:
+        except (msgspec.MsgspecError, ValueError, RecursionError, BenchError) as error:
             told = {"error": str(error)}
         return msgspec.json.encode(told) + b"\n"
 

@@ -14,6 +14,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.index import RunIndex
 from bench_records.layout import REPORT, RecordError
 
@@ -130,7 +131,7 @@ class Kept:
         found = []
         for path in self._folder.rglob(FINDING):
             try:
-                told = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+                told = msgspec.json.decode(read_bounded(path, RESULT_BYTES), type=dict[str, Any])
                 written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
                 found.append(
                     Diagnosis(
@@ -141,7 +142,7 @@ class Kept:
                         simulator=str(told["provenance"]["simulator"]),
                     )
                 )
-            except (OSError, msgspec.MsgspecError, KeyError, TypeError):
+            except (OSError, ValueError, KeyError, TypeError, RecursionError):
                 continue
         return sorted(found, key=lambda one: one.written, reverse=True)
 
