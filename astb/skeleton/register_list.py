@@ -11,6 +11,7 @@ from typing import Final, Literal
 
 from astb.skeleton.points import Point, unit_of
 from bench_protocol.account import Account
+from bench_protocol.input_limits import DESCRIPTION_BYTES, Unfit, check_size
 from bench_records.layout import RecordError
 from bench_records.tables.text_table import cells_of, text_lines
 from drivers.errors import WiringError
@@ -18,6 +19,8 @@ from drivers.errors import WiringError
 #: How the addresses of a list count: as they are on the wire, from 1 in each table, or as Modicon numbered them.
 Counting = Literal["wire", "one", "modicon"]
 
+#: Of an address, whatever it counts from.
+_DIGITS: Final = 12
 _COLUMNS: Final = {
     "name": (
         *("name", "names", "signal", "signals", "tag", "tags", "tag name", "label", "variable", "variables", "symbol"),
@@ -122,7 +125,12 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
     """
     account = Account()
     try:
+        check_size(path, DESCRIPTION_BYTES)
         lines = text_lines(path, "", account)
+    except OSError as error:
+        raise WiringError(f"{path} cannot be read: {error.strerror}") from None
+    except Unfit as error:
+        raise WiringError(f"{path} {error}") from None
     except RecordError as error:
         raise WiringError(str(error)) from None
     rows, notes = _rows(path, lines)
@@ -248,6 +256,8 @@ def _is_modicon(address: str, table: str) -> bool:
 
 def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
     text = row.address.strip()
+    if len(text) > _DIGITS:
+        raise WiringError(f"{where}: address = {text[:_DIGITS]}…; on the wire 0 to 65535 would be right")
     if re.fullmatch(r"0[xX][0-9A-Fa-f]+|16#[0-9A-Fa-f]+|[0-9A-Fa-f]+[hH]", text):
         number = int(re.sub(r"^(0[xX]|16#)|[hH]$", "", text), 16)
     elif re.fullmatch(r"\d+", text):

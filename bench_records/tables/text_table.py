@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from bench_protocol.account import Account
     from bench_records.tables.keys import ColumnName, FileKeys
 
+csv.field_size_limit(
+    TABLE_BYTES
+)  # what is too much, input_limits says: a cell of a line that was let in is let in
 _DELIMITERS: Final = (";", "\t", "|", ",", " ")
 _LOOKED_AT: Final = 400  # lines, for the head
 _BATCH: Final = 50_000

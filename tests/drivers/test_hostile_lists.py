@@ -2,7 +2,7 @@
 
 import pytest
 
-from astb.skeleton.points import register_points
+from astb.skeleton.register_list import register_points
 from bench_protocol.input_limits import DESCRIPTION_BYTES
 from bench_protocol.written_values import NotAValue, read_written
 from drivers.errors import WiringError
@@ -13,14 +13,13 @@ HEAD = b"name,table,address,scale\n"
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (HEAD + b"a,input,1,inf\n", "a finite scale would be right"),
-        (HEAD + b"a,input,1,1e999\n", "a finite scale would be right"),
-        (HEAD + b"a,input,1,0\n", "a finite scale would be right"),
-        (HEAD + b"a,input,-1,1\n", "an address from 0 to 999999"),
-        (HEAD + b"a,input," + b"9" * 400 + b",1\n", "an address from 0 to 999999"),
-        (HEAD + b"a,input," + b"9" * 5000 + b",1\n", "must be numbers"),
-        (HEAD + b'a,input,1,"' + b"x" * 200_000 + b'"\n', "no table of registers"),
-        (HEAD + b"\xff\n", "not in UTF-8, from its byte 26 on"),
+        (HEAD + b"a,input,1,inf\n", "must be a number, such as 0.01"),
+        (HEAD + b"a,input,1,1e999\n", "must be a number, such as 0.01"),
+        (HEAD + b"a,input,1,0\n", "must be a number, such as 0.01"),
+        (HEAD + b"a,input,-1,1\n", "is no number; one such as 10"),
+        (HEAD + b"a,input," + b"9" * 400 + b",1\n", "on the wire 0 to 65535"),
+        (HEAD + b"a,input," + b"9" * 5000 + b",1\n", "on the wire 0 to 65535"),
+        (HEAD + b'a,input,1,"' + b"x" * 200_000 + b'"\n', "must be a number"),
         (b"x" * (DESCRIPTION_BYTES + 1), "at most 4 MiB are read"),
     ],
 )
