@@ -7,7 +7,7 @@ import numpy as np
 
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, HOLD_AFTER, SLOW_RATE, TICK
 from bench_protocol.table_signals import COUNT_MAX
-from bench_protocol.units import NS
+from bench_protocol.units import NS, s
 
 TICK_NS: Final = round(TICK * NS)
 #: The number of the tick on the wires: 24 bits with one code left for "unknown".
@@ -19,6 +19,8 @@ SLOW: Final = round(1.0 / (SLOW_RATE * TICK))
 #: Ticks without a valid command after which they count as late, and as lost.
 LATE_TICKS: Final = round(HOLD_AFTER / TICK)
 LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
+#: Ticks after which a commander who says nothing on either wire holds the bench no longer: his sockets may be open.
+GONE_TICKS: Final = round(2 * s / TICK)
 #: Set-points arrive at COMMAND_RATE; the rig draws a straight line to each within one such period.
 SLEW_TICKS: Final = MEDIUM
 
@@ -66,7 +68,7 @@ class Happened(IntFlag):
     PROGRAM_DONE = 8
     ALARM = 16
     WRITES_LOST = 32  #: the holder of the lease writes no more
-    LEASE_LOST = 64  #: a lease without a connection, and its commander is silent
+    LEASE_LOST = 64  #: the holder is silent: a commander on both wires, or one without a connection
     NODE = 256  #: the CANopen node has something to do
     TICK_LOST = 128
     COMMANDED = 512  #: control bits have changed, or somebody asks for the lease
@@ -96,6 +98,7 @@ CONTROLS: Final = np.dtype(
         ("asked_sender", "<i8"),
         ("asked_nonce", "<i8"),
         ("asked_token", "<i8"),
+        ("write_tick", "<i8"),  # when the holder of the lease last wrote
         ("write_deadline", "<i8"),  # tick by which the holder of the lease must have written, -1 for never
         ("fault_tick", "<i8"),  # tick at which a fault on purpose begins or ends, -1 for never
         ("refitted", "<i8"),  # 1: plates or pipes have been changed since the last tick

@@ -26,7 +26,9 @@ class Lease:
     """The lease of one rig, in the tick's ``controls`` and the signals in ``values`` (SI, by table row).
 
     It is granted to a Modbus connection, and ends with it, or to whoever asks on CAN, and ends when he falls silent.
-    One that was granted on CAN may be joined by one Modbus connection that writes its token.
+    One that was granted on CAN may be joined by one Modbus connection that writes its token. That of a commander ends,
+    too, when he has been silent on both wires for long enough that the bench is safe: his connections may be open and
+    nobody behind them. A connection that has lost the lease so is refused until it asks for it again.
 
     ``on_change`` is called when the bench has a new holder or none, ``on_end`` when the holder of the bench, or one of
     the two wires to it, is gone.
@@ -48,6 +50,8 @@ class Lease:
         #: The Modbus connection that holds the bench; None for nobody, or somebody who has only CAN.
         self.owner: str | None = None
         self.watchdog_ms = 0
+        #: Modbus connections that held the bench, were silent for too long, and do not know yet that they lost it.
+        self._lapsed: frozenset[str] = frozenset()
         controls["commander"] = -1
         controls["write_deadline"] = -1
 
@@ -65,11 +69,14 @@ class Lease:
     def open_to(self, peer: str, word: int | None = None) -> bool:
         """Return whether the Modbus connection ``peer`` may write, ``word`` to the lease register if at all.
 
-        While nobody holds the bench everybody may: a hand with a command-line client needs no ceremony.
+        While nobody holds the bench everybody may, a hand with a command-line client needs no ceremony; but not who
+        has lost it and goes on as if it were his.
         """
         if self.owner is not None:
             return self.owner == peer
-        return self.token in (0, word)
+        if self.token == 0:
+            return word is not None or peer not in self._lapsed
+        return self.token == word
 
     def holds(self, peer: str) -> bool:
         """Return whether ``peer`` is a connection of the holder."""
@@ -92,6 +99,7 @@ class Lease:
 
     def write(self, peer: str, word: int) -> None:
         """Do what ``peer``, who may, wants with ``word`` in the lease register: take, join or keep it; 0 returns it."""
+        self._lapsed -= {peer}
         if word == 0:
             if self.owner == peer:
                 self._end()
@@ -116,6 +124,7 @@ class Lease:
 
     def peer_lost(self, peer: str) -> None:
         """Note that a connection is closed; the holder's ends the lease, or the CAN side of it."""
+        self._lapsed -= {peer}
         if not self.holds(peer):
             return
         if self.owner is None or self.owner == peer:
@@ -129,11 +138,13 @@ class Lease:
         if Happened.WRITES_LOST in happened:
             # Its connection is as good as closed; who goes on commanding on CAN may join again.
             self.watch(0)
+            self._lapse()
             self.owner = None
             self._values[_HOLDER_ROW] = max(0, int(self._controls["commander"]))
             self._controls["expiring"] = 1
             self._on_end()
         if Happened.LEASE_LOST in happened:
+            self._lapse()
             self._end()
 
     # -- the watchdog of the holder's writes ---------------------------------------------------------------------
@@ -146,9 +157,14 @@ class Lease:
     def feed(self) -> None:
         """Note that the holder has written something."""
         c, ticks = self._controls, round(self.watchdog_ms * ms / TICK)
+        c["write_tick"] = c["tick"]
         c["write_deadline"] = c["tick"] + ticks if ticks else -1
 
     # -- inside --------------------------------------------------------------------------------------------------
+
+    def _lapse(self) -> None:
+        if self.owner is not None:
+            self._lapsed |= {self.owner}
 
     def _draw(self) -> int:
         """Return a token that the CRC of a set-point tells from none at all, and from the last holder's."""

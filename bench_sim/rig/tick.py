@@ -42,6 +42,7 @@ from bench_sim.rig.black_box import Tape, write_sample
 from bench_sim.rig.commands import Incoming, take_waiting
 from bench_sim.rig.controls import (
     FAST,
+    GONE_TICKS,
     LATE_TICKS,
     LOST_TICKS,
     MEDIUM,
@@ -202,8 +203,13 @@ def _watch(c: Any) -> int:
     silence = c.tick - c.command_tick
     if c.tick == c.write_deadline:
         happened |= Happened.WRITES_LOST.value
-    if c.expiring != 0 and silence >= LOST_TICKS and c.tick - c.granted >= LOST_TICKS:
-        c.expiring = 0
+    if c.expiring != 0:
+        gone = silence >= LOST_TICKS and c.tick - c.granted >= LOST_TICKS
+    else:
+        # Who has never commanded on CAN, or still writes, is there.
+        commanded = c.token != 0 and c.command_tick > c.granted
+        gone = commanded and silence >= GONE_TICKS and c.tick - c.write_tick >= GONE_TICKS
+    if gone:
         happened |= Happened.LEASE_LOST.value
     if c.armed == 0:
         return happened

@@ -309,3 +309,55 @@ def test_after_the_watchdog_and_silence_the_bench_is_free(armed) -> None:
     assert lease_of(armed) == 0
     assert armed.state == "FAULT_DISABLED"
     assert armed.ask(b"\x06\0\0\0\x01", "modbus:2")[0] == 6
+
+
+# -- a commander behind whose open connections nobody is ---------------------------------------------------------
+
+
+def test_a_commander_who_is_silent_on_both_wires_loses_the_bench_once_it_is_safe(armed) -> None:
+    armed.wait(1900)
+    assert armed.state == "FAULT_DISABLED"
+    assert lease_of(armed) == armed.token, "not before it must be clear that nobody is coming back"
+    armed.wait(110)
+    assert lease_of(armed) == 0
+    assert armed.ask(b"\x06\0\0\0\x01", "modbus:2")[0] == 6, (
+        "the next one need not wait for a connection to close"
+    )
+
+
+def test_who_returns_learns_on_either_wire_that_he_has_lost_it(armed) -> None:
+    old = armed.token
+    armed.wait(2100)
+    assert armed.stage(air_left_target=1e5) == [b"\x90\x06"], (
+        "though nobody holds it: he believes that he does"
+    )
+    assert armed.coil("power_off") == b"\x85\x06"
+    assert watchdog(armed, 200) == b"\x86\x06"
+    armed.beat(1)
+    armed.wait(100)
+    assert published(armed, "strangers") == 4, "three requests, and the Control message with the old token"
+    assert published(armed, "stranger") == 1
+    assert armed.stage("modbus:2", air_left_target=1e5)[0][0] == 0x10, (
+        "a hand with a command-line client still may"
+    )
+    armed.take_lease()
+    assert armed.token != old
+    assert armed.stage(air_left_target=1e5)[0][0] == 0x10, "who asks again is anybody"
+
+
+@pytest.mark.parametrize("wire", ["modbus", "can"])
+def test_a_commander_who_is_heard_on_one_wire_keeps_the_bench(armed, wire) -> None:
+    """A plan that computes for long still feeds; a client that streams need not write."""
+    for _ in range(4):
+        if wire == "can":
+            armed.beat(95)
+        else:
+            armed.wait(1900)
+            assert armed.stage(air_left_target=1e5)[0][0] == 0x10
+    assert lease_of(armed) == armed.token
+
+
+def test_a_holder_who_never_commands_on_can_is_not_expected_there(commander) -> None:
+    commander.take_lease()
+    commander.wait(30_000)
+    assert lease_of(commander) == commander.token

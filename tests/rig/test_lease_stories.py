@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bench_protocol.can_codec import Encoder
 from bench_protocol.table import TABLE
 
-LOST = 500  # ticks
+LOST, GONE = 500, 2000  # ticks
 SILENT = -(10**9)
 PEERS = (1, 2, 3)
 
@@ -25,9 +25,14 @@ class Model:
         self.commander = 0  # the peer whose CAN connection it is
         self.granted = self.commanded = SILENT
         self.watchdog, self.written = 0, 0
+        self.lapsed: set[int] = (
+            set()
+        )  # peers whose connection was silent for too long, and who do not know it yet
 
     def may_write(self, peer: int, joining: bool = False) -> bool:
-        return not self.held or self.owner == peer or (not self.owner and joining)
+        if not self.held:
+            return joining or peer not in self.lapsed
+        return self.owner == peer or (not self.owner and joining)
 
     def end(self) -> None:
         self.held, self.owner, self.commander, self.watchdog = False, 0, 0, 0
@@ -35,7 +40,13 @@ class Model:
     def begin(self) -> None:
         self.held, self.granted, self.commander = True, self.now, 0
 
+    def lapse(self) -> None:
+        self.lapsed |= {self.owner} - {0}
+        self.owner = 0
+
     def leave(self, wire: str, peer: int) -> None:
+        if wire == "modbus":
+            self.lapsed.discard(peer)
         if wire == "can" and self.held and self.commander == peer:
             self.commander = 0
             if not self.owner:
@@ -47,13 +58,21 @@ class Model:
         for _ in range(ticks):
             self.now += 1
             if self.watchdog and self.now == self.written + self.watchdog:
-                self.owner = self.watchdog = 0
-            elif self.held and not self.owner and self.now - max(self.granted, self.commanded) >= LOST:
+                self.lapse()
+                self.watchdog = 0
+            elif self.held and not self.owner:
+                if self.now - max(self.granted, self.commanded) >= LOST:
+                    self.end()
+            elif self.held and self.commanded >= self.granted and self.silent():
+                self.lapse()
                 self.end()
+
+    def silent(self) -> bool:
+        return self.now - max(self.commanded, self.written) >= GONE
 
 
 peers = st.sampled_from(PEERS)
-waits = st.sampled_from([1, 5, 40, 199, 200, 260, 499, 500, 700])
+waits = st.sampled_from([1, 5, 40, 199, 200, 260, 499, 500, 700, 1999, 2000])
 steps = st.one_of(
     st.tuples(st.just("take"), peers),
     st.tuples(st.just("give"), peers),
@@ -107,7 +126,11 @@ class Story:
 
     def take(self, peer: int) -> None:
         model = self.model
-        if self.write(peer, 0, 0x10000 - 1 if self.token == 1 else 1, allowed=model.may_write(peer)):
+        joins = not model.held
+        if self.write(
+            peer, 0, 0x10000 - 1 if self.token == 1 else 1, allowed=model.may_write(peer, joining=joins)
+        ):
+            model.lapsed.discard(peer)
             if not model.held:
                 model.begin()
                 model.watchdog = 0
@@ -115,13 +138,17 @@ class Story:
             self.fed(peer)
 
     def give(self, peer: int) -> None:
-        if self.write(peer, 0, 0, allowed=self.model.may_write(peer)) and self.model.owner == peer:
-            self.model.end()
+        model = self.model
+        if self.write(peer, 0, 0, allowed=model.may_write(peer, joining=not model.held)):
+            model.lapsed.discard(peer)
+            if model.owner == peer:
+                model.end()
 
     def join(self, peer: int) -> None:
         if (token := self.token) and self.write(
             peer, 0, token, allowed=self.model.may_write(peer, joining=True)
         ):
+            self.model.lapsed.discard(peer)
             self.model.owner = peer
             self.fed(peer)
 
