@@ -250,7 +250,7 @@ def _decide(
     display: ProgressDisplay,
 ) -> str:
     """Run and diagnose, each step into the ``log``, until nothing is left to be done; return why."""
-    from test_plans.execution import BY_THE_LINK
+    from test_plans.execution import blocked_by_the_link
 
     records: list[Path] = []
     attempts = 0
@@ -271,7 +271,7 @@ def _decide(
         # A check that failed is a reading like others: what is wrong with the bench may be what is looked for.
         if result.verdict is Outcome.BLOCKED:
             blocked = f"{programme.name} {result.verdict}: {result.reason}"
-            if not result.reason.startswith(BY_THE_LINK):
+            if not blocked_by_the_link(result):
                 return blocked
             attempts += 1
             if attempts == ATTEMPTS:

@@ -118,11 +118,19 @@ class _NoLog:
 
 def _make_safe(bench: "Bench") -> None:
     from bench_protocol.words import FAULT_STATES, LIVE_STATES
+    from drivers.errors import BenchError, RigFault
+    from test_plans.air_left import air_at_risk
     from test_plans.run import Run
     from test_plans.steps import make_safe
 
-    if bench.state in {*LIVE_STATES, *FAULT_STATES}:
+    if bench.state not in {*LIVE_STATES, *FAULT_STATES}:
+        return
+    try:
         make_safe(Run(bench, _NoLog()))
+    except BenchError as error:
+        if told := air_at_risk(bench):
+            raise RigFault(f"{told}; {error}", error.fault) from error
+        raise
 
 
 # -- blocked: the bench kept the product from being judged -------------------------------------------------------------

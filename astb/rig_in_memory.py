@@ -140,6 +140,11 @@ class RigInMemory:
         return f"{kind}:{self._clients}"
 
 
+def _number(name: str) -> int:
+    """Return what stands for a TCP port in the name of a port in memory."""
+    return int(name.rpartition(":")[2])
+
+
 class _Door:
     """One of the two doors of a rig in memory, as its faults know it."""
 
@@ -160,6 +165,7 @@ class _CanPort(InMemoryCan):
     def __init__(self, memory: RigInMemory, name: str) -> None:
         super().__init__(lambda block: memory.send(block, self))
         self.name, self._memory = name, memory
+        self.local_ports = {_number(name)}
 
     def close(self) -> None:
         super().close()
@@ -170,6 +176,7 @@ class _ModbusPort(InMemoryModbus):
     def __init__(self, memory: RigInMemory, name: str, latency: int) -> None:
         self.name, self._memory, self._latency = name, memory, latency
         super().__init__(self._answer)
+        self.local_ports = {_number(name)}
 
     def _answer(self, request: bytes) -> bytes:
         if self._latency:

@@ -100,6 +100,18 @@ REASONS_OF_THE_LINK: Final = tuple(
     for reason in (Reason.COMMAND_LATE, Reason.COMMAND_LOST, Reason.DISCONNECTED, Reason.HEARTBEAT_LOST)
 )
 
+#: What the bench does with the air of its springs, whatever is ordered.
+AirFate = Literal["let off", "shut in", "as ordered"]
+#: By state: in a safe position both springs stand open to the atmosphere, in a fault that holds nothing opens.
+AIR_BY_STATE: Final[dict[str, AirFate]] = {
+    state.name: "as ordered"
+    if state in LIVE
+    else "shut in"
+    if state in (BenchState.FAULT_REACTION, BenchState.FAULT_HOLD)
+    else "let off"
+    for state in BenchState
+}
+
 AirMode = Literal["hold", "level", "fill", "vent"]
 ControlMode = Literal["off", "force", "displacement"]
 GeneratorAxis = Literal[

@@ -31,7 +31,7 @@ from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
 from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
-from drivers.wiring.contract import Order, Reserved, Step, Supervised, Wiring
+from drivers.wiring.contract import Order, Owned, Reserved, Step, Supervised, Wiring
 
 #: What has a set-point of its own beside the mode of its control: the names of the readings.
 _COMMANDED: Final = (
@@ -116,10 +116,13 @@ class Bench(Link):
         try:
             self.wiring.open(self.clock, self.receiver.hear, self._on_lost, within=within)
             self.readings.renew()
-            if self.has("rig.strangers"):
-                self._strangers = self.settings.reading("rig.strangers")
             self.commander.start()
             self._until(self._introduced, within, "first news of the rig's state", LinkLost)
+            # By now the last frames of whoever was here before are through.
+            if self.has("rig.strangers"):
+                self._strangers = self.settings.reading("rig.strangers")
+            if isinstance(self.wiring, Owned) and self.has("rig.rejected_commands"):
+                self._rejected = self.settings.reading("rig.rejected_commands")
             self.check()
         except BaseException:
             self.close()

@@ -73,6 +73,10 @@ class CanPort(Protocol):
     def wire(self) -> Wire | None:
         """Where compiled code may write frames itself; None where only ``send`` can."""
 
+    @property
+    def local_ports(self) -> set[int]:
+        """The TCP ports from which frames go out, where the bus has some."""
+
     def send(self, block: Block) -> None:
         """Put the frames on the bus in order; raises LinkLost if there is no bus any more."""
 
@@ -258,6 +262,11 @@ class PythonCanPort:
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name=f"receiver of {bus.channel_info}", daemon=True)
         self._thread.start()
+
+    @property
+    def local_ports(self) -> set[int]:
+        """The TCP port from which frames go out, where the bus has one."""
+        return {self._bus.local_port} if isinstance(self._bus, HubBus) else set()
 
     @property
     def description(self) -> str:

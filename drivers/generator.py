@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from bench_protocol.units import s
-from bench_protocol.words import GeneratorAxis, GeneratorWave
+from bench_protocol.words import PROGRAM_STATES, GeneratorAxis, GeneratorWave
 from drivers.declarations import ChoiceSetting, Device, Setting
-from drivers.errors import Misuse, RigFault
+from drivers.errors import Misuse, Refused, RigFault
 from drivers.link import STREAM_BEATS
 
 #: What a program may take longer than its cycles.
@@ -118,7 +118,13 @@ class Generator(Device):
         link = self._link
         if self._program() not in ("RUN", "HOLD"):
             return
-        link.settings.act("action.program_stop")
+        try:
+            link.settings.act("action.program_stop")
+        except Refused:
+            told = link.settings.reading("rig.program")  # asked for, where what came by itself may be old
+            if PROGRAM_STATES[int(told)] in ("RUN", "HOLD"):
+                raise
+            return
         link.wait_for(
             lambda: self._program() in ("IDLE", "STOPPED"), within=within, what="stop of the generator"
         )

@@ -53,6 +53,8 @@ class HubBus(can.BusABC):
         self.channel_info = f"astb-hub {self._where}"
         self.error_frames = 0
         self.bad_lines = 0
+        #: The TCP port from which this bus reaches its server.
+        self.local_port = 0
         self._parser = socketcand.Parser(sender=f"the server of {self._where}")
         self._blocks: deque[Block] = deque()
         self._lost = ""
@@ -71,6 +73,7 @@ class HubBus(can.BusABC):
         try:
             #: Where others may write lines, each whole.
             self.wire = Wire.on(self._socket.fileno(), lines=True)
+            self.local_port = int(self._socket.getsockname()[1])
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
             waiting: deque[socketcand.Event] = deque()

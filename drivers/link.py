@@ -26,7 +26,7 @@ from drivers.errors import (
 from drivers.reading import Quality, Readings, Sample
 from drivers.receiver import Capture, Receiver
 from drivers.settings import UNKNOWN, Settings
-from drivers.wiring.contract import Wiring
+from drivers.wiring.contract import Owned, Wiring
 
 #: Where a bench that was armed must not be found.
 DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
@@ -35,6 +35,8 @@ SILENT_BEATS: Final = 25
 #: No single wait of a plan is longer than this; a longer one is a wrong unit.
 WAIT_MAX: Final = 24 * 3600 * s
 SHOWN_MAX: Final = 12
+#: So many commands may come twice or spoilt on any bus.
+REJECTED_SOME: Final = 20
 #: How long set-points are averaged and streamed before a control mode changes: several beats, no visible pause.
 AVERAGE_OVER: Final = 200 * ms
 STREAM_BEATS: Final = 3
@@ -52,6 +54,7 @@ class Link:
         "_armed",
         "_connected",
         "_lost",
+        "_rejected",
         "_silent",
         "_strangers",
         "_tolerant",
@@ -68,7 +71,7 @@ class Link:
         self.wiring, self.table, self.clock = wiring, wiring.table, clock
         self._lost = ""
         self._silent = 0
-        self._strangers = 0.0  # that were counted before this commander came
+        self._strangers = self._rejected = 0.0  # that were counted before this commander came
         self._armed = self._tolerant = self._connected = False
         self.receiver = Receiver(wiring, clock)
         self.commander = Commander(wiring, clock)
@@ -79,6 +82,11 @@ class Link:
     def state(self) -> str:
         """The rig's state by name, ``"unknown"`` unless it was told lately."""
         return self.readings.choice("rig.state")
+
+    @property
+    def lost(self) -> bool:
+        """Whether a connection is known to be lost: what came by itself tells nothing of now."""
+        return bool(self._lost)
 
     def has(self, *names: str) -> bool:
         """Return whether this rig has all the signals ``names``; KeyError for one that the table does not know."""
@@ -98,17 +106,41 @@ class Link:
         text = f"state {self.state}"
         if self.has("rig.reason"):
             text += f", reason: {self.readings.choice('rig.reason')}"
+        if self.state == "OFF":
+            text += ", the power of valves and actuators was lost or switched off"
         tripped = self.table.tripped(self.readings.told("rig.tripped"))
         if tripped is not None:
             text += f", first limit: {self.readings.show(tripped.name)}"
-        return text + (f"; {self.strangers()}" if self.strangers() else "")
+            if self.readings.sample(tripped.name).quality is Quality.UNAVAILABLE:
+                text += " (its transducer says nothing; mend it)"
+        return "; ".join(filter(None, (text, self.strangers(), self.rejected())))
+
+    def rejected(self) -> str:
+        """Return in words how many of this commander's frames the bench has lately thrown away, "" if none."""
+        owned = isinstance(self.wiring, Owned)
+        count = self.readings.told("rig.rejected_commands") - self._rejected if owned else 0.0
+        if not count > REJECTED_SOME:
+            return ""
+        return (
+            f"the bench has thrown away {count:.0f} frames of its commander, whose CRC or counter is wrong: look at "
+            "what lies between on the CAN bus"
+        )
 
     def strangers(self) -> str:
-        """Return in words who else has tried to command the bench since this commander came, "" if nobody has."""
+        """Return in words whose commands the bench has refused since this commander came, "" if nobody's.
+
+        They are somebody else's, unless they come from where this commander sends: then he has lost the bench.
+        """
         count = self.readings.told("rig.strangers") - self._strangers
         if not count > 0:
             return ""
         port = self.readings.told("rig.stranger")
+        token = self.readings.told("rig.lease")
+        if isinstance(self.wiring, Owned) and self.wiring.is_own(int(port) if port > 0 else 0, token):
+            return (
+                "the bench does not take this commander's own commands any more, for it counts him as gone: connect "
+                f"again ({count:.0f} frames or requests refused)"
+            )
         identifier = self.readings.told("rig.stranger_identifier")
         what = f"CAN frame {int(identifier):#05x}" if identifier > 0 else "a Modbus request"
         where = f"from TCP port {port:.0f} (`ss -tnp` shows its program)" if port > 0 else "from the bus"
@@ -308,8 +340,10 @@ class Link:
         with self.readings.watched() as seen:
             condition()
         shown = [self.readings.show(name) for name in list(seen)[:SHOWN_MAX]]
-        now = f"; now {', '.join(shown)}" if shown else ""
-        return f"{what}: not reached within {within:g} s{now}"
+        now = f"now {', '.join(shown)}" if shown else ""
+        rejected = self.rejected()
+        known = [now, "" if rejected in what else rejected]
+        return "; ".join(filter(None, (f"{what}: not reached within {within:g} s", *known)))
 
 
 def _nanoseconds(name: str, seconds: float) -> int:

@@ -22,6 +22,7 @@ class InMemoryCan:
     wire: Wire | None = None
 
     def __init__(self, send: OnFrames) -> None:
+        self.local_ports: set[int] = set()
         self._send = send
         self._subscribers: tuple[OnFrames, ...] = ()
         self._lost_callbacks: list[OnLost] = []
@@ -115,6 +116,11 @@ class FaultyCan:
     """
 
     wire: Wire | None = None  # what writes past it would meet no mishap
+
+    @property
+    def local_ports(self) -> set[int]:
+        """Those of the port underneath."""
+        return self._port.local_ports
 
     def __init__(self, port: CanPort, faults: Faults, seed: int, *, outward: Faults | None = None) -> None:
         sent = outward or faults

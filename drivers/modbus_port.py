@@ -5,6 +5,7 @@ client, on a socket or a serial line (``open_modbus``, ``open_serial``) or on a 
 (``InMemoryModbus``): the bytes are the same.
 """
 
+import contextlib
 import logging
 import math
 import select
@@ -39,6 +40,7 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 Client = ModbusTcpClient | ModbusSerialClient
 
 _EXTENDED_ACCESS: Final = 3
+SEE_TO_IT: Final = "; see that it runs and can be reached"
 #: How often a device that closes after each answer is seen to do so until it is not waited for any more.
 _HABIT: Final = 2
 _PAUSE: Final = round(20 * ms * NS)
@@ -118,7 +120,8 @@ class Line:
         came = instead(self._request, self._came, framed=self._framed)
         if isinstance(error, ModbusException) and "No response received" not in str(error):
             return f"what the device sent is no answer to it{came}"
-        return f"the device does not answer in {self.client.comm_params.timeout_connect:g} s{came}"
+        within = self.client.comm_params.timeout_connect
+        return f"the device does not answer in {within:g} s{came or SEE_TO_IT}"
 
     def hang_up(self) -> None:
         """Close the connection; the next request opens it again. A late answer then is not taken for the next one."""
@@ -181,6 +184,8 @@ class ModbusPort:
         self.meaning: Mapping[int, str] = MEANING  #: of the codes with which the device refuses
         self._asking = 0  # the thread that waits for an answer
         self._postponed: list[Callable[[], None]] = []
+        #: The TCP ports from which requests have gone out: a connection that broke is opened again from another.
+        self.local_ports: set[int] = set()
         line.join(self)
 
     def between_requests(self, call: Callable[[], None]) -> None:
@@ -292,6 +297,7 @@ class ModbusPort:
                 raise LinkLost(f"{what} failed: {reason}") from None
             finally:
                 self._asking = 0
+                self._note_port()
         while self._postponed:
             self._postponed.pop()()
         if isinstance(reply, ExceptionResponse):
@@ -301,6 +307,12 @@ class ModbusPort:
         if reply.isError():
             raise LinkLost(f"{what} failed: what the device sent is no answer to it")
         return reply
+
+    def _note_port(self) -> None:
+        sock = getattr(self._client, "socket", None)
+        with contextlib.suppress(OSError):
+            if sock is not None:
+                self.local_ports.add(int(sock.getsockname()[1]))
 
     def _bits(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[bool]:
         bits = getattr(self._ask(what, request, repeatable=True), "bits", [])[:count]

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.table_signals import MEASUREMENTS
-from bench_protocol.units import bar
-from bench_protocol.words import SIDES
 from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
+from test_plans.air_left import KEEP_AWAY, air_at_risk, air_left
 from test_plans.analysis import NotMeasured
 from test_plans.asking import Aborted
 from test_plans.instruments import UNKNOWN, Instruments
@@ -25,12 +24,11 @@ from test_plans.parameters import ParameterRefused
 from test_plans.plan import Plan
 from test_plans.preconditions import Precondition, today
 from test_plans.punctuality import lateness, timing
-from test_plans.readings import CHAMBERS
 from test_plans.recording import Recording, begin_recording, keep_settings
 from test_plans.run import Heard, Nobody, Run, Watcher
 from test_plans.specimen import Specimen, ordinary
 from test_plans.stamps import clocks
-from test_plans.steps.carrying import ARM_WITHIN, RESIDUAL_PRESSURE
+from test_plans.steps.carrying import ARM_WITHIN
 from test_plans.suspension import HeldTooLong, Suspension
 
 if TYPE_CHECKING:
@@ -40,9 +38,7 @@ if TYPE_CHECKING:
 
 #: Whose fault it is, in words.
 WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the plan", "record": "the record"}
-#: How the reason of a run begins that was blocked by the wires or by whoever commands, not by the bench.
-BY_THE_LINK: Final = f"{WHOSE['link']}: "
-#: The same by the disk, which does not keep the record.
+#: How the reason of a run is told that was blocked by the disk, which does not keep the record.
 BY_THE_RECORD: Final = f"{WHOSE['record']}: "
 #: How a warning begins that a run did not leave the bench as it should have.
 IN_TEAR_DOWN: Final = "in tear-down: "
@@ -113,7 +109,7 @@ def _carried_out(
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
         first, last, interrupted = _perform(run, plan, stops)
-        left = _air_left(bench) if interrupted else ""
+        left = air_left(bench) if interrupted else air_at_risk(bench)
         strangers = bench.strangers()
         for told in filter(None, (left, strangers)):
             run.say(told)
@@ -131,6 +127,12 @@ def _carried_out(
         run.warnings.append("; ".join(filter(None, (f"{IN_TEAR_DOWN}{last}", left))))
     result = _concluded(run, plan, reason, timing=punctuality, **facts)
     return _written(result, incident, Path(directory)), left if interrupted else None
+
+
+def blocked_by_the_link(result: Result) -> bool:
+    """Return whether the wires, or whoever commands, blocked a run, and not the bench."""
+    parts = result.reason.partition("; then ")[0].split("; ")
+    return any(part.startswith(f"{WHOSE['link']}: ") for part in parts)
 
 
 def _facts(plan: Plan, spring: Specimen, instruments: Instruments) -> dict[str, Any]:
@@ -291,31 +293,18 @@ def _recorded(run: Run, recording: Recording) -> Iterator[None]:
 def _reason(run: Run, first: str, last: str, *more: str) -> str:
     """Return why the product could not be judged, "" if it could.
 
-    ``first`` is what went wrong up to tear-down, ``last`` in it, ``more`` what else to know: what the springs hold
-    after an interruption, who else tried to command the bench.
+    ``first`` is what went wrong up to tear-down, ``last`` in it, ``more`` what else to know: what the springs hold,
+    who else tried to command the bench. What a person has to do stands before all of it.
     """
     from bench_records.result import Outcome, conclude
 
     if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
         return ""  # it was judged and failed; that the bench then misbehaved stands among the events
     reason = "; then ".join(trouble for trouble in (first, last and f"{IN_TEAR_DOWN}{last}") if trouble)
-    return "; ".join(filter(None, (reason, *(one for one in more if one not in reason)))) if reason else ""
-
-
-def _air_left(bench: Bench) -> str:
-    """What the springs hold now, in words: whoever stopped a run has to know before touching them."""
-    names = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
-    held = {
-        side: [bench.readings.told(name) for name in of_side if not bench.lacks(name)]
-        for side, of_side in names.items()
-    }
-    if any(not pressures or any(map(isnan, pressures)) for pressures in held.values()):
-        return "nobody can tell whether the springs hold pressure: their transducers are silent"
-    highest = {side: max(pressures) for side, pressures in held.items()}
-    told = " and ".join(f"{pressure / bar:.2f} bar on the {side}" for side, pressure in highest.items())
-    if max(highest.values()) <= RESIDUAL_PRESSURE:
-        return f"the springs are without pressure ({told})"
-    return f"the springs still hold pressure: {told}"
+    if not reason:
+        return ""
+    new = [one for one in more if one and one not in reason]
+    return "; ".join(sorted((reason, *new), key=lambda one: not one.startswith(KEEP_AWAY)))
 
 
 def _attempt(run: Run, stops: Interruptions, name: str, part: Callable[[Run], None]) -> tuple[str, bool]:

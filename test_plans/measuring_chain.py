@@ -70,6 +70,8 @@ Steps = Sequence[Mapping[str, float]]
 Forces = tuple[Samples, Samples]
 #: Air that is let off cools: so warm again.
 WARM: Final = 0.1 * K
+#: What a run before has let off is as cold as 290 K when this one begins.
+WARM_WITHIN: Final = 5 * minutes
 #: A bolster that is let go sways for some seconds.
 STILL: Final = 8 * s
 
@@ -81,7 +83,7 @@ def without_air(run: Run) -> None:
         run.bench.air.vent(within=VENT_WITHIN)
         gas = [name for name in TEMPERATURES if run.bench.has(name)]
         if gas:
-            run.bench.settle(*gas, band=WARM, over=READ_OVER, within=1 * minutes)
+            run.bench.settle(*gas, band=WARM, over=READ_OVER, within=WARM_WITHIN)
     run.bench.disarm()
     with run.phase("still"):
         run.bench.wait(STILL)

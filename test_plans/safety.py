@@ -14,6 +14,7 @@ from drivers.errors import BenchTimeout
 from drivers.receiver import Capture
 from drivers.wiring.contract import Supervised
 from test_plans import steps
+from test_plans.air_left import RESIDUAL_PRESSURE
 from test_plans.analysis import Samples
 from test_plans.loads import AW0
 from test_plans.operator import DONE, Question, Unanswered
@@ -22,7 +23,6 @@ from test_plans.preconditions import load_cases, supply_for
 from test_plans.readings import HEIGHTS
 from test_plans.run import Run
 from test_plans.steps.air import AVERAGED
-from test_plans.steps.carrying import RESIDUAL_PRESSURE
 from test_plans.uncertainty import EVEN, SAMPLING, Measured, timed, yes_or_no
 
 BELLOWS: Final = tuple(f"{side}.bellows_pressure" for side in SIDES)

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from bench_protocol.clock import Clock, Task
 from bench_protocol.gate import Gate
 from bench_protocol.wires import Table
+from bench_protocol.words import AirFate
 from drivers.errors import BenchError, LinkLost, NotAvailable
 
 if TYPE_CHECKING:
@@ -70,6 +71,9 @@ class Conduct:
     reset: tuple[Step, ...]
     rest: tuple[Order, ...]
     at_rest: tuple[str, ...]  #: states in which a bench is at rest
+    air: Mapping[str, AirFate] = field(
+        default_factory=dict
+    )  #: what becomes of the springs' air by state, as far as it is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +148,17 @@ class FileStore(Protocol):
 
     def read_file(self, file: int, record: int, count: int) -> list[int]:
         """Return ``count`` 16-bit words of a file from ``record`` on. Refused if there is no such file."""
+
+
+@runtime_checkable
+class Owned(Protocol):
+    """A wiring whose rig has one commander, and tells who else tried to be."""
+
+    def is_own(self, port: int, token: float) -> bool:
+        """Return whether this commander sent what came from a TCP ``port``, 0 for a bus that knows none.
+
+        ``token`` is that of the present holder, NaN while the rig has not told it.
+        """
 
 
 @runtime_checkable

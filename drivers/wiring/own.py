@@ -13,7 +13,7 @@ from bench_protocol.messages import TOKEN
 from bench_protocol.rates import PACE
 from bench_protocol.table import TABLE
 from bench_protocol.wires import Table
-from bench_protocol.words import FAULT_STATES, LIVE_STATES, STATES
+from bench_protocol.words import AIR_BY_STATE, FAULT_STATES, LIVE_STATES, STATES
 from drivers.errors import BenchError, LinkLost, NotCommander
 from drivers.wiring.contract import Capabilities, Conduct, Hear, OnLost, Order, Step
 from drivers.wiring.own_can import OwnEar, OwnOutlet, stale_limits
@@ -57,7 +57,12 @@ CONDUCT: Final = Conduct(
     ),
     rest=(_bits(active=False, reset=False), _bits(hold=False), _bits(enable=False)),
     at_rest=("OFF", "BOOT", "INIT", "DISABLED", "FAULT_DISABLED", "ESTOP"),
+    air=AIR_BY_STATE,
 )
+
+
+def _bus_lost(reason: str) -> str:
+    return f"the CAN bus is lost: {reason or 'closed'}; see that the rig runs and its CAN interface is up"
 
 
 class OwnWiring:
@@ -134,7 +139,7 @@ class OwnWiring:
 
     def _hear(self, clock: Clock, hear: Hear, lost: OnLost) -> None:
         self._ear = OwnEar(self.table, clock, self.epoch, hear, self.absent)
-        self.can.on_lost(lambda reason: lost(f"the CAN bus is lost: {reason or 'closed'}"))
+        self.can.on_lost(lambda reason: lost(_bus_lost(reason)))
         self.can.subscribe(self._ear.accept)
 
     def _agree(self, map_hash: int) -> None:
@@ -162,6 +167,12 @@ class OwnWiring:
             self._commands = False
             self.can.close()
             self.modbus.close()
+
+    def is_own(self, port: int, token: float) -> bool:
+        """Return whether this commander sent what came from a TCP ``port``; 0 is ours once the bench is not."""
+        if port:
+            return port in self.can.local_ports | self.modbus.local_ports
+        return not math.isnan(token) and bool(self.given) and token != self.given[TOKEN]
 
     @contextmanager
     def silent(self) -> Iterator[None]:

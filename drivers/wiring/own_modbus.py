@@ -6,11 +6,12 @@ import math
 import struct
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.map_differences import Differences, compare
 from bench_protocol.map_file import closing_sequence, read_places
-from bench_protocol.modbus import FILE_READ_MAX, NO_AUTHORITY
+from bench_protocol.modbus import DEVICE_FAILURE, FILE_READ_MAX, NO_AUTHORITY
 from bench_protocol.registers import (
     FLOAT_BLOCK,
     LEASE_ADDRESS,
@@ -23,7 +24,8 @@ from bench_protocol.registers import (
 from bench_protocol.signals import Kind
 from bench_protocol.units import ms
 from bench_protocol.wires import Table
-from drivers.errors import LinkLost, MapMismatch, Misuse, NotCommander, Refused
+from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotCommander, Refused
+from drivers.wiring.own_refusals import Told, why_action, why_settings
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
@@ -82,6 +84,7 @@ class OwnRegisters:
         self._closing = max(register.address for register in self._readings) + 2
         self._absent: Mapping[str, str] = {}
         self._floats = {r.signal: r for r in (*self._active.values(), *self._readings)}
+        self._token = 0  # of the lease that this connection took
         self._lock = threading.RLock()
 
     def _registers(self, space: str, kind: Kind) -> dict[str, Register]:
@@ -110,7 +113,9 @@ class OwnRegisters:
                 wanted = ", ".join(
                     f"{name} = {self._table[name].show(value)}" for name, value in values.items()
                 )
-                raise Refused(f"the rig did not take over {wanted}: {refused}", refused.code) from None
+                new = [name for name, value in values.items() if single(value) != before[name]]
+                why = self._why(refused, lambda told: why_settings(new, told))
+                raise Refused(f"the rig did not take over {wanted}: {why}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
         """Write the registers from the first to the last of ``values``: one request is staged or refused as one."""
@@ -133,7 +138,16 @@ class OwnRegisters:
         try:
             self._commanding(lambda: self._port.write_coil(address, True))
         except Refused as refused:
-            raise Refused(f"{name} was refused in the rig's present state: {refused}", refused.code) from None
+            why = self._why(refused, lambda told: why_action(name, told))
+            raise Refused(f"{name} was refused in the rig's present state: {why}", refused.code) from None
+
+    def _why(self, refused: Refused, why: Callable[[Told], str]) -> str:
+        """Return why the rig has refused something, by what it says of itself; else what it answered."""
+        told = ""
+        if refused.code == DEVICE_FAILURE:
+            with suppress(BenchError):
+                told = why(Told(self.snapshot(), self.contacts()))
+        return f"{told} (Modbus exception {refused.code})" if told else str(refused)
 
     def contacts(self) -> dict[str, bool]:
         """Return all contacts of the interlocks, read in one request."""
@@ -216,7 +230,8 @@ class OwnRegisters:
     def take_lease(self) -> int:
         """Become the commander; return the token that the rig drew. ``NotCommander`` if somebody else is."""
         self._lease([_ASK])
-        return self.holder()
+        self._token = self.holder()
+        return self._token
 
     def join_lease(self, token: int) -> None:
         """Be known again as the commander who has ``token``. ``NotCommander`` if that is somebody else's."""
@@ -256,6 +271,19 @@ class OwnRegisters:
         except Refused as refused:
             if refused.code != NO_AUTHORITY:
                 raise
-            raise NotCommander(
-                f"the bench is held by {self.whose()}; it must let go before this one can act"
-            ) from refused
+            raise NotCommander(self._why_not()) from refused
+
+    def _why_not(self) -> str:
+        """Return in words why the rig takes nothing from this connection."""
+        token = self.holder()
+        if not self._token:
+            return (
+                f"the bench is held by {self.whose()}; it must let go before this one can act, or be silent until the "
+                "bench is safe"
+            )
+        if token == self._token:
+            return "nothing was written on this connection for too long, and the bench waits for it no longer"
+        return (
+            "connect again to take it, and look at the bench first: this commander was silent for too long, its "
+            f"connection broke, or the rig was started anew, and {self.whose()} holds the bench now"
+        )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TypeVar
 
+from bench_protocol.rates import DISABLE_AFTER
 from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
-from drivers.errors import BenchTimeout, RigFault
+from drivers.errors import BenchTimeout, Refused, RigFault
+from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty
 from test_plans.loads import Load
 from test_plans.readings import CHAMBERS, HEIGHTS
 
@@ -49,9 +51,11 @@ KEEP_AVERAGE: Final = 0.4 * s
 KEEP_TOLERANCE: Final = 0.1 * bar
 LATERAL_RATE: Final = 2 * kN / s
 
-#: What counts as depressurised: too little to lift the bolster (0.23 bar).
-RESIDUAL_PRESSURE: Final = 0.2 * bar
 VENT_WITHIN: Final = 3 * minutes
+NOT_EMPTY: Final = "the springs are not known to be empty"
+LOOK_AGAIN: Final = 0.5 * s
+#: Twice what the safe position takes with 7 bar.
+LET_OFF_WITHIN: Final = DISABLE_AFTER + 20 * s
 
 
 def power_up(run: Run) -> None:
@@ -76,27 +80,29 @@ def make_safe(run: Run) -> None:
 
 
 def depressurise(run: Run) -> None:
-    """Let the air out of both springs under their load, so that nothing jumps.
+    """Let the air out of both springs under their load, so that nothing jumps; in a fault, leave it to the bench.
 
-    RigFault if the bench shut its valves in a fault: then somebody has to look, reset and vent.
+    RigFault if air is left, or nobody can tell.
     """
     bench = run.bench
-
-    def empty() -> bool:
-        # Each by itself: of a silent transducer and a good one, max() may return the good one.
-        pressures = (bench.left.bellows_pressure, bench.right.bellows_pressure)
-        return all(pressure <= RESIDUAL_PRESSURE for pressure in pressures)
-
     with run.phase("depressurise"):
         if bench.rig.state in LIVE_STATES:
             if bench.vertical.control != "force":
                 bench.vertical.control = "force"
             bench.air.vent(tolerance=RESIDUAL_PRESSURE, within=VENT_WITHIN)
-        elif bench.rig.state == "ESTOP":
-            with bench.despite_faults():  # the stop itself lets the air off
-                bench.wait_for(empty, within=VENT_WITHIN, what="both springs without air")
-        elif not empty():
-            raise RigFault(f"the springs keep their air, for the bench shut its valves: {bench.describe()}")
+            return
+        if not springs_are_empty(bench):
+            with bench.despite_faults(), suppress(BenchTimeout):
+                if bench.wiring.conduct.air.get(bench.state) == "shut in":
+                    bench.disarm()  # a fault that holds ends in the safe position
+                if bench.wiring.conduct.air.get(bench.state) == "let off":
+                    bench.wait_for(
+                        lambda: springs_are_empty(bench),
+                        within=LET_OFF_WITHIN,
+                        what="both springs without air",
+                    )
+        if not springs_are_empty(bench):
+            raise RigFault(f"{NOT_EMPTY}: {bench.describe()}")
 
 
 def carry(load: str | Load) -> Callable[[Run], None]:
@@ -123,7 +129,25 @@ def shim(run: Run, load: Load) -> None:
         if lacking := run.bench.lacks("rig.nominal_preload"):
             run.say(f"{lacking}; its heights must have been set to zero for {load.name}")
         else:
-            run.bench.rig.nominal_preload = load.preload
+            _once_let_go(run, lambda: setattr(run.bench.rig, "nominal_preload", load.preload))
+
+
+def _once_let_go(run: Run, change: Callable[[], None]) -> None:
+    """Do what wants springs without air and actuators that have let go: a bench at rest comes to that by itself."""
+    bench = run.bench
+    deadline, said = bench.now + LET_OFF_WITHIN, False
+    while True:
+        try:
+            change()
+        except Refused as refused:
+            if bench.state not in bench.wiring.conduct.at_rest or bench.now >= deadline:
+                raise
+            if not said:
+                run.say(f"waiting until the springs are empty and the actuators have let go: {refused}")
+            said = True
+        else:
+            return
+        bench.wait(LOOK_AGAIN)
 
 
 def raise_the_air(run: Run, load: Load) -> None:

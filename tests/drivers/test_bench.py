@@ -239,6 +239,7 @@ def test_the_watchdog_is_fed_while_an_answer_is_awaited(world, armed):
 def test_strangers_are_told_of_where_the_bench_is_described(world, armed):
     assert armed.strangers() == ""
     world.peer.values |= {"rig.strangers": 12, "rig.stranger": 4711, "rig.stranger_identifier": 0x201}
+    world.peer.values |= {"rig.lease": armed.wiring.given["control.token"]}
     armed.wait(0.2)
     assert "12 frames or requests refused, the last CAN frame 0x201 from TCP port 4711" in armed.describe()
     world.peer.values |= {"rig.stranger": 0}

@@ -1,11 +1,8 @@
 """Whatever breaks while the springs are full: they are let down, or somebody is told that they were not."""
 
-import math
 import signal
 import subprocess
 import sys
-from contextlib import nullcontext
-from types import SimpleNamespace
 
 import pytest
 
@@ -20,7 +17,6 @@ from test_plans import steps
 from test_plans.execution import execute
 from test_plans.loads import AW0
 from test_plans.plan import plan
-from test_plans.steps.carrying import depressurise
 
 
 @pytest.fixture
@@ -52,18 +48,6 @@ def test_a_disk_that_is_full_leaves_no_air_in_the_springs(filled, monkeypatch):
     assert result.verdict is Outcome.BLOCKED
     assert result.reason == "the record: no space left"
     assert pressure < 0.2 * bar
-
-
-@pytest.mark.parametrize("silent", ["left", "right"])
-def test_springs_of_which_one_transducer_is_silent_do_not_count_as_empty(silent):
-    sides = {
-        side: SimpleNamespace(bellows_pressure=math.nan if side == silent else 0.0)
-        for side in ("left", "right")
-    }
-    rig = SimpleNamespace(state="FAULT_HOLD")
-    bench = SimpleNamespace(rig=rig, describe=lambda: "state FAULT_HOLD", **sides)
-    with pytest.raises(RigFault, match="the springs keep their air"):
-        depressurise(SimpleNamespace(bench=bench, phase=nullcontext))
 
 
 def test_a_tear_down_that_failed_ends_a_series_though_the_product_failed_first():

@@ -11,7 +11,7 @@ import pytest
 from bench_protocol.clock import VirtualClock
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kPa
-from bench_protocol.words import STATES
+from bench_protocol.words import AIR_BY_STATE, STATES
 from bench_records.layout import RecordError
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome, read_result
@@ -24,6 +24,8 @@ from test_plans.execution import execute
 from test_plans.plan import Plan, plan
 from test_plans.run import Nobody, PlanError, Run
 
+SPRINGS = [f"{side}.{chamber}_pressure" for side in ("left", "right") for chamber in ("bellows", "auxiliary")]
+
 
 class FakeBench:
     """As much of a bench as the life cycle touches: a clock, a sink, counters."""
@@ -32,13 +34,18 @@ class FakeBench:
         self.clock, self.table = VirtualClock(), TABLE
         self.receiver = SimpleNamespace(sink=None)
         self.settings = SimpleNamespace(readings=self.account, in_force=dict)
-        self.wiring = SimpleNamespace(read_file=self.read_file, capabilities=Capabilities())
+        conduct = SimpleNamespace(air=AIR_BY_STATE)
+        self.wiring = SimpleNamespace(read_file=self.read_file, capabilities=Capabilities(), conduct=conduct)
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
         self.hand = self.instruments = None
-        self.pressures = {}
         self.strangers = lambda: ""
-        self.readings = SimpleNamespace(told=lambda name: self.pressures.get(name, np.nan))
+        self.state = "DISABLED"
+        self.pressures = dict.fromkeys(SPRINGS, 0.0) | {"rig.state": STATES.index("DISABLED")}
+        self.readings = SimpleNamespace(
+            told=lambda name: self.pressures.get(name, np.nan), show=lambda name: f"{name} is missing"
+        )
+        self.lost = False
         self.lacks = lambda *names: ""
 
     def account(self, *names):
@@ -198,31 +205,37 @@ def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
     ]
 
 
-SPRINGS = [f"{side}.{chamber}_pressure" for side in ("left", "right") for chamber in ("bellows", "auxiliary")]
-
-
 @pytest.mark.parametrize(
     ("pressures", "told"),
     [
-        ([], "nobody can tell whether the springs hold pressure: their transducers are silent"),
+        (
+            [],
+            "keep away from the springs until their gauges read zero: nobody can tell whether they hold pressure; "
+            + "; ".join(f"{name} is missing" for name in SPRINGS)
+            + "; the bench, in DISABLED, lets the air off by itself",
+        ),
         (
             [0.05, 0.07, 0.01, 0.02],
             "the springs are without pressure (0.07 bar on the left and 0.02 bar on the right)",
         ),
         (
             [0.05, 3.2, 0.01, 0.02],
-            "the springs still hold pressure: 3.20 bar on the left and 0.02 bar on the right",
+            "keep away from the springs until their gauges read zero: they hold pressure (3.20 bar on the left and "
+            "0.02 bar on the right); the bench, in DISABLED, lets the air off by itself",
         ),
     ],
 )
 def test_ctrl_c_tears_down_writes_and_comes_out_again(made, bench, tmp_path, pressures, told):
     def tear_down(_):
-        bench.pressures = dict(zip(SPRINGS, np.array(pressures) * bar, strict=False))
+        bench.pressures = {"rig.state": STATES.index("DISABLED")}
+        bench.pressures |= zip(SPRINGS, np.array(pressures) * bar, strict=False)
 
     with pytest.raises(KeyboardInterrupt, match=re.escape(told)):
         made(raising(KeyboardInterrupt()), teardown=tear_down)
     result = read_result(tmp_path / "out")
-    assert (result.verdict, result.reason) == (Outcome.BLOCKED, f"stopped by the operator; {told}")
+    parts = ("stopped by the operator", told)
+    first_what_to_do = parts[::-1] if told.startswith("keep away") else parts
+    assert (result.verdict, result.reason) == (Outcome.BLOCKED, "; ".join(first_what_to_do))
 
 
 def test_a_rig_without_transducers_in_the_auxiliary_chambers_tells_by_its_bellows(made, bench, tmp_path):

@@ -4,7 +4,8 @@ import itertools
 
 import pytest
 
-from bench_protocol.words import BenchState, Reason
+from bench_protocol.words import AIR_BY_STATE, BenchState, Reason
+from bench_sim.rig.controls import AirSupply
 from bench_sim.rig.states import (
     COMMAND_VALID,
     ESTOP_RELEASED,
@@ -73,3 +74,20 @@ def test_the_first_reason_stays() -> None:
     assert made.reason is Reason.COMMAND_LATE
     made.handle(Event.RESET)
     assert made.reason is Reason.NONE
+
+
+@pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.source.name}, {row.event.name}")
+def test_what_is_told_of_the_air_in_a_state_is_what_the_rig_does(commander, row) -> None:
+    """The table that the drivers speak from, against the rig's own order to its valves."""
+    supervisor = commander.rig.supervisor
+    supervisor.machine = machine(row.source)
+    if row.source is BenchState.FAULT_REACTION and row.event is Event.REACTED_HOLD:
+        commander.rig._controls["engaged"] = 1
+    assert supervisor.handle(row.event)
+    does = {
+        AirSupply.VENTED: "let off",
+        AirSupply.SHUT: "shut in",
+        AirSupply.RESTRICTED: "as ordered",
+        AirSupply.FULL: "as ordered",
+    }
+    assert does[AirSupply(commander.rig._controls["air"])] == AIR_BY_STATE[row.target.name]

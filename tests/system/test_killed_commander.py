@@ -1,6 +1,8 @@
-"""A commander that dies by SIGKILL: the rig holds within 100 ms, as somebody else on the bus sees it."""
+"""A commander that dies or is stopped by a signal, as somebody else on the bus sees it."""
 
+import re
 import select
+import signal
 import subprocess
 import sys
 
@@ -15,11 +17,15 @@ import sys
 from pathlib import Path
 from astb.rig_file import read
 from astb.session import real_session
+from drivers.errors import BenchError
 with real_session(read(Path(sys.argv[1]))) as session:
     session.bench.connect(within=10)
     session.bench.arm()
     print("armed", flush=True)
-    session.bench.wait(60)
+    try:
+        session.bench.wait(60)
+    except BenchError as error:
+        print(f"told: {error}", flush=True)
 """
 RIG = """name = "test"
 [can]
@@ -30,18 +36,25 @@ port = {modbus}
 """
 
 
-@pytest.mark.parametrize("site", ["tcp", pytest.param("socketcan", marks=pytest.mark.vcan)], indirect=True)
-def test_a_killed_commander_leaves_the_bench_in_hold(site, tmp_path, eventually):
+def commander(site, tmp_path) -> list[str]:
+    """Return how to start a commander of the site's rig, of which nobody else is one any more."""
     site.close_shared()
-    rig = site.rig
-    path = tmp_path / "rig.toml"
+    rig, path = site.rig, tmp_path / "rig.toml"
     bus = "tcp" if rig.can_port else rig.can
     path.write_text(RIG.format(bus=bus, can=rig.can_port or 1, modbus=rig.modbus_port))
-    command = [sys.executable, "-c", COMMANDER, str(path)]
+    return [sys.executable, "-c", COMMANDER, str(path)]
+
+
+def line_of(process) -> str:
+    assert select.select([process.stdout], [], [], 60)[0], "the commander says nothing"
+    return process.stdout.readline()
+
+
+@pytest.mark.parametrize("site", ["tcp", pytest.param("socketcan", marks=pytest.mark.vcan)], indirect=True)
+def test_a_killed_commander_leaves_the_bench_in_hold(site, tmp_path, eventually):
+    command = commander(site, tmp_path)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, site.listening() as heard:
-        assert process.stdout
-        assert select.select([process.stdout], [], [], 60)[0], "the commander says nothing"
-        assert process.stdout.readline() == "armed\n"
+        assert line_of(process) == "armed\n"
         site.wait(200 * ms)
         process.kill()
         process.wait()
@@ -59,3 +72,25 @@ def test_a_killed_commander_leaves_the_bench_in_hold(site, tmp_path, eventually)
     with site.bench() as successor:
         successor.reset()
         assert successor.rig.state in ("HOLD", "DISABLED")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("site", ["tcp"], indirect=True)
+def test_a_stopped_commander_keeps_nobody_from_the_bench_and_learns_of_it(site, tmp_path, eventually):
+    command = commander(site, tmp_path)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert line_of(process) == "armed\n"
+        process.send_signal(signal.SIGSTOP)
+        modbus = site.modbus()
+        eventually(
+            lambda: modbus.read_holding(0, 1) == [0], what="the lease of a commander who is stopped to end"
+        )
+        modbus.close()
+        with site.bench() as successor:
+            process.send_signal(signal.SIGCONT)
+            told = line_of(process)
+            assert re.match("told: .*(has lost the bench|this commander's own commands)", told), told
+            assert "somebody else tries" not in told
+            successor.wait(200 * ms)
+            assert successor.wiring.given["control.token"] == successor.rig.lease
+        process.kill()

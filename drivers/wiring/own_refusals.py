@@ -1,0 +1,115 @@
+"""Why our own rig refuses an action or settings, by what it says of itself, and what somebody can do about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from bench_protocol.signals import Group
+from bench_protocol.table import TABLE
+from bench_protocol.table_signals import MEASUREMENTS
+from bench_protocol.units import bar
+from bench_protocol.words import LIVE_STATES, PROGRAM_STATES, STATES
+
+#: Below this pressure the actuators may let go of the bolster, and below that a flange may be opened.
+EMPTY: Final = 0.22 * bar
+FLANGE: Final = 0.3 * bar
+_CHAMBERS: Final = tuple(signal.name for signal in MEASUREMENTS if signal.group is Group.PRESSURE)
+_ENGAGED: Final = ("HOLD", "ACTIVE", "FAULT_HOLD", "FAULT_REACTION")
+_PLATES: Final = ("rig.orifice_diameter", "rig.pipe")
+_CONTROLS: Final = ("vertical.control", "lateral.control")
+#: From which states an action leads anywhere.
+_POSSIBLE_IN: Final[Mapping[str, tuple[str, ...]]] = {
+    "action.power_on": ("OFF",),
+    "action.power_off": ("BOOT", "INIT", "DISABLED", *LIVE_STATES),
+    "action.air_low": ("AIR_HIGH",),
+    "action.air_high": ("AIR_LOW",),
+    "action.disable": (*LIVE_STATES, "FAULT_HOLD"),
+    "action.reset": ("DISABLED", "FAULT_HOLD", "FAULT_DISABLED", "ESTOP"),
+    "action.program_run": ("ACTIVE",),
+}
+_NEEDS_COMMANDS: Final = {"action.air_high": ("AIR_LOW",), "action.reset": ("DISABLED", "FAULT_HOLD")}
+_PROGRAM: Final = {
+    "action.program_hold": "no program runs that could be held",
+    "action.program_stop": "no program runs or is held",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What the rig says of itself just after a refusal: its readings and settings in force (SI), its contacts."""
+
+    readings: Mapping[str, float]
+    contacts: Mapping[str, bool]
+
+    @property
+    def state(self) -> str:
+        """The state of the bench by name."""
+        return STATES[int(self.readings["rig.state"])]
+
+    @property
+    def program(self) -> str:
+        """The state of the function generator by name."""
+        return PROGRAM_STATES[int(self.readings["rig.program"])]
+
+
+def why_action(name: str, told: Told) -> str:
+    """Return why the rig refuses the action ``name``, and what would be right; "" where what it told does not say."""
+    state = told.state
+    possible = _POSSIBLE_IN.get(name, STATES)
+    if state not in possible:
+        return f"the bench is in {state}, and this is for {' or '.join(possible)}"
+    if name == "action.power_on":
+        return "the mains are off; switch them on first"
+    if name == "action.reset" and state == "ESTOP" and told.contacts.get("interlock.estop"):
+        return "the emergency stop is pressed; release the button first"
+    if state in _NEEDS_COMMANDS.get(name, ()) and not told.contacts.get("interlock.command", True):
+        return "no valid commands with D set arrive on CAN; send them first"
+    if name == "action.program_run":
+        if told.program == "RUN":
+            return "a program runs already; stop it first"
+        return (
+            "the axis cannot move so in its present control mode, or not so fast; change the mode, or a smaller "
+            "amplitude or frequency"
+        )
+    return _PROGRAM.get(name, "")
+
+
+def why_settings(changed: Collection[str], told: Told) -> str:
+    """Return why the rig does not take over settings of which ``changed`` are new, and what would be right; or ""."""
+    reasons = []
+    if told.program in ("RUN", "HOLD") and any(name in _CONTROLS for name in changed):
+        how = "runs" if told.program == "RUN" else "is held"
+        reasons.append(f"no control mode changes while a program {how}; stop the program first")
+    opened = any(name in _PLATES for name in changed)
+    if opened or "rig.nominal_preload" in changed:
+        what = "plates and pipes are" if opened else "shims are"
+        if why := _why_held(told, FLANGE if opened else EMPTY):
+            reasons.append(f"{what} changed when nothing holds the bolster and the springs are empty: {why}")
+    return "; ".join(reasons)
+
+
+def _why_held(told: Told, pressure_max: float) -> str:
+    """Return why nobody may reach under the bolster."""
+    if told.state in _ENGAGED:
+        return f"the actuators hold it, for the bench is in {told.state}; disarm the bench first"
+    measured = {name: told.readings.get(name, math.nan) for name in _CHAMBERS}
+    full = [
+        f"{name} is {TABLE[name].show(value)}"
+        for name, value in measured.items()
+        if value >= min(EMPTY, pressure_max)
+    ]
+    silent = [
+        f"{name} says nothing, which counts as pressure"
+        for name, value in measured.items()
+        if math.isnan(value)
+    ]
+    if silent:
+        return f"{', '.join(silent)}; mend or replace the transducer first"
+    if full:
+        return f"{', '.join(full)}; vent both springs first, or disarm the bench, which vents them"
+    if told.state in LIVE_STATES:
+        return f"the actuators hold it, for the bench is in {told.state}; disarm the bench first"
+    return "the actuators still set it down; wait some seconds"

@@ -1,0 +1,114 @@
+"""What the springs hold, what the bench does with it and what a person has to do, by what is known at that moment."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from math import isnan, nan
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.units import bar
+from bench_protocol.words import SIDES
+from drivers.errors import BenchError
+from test_plans.readings import CHAMBERS
+
+if TYPE_CHECKING:
+    from drivers.bench import Bench
+
+#: What counts as depressurised: too little to lift the bolster (0.23 bar).
+RESIDUAL_PRESSURE: Final = 0.2 * bar
+#: How a sentence begins that warns a person.
+KEEP_AWAY: Final = "keep away from the springs until their gauges read zero: "
+#: What becomes of the air, by what the bench does with it in its present state.
+_BECOMES: Final = {
+    "let off": "the bench, in {state}, lets the air off by itself",
+    "shut in": "the bench, in {state}, keeps its valves shut, and lets the air off once it is disabled",
+    "as ordered": "the bench, in {state}, does with the air what it was last told",
+    None: "what this rig does with the air in {state} is not known here",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What is known at this moment: pressures (Pa) by side and name, of the rest why not, and the bench's state."""
+
+    pressures: dict[str, dict[str, float]]
+    silent: list[str]
+    state: str  #: "" while nobody can tell
+    why: str  #: nobody can tell the state
+
+
+def springs_are_empty(bench: Bench) -> bool:
+    """Return whether every transducer of the springs says so; one that is silent or stale says nothing."""
+    return _empty(_know(bench))
+
+
+def air_left(bench: Bench) -> str:
+    """Return in words what the springs hold; where that may be air, first what to do, then what becomes of it."""
+    known = _know(bench)
+    if _empty(known):
+        return f"the springs are without pressure ({_sides(known)})"
+    if any(one > RESIDUAL_PRESSURE for of_side in known.pressures.values() for one in of_side.values()):
+        found = f"they hold pressure ({_sides(known)})"
+    else:
+        found = "nobody can tell whether they hold pressure"
+    return "; ".join([f"{KEEP_AWAY}{found}", *known.silent, _becomes(bench, known)])
+
+
+def air_at_risk(bench: Bench) -> str:
+    """Return what `air_left` tells where springs whose pressure is measured are not known to be empty, else ""."""
+    measured = any(_names(bench).values())
+    return air_left(bench) if measured and not springs_are_empty(bench) else ""
+
+
+def _empty(known: _Known) -> bool:
+    pressures = [one for of_side in known.pressures.values() for one in of_side.values()]
+    return not known.silent and bool(pressures) and all(one <= RESIDUAL_PRESSURE for one in pressures)
+
+
+def _becomes(bench: Bench, known: _Known) -> str:
+    """Return in words what the bench does with the air of the springs in the state it is known to be in."""
+    if not known.state:
+        return f"nobody can tell what the bench does with it: {known.why}"
+    return _BECOMES[bench.wiring.conduct.air.get(known.state)].format(state=known.state)
+
+
+def _sides(known: _Known) -> str:
+    of_side = {side: max(values.values()) for side, values in known.pressures.items() if values}
+    return " and ".join(f"{pressure / bar:.2f} bar on the {side}" for side, pressure in of_side.items())
+
+
+def _names(bench: Bench) -> dict[str, list[str]]:
+    """Return the pressures of each side that this rig measures."""
+    names = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
+    return {side: [name for name in of_side if not bench.lacks(name)] for side, of_side in names.items()}
+
+
+def _know(bench: Bench) -> _Known:
+    """Return what came by itself and is not stale, or where the wire for that is lost, what the rig answers now."""
+    names = _names(bench)
+    told, why = _asked(bench, names) if bench.lost else _came(bench, names)
+    pressures = {
+        side: {name: told[name] for name in of_side if not isnan(told[name])}
+        for side, of_side in names.items()
+    }
+    silent = [f"nothing measures the pressure of the {side} spring" for side in SIDES if not names[side]]
+    silent += [why[name] for of_side in names.values() for name in of_side if isnan(told[name])]
+    code = told["rig.state"]
+    state = "" if isnan(code) else bench.table["rig.state"].choices[int(code)]
+    return _Known(pressures, silent, state, why["rig.state"])
+
+
+def _came(bench: Bench, names: dict[str, list[str]]) -> tuple[dict[str, float], dict[str, str]]:
+    every = ["rig.state", *(name for of_side in names.values() for name in of_side)]
+    return {name: bench.readings.told(name) for name in every}, {
+        name: bench.readings.show(name) for name in every
+    }
+
+
+def _asked(bench: Bench, names: dict[str, list[str]]) -> tuple[dict[str, float], dict[str, str]]:
+    every = ["rig.state", *(name for of_side in names.values() for name in of_side)]
+    told = dict.fromkeys(every, nan)
+    with suppress(BenchError):
+        told |= bench.settings.readings(*every)
+    return told, {name: f"{name} cannot be read, for a connection is lost" for name in every}
