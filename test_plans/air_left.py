@@ -15,8 +15,10 @@ from test_plans.readings import CHAMBERS
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-#: What counts as depressurised: too little to lift the bolster (0.23 bar).
+#: What counts as depressurised.
 RESIDUAL_PRESSURE: Final = 0.2 * bar
+#: What lifts the bolster: springs that hold less move nothing.
+LIFTS: Final = 0.23 * bar
 #: How a sentence begins that warns a person.
 KEEP_AWAY: Final = "keep away from the springs until their gauges read zero: "
 #: What becomes of the air, by what the bench does with it in its present state.
@@ -48,7 +50,7 @@ def air_left(bench: Bench) -> str:
     known = _know(bench)
     if _empty(known):
         return f"the springs are without pressure ({_sides(known)})"
-    if any(one > RESIDUAL_PRESSURE for of_side in known.pressures.values() for one in of_side.values()):
+    if any(one >= LIFTS for of_side in known.pressures.values() for one in of_side.values()):
         found = f"they hold pressure ({_sides(known)})"
     else:
         found = "nobody can tell whether they hold pressure"
@@ -63,7 +65,7 @@ def air_at_risk(bench: Bench) -> str:
 
 def _empty(known: _Known) -> bool:
     pressures = [one for of_side in known.pressures.values() for one in of_side.values()]
-    return not known.silent and bool(pressures) and all(one <= RESIDUAL_PRESSURE for one in pressures)
+    return not known.silent and bool(pressures) and all(one < LIFTS for one in pressures)
 
 
 def _becomes(bench: Bench, known: _Known) -> str:

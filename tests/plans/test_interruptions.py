@@ -40,7 +40,7 @@ def stopped_in(owner, name, stop, monkeypatch):
 
 @pytest.mark.parametrize(
     ("owner", "name"),
-    [(Recorder, "close"), (Result, "write"), (FakeBench, "read_file"), ("test_plans.execution", "_air_left")],
+    [(Recorder, "close"), (Result, "write"), (FakeBench, "read_file"), ("test_plans.execution", "air_left")],
     ids=lambda one: getattr(one, "__name__", one),
 )
 def test_the_third_signal_leaves_a_result_wherever_it_comes(stop, owner, name, tmp_path, monkeypatch):

@@ -135,7 +135,10 @@ def test_the_emergency_stop_blocks_and_is_the_first_cause(bench_run):
 def test_a_cut_bus_blocks_as_the_links_fault_and_the_rig_unloads_by_itself(bench_run):
     run = bench_run("aw0", at=(30.0, lambda made: made.cut("the cable is cut")))
     assert run.result.verdict is Outcome.BLOCKED
-    assert run.result.reason.startswith("the link to the rig: the CAN bus is lost: the cable is cut")
+    first, _, rest = run.result.reason.partition("; ")
+    assert first.startswith("keep away from the springs until their gauges read zero: they hold pressure (2.")
+    assert rest.startswith("the bench, in FAULT_HOLD, keeps its valves shut"), "which the PLC still tells"
+    assert "; the link to the rig: the CAN bus is lost: the cable is cut" in rest
 
 
 @slow
@@ -165,9 +168,12 @@ def test_a_tear_down_that_is_stopped_says_what_the_springs_hold(bench_run, after
         after(made.clock, 1.0, lambda: interrupt(made))
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt, match="the springs still hold pressure"):
+    with pytest.raises(KeyboardInterrupt, match="they hold pressure"):
         bench_run("aw0", at=(30.0, twice))
     result = read_result(tmp_path / "out")
-    assert "in tear-down: stopped by the operator; the springs still hold pressure: " in result.reason
-    held = float(result.reason.split("pressure: ")[1].split(" bar")[0])
+    assert result.reason.startswith(
+        "keep away from the springs until their gauges read zero: they hold pressure"
+    )
+    assert result.reason.endswith("in tear-down: stopped by the operator")
+    held = float(result.reason.split("hold pressure (")[1].split(" bar")[0])
     assert 1.5 < held < 2.5

@@ -182,7 +182,8 @@ def test_a_link_that_breaks_blocks(run_here, monkeypatch):
     monkeypatch.setattr(InMemoryCan, "deliver", deliver)
     run = run_here("aw0", rig=VIRTUAL)
     assert run.code == BLOCKED, run.said
-    assert "aw0: BLOCKED: the link to the rig: the CAN bus is lost: somebody cut the cable" in run.said
+    assert "aw0: BLOCKED: keep away from the springs until their gauges read zero" in run.said
+    assert "the link to the rig: the CAN bus is lost: somebody cut the cable" in run.said
     assert sorted(run.files()) == sorted(FILES)
     assert "tear-down" in run.phases()
     assert 19 < read(run.directory / "runs" / "aw0").duration < 40
