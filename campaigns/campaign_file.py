@@ -38,7 +38,7 @@ class CampaignFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         1  #: the first so many, or which
     )
     specimens: Annotated[tuple[str, ...], Meta(min_length=1)] = ("astb",)
-    rig: str = ""  #: path of a rig file, whose simulation all cases start from
+    rig: str = ""  #: path of a rig file or its name, whose simulation all cases start from
     values: dict[str, Any] = {}  #: of the plans' parameters; in a table with a plan's name for that one alone
     change: dict[str, Any] = {}  #: of the rig's parameters
     variants: tuple[Variant, ...] = ()
@@ -97,7 +97,7 @@ def _base(rig: str, home: Path) -> Simulation:
     if not rig:
         return Simulation()
     try:
-        path = home / rig if rig.endswith(".toml") else rig
+        path = home / rig if rig.endswith(".toml") or (home / rig).is_file() else rig
         simulation = find_rig(path)[0].simulation
     except RigFileError as error:
         raise CampaignError(str(error)) from None

@@ -117,6 +117,7 @@ def _listening(host: str, port: int) -> "socket.socket":
     one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         one.bind((host, port))
+        one.listen()  # who is told the address may come before anybody serves
     except OSError:
         one.close()
         raise

@@ -83,6 +83,14 @@ def test_the_parameters_of_its_rig_file_lie_beside_that(tmp_path, monkeypatch):
     assert case.simulation.parameters == str(tmp_path / "rigs" / "identified.toml")
 
 
+def test_a_rig_may_be_named(tmp_path):
+    (case,) = cases_of(tmp_path, 'plans = ["leak_down"]\nrig = "local"').values()
+    (without,) = cases_of(tmp_path, 'plans = ["leak_down"]').values()
+    assert case.simulation == without.simulation
+    with pytest.raises(CampaignError, match="there is no rig 'locl'"):
+        cases_of(tmp_path, 'plans = ["leak_down"]\nrig = "locl"')
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -103,7 +103,7 @@ def test_names_are_those_of_a_checkout(elsewhere: Elsewhere) -> None:
 
 
 def test_what_needs_an_extra_says_so_and_works_with_it(built: Built, elsewhere: Elsewhere) -> None:
-    (elsewhere.here / "few.toml").write_text('plans = ["leak_down"]\nseeds = 2\n')
+    (elsewhere.here / "few.toml").write_text('plans = ["leak_down"]\nseeds = [3]\n')
     for command in (("campaign", "few.toml"), ("paper", "--quick", "--out", "paper")):
         refused = elsewhere.try_astb(*command)
         assert refused.returncode == MISUSE
@@ -112,7 +112,7 @@ def test_what_needs_an_extra_says_so_and_works_with_it(built: Built, elsewhere: 
         )
         assert "Traceback" not in refused.stderr
     elsewhere.install(f"{built.of_sources}[campaign]")
-    assert "2 pass" in elsewhere.astb("campaign", "few.toml", "--workers", "1").replace("  ", " ")
+    assert re.search(r"pass\nleak_down +1\n", elsewhere.astb("campaign", "few.toml", "--workers", "1"))
 
 
 def test_plans_run_in_virtual_time_with_reports(elsewhere: Elsewhere) -> None:
@@ -137,8 +137,27 @@ def test_a_report_is_printed_where_a_browser_is(elsewhere: Elsewhere) -> None:
     assert printed.read_bytes().startswith(b"%PDF")
 
 
+def test_measured_data_that_come_along_are_diagnosed(elsewhere: Elsewhere) -> None:
+    elsewhere.astb("demos", "chamber", "--copy", "chamber")
+    elsewhere.astb(
+        *(
+            "diagnose",
+            "chamber/chamber__Ultimaker_015.csv",
+            "--map",
+            "chamber/chamber.toml",
+            "--out",
+            "printed",
+        )
+    )
+    assert json.loads((elsewhere.here / "printed" / "finding.json").read_text())
+    assert (elsewhere.here / "printed" / "report.html").exists()
+
+
 def test_a_record_is_diagnosed(elsewhere: Elsewhere) -> None:
-    elsewhere.astb("diagnose", "runs/virtual/aw0", "--effects", "leak", "--out", "finding")
+    elsewhere.astb(
+        "run", "small_fast_sines", "--virtual", "--effect", "leak.left=1mm2", "--out", "runs/leaky"
+    )
+    elsewhere.astb("diagnose", "runs/leaky/small_fast_sines", "--effects", "leak", "--out", "finding")
     assert json.loads((elsewhere.here / "finding" / "finding.json").read_text())
     assert (elsewhere.here / "finding" / "report.html").exists()
 
