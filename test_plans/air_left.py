@@ -28,6 +28,8 @@ _BECOMES: Final = {
     "as ordered": "the bench, in {state}, does with the air what it was last told",
     None: "what this rig does with the air in {state} is not known here",
 }
+#: What a bench does that does with the air as it was told, once the wire for that is lost.
+_ALONE: Final = ", until it misses its commander: then it lets the air off by itself"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,9 @@ def _becomes(bench: Bench, known: _Known) -> str:
     """Return in words what the bench does with the air of the springs in the state it is known to be in."""
     if not known.state:
         return f"nobody can tell what the bench does with it: {known.why}"
-    return _BECOMES[bench.wiring.conduct.air.get(known.state)].format(state=known.state)
+    fate = bench.wiring.conduct.air.get(known.state)
+    alone = _ALONE if bench.lost and fate == "as ordered" else ""
+    return _BECOMES[fate].format(state=known.state) + alone
 
 
 def _sides(known: _Known) -> str:
