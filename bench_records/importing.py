@@ -160,6 +160,8 @@ def read_mdf(
         ours = _own_comment(mdf.header.description)
         told = {one.name: one for one in ours.signals} if ours else {}
         places = mdf_file.places(path, mdf, account)
+        if not places and account.counts:
+            raise RecordError(f"{path} holds frames on a bus and no signals: --dbc says what is in them")
         if keys.group is not None:
             places = [one for one in places if keys.group in (one.group, one.called)]
         found = []

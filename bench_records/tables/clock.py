@@ -232,5 +232,6 @@ def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) ->
     if leaps.any():
         at = int(np.argmax(leaps))
         account.take(
-            f"the clock leaps {'once' if leaps.sum() == 1 else f'{int(leaps.sum())} times'}, first by {steps[at]:.6g} s before {sheet.at(int(rows[at + 1]))}"
+            f"the clock leaps {'once' if leaps.sum() == 1 else f'{int(leaps.sum())} times'}, first by {steps[at]:.6g} "
+            f"s before {sheet.at(int(rows[at + 1]))}"
         )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.extras import lacking
 from bench_protocol.input_limits import COLUMNS, SAMPLES_BYTES, Unfit, check_size
+from bench_protocol.last_words import no_last_words
 from bench_records.layout import SECOND, RecordError
 
 if TYPE_CHECKING:
@@ -50,17 +51,23 @@ def opened(path: Path) -> Iterator[Any]:
         with path.open("rb") as file:
             if file.read(3) not in (b"MDF", b"UnF"):
                 raise RecordError(f"{path} is not an MDF file: it does not begin with MDF")
-        mdf = MDF(path)
+        with no_last_words():
+            mdf = _made(MDF, path)
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or 'no file'}") from None
-    except RecordError:
-        raise
-    except Exception:  # asammdf has an exception of its own and raises others, too
-        raise RecordError(f"{path} is a damaged MDF file, or of a kind that asammdf does not read") from None
+    if mdf is None:
+        raise RecordError(f"{path} is a damaged MDF file, or of a kind that asammdf does not read")
     with mdf:
         yield mdf
+
+
+def _made(kind: Any, path: Path) -> Any:
+    try:
+        return kind(path)
+    except Exception:  # asammdf has an exception of its own and raises others, too
+        return None
 
 
 def places(path: Path, mdf: Any, account: Account) -> list[Place]:
