@@ -222,3 +222,52 @@ def test_a_description_that_cannot_be(changes: dict, words: str, where: Path) ->
 
     with pytest.raises(WiringError, match=words):
         open_transport("bus", {**BUS, **changes}, where, functions=where / "own.py", port=never)
+
+
+ODD = """VERSION ""
+NS_ :
+BS_:
+BU_: PLC BENCH
+BO_ 256 Heights: 8 PLC
+ SG_ Left : 0|16@1- (0.01,0) [0|0] "°C" BENCH
+BO_ 512 Faults: 8 PLC
+ SG_ Code : 0|8@1+ (1,0) [0|255] "" BENCH
+ SG_ Pump : 0|1@1+ (1,0) [0|1] "" BENCH
+BO_ 513 One: 8 PLC
+ SG_ A : 0|8@1+ (1,0) [0|0] "" BENCH
+BO_ 513 Other: 8 PLC
+ SG_ B : 0|8@1+ (1,0) [0|0] "" BENCH
+BO_ 514 Twice: 8 PLC
+ SG_ C : 0|8@1+ (1,0) [0|0] "" BENCH
+BO_ 515 Twice: 8 PLC
+ SG_ C : 0|8@1+ (1,0) [0|0] "" BENCH
+"""
+
+
+@pytest.mark.parametrize("charset", ["utf-8", "utf-8-sig", "cp1252"])
+def test_of_a_dbc_only_what_is_used_is_judged(tmp_path: Path, charset: str) -> None:
+    (tmp_path / "rig.dbc").write_text(ODD, encoding=charset)
+    table = {"kind": "can", "dbc": "rig.dbc", "answers": False}
+    transport = CanTransport("bus", table, tmp_path)
+    for point in ("Heights.Left", "Twice_0x202.C", "Twice_0x203.C"):
+        transport.require(point)
+    for point, words in (
+        ("Faults.Pump", "Faults.Pump cannot be used: its signals Pump and Code share bits"),
+        ("One.A", "One.A cannot be used: One and Other have the same identifier, 0x201"),
+        ("Other.B", "One and Other have the same identifier, 0x201"),
+        ("Twice.C", r"no message for 'Twice.C'"),
+    ):
+        with pytest.raises(WiringError, match=words):
+            transport.require(point)
+    with pytest.raises(
+        WiringError, match=r"messages.Faults: its signals Pump and Code share bits; another DBC"
+    ):
+        CanTransport("bus", {**table, "messages": {"Faults": {"every": "10 ms"}}}, tmp_path)
+
+
+def test_the_charset_of_a_dbc_is_a_key(tmp_path: Path) -> None:
+    (tmp_path / "rig.dbc").write_text(ODD.replace("°C", "č"), encoding="cp1250")
+    table = {"kind": "can", "dbc": "rig.dbc", "answers": False, "charset": "cp1250"}
+    CanTransport("bus", table, tmp_path).require("Heights.Left")
+    with pytest.raises(WiringError, match='charset = "klingon" is none; "utf-8"'):
+        CanTransport("bus", {**table, "charset": "klingon"}, tmp_path)
