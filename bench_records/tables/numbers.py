@@ -37,6 +37,7 @@ INFINITE: Final = (
 )
 _SPACES: Final = "[ '\u2019\u00a0\u2009\u202f]"  # Switzerland, France and ISO put them between threes
 _GROUPED: Final = rf"^[-+]?[0-9]{{1,3}}({_SPACES}[0-9]{{3}})+([.,][0-9]*)?$"
+_LOOKED_AT: Final = 5000
 _NUMBER: Final = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
 
 
@@ -88,14 +89,18 @@ def numbers(
     to the ``account``. RecordError, with line, for a cell that is no number or could be two.
     """
     import numpy as np
+    import pyarrow as pa
     import pyarrow.compute as pc
 
     cells = without_missing(sheet, index, account)
     plain = in_plain_digits(cells, sheet, index, source, decimal, where)
-    bad = pc.and_(pc.is_valid(plain), pc.invert(pc.match_substring_regex(plain, _NUMBER)))
-    if (at := first(pc.fill_null(bad, False))) >= 0:
-        raise RecordError(_no_number(sheet, index, at, source, where))
-    return np.asarray(pc.cast(plain, "double").to_numpy(zero_copy_only=False), dtype=np.float64)
+    try:
+        values = pc.cast(plain, "double")
+    except pa.ArrowInvalid:
+        bad = pc.and_(pc.is_valid(plain), pc.invert(pc.match_substring_regex(plain, _NUMBER)))
+        at = max(first(pc.fill_null(bad, False)), 0)
+        raise RecordError(_no_number(sheet, index, at, source, where)) from None
+    return np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) -> str:
@@ -193,6 +198,21 @@ def evidence(cells: Any) -> _Evidence:
     """What the cells of a column tell of their separators."""
     import pyarrow.compute as pc
 
+    # Most columns have one separator, and show within a few rows what it is: nothing else then fits their numbers.
+    there = {mark for mark in ".," if pc.any(pc.match_substring(cells, mark)).as_py()}
+    if not there:
+        return _Evidence({}, {}, frozenset())
+    for point, other in ((".", ","), (",", ".")):
+        if other not in there:
+            start = cells.slice(0, _LOOKED_AT)
+            shown = pc.match_substring_regex(
+                start, rf"^[-+]?[0-9]*{re.escape(point)}[0-9]*([eE][-+]?[0-9]+)?$"
+            )
+            unclear = pc.match_substring_regex(
+                start, rf"^[-+]?[1-9][0-9]{{0,2}}{re.escape(point)}[0-9]{{3}}$"
+            )
+            if (at := first(pc.fill_null(pc.and_(shown, pc.invert(unclear)), False))) >= 0:
+                return _Evidence({point: at}, {}, frozenset())
     certain: dict[str, int] = {}
     open_: dict[str, int] = {}
     between: set[str] = set()

@@ -17,6 +17,8 @@ from bench_protocol.account import Account
 from bench_records.importing import import_keys, read_table
 from bench_records.layout import RecordError, SignalInfo
 from bench_records.record import read
+from bench_records.tables.keys import FileKeys, Source, TimeSource
+from bench_records.tables.reading import read_series
 
 SIGNALS = {
     "left.height": SignalInfo("left.height", "mm", 1e-3),
@@ -155,3 +157,81 @@ def test_in_any_dialect_a_record_comes_back_equal_or_is_refused(tmp_path) -> Non
 @pytest.mark.slow
 def test_in_many_dialects_a_record_comes_back_equal_or_is_refused(tmp_path) -> None:
     assert len(check_dialects(range(1000, 1080), tmp_path)) < 4
+
+
+def columnar(table: pd.DataFrame, random_: random.Random, path: Path) -> None:
+    """Write the table as some program may keep it in columns."""
+    pick = random_.choice
+    times = table["time_s"]
+    start = pd.Timestamp(START) if pick([True, False]) else pd.Timestamp(START).tz_localize(None)
+    stamps = pd.DatetimeIndex(start + pd.to_timedelta(times, unit="s")).as_unit(pick(["ns", "us", "ms"]))
+    clock = pick([times.to_numpy(), times.astype("float32").to_numpy(), stamps, stamps - stamps[0]])
+    changed = table.drop(columns="time_s").astype(pick(["float64", "float64", "string"]))
+    if pick([True, False]):
+        changed = changed.set_index(pd.Index(clock, name=pick(["time_s", "time_s", None])))
+        if changed.index.name is None and isinstance(changed.index[0], float | np.floating):
+            changed.index.name = "time_s"
+    else:
+        changed.insert(random_.randrange(4), "time_s", clock)
+    if path.suffix == ".parquet":
+        changed.to_parquet(path)
+        return
+    import pyarrow as pa
+
+    whole = pa.Table.from_pandas(changed)
+    with pa.OSFile(str(path), "wb") as file:
+        kind = pick([pa.ipc.new_file, pa.ipc.new_stream])
+        with kind(file, whole.schema) as writer:
+            writer.write_table(whole, max_chunksize=pick([7, 1000]))
+
+
+@pytest.mark.parametrize("ending", ["parquet", "arrow"])
+def test_columns_of_any_type_come_back_equal(ending: str, tmp_path) -> None:
+    for seed in range(12):
+        table = record(seed)
+        path = tmp_path / f"{seed}.{ending}"
+        columnar(table, random.Random(seed), path)
+        same(imported(path, tmp_path / str(seed))[0], table)
+
+
+def test_a_clock_of_its_own_and_a_unit_of_the_file_are_heeded(tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    rows = [f"{0.1 * k:.1f};{k};{0.2 * k + 5:.1f};{2 * k}" for k in range(20)]
+    path.write_text("t1;x [mm];t2;p\n" + "\n".join(rows) + "\n")
+    wanted = {"x": Source(column="x [mm]"), "p": Source(column="p", time="t2")}
+    found = read_series(path, FileKeys(), TimeSource(column="t1"), wanted, Account())
+    np.testing.assert_allclose(found["x"].times, 0.1 * np.arange(20))
+    np.testing.assert_allclose(found["p"].times, 5 + 0.2 * np.arange(20))
+    assert (found["x"].unit, found["p"].unit) == ("mm", "")
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        (["decimal=;"], r"decimal"),
+        (["colour=red"], r"--table colour: there is no such key; there are .*delimiter"),
+        (["delimiter"], r"KEY=VALUE would be right"),
+        (["skip_rows=-1"], r"skip_rows"),
+        (["time=t"], r'time = "t": the file has the columns time_s'),
+    ],
+)
+def test_keys_that_cannot_be_are_refused(keys: list[str], told: str, tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,left.height [mm]\n0,1\n1,2\n")
+    with pytest.raises(RecordError, match=told):
+        imported(path, tmp_path / "o", *keys)
+
+
+def test_keys_say_what_a_file_leaves_open(tmp_path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t;left.force [N]\n0;1.250\n100;2.375\n")
+    with pytest.raises(
+        RecordError, match=r"has no column time_s; .* --table time=t, and --table time_unit=s"
+    ):
+        imported(path, tmp_path / "o")
+    with pytest.raises(RecordError, match=r'"1.250" in line 2 may be a thousand or have three decimals'):
+        imported(path, tmp_path / "o", "time=t", "time_unit=ms")
+    for keys, right in ((["decimal=."], [1.25, 2.375]), (["thousands=."], [1250.0, 2375.0])):
+        found, _ = imported(path, tmp_path / keys[0], "time=t", "time_unit=ms", *keys)
+        np.testing.assert_allclose(found["left.force"][1], right)
+        np.testing.assert_allclose(found["left.force"][0], [0.0, 0.1])
