@@ -110,9 +110,7 @@ def clear_results(out: Path) -> None:
 def progress_bar(console: "Console") -> Iterator[Progress]:
     """Show how far a diagnosis is, while the block lasts: in plain lines where there is no terminal."""
     if not console.is_terminal:
-        yield lambda text, done: console.print(
-            f"{done:4.0%} {text}", highlight=False, markup=False, soft_wrap=True
-        )
+        yield lambda text, done: console.print(f"{done:4.0%} {text}", soft_wrap=True)
         return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -121,7 +119,7 @@ def progress_bar(console: "Console") -> Iterator[Progress]:
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("", total=1.0)
@@ -216,7 +214,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     """Print the finding: doubts, its sentence, causes with intervals, rivals, the next run, where the report is."""
 
     def line(text: str, style: str = "") -> None:
-        console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+        console.print(text, style=style, soft_wrap=True)
 
     for one in finding.readings:
         line(one)

@@ -66,7 +66,7 @@ class ProgressDisplay:
         self._console = console
         self._screen = _Screen(
             SpinnerColumn(),
-            TextColumn("[bold]{task.fields[plan]}"),
+            TextColumn("{task.fields[plan]}", style="bold", markup=False),
             BarColumn(),
             TextColumn("{task.percentage:>3.0f} %"),
             TimeElapsedColumn(),

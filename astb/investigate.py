@@ -87,10 +87,9 @@ def investigate_rig(
 
     RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, as `astb run` and `astb diagnose` raise.
     """
-    from rich.console import Console
-
     from astb.diagnose import REPORT, clear_results, conclude, read_data, show
     from astb.session import open_session
+    from astb.tables import plain_console
     from bench_sim.parameters import load
     from bench_sim.parameters.values import read_value
     from diagnosis.engine.config import Config
@@ -101,7 +100,7 @@ def investigate_rig(
     allowed = read_value("--budget", budget, "s") / minutes
     parameters = load(model)
     clear_results(out)
-    console, drawn = Console(), 1 if seed is None else seed
+    console, drawn = plain_console(), 1 if seed is None else seed
     last: Finding | None = None
 
     with (
@@ -125,11 +124,9 @@ def investigate_rig(
     for number, step in enumerate(log.steps, 1):
         console.print(
             f"{number}. {step.plan}, {step.minutes:.1f} min, {step.why}: {step.sentence or step.outcome}",
-            highlight=False,
-            markup=False,
             soft_wrap=True,
         )
-    console.print(log.ended, highlight=False, markup=False, soft_wrap=True)
+    console.print(log.ended, soft_wrap=True)
     if last is not None:
         show(last, out, console)
     return last is not None

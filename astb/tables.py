@@ -1,4 +1,7 @@
-"""Tables on the terminal: names in full at 80 columns, and no lines folded where a program or a file reads them."""
+"""Text and tables on the terminal: as they stand, names in full at 80 columns, no line folded for a program or a file.
+
+Names, remarks and paths come from outside: here no text is markup, and what is to be bold or red is `styled`.
+"""
 
 import sys
 from collections.abc import Collection
@@ -7,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
 #: What does not go to a terminal is as wide as it needs to be.
 _UNFOLDED: Final = 200
@@ -14,9 +18,21 @@ _UNFOLDED: Final = 200
 
 def open_console() -> "Console":
     """Return the console of this terminal, or a wide one for a pipe."""
+    return plain_console() if sys.stdout.isatty() else plain_console(width=_UNFOLDED)
+
+
+def plain_console(*, width: int | None = None, stderr: bool = False) -> "Console":
+    """Return a console that writes every text as it stands: nothing in it is markup, or a number to colour."""
     from rich.console import Console
 
-    return Console() if sys.stdout.isatty() else Console(width=_UNFOLDED)
+    return Console(width=width, stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+def styled(text: str, style: str) -> "Text":
+    """Return a text in a style, such as ``bold red``."""
+    from rich.text import Text
+
+    return Text(text, style)
 
 
 def open_table(title: str, *columns: str, whole: Collection[str] = ()) -> "Table":

@@ -21,8 +21,11 @@ def junit(result: Result) -> bytes:
     """The document; failures are out of their limits, errors have no value, skipped is what the rig cannot measure.
 
     The time of a check is that since the one before, and the run itself has what comes after the last: together they
-    are the time of the suite. Only a run in real time has a time stamp.
+    are the time of the suite. Only a run in real time has a time stamp. Parameters stand in the names of suite and
+    cases: two runs of a plan would hide each other.
     """
+    given = ", ".join(f"{name}={text}" for name, text in sorted(result.parameters.items()))
+    given = f" [{given}]" if given else ""
     failures = result.count(CheckVerdict.FAIL)
     errors = result.count(CheckVerdict.ERROR) + (result.verdict is Outcome.BLOCKED)
     lacking = result.count(CheckVerdict.NOT_AVAILABLE)
@@ -35,7 +38,7 @@ def junit(result: Result) -> bytes:
     root = ET.Element("testsuites", {"name": "astb", **totals})
     stamp = {"timestamp": result.began.removesuffix("Z")} if result.began else {}
     suite = ET.SubElement(
-        root, "testsuite", {"name": _text(result.plan), **stamp, **totals, "skipped": str(lacking)}
+        root, "testsuite", {"name": _text(result.plan + given), **stamp, **totals, "skipped": str(lacking)}
     )
     times = _times(result)
     properties = ET.SubElement(suite, "properties")
@@ -54,7 +57,9 @@ def junit(result: Result) -> bytes:
         if value not in (None, ""):
             ET.SubElement(properties, "property", {"name": name, "value": _text(str(value))})
     run = ET.SubElement(
-        suite, "testcase", {"classname": _text(result.plan), "name": "run", "time": f"{times[-1]:.3f}"}
+        suite,
+        "testcase",
+        {"classname": _text(result.plan), "name": _text("run" + given), "time": f"{times[-1]:.3f}"},
     )
     if result.verdict is Outcome.BLOCKED:
         ET.SubElement(run, "error", {"type": "blocked", "message": _text(result.reason)})
@@ -62,7 +67,7 @@ def junit(result: Result) -> bytes:
         case = ET.SubElement(
             suite,
             "testcase",
-            {"classname": _text(result.plan), "name": _text(one.name), "time": f"{time:.3f}"},
+            {"classname": _text(result.plan), "name": _text(one.name + given), "time": f"{time:.3f}"},
         )
         story = _text(str(one))
         if one.verdict is CheckVerdict.FAIL:

@@ -51,8 +51,7 @@ def campaign_command(
 
     Ends with 0 if every case has a verdict, whichever it is, 2 for misuse, 3 if a case failed or the cluster is gone.
     """
-    from rich.console import Console
-
+    from astb.tables import plain_console
     from bench_protocol.extras import installed, lacking
     from campaigns.display import CampaignDisplay, verdicts
     from campaigns.kept import KeptError, KeptFailed
@@ -61,7 +60,7 @@ def campaign_command(
 
     if not only_list and not installed("campaign"):
         misuse(lacking("campaign", "campaigns"))
-    console = Console()
+    console = plain_console()
     out = out or Path("runs", file.stem)
     cases, seconds = _asked_for(file, limit)
     if only_list:

@@ -25,7 +25,7 @@ class CampaignDisplay:
             SpinnerColumn(),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             console=console,
             transient=True,
             disable=not console.is_terminal,
@@ -58,7 +58,7 @@ class CampaignDisplay:
             self._say(f"{standing.before + standing.done} of {standing.total} cases{_progress(standing)}")
 
     def _say(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._console.print(text, soft_wrap=True)
 
 
 def _progress(standing: Standing) -> str:

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from astb.tables import plain_console
 from campaigns.workers import executor
 from paper_study import page
 from paper_study.study import BENCH, CHECKED, FIGURES, MODEL, SENSITIVITY, study
@@ -16,8 +16,13 @@ _KINDS: Final = (BENCH, MODEL, CHECKED, SENSITIVITY, FIGURES)
 def make(out: Path, *, quick: bool, seed: int, workers: int | None = None) -> Path:
     """Write figures, page, claims and table into ``out`` and return the page; OSError if that cannot be written to."""
     out.mkdir(parents=True, exist_ok=True)
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console()) as bars:
+    columns = (
+        TextColumn("{task.description:<24}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=plain_console()) as bars:
         tasks: dict[str, TaskID] = {kind: bars.add_task(kind, total=None, start=False) for kind in _KINDS}
 
         def progress(kind: str, ready: int, total: int) -> None:

@@ -87,45 +87,41 @@ def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveL
 
 
 def _show(report: "CheckReport") -> None:
-    from rich.markup import escape
-
-    from astb.tables import open_console, open_table
+    from astb.tables import open_console, open_table, styled
 
     style = {"fine": "green", "doubtful": "bold red", "absent": "yellow", "not told": "dim"}
     console = open_console()
-    console.print(f"[bold]{report.rig}[/bold], {report.state}; identity: {report.identity}", highlight=False)
+    console.print(styled(report.rig, "bold") + f", {report.state}; identity: {report.identity}")
     for line in report.capabilities:
-        console.print(f"  {escape(line)}", highlight=False)
+        console.print(f"  {line}")
     wide = console.width >= _WIDE
     columns = ("", "signal", "value", "rate") + (("age", "from", "remark") if wide else ())
     table = open_table("signals", *columns, whole=columns[:5])
     for one in report.signals:
         rate = "" if one.rate is None else f"{one.rate:.3g} Hz"
         age = "" if one.age is None else f"{one.age * 1e3:.0f} ms"
-        mark = f"[{style[one.verdict]}]{one.verdict}[/]"
-        further = (age, one.source, escape(one.remark)) if wide else ()
+        mark = styled(one.verdict, style[one.verdict])
+        further = (age, one.source, one.remark) if wide else ()
         table.add_row(mark, one.name, one.shown, rate, *further)
     console.print(table)
     for one in report.signals:
         if one.remark and not wide:
-            console.print(f"{one.name}: {escape(one.remark)}", highlight=False)
+            console.print(f"{one.name}: {one.remark}")
     for noticed in report.connections:
-        mark = f"[{style[noticed.verdict]}]{noticed.verdict}[/]"
-        console.print(f"{mark} transport {noticed.name}: {escape(noticed.remark)}", highlight=False)
+        mark = styled(noticed.verdict, style[noticed.verdict])
+        console.print(mark + f" transport {noticed.name}: {noticed.remark}")
     if report.moves:
         moves = open_table("moves", "", "what", "found", "right", whole=("",))
         for move in report.moves:
-            moves.add_row(
-                f"[{style[move.verdict]}]{move.verdict}[/]", move.what, escape(move.found), move.right
-            )
+            moves.add_row(styled(move.verdict, style[move.verdict]), move.what, move.found, move.right)
         console.print(moves)
     for title, lacking in (
         ("cannot run", report.plans),
         ("cannot be measured in aw0 and aw3", report.checks),
     ):
         for what, names in lacking.items():
-            console.print(f"{what} {title}: no {names}", highlight=False)
+            console.print(f"{what} {title}: no {names}")
     if report.remembered:
-        console.print(f"only remembered, as last written: {', '.join(report.remembered)}", highlight=False)
+        console.print(f"only remembered, as last written: {', '.join(report.remembered)}")
     said = f"{len(report.doubtful)} doubtful: {', '.join(report.doubtful)}" if report.doubtful else "all fine"
-    console.print(said, highlight=False)
+    console.print(said)

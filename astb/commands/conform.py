@@ -63,7 +63,7 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
 
 
 def _show(report: "Report") -> None:
-    from astb.tables import open_console, open_table
+    from astb.tables import open_console, open_table, styled
 
     style = {"right": "green", "wrong": "bold red", "not asked": "dim"}
     table = open_table(f"{report.rig}, {report.time} time", "", "what", "found", "right", whole=("",))
@@ -72,12 +72,12 @@ def _show(report: "Report") -> None:
         if one.group != group:
             group = one.group
             table.add_section()
-            table.add_row("", f"[bold]{group}[/bold]")
-        mark = f"[{style[one.outcome]}]{one.outcome}[/]"
+            table.add_row("", styled(group, "bold"))
+        mark = styled(one.outcome, style[one.outcome])
         table.add_row(mark, one.what, one.found, one.right)
     console = open_console()
     console.print(table)
-    console.print(f"{len(report.findings)} findings, {len(report.wrong)} wrong", highlight=False)
+    console.print(f"{len(report.findings)} findings, {len(report.wrong)} wrong")
 
 
 def _show_differences(here: "Report", there: "Report", apart: "list[Difference]") -> None:

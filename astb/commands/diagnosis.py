@@ -56,18 +56,17 @@ def diagnose_command(
     for misuse.
     """
     _keep_algebra_to_one_core()
-    from rich.console import Console
-
     from astb.diagnose import Request, diagnose_data, show
+    from astb.tables import plain_console
     from bench_records.layout import RecordError
 
     try:
         finding = diagnose_data(
-            Request(data, map_path, simulator, model, effects, seed), out, Console(stderr=True)
+            Request(data, map_path, simulator, model, effects, seed), out, plain_console(stderr=True)
         )
     except (ValueError, RecordError) as error:
         misuse(error)
-    show(finding, out, Console())
+    show(finding, out, plain_console())
 
 
 @click.command("investigate")

@@ -6,7 +6,7 @@ import click
 
 from astb.commands.options import JSON_OPTION, RIG_OPTION, out_option, read_rig
 from astb.exit_codes import BLOCKED, PASS
-from astb.tables import open_console, open_table, print_json
+from astb.tables import open_console, open_table, print_json, styled
 
 
 @click.command("doctor")
@@ -28,11 +28,11 @@ def doctor_command(rig_named: str | None, as_json: bool, out: Path) -> None:
         style = {"fine": "green", "lacking": "yellow", "broken": "bold red"}
         table = open_table("this machine", "", "what", "found", "used for", whole=("",))
         for one in findings:
-            table.add_row(f"[{style[one.state]}]{one.state}[/]", one.name, one.found, one.used_for)
+            table.add_row(styled(one.state, style[one.state]), one.name, one.found, one.used_for)
         console = open_console()
         console.print(table)
         for one in findings:
             if one.mend:
-                console.print(f"{one.name}: {one.mend}", highlight=False, markup=False)
+                console.print(f"{one.name}: {one.mend}")
     broken = any(one.state == "broken" for one in findings)
     raise click.exceptions.Exit(BLOCKED if broken else PASS)

@@ -52,11 +52,10 @@ def rehearse_command(
     Ends with 0 if no limit trips, whatever the checks say, 2 for misuse, 3 if the plan cannot go through for another
     reason, 5 if a limit would trip: then the plan is refused, and the limit is named with step, value and time.
     """
-    from rich.console import Console
-
     from astb.operators import operator_for
     from astb.rehearsal.page import word, write_page
     from astb.rig_file import RigFileError
+    from astb.tables import plain_console
     from bench_records.layout import RecordError
     from drivers.errors import BenchError
 
@@ -64,7 +63,7 @@ def rehearse_command(
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_named)
     simulation = _simulation(rig, path, model, effects, sealed)
-    console, ends = Console(), []
+    console, ends = plain_console(), []
     try:
         # Without answers a rehearsal asks nobody: it shall come to its end by itself.
         operator = operator_for(answers, console) if answers else None
@@ -121,7 +120,7 @@ def _show(console: "Console", found: "Rehearsal", page: Path) -> None:
     from astb.rehearsal.page import limit_line, sentence, word
 
     def tell(text: str, style: str = "") -> None:
-        console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+        console.print(text, style=style, soft_wrap=True)
 
     for note in found.notes:
         tell(f"  {note}", "yellow")

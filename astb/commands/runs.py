@@ -7,7 +7,7 @@ import click
 
 from astb.commands.options import JSON_OPTION, out_option, pairs
 from astb.exit_codes import FAIL, PASS, misuse
-from astb.tables import open_console, open_table, print_json
+from astb.tables import open_console, open_table, print_json, styled
 
 if TYPE_CHECKING:
     from bench_records.index import KeptCheck, KeptRun, RunIndex
@@ -59,8 +59,6 @@ def runs_command(
     as_json: bool,
 ) -> None:
     """List the runs that are kept, oldest first."""
-    from rich.markup import escape
-
     from bench_records.layout import RecordError
 
     index = _index(folder)
@@ -89,10 +87,10 @@ def runs_command(
     )
     for one in runs:
         plan_words = " ".join([one.plan, *(f"{name}={value}" for name, value in one.parameters.items())])
-        verdict_mark = f"[{_STYLE.get(one.verdict, '')}]{one.verdict}[/]"
+        verdict_mark = styled(one.verdict, _STYLE.get(one.verdict, ""))
         began = one.began.replace("T", " ").removesuffix("Z")
         told = (one.directory, began, plan_words, one.serial_number, one.rig, one.operator)
-        table.add_row(verdict_mark, *map(escape, told))
+        table.add_row(verdict_mark, *told)
     open_console().print(table)
 
 
@@ -106,8 +104,6 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
 
     In rig, specimen and parameters, in limits, in results, and in curves, which the page draws on top of each other.
     """
-    from rich.markup import escape
-
     from bench_records.comparison import compare_runs
     from bench_records.kept_pages import comparison_row, write_comparison
     from bench_records.layout import RecordError
@@ -126,7 +122,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     console = open_console()
     facts = open_table("what was otherwise", "", "A", "B", whole=("",))
     for fact in found.facts:
-        facts.add_row(fact.what.replace("_", " "), escape(fact.a), escape(fact.b))
+        facts.add_row(fact.what.replace("_", " "), fact.a, fact.b)
     console.print(facts if found.facts else "nothing was otherwise that the records tell of")
     results = open_table("results", "check", "A", "B", "B − A", "")
     phase = None
@@ -134,19 +130,19 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
         if row.phase != phase:
             phase = row.phase
             results.add_section()
-            results.add_row(f"[bold]{escape(phase) or 'no phase'}[/bold]")
+            results.add_row(styled(phase or "no phase", "bold"))
         tone = {"fail": "bold red", "marginal": "yellow"}.get(row.tone, "")
-        remark = f"[{tone}]{escape(row.remark)}[/]" if tone else escape(row.remark)
-        results.add_row(escape(row.name), row.a, row.b, row.change, remark)
+        remark = styled(row.remark, tone)
+        results.add_row(row.name, row.a, row.b, row.change, remark)
     console.print(results)
     for pair in found.curves:
         if pair.apart is not None:
             name = ": ".join(filter(None, (pair.group, pair.name)))
-            console.print(f"curve {name}: {100 * pair.apart:.2g} % apart (r.m.s.)", highlight=False)
+            console.print(f"curve {name}: {100 * pair.apart:.2g} % apart (r.m.s.)")
     for lonely in found.lonely_curves:
-        console.print(f"curve {lonely}", highlight=False, markup=False)
+        console.print(f"curve {lonely}")
     if page:
-        console.print(f"page: {page}", highlight=False)
+        console.print(f"page: {page}")
 
 
 @click.command("trend")
@@ -183,8 +179,6 @@ def trend_command(
     What was measured otherwise is never mixed: where a check of this name comes from several plans, phases, rigs,
     circumstances or parameters, these are listed, and one has to be chosen.
     """
-    from rich.markup import escape
-
     from bench_records.kept_pages import trend_words, write_trend
     from bench_records.layout import RecordError
     from bench_records.trend import trend_of
@@ -216,14 +210,14 @@ def trend_command(
     for one in found.checks:
         value = "–" if one.value is None else f"{one.value / one.scale:.6g} {one.unit}".rstrip()
         table.add_row(
-            one.verdict, one.run.began.replace("T", " ").removesuffix("Z"), escape(one.run.directory), value
+            one.verdict, one.run.began.replace("T", " ").removesuffix("Z"), one.run.directory, value
         )
     console = open_console()
     console.print(table)
     for sentence in trend_words(found):
-        console.print(sentence, highlight=False)
+        console.print(sentence)
     if page:
-        console.print(f"page: {page}", highlight=False)
+        console.print(f"page: {page}")
 
 
 def _verify(folder: Path, runs: "list[KeptRun]") -> NoReturn:

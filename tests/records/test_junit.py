@@ -80,3 +80,24 @@ def test_times_are_those_of_the_run_and_only_real_time_has_a_date() -> None:
     times = {case.get("name"): float(case.get("time")) for case in suite.iter("testcase")}
     assert times == {"run": 9.5, "a": 10.0, "b": 0.0, "c": 80.5}
     assert ET.fromstring(junit(conclude("aw0", "", "", checks)))[0].get("timestamp") is None
+
+
+@given(
+    st.lists(
+        st.dictionaries(st.sampled_from(["a", "b"]), st.text("0.5 m[]=é", max_size=5)), min_size=2, max_size=4
+    )
+)
+def test_runs_with_other_parameters_have_other_names(given_to: list[dict[str, str]]) -> None:
+    """As CI servers tell cases apart: by suite, class and name."""
+    found = {}
+    for parameters in given_to:
+        result = conclude("aw0", "", "", [check("pressure", 1.0, high=2.0)], parameters=parameters)
+        suite = ET.fromstring(junit(result))[0]
+        names = [(suite.get("name"), one.get("classname"), one.get("name")) for one in suite.iter("testcase")]
+        assert len(set(names)) == 2
+        told = ET.fromstring(
+            junit(conclude("x", "", "", [], reason=str(sorted(parameters.items()))))
+        )  # as XML tells it
+        found.setdefault(told[0].find("testcase/error").get("message"), set()).update(names)
+    for key, names in found.items():
+        assert not any(names & others for other, others in found.items() if other != key)
