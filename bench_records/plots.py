@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
     Numbers = npt.NDArray[np.float64]
 
@@ -99,8 +99,32 @@ def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
     axes.set_title(told, loc="right", fontsize=8.5, color=SOFT, pad=5, y=1.0)
 
 
+def number(value: float) -> str:
+    """A number as people read it, with a narrow space between thousands: drawings know no markup."""
+    return f"{value:,.10g}".replace(",", "\u2009").replace("-", "\u2212")
+
+
+def plain_numbers(figure: Figure | SubFigure) -> None:
+    """Let all ticks of a figure be plain numbers, before it is saved: on logarithmic axes they would be markup."""
+    from matplotlib.ticker import FuncFormatter, LogFormatter, LogFormatterSciNotation
+
+    class Plain(LogFormatterSciNotation):
+        """Labels the ticks that it would label, as plain numbers."""
+
+        def __call__(self, x: float, pos: Any = None) -> str:
+            return number(x) if super().__call__(x, pos) else ""
+
+    for axis in (one for axes in figure.axes for one in (axes.xaxis, axes.yaxis)):
+        major, minor = axis.get_major_formatter(), axis.get_minor_formatter()
+        if isinstance(major, LogFormatter) and not isinstance(major, Plain):
+            axis.set_major_formatter(FuncFormatter(lambda n, _: number(n)))
+        if isinstance(minor, LogFormatter) and not isinstance(minor, Plain):
+            axis.set_minor_formatter(Plain(labelOnlyBase=minor.labelOnlyBase))
+
+
 def svg(figure: Figure, name: str) -> str:
     """The figure as an element for the page: its ids made its own, its path data no finer than the eye."""
+    plain_numbers(figure)
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = out.getvalue()

@@ -17,6 +17,7 @@ from bench_records.plots import (
     WIDTH_IN,
     heading,
     panel,
+    plain_numbers,
     style,
     svg,
 )
@@ -188,12 +189,12 @@ def _curve_line(trace: Trace, *, pointed: bool) -> Line2D:
 
 
 def _over_decades(axes: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda n, _: f"{n:g}"))
+    plain_numbers(axes.figure)
 
 
 def is_over_decades(curves: Sequence[Curve]) -> bool:
@@ -234,7 +235,7 @@ def _display(numbers: Sequence[float | None], axis: Axis) -> Numbers:
 
 def lateness(name: str, timing: Timing) -> str:
     """How many ticks were how late, on a logarithmic scale: the rare ones are those that matter."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     with style():
         figure, axes = panel(1.95, width=6.2, left=0.72, right=0.1, bottom=0.55, top=0.28)
@@ -256,7 +257,6 @@ def lateness(name: str, timing: Timing) -> str:
         axes.set_xticks(list(places), [f"\u2264 {edge}" for edge in edges] + [f"> {edges[-1]}"])
         axes.yaxis.set_major_locator(LogLocator(base=100.0))
         axes.yaxis.set_minor_locator(NullLocator())
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda n, _: f"{n:,.0f}".replace(",", "\u2009")))
         heading(axes, "Lateness of the ticks", "", what="number of ticks")
         axes.set_xlabel("µs after the deadline", loc="right")
         return svg(figure, name)

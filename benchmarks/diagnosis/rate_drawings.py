@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_records.plots import INK, PALETTE, SOFT, style
+from bench_records.plots import INK, PALETTE, SOFT, plain_numbers, style
 from benchmarks.diagnosis.judge import LEVELS, Judged, covered
 from benchmarks.diagnosis.statistics import Rate
 
@@ -148,4 +148,5 @@ def _said(judged: Judged) -> str:
 def save(figure: "Figure", path: Path) -> None:
     """Write a drawing that is the same whenever it is made anew."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    plain_numbers(figure)
     figure.savefig(path, format="svg", metadata={"Date": None}, facecolor="white")

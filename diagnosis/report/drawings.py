@@ -328,11 +328,10 @@ def _log_axis(axes: Axes, axis: str, shown: Sequence[float | None]) -> None:
 
 def _plain_log(axes: Axes, axis: str) -> None:
     """Ticks at 1, 2 and 5 (or at decades only, where there are many), written as plain numbers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     which = axes.xaxis if axis == "x" else axes.yaxis
     low, high = sorted(axes.get_xlim() if axis == "x" else axes.get_ylim())
     few = high / max(low, 1e-300) < 300.0
     which.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     which.set_minor_locator(NullLocator())
-    which.set_major_formatter(FuncFormatter(lambda n, _: f"{n:,.10g}".replace(",", "\u2009")))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bench_records.plots import style
+from bench_records.plots import plain_numbers, style
 from bench_records.plots import svg as inline
 from paper_study.figures.comfort import comfort
 from paper_study.figures.figure_05 import figure_5
@@ -37,6 +37,7 @@ def draw(name: str, study: Study, out: Path) -> str:
     """Draw one of `FIGURES` into ``out`` as SVG and PNG; return it as an element for a page."""
     with style():
         figure = FIGURES[name](study)
+        plain_numbers(figure)
         # The layout is solved once, not for each file.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")

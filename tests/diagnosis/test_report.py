@@ -16,6 +16,7 @@ from diagnosis.finding import Finding, Suspect, Verdict
 from diagnosis.report.page import HEADLINES, TONES, render, write_report
 from diagnosis.report.words import chance, pair, percent, percents, prose, shown, typeset
 from diagnosis.systems.oscillator import REACH, UNIT_SPEED
+from tests.pictures import LOOK, faults
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 
@@ -124,6 +125,16 @@ def test_drawings_are_sound(found):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_words_of_the_drawings_are_plain_and_apart(found, browser):
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.set_content(render(found))
+    drawings = page.evaluate(LOOK)
+    page.close()
+    assert sum(bool(one["words"]) for one in drawings) > 5
+    assert [fault for one in drawings for fault in faults(one)] == []
+
+
 def test_the_same_finding_gives_the_same_bytes(found, tmp_path):
     one = write_report(found, tmp_path / "one.html").read_bytes()
     again = write_report(Finding.from_json(found.to_json()), tmp_path / "two.html").read_bytes()

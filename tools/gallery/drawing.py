@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from bench_records.plots import FINER_THAN_SEEN, PALETTE, SOFT
+from bench_records.plots import FINER_THAN_SEEN, PALETTE, SOFT, plain_numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,6 +28,7 @@ def figure_of(height: float, *shape: int, **kwargs: Any) -> "tuple[Figure, Any]"
 
 def save(figure: "Figure", path: Path) -> None:
     """Write a drawing that is the same whenever it is made anew."""
+    plain_numbers(figure)
     figure.draw_without_rendering()  # ticks depend on sizes, and sizes on ticks: the second layout has both
     figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None}, facecolor="white")
     text = path.read_text(encoding="utf-8")
