@@ -4,6 +4,7 @@ The column holds most of what the integration of this spring depends on. Beside 
 surfaces and valves, quantities of its parameter record: which, `bench_sim.model.lanes.LaneSpring.key` says.
 """
 
+from collections.abc import Iterable
 from functools import lru_cache
 from math import pi
 from typing import Any, Final
@@ -182,15 +183,24 @@ _ELSEWHERE: Final = frozenset(
         "sensor_accuracy",
     ]
 )
-_UNKNOWN: Final = set(PARAMETERS.names or ()) ^ {
-    *_IN_COLUMN,
-    *SURFACES,
-    *FEEDING,
-    *JOINING,
-    *_ABSENT,
-    *_ELSEWHERE,
-}
-assert not _UNKNOWN, f"what do lanes do with {', '.join(sorted(_UNKNOWN))}?"
+
+
+def refuse_unplaced(quantities: Iterable[str]) -> None:
+    """Raise ImportError for a quantity of which nobody has said what the lanes do with it, or that does not exist."""
+    placed = {*_IN_COLUMN, *SURFACES, *FEEDING, *JOINING, *_ABSENT, *_ELSEWHERE}
+    if new := sorted(set(quantities) - placed):
+        raise ImportError(
+            f"bench_sim/model/lane_start.py does not say what the lanes do with {', '.join(new)}: "
+            "name it in _IN_COLUMN if the lanes compute it, in _ABSENT if they cannot, "
+            "in _ELSEWHERE if no trajectory of a spring depends on it"
+        )
+    if gone := sorted(placed - set(quantities)):
+        raise ImportError(
+            f"bench_sim/model/lane_start.py names {', '.join(gone)}, and quantities.py has no such quantity"
+        )
+
+
+refuse_unplaced(PARAMETERS.names or ())
 
 
 def has_lanes(par: Any) -> bool:

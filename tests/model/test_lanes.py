@@ -7,9 +7,10 @@ import pytest
 
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
 from bench_sim.model.lane_layout import LANES
-from bench_sim.model.lane_start import has_lanes, power_coefficients
+from bench_sim.model.lane_start import has_lanes, power_coefficients, refuse_unplaced
 from bench_sim.model.lanes import integrate_pairs, integrate_springs
 from bench_sim.model.layout import INPUTS, Input, Sensor
+from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.replay import DIRECTIONS, STEP, Before, Gas, Motion, replay
 from bench_sim.model.traces import TracedReplay
 from bench_sim.parameters import load
@@ -195,3 +196,12 @@ def test_what_lanes_cannot_do_they_leave_alone():
         integrate_pairs([springs] * 5)
     with pytest.raises(ValueError, match="one step go together"):
         integrate_springs((springs[0], fine.springs(record, run.gas, 0.0)[0]))
+
+
+def test_a_quantity_that_nobody_has_placed_is_named():
+    known = list(PARAMETERS.names)
+    refuse_unplaced(known)
+    with pytest.raises(ImportError, match=r"what the lanes do with pipe_inertia: name it in _IN_COLUMN"):
+        refuse_unplaced([*known, "pipe_inertia"])
+    with pytest.raises(ImportError, match=r"names flow_inertance, and quantities.py has no such quantity"):
+        refuse_unplaced([one for one in known if one != "flow_inertance"])
