@@ -76,3 +76,12 @@ def test_make_help_lists_every_target() -> None:
         for target in re.findall(r"(?:^|`)make ([a-z-]+)(?: {2,}|`|$)", page.read_text(), flags=re.MULTILINE)
     }
     assert mentioned <= phony, "the documentation names targets that the Makefile does not have"
+
+
+def test_the_plan_in_the_readme_is_one_that_exists() -> None:
+    code, name = re.search(
+        r"\(test_plans/(\w+)\.py\), all of it:\n\n```python\n(.*?)```",
+        (ROOT / "README.md").read_text(),
+        re.DOTALL,
+    ).group(2, 1)
+    assert code == (ROOT / "test_plans" / f"{name}.py").read_text()
