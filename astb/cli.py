@@ -43,6 +43,7 @@ from astb.commands.runs import compare_command, runs_command, trend_command
 from astb.commands.wiring import wiring_command
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from astb.plugins import ExtensibleGroup
+from bench_protocol.system import NeedsLinux
 
 #: New objects before the youngest are looked through; how often that before the next older ones are, and then all.
 #: Python's own numbers but for the last, which is 10 there.
@@ -64,6 +65,9 @@ def main() -> NoReturn:
     except click.ClickException as error:
         error.show()
         sys.exit(MISUSE)
+    except NeedsLinux as error:
+        click.echo(f"astb: {error}", err=True)
+        sys.exit(BLOCKED)
     except Exception as error:
         # Python would end with 1, which says that the product failed.
         from bench_records.disk import of_the_disk, why

@@ -18,6 +18,7 @@ import msgspec
 
 from bench_protocol.clock import RealClock, hurry
 from bench_protocol.extras import EXTRAS, mend
+from bench_protocol.system import LINUX, processors
 from bench_protocol.units import NS, ms, s, us
 
 if TYPE_CHECKING:
@@ -68,9 +69,8 @@ def examine_machine(rig: RigFile, records: Path) -> list[Finding]:
         *_packages(),
         _compiled_code(),
         _processors(),
-        *_priority(),
-        _punctuality(),
-        _socketcan(),
+        _system(),
+        *(_real_time() if LINUX else ()),
         *_ports(rig),
         *_tools(),
         _printing(),
@@ -87,6 +87,23 @@ def _python() -> Finding:
         "everything",
         "" if right else "Python 3.11 or newer",
     )
+
+
+def _system() -> Finding:
+    return Finding(
+        "operating system",
+        "fine" if LINUX else "lacking",
+        platform.system(),
+        "rigs in real time",
+        "" if LINUX else "Linux; virtual time (--virtual), reports and diagnoses need none",
+    )
+
+
+def _real_time() -> Iterator[Finding]:
+    """Tell what Linux gives to runs in real time."""
+    yield from _priority()
+    yield _punctuality()
+    yield _socketcan()
 
 
 def _packages() -> Iterator[Finding]:
@@ -131,7 +148,7 @@ def _packages() -> Iterator[Finding]:
 
 def _compiled_code() -> Finding:
     """Tell whether machine code can be kept: without it every start compiles the model anew."""
-    from bench_protocol.binding import NOT_KEPT, folder_of
+    from bench_protocol.system.binding import NOT_KEPT, folder_of
     from bench_sim.model.orifice import nozzle_flow
 
     plain = os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}
@@ -163,7 +180,7 @@ def _can_write(folder: str | Path) -> bool:
 
 
 def _processors() -> Finding:
-    count = len(os.sched_getaffinity(0))
+    count = processors()
     return Finding(
         "processors",
         "fine" if count > 1 else "lacking",

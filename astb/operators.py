@@ -1,6 +1,5 @@
 """Who answers a plan's questions: a terminal, a file of answers, or a simulated rig that does what it can by itself."""
 
-import os
 import sys
 import threading
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.system.terminal import forget_typed, in_the_foreground
 from test_plans.operator import (
     DONE,
     Answer,
@@ -106,10 +106,7 @@ class Terminal(QuestionBox):
     def _forget_what_was_typed(self) -> None:
         """Let nothing that was typed before a question answer it; lines of a pipe are meant in their order."""
         if self._lines.isatty():
-            import termios
-
-            with suppress(OSError, termios.error):
-                termios.tcflush(self._lines.fileno(), termios.TCIFLUSH)
+            forget_typed(self._lines)
 
     def _read(self) -> None:
         try:
@@ -136,14 +133,6 @@ class Terminal(QuestionBox):
 
     def _print(self, text: str, style: str) -> None:
         self._console.print(Text(text, style), soft_wrap=True)
-
-
-def in_the_foreground(lines: TextIO) -> bool:
-    """Return whether what is typed into the terminal behind ``lines`` comes to this process."""
-    try:
-        return os.tcgetpgrp(lines.fileno()) == os.getpgrp()
-    except OSError:  # a terminal that is not this session's has no jobs, and stops nobody
-        return True
 
 
 def read_answers(path: Path) -> Script:

@@ -261,17 +261,19 @@ def held_by_keyboard() -> "Iterator[Suspension]":
     import signal
     import threading
 
+    from bench_protocol.system.signals import known
     from test_plans.suspension import Suspension
 
     suspension = Suspension()
-    if threading.current_thread() is not threading.main_thread():
+    numbers = known("SIGTSTP")
+    if not numbers or threading.current_thread() is not threading.main_thread():
         yield suspension
         return
-    before = signal.signal(signal.SIGTSTP, lambda *_: suspension.toggle("Ctrl-Z"))
+    before = signal.signal(numbers[0], lambda *_: suspension.toggle("Ctrl-Z"))
     try:
         yield suspension
     finally:
-        signal.signal(signal.SIGTSTP, before)
+        signal.signal(numbers[0], before)
 
 
 @contextmanager

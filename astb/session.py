@@ -13,6 +13,7 @@ from astb.exit_codes import MISUSE
 from astb.rig_file import RigFile, RigFileError, Simulation, read
 from bench_protocol.clock import Clock, RealClock, hurry_process, wall_time_ns
 from bench_protocol.named_files import place_of
+from bench_protocol.system import require_linux
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 
@@ -132,6 +133,7 @@ def open_session(
             session.bench.instruments = instruments_of(rig, path)
             yield session
         return
+    require_linux("a rig in real time")
     if rig.wiring:
         with wired_session(rig, path) as session:
             session.bench.instruments = instruments_of(rig, path)

@@ -21,10 +21,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.binding import bind, kept
 from bench_protocol.e2e import COUNTER_PERIOD, counter_step, crc8
 from bench_protocol.frames import FRAME, STANDARD_ID_MAX, Block
 from bench_protocol.messages import Protection
+from bench_protocol.system.binding import bind, kept
 from bench_protocol.units import NS
 from bench_protocol.wires import Table
 

@@ -15,8 +15,10 @@ import time
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from bench_protocol.system.library import c_function
 from bench_protocol.units import NS
 
+_prctl: Final = c_function("prctl", ctypes.c_int, ctypes.c_int, *(4 * [ctypes.c_ulong]))
 _PR_SET_TIMERSLACK: Final = 29
 #: A thread that computes may keep another one waiting for this long (Python's default is 5 ms), in s.
 _SWITCH_INTERVAL: Final = 0.0005
@@ -180,8 +182,7 @@ def hurry(priority: int) -> None:
     1 ns of timer slack, which needs no privilege, takes the median lateness from 78 to 27 µs; real-time scheduling
     with ``priority`` (1 to 99) holds it under load, where the user may have it. Does nothing where neither exists.
     """
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 

@@ -69,6 +69,7 @@ def convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> 
         "duration_s": recovery.seconds,
         "events": streamed.events,
     }
+    del streamed  # its table lies in the memory of the file, which Windows does not remove meanwhile
     with kept(stream.with_name(META)):
         put(stream.with_name(META), msgspec.json.format(encode(summary), indent=2) + b"\n")
         stream.unlink()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import errno
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from bench_protocol.system.room import reserve
 from bench_records.layout import RecordError
 
 #: Of no use to name another file for: the machine is at fault, not whoever named it.
@@ -76,8 +76,7 @@ def keep_room(directory: Path) -> None:
     path = directory / ROOM_FILE
     try:
         with path.open("wb") as file:
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(file.fileno(), 0, ROOM)
+            reserve(file.fileno(), ROOM)
     except OSError as error:
         if error.errno in _CANNOT:  # a file system that promises nothing
             return

@@ -167,7 +167,7 @@ class RunIndex:
 
     def _catch_up(self, base: sqlite3.Connection) -> None:
         known = dict(base.execute("select directory, stamp from run"))
-        there = {str(path.parent.relative_to(self.folder)): path for path in _signs(self.folder)}
+        there = {path.parent.relative_to(self.folder).as_posix(): path for path in _signs(self.folder)}
         self.unreadable = {}
         for directory in known.keys() - there.keys():
             base.execute("delete from run where directory = ?", (directory,))

@@ -49,7 +49,7 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
         ],
     )
     with kept(path):
-        path.write_text(page, encoding="utf-8")
+        path.write_text(page, encoding="utf-8", newline="\n")
 
 
 def comparison_row(pair: CheckPair) -> Row:
@@ -125,7 +125,7 @@ def write_trend(trend: Trend, specimen: str, path: Path) -> None:
         circumstances=sorted({one.run.circumstances for one in trend.checks if one.run.circumstances}),
     )
     with kept(path):
-        path.write_text(page, encoding="utf-8")
+        path.write_text(page, encoding="utf-8", newline="\n")
 
 
 def trend_words(trend: Trend) -> list[str]:

@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from bench_protocol.system import is_root
 from bench_records.disk import kept
 from bench_records.layout import RecordError
 
@@ -56,7 +57,7 @@ def write_pdf(page: Path) -> Path:
             f"--user-data-dir={home}",
             f"--print-to-pdf={new}",
             # Chromium refuses its sandbox to root, as whom containers run; the page is our own.
-            *(["--no-sandbox"] if os.geteuid() == 0 else []),
+            *(["--no-sandbox"] if is_root() else []),
             page.resolve().as_uri(),
         ]
         try:

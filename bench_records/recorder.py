@@ -14,10 +14,14 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
+from shutil import copyfileobj
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
 
+from bench_protocol.system import OPEN_FILES_MOVE
+from bench_protocol.system.file_locks import hold
 from bench_records.conversion import convert
 from bench_records.disk import NotKept, begun, give_room, keep_room, kept, why
 from bench_records.layout import (
@@ -32,7 +36,6 @@ from bench_records.layout import (
     SignalInfo,
     encode,
 )
-from bench_records.stream import hold
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -45,6 +48,9 @@ SAMPLE_LIMIT = 50_000_000
 EVENT_LIMIT = 100_000
 #: What the stream is called until its head is whole.
 _HEAD: Final = STREAM + ".part"
+_TAKEN: Final = (
+    "{} exists: another run is writing there, or one was killed and `astb report {}` saves what it left"
+)
 
 
 class Recorder:
@@ -106,7 +112,8 @@ class Recorder:
                 self._writer = pa.ipc.new_stream(self._file, schema)
                 self._writer.write_batch(_batch(_no_samples()))  # Arrow writes no head before the first batch
                 self._file.flush()
-                (self.directory / _HEAD).rename(self.directory / STREAM)
+                if OPEN_FILES_MOVE:
+                    (self.directory / _HEAD).rename(self.directory / STREAM)
         except RecordError:
             self._give_up()
             raise
@@ -211,6 +218,8 @@ class Recorder:
             meta["dropped"] = self.dropped
         try:
             _undisturbed(self._finish_stream)
+            if not OPEN_FILES_MOVE:
+                self._file.close()
             convert(self.directory / STREAM, meta)
         except RecordError:
             self._put_back()
@@ -277,10 +286,10 @@ class Recorder:
             return
         with suppress(OSError):
             stream.parent.mkdir(parents=True, exist_ok=True)
-            with stream.open("xb") as copy:
-                place = 0
-                while part := os.pread(self._file.fileno(), 1 << 20, place):
-                    place += copy.write(part)
+            # Past what its buffer holds, which the disk may refuse once more.
+            with stream.open("xb") as copy, FileIO(self._file.fileno(), closefd=False) as held:
+                held.seek(0)
+                copyfileobj(held, copy)
 
     def _refuse_if_gone(self) -> None:
         """Raise FileNotFoundError if the stream is no longer where it was: it would end with this process."""
@@ -348,14 +357,14 @@ def _create(head: Path, stream: Path) -> BinaryIO:
     """Open ``head``, which becomes ``stream`` when the facts of the run stand in it, and hold it."""
     with begun(stream, f"the directory {stream.parent}"):
         stream.parent.mkdir(parents=True, exist_ok=True)
+    in_place = not OPEN_FILES_MOVE
+    if in_place and stream.exists():
+        raise RecordError(_TAKEN.format(stream, stream.parent))
     with begun(stream):
-        file = head.open("a+b")
-    if not hold(file) or stream.exists():
+        file = stream.open("x+b") if in_place else head.open("a+b")
+    if not hold(file) or (stream.exists() and not in_place):
         file.close()
-        raise RecordError(
-            f"{stream} exists: another run is writing there, or one was killed and `astb report {stream.parent}` "
-            "saves what it left"
-        )
+        raise RecordError(_TAKEN.format(stream, stream.parent))
     file.truncate(0)  # what a run left that was killed in this instant
     return file
 

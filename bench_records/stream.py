@@ -6,14 +6,14 @@ ends: a stream that nobody holds is of a run that was cut off.
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
+from bench_protocol.system.file_locks import hold
 from bench_records.layout import (
     FORMAT,
     PREFIX,
@@ -59,24 +59,10 @@ class Streamed(NamedTuple):
     recovery: Recovery
 
 
-def hold(file: IO[bytes]) -> bool:
-    """Hold a stream for as long as this process has it open; False if another one does."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass  # a file system without locks: nobody can tell then
-    return True
-
-
 def is_held(directory: Path) -> bool:
     """Return whether a run is writing into ``directory`` now."""
     with suppress(OSError), (directory / STREAM).open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
+        return not hold(file, shared=True)
     return False
 
 

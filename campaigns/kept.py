@@ -1,12 +1,12 @@
 """The rows that a campaign keeps: a directory of Parquet parts, none of which is ever half written."""
 
 import contextlib
-import fcntl
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
+from bench_protocol.system.file_locks import hold
 from bench_records.disk import why
 from bench_records.layout import whole
 
@@ -140,18 +140,14 @@ def _parts(directory: Path) -> list[Path]:
 def _locked(directory: Path) -> IO[str]:
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        lock = (directory / _LOCK).open("w")
+        lock = (directory / _LOCK).open("w", encoding="utf-8")
     except OSError as error:
         raise KeptError(f"{directory} cannot keep rows: {error.strerror}") from None
-    try:
-        fcntl.flock(
-            lock, fcntl.LOCK_EX | fcntl.LOCK_NB
-        )  # the kernel lets go of it, however this process ends
-    except OSError:
+    if not hold(lock):
         lock.close()
         raise KeptError(
             f"another campaign is at work in {directory}: wait for it, or choose another directory"
-        ) from None
+        )
     return lock
 
 

@@ -149,7 +149,7 @@ def sound_command(out: Path, plans: tuple[str, ...], rigs: int, workers: int | N
 @main.command("page")
 def page_command() -> None:
     """Write the page from what was measured last."""
-    PAGE.write_text(page(), encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

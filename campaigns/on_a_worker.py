@@ -3,6 +3,7 @@
 import ctypes
 import faulthandler
 import os
+import platform
 import threading
 import traceback
 from collections.abc import Callable, Iterator
@@ -54,7 +55,7 @@ def carry_out(key: str, packed: bytes, limit: float | None) -> Finished:
         error = f"stopped after its time limit of {limit:g} s"
     except BaseException as failure:  # a case that calls sys.exit must not take the worker with it
         error = in_words(failure)
-    return Finished(key, value, error, (clock.now() - start) / NS, f"{os.uname().nodename}:{os.getpid()}")
+    return Finished(key, value, error, (clock.now() - start) / NS, f"{platform.node()}:{os.getpid()}")
 
 
 def in_words(error: BaseException) -> str:

@@ -4,10 +4,10 @@ import logging
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from os import sched_getaffinity
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.extras import installed, lacking
+from bench_protocol.system import processors
 from bench_protocol.units import s
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iter
     with (
         dask.config.set(_SETTINGS),
         LocalCluster(
-            n_workers=workers or len(sched_getaffinity(0)),
+            n_workers=workers or processors(),
             threads_per_worker=1,
             processes=True,
             host=LOOPBACK,

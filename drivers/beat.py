@@ -14,10 +14,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.binding import bind, inlined
 from bench_protocol.can_codec import Encoder, encode_into
 from bench_protocol.frames import FRAME, LENGTH_MAX, Block
-from bench_protocol.system_calls import (
+from bench_protocol.system.binding import bind, inlined
+from bench_protocol.system.calls import (
     ADDRESS,
     INT,
     SPEC_WORDS,

@@ -409,8 +409,8 @@ def can_interfaces() -> list[str]:
     found = []
     for kind in Path("/sys/class/net").glob("*/type"):
         with contextlib.suppress(OSError, ValueError):
-            up = int((kind.parent / "flags").read_text(), 16) & 1
-            if up and kind.read_text().strip() == _ARPHRD_CAN:
+            up = int((kind.parent / "flags").read_text(encoding="ascii"), 16) & 1
+            if up and kind.read_text(encoding="ascii").strip() == _ARPHRD_CAN:
                 found.append(kind.parent.name)
     return sorted(found)
 

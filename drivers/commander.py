@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.clock import Clock, Task, every_without_late
-from bench_protocol.gate import Gate
 from bench_protocol.rates import COMMAND_RATE
 from bench_protocol.signals import Kind
+from bench_protocol.system.gate import Gate
 from bench_protocol.units import NS
 from drivers.errors import LinkLost, Misuse
 from drivers.wiring.contract import Beating, BeatingOutlet, Reserved, Wiring, refuse_absent

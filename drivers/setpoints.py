@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.binding import bind, cached, inlined
-from bench_protocol.system_calls import lock_mutex, unlock_mutex
+from bench_protocol.system.binding import bind, cached, inlined, protocol_sources
+from bench_protocol.system.calls import lock_mutex, unlock_mutex
 
 RAMP: Final = np.dtype(
     [
@@ -62,9 +62,8 @@ class Setpoints(NamedTuple):
 
 def _digest() -> str:
     digest = sha256(files("drivers").joinpath("setpoints.py").read_bytes())
-    for source in sorted(files("bench_protocol").iterdir(), key=lambda entry: entry.name):
-        if source.name.endswith(".py"):
-            digest.update(source.read_bytes())
+    for source in protocol_sources():
+        digest.update(source.read_bytes())
     return digest.hexdigest()
 
 

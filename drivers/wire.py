@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.gate import Gate
+from bench_protocol.system.gate import Gate
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -141,7 +141,7 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
         drawings[name] = future.result()
         progress(DRAWN, ready, len(futures) + 1)
     to_json(study.entries, out / CLAIMS)
-    (out / TABLE).write_text(comfort_csv(study), encoding="utf-8")
+    (out / TABLE).write_text(comfort_csv(study), encoding="utf-8", newline="\n")
 
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
@@ -173,7 +173,7 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
         tone=_tone,
     )
     page = out / PAGE
-    page.write_text(text, encoding="utf-8")
+    page.write_text(text, encoding="utf-8", newline="\n")
     progress(DRAWN, len(futures) + 1, len(futures) + 1)
     return page
 

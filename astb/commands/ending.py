@@ -5,16 +5,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final, NoReturn
 
+from bench_protocol.system.signals import known
+
 #: Signals that whoever sent them may not know of: a closed terminal, Ctrl-\\.
 UNAWARES: Final = ("SIGHUP", "SIGQUIT")
 
 
 def end_in_order() -> None:
     """Let whoever ends this process be heard as Ctrl-C is: tear-down runs, sockets are closed."""
-    for number in (signal.SIGTERM, signal.SIGQUIT):
+    for number in known("SIGTERM", "SIGQUIT"):
         signal.signal(number, signal.default_int_handler)
-    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:  # with nohup it goes on
-        signal.signal(signal.SIGHUP, _hung_up)
+    for number in known("SIGHUP"):
+        if signal.getsignal(number) == signal.SIG_DFL:  # with nohup it goes on
+            signal.signal(number, _hung_up)
 
 
 def _hung_up(number: int, _: object) -> NoReturn:
@@ -27,8 +30,8 @@ def _hung_up(number: int, _: object) -> NoReturn:
 def ended_by(end: Callable[[str], object]) -> Iterator[None]:
     """Call ``end`` with the name of the signal that is to end this process, while the block lasts."""
     before = {}
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP):
-        if signal.getsignal(number) != signal.SIG_IGN or number != signal.SIGHUP:  # with nohup it goes on
+    for number in known("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP"):
+        if signal.getsignal(number) != signal.SIG_IGN or number.name != "SIGHUP":  # with nohup it goes on
             before[number] = signal.signal(number, lambda number, _: end(signal.Signals(number).name))
     try:
         yield

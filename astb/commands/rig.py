@@ -14,6 +14,7 @@ from astb.commands.ending import UNAWARES, ended_by
 from astb.commands.options import RIG_OPTION, SEED, read_rig, simulated, simulation_options
 from astb.exit_codes import blocked, misuse
 from bench_protocol.rates import TICK_RATE, TICK_RATE_VARIABLE, TICK_RATES
+from bench_protocol.system import require_linux
 
 if TYPE_CHECKING:
     import threading
@@ -75,6 +76,7 @@ def rig_command(
     """
     import threading
 
+    require_linux("a rig in real time")
     _at_tick_rate(tick_rate)
     from astb.session import build_rig, bus_stages
     from bench_sim.rig.pacing import Late

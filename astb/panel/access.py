@@ -21,8 +21,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from astb.live.door import door_path
 from bench_protocol.clock import Clock
+from bench_protocol.system.own_folder import own_directory
 from bench_protocol.units import NS, s
-from bench_sim.rig.control_socket import own_directory
 
 #: A page that commands and is not heard of for so long (a reload, a lost network) has left its seat.
 SEAT_KEPT: Final = 10 * s
@@ -90,10 +90,10 @@ def kept_token(rig_file: Path) -> str:
     path = door_path(rig_file).with_suffix(".token")
     own_directory(path.parent)
     with suppress(FileNotFoundError):
-        if kept := path.read_text().strip():
+        if kept := path.read_text(encoding="ascii").strip():
             return kept
     # Not in its place before it is whole: an empty one would be everybody's.
-    with NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
+    with NamedTemporaryFile("w", encoding="ascii", dir=path.parent, delete=False) as file:
         file.write(token := secrets.token_urlsafe(24))
     Path(file.name).replace(path)
     return token

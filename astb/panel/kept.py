@@ -135,7 +135,7 @@ class Kept:
                 written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
                 found.append(
                     Diagnosis(
-                        directory=str(path.parent.relative_to(self._folder)),
+                        directory=path.parent.relative_to(self._folder).as_posix(),
                         written=written.strftime("%Y-%m-%dT%H:%M:%SZ"),
                         verdict=str(told["verdict"]),
                         sentence=prose(str(told["sentence"])),

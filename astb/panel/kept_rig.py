@@ -7,6 +7,7 @@ from pathlib import Path
 
 from astb.rig_file import RigFile
 from astb.session import answers, ready_line, start_rig
+from bench_protocol.system import LINUX
 
 
 class KeptRig:
@@ -25,6 +26,9 @@ class KeptRig:
         """Start the rig unless it answers. RigFileError or LinkLost if it cannot be started."""
         rig, running = self._rig, self._process is not None and self._process.poll() is None
         if rig.simulation is None or rig.wiring or running or answers(rig):
+            return
+        if not LINUX:
+            self._say("a rig in real time needs Linux: here the panel shows what was kept")
             return
         self.close()
         self._say(f"no rig answers at {rig.modbus.host}:{rig.modbus.port}: starting one")

@@ -17,10 +17,11 @@ from astb.rig_limits import known_limits
 from astb.session import wiring_of
 from bench_protocol.clock import RealClock, wall_time_ns
 from bench_protocol.signals import Kind
+from bench_protocol.system import LINUX
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms, s
 from bench_protocol.words import FAULT_STATES, LimitKind
-from drivers.errors import BenchError
+from drivers.errors import BenchError, LinkLost
 from drivers.reading import Quality, Readings
 from drivers.receiver import Receiver
 from drivers.settings import UNKNOWN, Settings
@@ -83,6 +84,8 @@ class Listening:
         self.readings = Readings(self.receiver, self.settings.reading)
 
     def _opened(self, rig: RigFile, path: Path, clock: RealClock) -> "Wiring":
+        if not LINUX:
+            raise LinkLost("a rig in real time needs Linux: here the panel shows what was kept")
         if rig.wiring:
             from drivers.wiring.described import open_described
             from drivers.wiring.listening import listening

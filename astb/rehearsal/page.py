@@ -66,7 +66,7 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
     )
     path = directory / PAGE
     with kept(path):
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", newline="\n")
     return path
 
 

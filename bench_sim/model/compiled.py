@@ -5,8 +5,8 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
-from bench_protocol.binding import cached
 from bench_protocol.rates import TICK_RATE
+from bench_protocol.system.binding import cached, protocol_sources
 
 #: The modules of the rig that the compiled tick contains beside its own.
 OF_THE_TICK = (
@@ -26,7 +26,7 @@ OF_THE_TICK = (
 def _source_digest() -> str:
     digest = hashlib.sha256()
     # The rig's tick contains the codec, the model and what stands beside it in the rig.
-    sources = [*files("bench_protocol").iterdir(), *files("bench_sim.model").iterdir()]
+    sources = [*protocol_sources(), *files("bench_sim.model").iterdir()]
     sources += [files("bench_sim.rig") / f"{name}.py" for name in OF_THE_TICK]
     for source in sorted(sources, key=lambda entry: entry.name):
         if source.name.endswith(".py"):

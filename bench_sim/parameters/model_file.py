@@ -146,7 +146,7 @@ def write_model(path: Path, model: Model, notes: Notes | None = None, digits: in
     ``notes`` become comments: by parameter for changes (under ``change``), by sensor for each property of them, by
     quantity for each effect and surface. Raises OSError.
     """
-    path.write_text("\n".join(_lines(model, notes or {}, digits)) + "\n", encoding="utf-8")
+    path.write_text("\n".join(_lines(model, notes or {}, digits)) + "\n", encoding="utf-8", newline="\n")
 
 
 def _lines(model: Model, notes: Notes, digits: int | None) -> Iterator[str]:

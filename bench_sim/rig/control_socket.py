@@ -5,14 +5,12 @@ server, so that whoever knows the rig file finds it; the directory is its user's
 """
 
 import asyncio
-import contextlib
-import os
 import socket
-import stat
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
+
+from bench_protocol.system.own_folder import own_directory, own_folder, require_own
 
 #: Bytes of a line, and clients at once.
 LINE_MAX: Final = 8192
@@ -24,9 +22,7 @@ _TOO_LONG: Final = b'{"error":"a line has at most 8192 bytes"}\n'
 
 def control_path(host: str, modbus_port: int) -> Path:
     """Return where the rig whose Modbus server is there has its control socket."""
-    own = os.environ.get("XDG_RUNTIME_DIR")
-    folder = Path(own) / "astb" if own else Path(tempfile.gettempdir()) / f"astb-{os.getuid()}"
-    return folder / f"{host.replace(':', '_')}-{modbus_port}.sock"
+    return own_folder() / f"{host.replace(':', '_')}-{modbus_port}.sock"
 
 
 def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
@@ -35,7 +31,7 @@ def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
     PermissionError, and nothing is said, where the directory is somebody else's: so might be whoever answers.
     """
     require_own(path.parent)
-    with socket.socket(socket.AF_UNIX) as connection:
+    with _unix_socket() as connection:
         connection.settimeout(timeout)
         connection.connect(str(path))
         connection.sendall(line + b"\n")
@@ -135,26 +131,19 @@ class _ControlClient(asyncio.Protocol):
         self._timer = asyncio.get_running_loop().call_later(_IDLE_LIMIT, self.drop)
 
 
-def own_directory(folder: Path) -> None:
-    """Make ``folder`` for this user alone; PermissionError if it is somebody else's or open to others."""
-    with contextlib.suppress(FileExistsError):
-        folder.mkdir(mode=0o700)
-    require_own(folder)
-
-
-def require_own(folder: Path) -> None:
-    """PermissionError if ``folder`` is somebody else's or open to others; FileNotFoundError if there is none."""
-    status = folder.lstat()
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
-        raise PermissionError(f"{folder} must be a directory that only this user can enter")
+def _unix_socket() -> socket.socket:
+    """Return a new socket; OSError where there are none of this kind."""
+    if (family := getattr(socket, "AF_UNIX", None)) is None:
+        raise OSError("this system has no Unix domain sockets")
+    return socket.socket(family)
 
 
 def is_alive(path: Path) -> bool:
     """Whether somebody listens at ``path``; what a rig that was killed has left is taken over."""
-    with socket.socket(socket.AF_UNIX) as probe:
-        probe.settimeout(0.5)
-        try:
+    try:
+        with _unix_socket() as probe:
+            probe.settimeout(0.5)
             probe.connect(str(path))
-        except OSError:
-            return False
-        return True
+    except OSError:
+        return False
+    return True

@@ -1,6 +1,5 @@
 """The pace of the compiled tick: absolute deadlines in real time and what a missed one means; or none at all."""
 
-import os
 from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
@@ -10,7 +9,8 @@ import numpy.typing as npt
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import Block, copied
 from bench_protocol.rates import LATENESS_BINS
-from bench_protocol.system_calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
+from bench_protocol.system.bell import ring
+from bench_protocol.system.calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 from bench_sim.model.compiled import compiled
@@ -107,7 +107,7 @@ class Pacing(NamedTuple):
 
     def ring(self) -> None:
         """Ring the bell from Python."""
-        os.eventfd_write(int(self.record[0]["bell"]), 1)
+        ring(int(self.record[0]["bell"]))
 
     def dated(self, block: Block) -> Block:
         """Return ``block``, stamped with the rig's time, with the time of day instead."""

@@ -2,13 +2,13 @@
 
 import contextlib
 import gc
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 from bench_protocol.clock import RealClock, hurry, hurry_process, wall_time_ns
+from bench_protocol.system.bell import open_bell
 from bench_sim.rig.can_bus import CanBus, Stage
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture import Capture
@@ -55,7 +55,7 @@ def run_rig(
         stack.callback(bus.close)
         if wire:
             stack.callback(wire.close)
-        bell = stack.enter_context(_bell())
+        bell = stack.enter_context(open_bell())
         servers = stack.enter_context(
             serve_in_thread(
                 hub,
@@ -130,15 +130,6 @@ def _ticking(rig: Rig, bell: int, policy: Late, stop: threading.Event) -> Iterat
         thread.join()
     if failed:
         raise failed[0]
-
-
-@contextlib.contextmanager
-def _bell() -> Iterator[int]:
-    bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-    try:
-        yield bell
-    finally:
-        os.close(bell)
 
 
 @contextlib.contextmanager

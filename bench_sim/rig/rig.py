@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol import modbus
-from bench_protocol.binding import bind
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.frames import FRAME, Block, copied, join
-from bench_protocol.gate import Gate
 from bench_protocol.rates import COMMAND_RATE, FAST_RATE, SLOW_RATE, TICK
+from bench_protocol.system.binding import bind
+from bench_protocol.system.gate import Gate
 from bench_protocol.table import TABLE
 from bench_protocol.words import FAULTS, BenchState, Reason
 from bench_sim.model.layout import SENSORS

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.frames import FRAME, Block
-from bench_protocol.system_calls import enter_gate, leave_gate
+from bench_protocol.system.calls import enter_gate, leave_gate
 from bench_sim.model.compiled import compiled, compiled_entry
 
 _WRITTEN: Final = 0

@@ -8,7 +8,6 @@ they must return within a fraction of a millisecond.
 import asyncio
 import contextlib
 import ipaddress
-import os
 import socket
 import threading
 from collections.abc import Callable, Coroutine
@@ -17,6 +16,7 @@ from typing import Any, Final, Self
 
 from bench_protocol import socketcand
 from bench_protocol.clock import hurry
+from bench_protocol.system.bell import answer
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture_server import CaptureServer
 from bench_sim.rig.control_socket import ControlSocket
@@ -146,7 +146,7 @@ def _start(serve: Callable[[], Coroutine[Any, Any, None]], ready: threading.Even
 
 
 def _answer_bell(bell: int, on_bell: Callable[[], None]) -> None:
-    os.eventfd_read(bell)
+    answer(bell)
     on_bell()
 
 

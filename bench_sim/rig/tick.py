@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from bench_protocol.can_codec import encode_into
 from bench_protocol.rates import TICK
-from bench_protocol.system_calls import (
+from bench_protocol.system.calls import (
     enter_gate,
     enter_interpreter,
     leave_gate,

@@ -61,7 +61,7 @@ class InvestigationHistory(NamedTuple):
 def write_report(finding: Finding, path: Path | str, history: InvestigationHistory | None = None) -> Path:
     """Write the page of a finding; returns its path.  The bytes depend on the finding and its history alone."""
     target = Path(path)
-    target.write_text(render(finding, history), encoding="utf-8")
+    target.write_text(render(finding, history), encoding="utf-8", newline="\n")
     return target
 
 

@@ -60,7 +60,9 @@ def evaluate_all(
 def to_json(entries: Sequence[dict[str, Any]], path: Path) -> None:
     """Write entries of `evaluate_all` as a JSON array, one object per check and layer."""
     path.write_text(
-        json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+        json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
+        encoding="utf-8",
+        newline="\n",
     )
 
 

@@ -87,5 +87,5 @@ def write_parameters(path: Path | str, base: str, fitted: Mapping[str, FittedVal
                 f"{name} stands {count} times on a line of its own in the base file; once is right"
             )
     target = Path(path)
-    target.write_text(text, encoding="utf-8")
+    target.write_text(text, encoding="utf-8", newline="\n")
     return target

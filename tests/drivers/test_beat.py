@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from bench_protocol.can_codec import Decoder, Encoder
 from bench_protocol.clock import RealClock
 from bench_protocol.frames import frame, join
-from bench_protocol.gate import Gate
 from bench_protocol.socketcand import Parser, Sent, send_bytes
+from bench_protocol.system.gate import Gate
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
 from drivers.beat import COMPILED, Beat, frames_to_text, run_beats

@@ -1,15 +1,18 @@
 """How functions are compiled and called: a cache that knows all sources, calls without a look at every argument."""
 
-import fcntl
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from typing import Any, Final
 
 import numba
 import numpy as np
+
+from bench_protocol.system.file_locks import hold
 
 #: Said once where an installation is not ours to write to, and the user has no folder for caches either.
 NOT_KEPT: Final = (
@@ -54,6 +57,13 @@ def folder_of(function: Any) -> str:
     return str(getattr(_cache_file(function), "_cache_path", ""))
 
 
+def protocol_sources() -> list[Traversable]:
+    """Return all sources of this package, which compiled functions of others contain, in a fixed order."""
+    package = files("bench_protocol")
+    found = [*package.iterdir(), *package.joinpath("system").iterdir()]
+    return sorted((one for one in found if one.name.endswith(".py")), key=lambda one: one.name)
+
+
 def _cache_file(dispatcher: Any) -> Any:
     """Return where numba keeps what it has compiled; None in plain Python."""
     return getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
@@ -71,8 +81,7 @@ def take_turns(cache_file: Any) -> None:
         def acted(*given: Any) -> Any:
             lock = os.open(place, os.O_RDONLY | os.O_CREAT, 0o666)
             try:
-                with suppress(OSError):  # on a file system without locks there is nothing to wait for
-                    fcntl.flock(lock, fcntl.LOCK_EX)
+                hold(lock, wait=True)
                 return act(*given)
             finally:
                 os.close(lock)

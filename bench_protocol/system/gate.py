@@ -5,13 +5,20 @@ from typing import Final
 
 import numpy as np
 
+from bench_protocol.system.library import c_function
+
 #: More than a pthread_mutex_t takes on any 64-bit Linux, and the alignment that it wants.
 _WORDS: Final = 16
 _RECURSIVE: Final = 1  # PTHREAD_MUTEX_RECURSIVE
 _INHERIT: Final = 1  # PTHREAD_PRIO_INHERIT
 
-# Through CDLL, whoever waits at the gate lets go of the interpreter meanwhile.
-_C: Final = ctypes.CDLL(None)
+_PLACE: Final = ctypes.c_ssize_t
+_init: Final = c_function("pthread_mutex_init", ctypes.c_int, _PLACE, _PLACE)
+_lock: Final = c_function("pthread_mutex_lock", ctypes.c_int, _PLACE)
+_unlock: Final = c_function("pthread_mutex_unlock", ctypes.c_int, _PLACE)
+_begin: Final = c_function("pthread_mutexattr_init", ctypes.c_int, _PLACE)
+_set_type: Final = c_function("pthread_mutexattr_settype", ctypes.c_int, _PLACE, ctypes.c_int)
+_set_protocol: Final = c_function("pthread_mutexattr_setprotocol", ctypes.c_int, _PLACE, ctypes.c_int)
 
 
 class Gate:
@@ -25,15 +32,14 @@ class Gate:
         self._memory = np.zeros(_WORDS, np.int64)
         self.address = int(self._memory.ctypes.data)
         attributes = np.zeros(_WORDS, np.int64)
-        place = ctypes.c_void_p(attributes.ctypes.data)
-        _C.pthread_mutexattr_init(place)
-        _C.pthread_mutexattr_settype(place, _RECURSIVE)
-        _C.pthread_mutexattr_setprotocol(place, _INHERIT)
-        _C.pthread_mutex_init(ctypes.c_void_p(self.address), place)
-        self._mutex = ctypes.c_void_p(self.address)
+        place = int(attributes.ctypes.data)
+        _begin(place)
+        _set_type(place, _RECURSIVE)
+        _set_protocol(place, _INHERIT)
+        _init(self.address, place)
 
     def __enter__(self) -> None:
-        _C.pthread_mutex_lock(self._mutex)
+        _lock(self.address)
 
     def __exit__(self, *_: object) -> None:
-        _C.pthread_mutex_unlock(self._mutex)
+        _unlock(self.address)

@@ -1,16 +1,19 @@
 """The calls of the operating system and of the interpreter that compiled loops make: sleep, clock, lock, bell.
 
-Compiled code finds them by their names in the running process; addresses are plain integers. With
-``NUMBA_DISABLE_JIT=1`` the same functions are called through ctypes. Linux on 64 bits.
+Compiled code finds them by a name under which their address is entered here: so what was compiled can be kept, and is
+the same wherever it runs. Addresses are plain integers. With ``NUMBA_DISABLE_JIT=1`` the same functions are called
+through ctypes. Numbers are those of Linux on 64 bits.
 """
 
 import ctypes
 from collections.abc import Callable
 from typing import Any, Final
 
+from llvmlite.binding import add_symbol
 from numba import config, types
 
-from bench_protocol.binding import inlined
+from bench_protocol.system.binding import inlined
+from bench_protocol.system.library import c_function, interpreter_function
 from bench_protocol.units import NS
 
 _CLOCK_MONOTONIC: Final = 1
@@ -23,14 +26,21 @@ INT: Final = ctypes.c_int, types.int32
 ADDRESS: Final = ctypes.c_ssize_t, types.intp
 
 
-def external(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
+#: What compiled code may call must not be collected.
+_entered: Final[list[Any]] = []
+
+
+def external(
+    name: str, result: Any, *arguments: Any, find: Callable[..., Any] = c_function
+) -> Callable[..., Any]:
     """Return the C function ``name``; each type is a pair, for ctypes and for numba."""
-    if not config.DISABLE_JIT:  # type: ignore[attr-defined]
-        return types.ExternalFunction(name, result[1](*(one[1] for one in arguments)))
-    function = getattr(ctypes.CDLL(None), name, None)
-    assert function is not None, name
-    function.restype, function.argtypes = result[0], [one[0] for one in arguments]
-    return function
+    function: Any = find(name, result[0], *(one[0] for one in arguments))
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
+    _entered.append(function)
+    own_name = f"astb_{name}"
+    add_symbol(own_name, ctypes.cast(function, ctypes.c_void_p).value)
+    return types.ExternalFunction(own_name, result[1](*(one[1] for one in arguments)))
 
 
 _clock_nanosleep: Final = external("clock_nanosleep", INT, INT, INT, ADDRESS, ADDRESS)
@@ -52,8 +62,10 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]
 
 else:
     #: Gives the interpreter to other threads; what it returns is for `enter_interpreter`.
-    leave_interpreter = external("PyEval_SaveThread", ADDRESS)
-    enter_interpreter = external("PyEval_RestoreThread", (None, types.void), ADDRESS)
+    leave_interpreter = external("PyEval_SaveThread", ADDRESS, find=interpreter_function)
+    enter_interpreter = external(
+        "PyEval_RestoreThread", (None, types.void), ADDRESS, find=interpreter_function
+    )
 
 
 @inlined

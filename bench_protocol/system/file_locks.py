@@ -1,0 +1,24 @@
+"""Locks on files that end with the process, however it ends."""
+
+from typing import IO, Any
+
+try:
+    import fcntl
+except ImportError:  # not a Unix
+    fcntl = None  # type: ignore[assignment]
+
+
+def hold(file: IO[Any] | int, *, shared: bool = False, wait: bool = False) -> bool:
+    """Lock an open ``file`` until it is closed; False if another process holds it; or ``wait`` for that one.
+
+    Where the system or the file system knows no such locks nobody can tell, and everybody holds it.
+    """
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True

@@ -1,0 +1,66 @@
+"""The C library of this process, and what stands in for its functions where it is not that of Linux.
+
+Compiled code names every function that it calls, and is not loaded where one is missing. In virtual time it calls
+only those of the gate.
+"""
+
+import ctypes
+import threading
+from collections.abc import Callable
+from typing import Any, Final
+
+from bench_protocol.system import LINUX
+
+_C: Final = ctypes.CDLL(None) if LINUX else None
+_locks: Final[dict[int, threading.RLock]] = {}
+
+
+def _new(address: int, *_: int) -> int:
+    _locks[address] = threading.RLock()
+    return 0
+
+
+def _lock(address: int) -> int:
+    _locks[address].acquire()
+    return 0
+
+
+def _try_lock(address: int) -> int:
+    return 0 if _locks[address].acquire(blocking=False) else 1
+
+
+def _unlock(address: int) -> int:
+    _locks[address].release()
+    return 0
+
+
+def _nothing(*_: int) -> int:
+    return 0
+
+
+_STAND_INS: Final[dict[str, Callable[..., int]]] = {
+    "pthread_mutex_init": _new,
+    "pthread_mutex_lock": _lock,
+    "pthread_mutex_trylock": _try_lock,
+    "pthread_mutex_unlock": _unlock,
+}
+
+
+def c_function(name: str, result: Any, *arguments: Any) -> Any:
+    """Return the function ``name``, to be called from Python or, by its address, from compiled code.
+
+    Whoever waits in it lets go of the interpreter meanwhile. Where there is none: a lock of Python's in the place of a
+    mutex, and for all others one that does nothing and returns 0.
+    """
+    if _C is None:
+        return ctypes.CFUNCTYPE(result, *arguments)(_STAND_INS.get(name, _nothing))
+    function = _C[name]  # a new object each time, unlike an attribute: others keep their types
+    function.restype, function.argtypes = result, arguments
+    return function
+
+
+def interpreter_function(name: str, result: Any, *arguments: Any) -> Any:
+    """Return a function of Python's own C interface, as `c_function` does."""
+    function = ctypes.pythonapi[name]
+    function.restype, function.argtypes = result, arguments
+    return function

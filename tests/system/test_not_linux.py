@@ -1,0 +1,95 @@
+"""Where Linux is not: virtual time and whatever reads records do the same there, byte for byte."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from threading import Event
+from urllib.error import URLError
+from urllib.request import urlopen
+
+import msgspec
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SHIM = str(ROOT / "tests" / "not_linux.py")
+SYSTEMS = ("win32", "darwin")
+Cli = Callable[..., str]
+
+
+def _cli(*start: str) -> Cli:
+    """Return what runs `astb` with arguments and returns what it prints; it must end with 0 and say nothing wrong."""
+
+    def run(*arguments: str | Path) -> str:
+        done = subprocess.run(
+            [sys.executable, "-W", "error::EncodingWarning", *start, *map(str, arguments)],
+            cwd=ROOT, capture_output=True, text=True, check=False, timeout=110,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "Traceback" not in done.stderr
+        return done.stdout
+
+    return run
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {one.name: one.read_bytes() for one in sorted(folder.iterdir()) if one.is_file()}
+
+
+def _answered(address: str) -> bytes:
+    """Return the answer of a server that tells its address a moment before it listens."""
+    for _ in range(100):
+        with suppress(URLError), urlopen(address) as answer:
+            return answer.read()
+        Event().wait(0.1)
+    raise AssertionError(f"nobody answers at {address}")
+
+
+@pytest.fixture(scope="module")
+def linux(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of aw0 and one of screening on this Linux."""
+    out = tmp_path_factory.mktemp("linux")
+    _cli("-m", "astb")("run", "aw0", "screening", "--virtual", "--seed", "3", "--out", out)
+    return out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_a_run_its_report_and_its_diagnosis_are_the_same(system: str, linux: Path, tmp_path: Path) -> None:
+    here, there = _cli("-m", "astb"), _cli(SHIM, system)
+    there("run", "aw0", "--virtual", "--seed", "3", "--out", tmp_path)
+    assert _files(tmp_path / "aw0") == _files(linux / "aw0")
+
+    (tmp_path / "aw0" / "report.html").unlink()
+    there("report", tmp_path / "aw0")
+    assert _files(tmp_path / "aw0") == _files(linux / "aw0")
+
+    for what in (("runs", "--out", linux), ("compare", linux / "aw0", tmp_path / "aw0")):
+        told, told_there = here(*what), there(*what)
+        assert told == told_there and told.strip()
+
+    for one, out in ((here, linux), (there, tmp_path)):
+        one("diagnose", linux / "screening", "--effects", "leak.left,orifice.left", "--out", out / "finding")
+    findings = [
+        msgspec.json.decode((out / "finding" / "finding.json").read_bytes()) for out in (linux, tmp_path)
+    ]
+    assert findings[0] == findings[1] and findings[0]["verdict"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_the_panel_shows_kept_records(system: str, linux: Path) -> None:
+    command = [sys.executable, SHIM, system, "panel", "--port", "0", "--out", str(linux)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as panel:
+        try:
+            told = ""
+            while not (found := re.search(r"to watch: +(http://\S+)", told)):
+                line = panel.stdout.readline()
+                assert line, told
+                told += line
+            assert "a rig in real time needs Linux" in told
+            assert b"aw0" in _answered(f"{found[1]}api/kept")
+        finally:
+            panel.terminate()
