@@ -20,6 +20,7 @@ from astb.dbc import dbc
 from astb.eds import eds
 from astb.faults_page import faults_page
 from astb.readers_page import readers_page
+from astb.rest_page import rest_page
 from astb.wiring_page import wiring_page
 from bench_protocol.messages import Protection
 from bench_protocol.registers import ACTIVE_BLOCK
@@ -335,6 +336,7 @@ def files() -> dict[Path, str]:
         ROOT / "docs" / "reference" / "signals.md": signals_page(),
         ROOT / "docs" / "reference" / "canopen.md": canopen_page(),
         ROOT / "docs" / "reference" / "states.md": states_page(),
+        ROOT / "docs" / "reference" / "rest.md": rest_page("0054-what-was-in-force-ends-with-its-command.md"),
         ROOT / "docs" / "reference" / "parameters.md": parameters_page(),
         ROOT / "docs" / "reference" / "effects.md": effects_page(),
         ROOT / "docs" / "reference" / "faults.md": faults_page(),

@@ -45,7 +45,7 @@ def keep_grip(c: Any, values: Any) -> None:
     for chamber in _CHAMBERS:
         if not values[chamber] < EMPTY:
             empty = False
-    if not empty and c.air == AirSupply.VENTED:
+    if c.air == AirSupply.VENTED and (not empty or c.grip == Grip.LOWERING):
         c.airing = AIRING
     elif empty and c.airing > 0:
         c.airing -= 1

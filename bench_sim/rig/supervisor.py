@@ -204,7 +204,7 @@ class Supervisor:
         """
         state, c = self.state, self._controls
         if state in ENGAGED:
-            if c["grip"] == Grip.OPEN:
+            if c["grip"] == Grip.OPEN and not c["airing"]:
                 self.engage()
             elif not c["engaged"]:
                 c["shut_in"] = 1

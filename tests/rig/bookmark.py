@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+#: Arrays that are larger than this (bytes) are rings of frames and room for them: empty between two ticks.
+_RINGS = 300_000
 _OURS = ("bench_protocol.", "bench_sim.", "tests.", "conftest")
 
 
@@ -32,7 +34,11 @@ class Bookmark:
 
     def _keep(self, one: Any) -> list[Any]:
         """Remember ``one``; return what it holds."""
+        if one is None or isinstance(one, (str, bytes, int, float)):
+            return []
         if isinstance(one, np.ndarray):
+            if one.nbytes > _RINGS:
+                return []
             kept = one.copy()
             self._undo.append(lambda: np.copyto(one, kept))
             return []
@@ -50,6 +56,8 @@ class Bookmark:
             return items
         if isinstance(one, (tuple, set, frozenset)):
             return list(one)
+        if getattr(getattr(one, "__dataclass_params__", None), "frozen", False):
+            return []
         if type(one).__module__.startswith(_OURS) and not isinstance(one, (Enum, type)):
             attributes = dict(getattr(one, "__dict__", {}))
             if attributes:

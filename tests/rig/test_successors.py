@@ -1,0 +1,302 @@
+"""Stories of two commanders: what the first one leaves behind is gone, and the second one moves nothing by arming.
+
+In each the first one does this and that on a bench that was prepared once, and is lost; at several times after that the
+second one arms, by bits alone. One that fails shrinks, and its lines tell what happened.
+"""
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import HealthCheck, given, note, settings
+from hypothesis import strategies as st
+
+from bench_protocol.units import bar, mbar, mm
+from bench_protocol.words import LIVE_STATES
+from bench_sim.model.layout import Sensor
+from bench_sim.rig.in_force import REST
+from tests.rig.bookmark import Bookmark
+from tests.rig.conftest import BEAT
+from tests.rig.deeds import COILS, DEEDS, STARTS, Deed, deed, order, prepared
+from tests.rig.way_down import LOSSES, VERTICAL, WatchedCommander, told
+
+#: Of the bolster and the platform, and of the pressures of the springs.
+STILL = 1 * mm
+TIGHT = 20 * mbar
+PLACES = [
+    sensor
+    for sensor in Sensor
+    if sensor.name.endswith(("_HEIGHT", "_DISPLACEMENT"))
+    or sensor.name in ("PLATFORM_VERTICAL", "PLATFORM_LATERAL")
+]
+#: Left and right, first those of the bellows.
+CHAMBERS = [
+    Sensor.LEFT_BELLOWS_PRESSURE,
+    Sensor.RIGHT_BELLOWS_PRESSURE,
+    Sensor.LEFT_AUXILIARY_PRESSURE,
+    Sensor.RIGHT_AUXILIARY_PRESSURE,
+]
+#: Of what moves, in beats at its speed.
+WAY_TO_STOP = 2.5
+#: Beats that arming takes.
+LONGEST = 20
+
+Truth = npt.NDArray[np.float64]
+
+# --- how the first one ends -----------------------------------------------------------------------------------------
+
+
+def give_back(commander: WatchedCommander) -> None:
+    commander.ask(b"\x06\0\0\0\0")
+
+
+def lose_modbus(commander: WatchedCommander) -> None:
+    commander.rig.peer_lost(commander.modbus)
+
+
+def lose_both(commander: WatchedCommander) -> None:
+    commander.rig.peer_lost(commander.peer)
+    commander.rig.peer_lost(commander.modbus)
+
+
+def power_off(commander: WatchedCommander) -> None:
+    commander.coil("power_off")
+
+
+def lose_mains(commander: WatchedCommander) -> None:
+    commander.rig.set_mains(there=False)
+    commander.rig.set_mains(there=True)
+
+
+def pause_first(commander: WatchedCommander) -> None:
+    """HOLD for a while, and then gone: what runs is only held."""
+    commander.beat(10, control_active=0)
+    lose_both(commander)
+
+
+def disable(commander: WatchedCommander) -> None:
+    commander.coil("disable")
+
+
+MORE_ENDS = (give_back, lose_modbus, lose_both, power_off, lose_mains, pause_first, disable)
+ENDS: dict[str, Callable[[WatchedCommander], None]] = {**LOSSES, **{act.__name__: act for act in MORE_ENDS}}
+del ENDS["black_hole"]  # the commander goes on commanding: it is no end
+
+#: When the second one comes, in ticks after that; empty springs and a bolster that is set down take 15 s.
+ARRIVALS = (0, 60, 300, 520, 900, 2_500)
+LATE_ARRIVALS = (8_000, 20_000)
+
+# --- faults of the plant and of the bus ------------------------------------------------------------------------------
+
+FAULTS = st.sampled_from(
+    [
+        ("leak", {"side": "left"}),
+        ("burst", {"side": "right"}),
+        ("stuck_leveling", {"side": "left", "at": "filling"}),
+        ("stuck_dpv", {"at": "open"}),
+        ("stuck_service_valve", {"side": "left", "at": "shut"}),
+        ("stuck_reservoir_valve", {"side": "right", "at": "shut"}),
+        ("seized_actuator", {"actuator": "vertical_left"}),
+        ("supply_loss", {}),
+        ("broken_wire", {"sensor": "left.auxiliary_pressure", "reads": "nothing"}),
+        ("broken_wire", {"sensor": "vertical_right.force", "reads": "nothing"}),
+        ("bias", {"sensor": "right.bellows_pressure", "value": "0.3 bar"}),
+        ("stuck", {"sensor": "left.height"}),
+    ]
+)
+
+
+class Trouble(Deed):
+    """A fault that comes, or a frame that is spoiled on its way; its ``repr`` is a line of the story."""
+
+    def do(self, commander: WatchedCommander) -> None:
+        if self.what == "spoiled frames":
+            for _ in range(self.beats):
+                block = commander.frames()
+                block["data"][:, 0] ^= 0x5A
+                commander.rig.receive(block, commander.peer)
+                commander.wait(20)
+            return
+        name, values = self.what.split(" ", 1)[1], dict(self.values)
+        commander.rig.faults.on(name, values)
+        commander.beat(self.beats)
+
+    def __repr__(self) -> str:
+        return f"{self.what} {dict(self.values) or ''} ({self.beats * 20} ms)"
+
+
+TROUBLES = st.one_of(
+    st.tuples(FAULTS, st.integers(1, 20)).map(
+        lambda drawn: Trouble(f"fault {drawn[0][0]}", tuple(drawn[0][1].items()), drawn[1])  # type: ignore[arg-type]
+    ),
+    st.integers(1, 4).map(lambda beats: Trouble("spoiled frames", (), beats)),
+)
+ACTS = st.one_of(
+    DEEDS,
+    DEEDS,
+    deed("steer", platform_vertical_setpoint=st.sampled_from([-20 * mm, 30 * mm])),
+    order("coil", COILS.map(lambda name: {name: 1.0})),
+    order("coil", st.just({"program_hold": 1.0})),
+    TROUBLES,
+)
+STORIES = st.lists(ACTS, max_size=5)
+
+# --- the rules ------------------------------------------------------------------------------------------------------
+
+
+def truth(commander: WatchedCommander) -> Truth:
+    """What all sensors would read if they were perfect: a rule holds on the bench, whatever its transducers say."""
+    return np.array(commander.rig.plant.ideal())
+
+
+def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[Truth, Truth]]) -> None:
+    """Check that nothing moves but what moves anyway; ``alone``: where the bench is if nobody arms, and its steps.
+
+    What moves already, as a bolster that is being set down, has a way to stop.
+    """
+    now = truth(successor)
+    moved, breathed = np.abs(now - before)[PLACES].max(), now[CHAMBERS] - before[CHAMBERS]
+    if moved <= STILL and breathed.max() <= TIGHT and breathed.min() >= -TIGHT:
+        return
+    other, steps = alone()
+    low, high = np.minimum(before, other), np.maximum(before, other)
+    beyond = np.maximum(now - high, low - now)
+    beyond[PLACES] -= WAY_TO_STOP * steps[PLACES]
+    place = max(PLACES, key=lambda sensor: beyond[sensor])
+    assert beyond[place] <= STILL, f"{called(place)} goes {beyond[place] / mm:.2f} mm, {told(successor)}"
+    if successor.rig._controls["airing"]:  # what is vented is, and one chamber through the other
+        fullest = np.maximum(high[CHAMBERS].reshape(2, 2).max(axis=0), 0.0)
+        beyond[CHAMBERS] = now[CHAMBERS] - np.tile(fullest, 2)
+    chamber = max(CHAMBERS, key=lambda sensor: beyond[sensor])
+    assert beyond[chamber] <= TIGHT, (
+        f"{called(chamber)} is {beyond[chamber] / bar:.3f} bar off, {told(successor)}"
+    )
+
+
+def called(sensor: Sensor) -> str:
+    return sensor.name.lower().replace("_", " ")
+
+
+def at_rest(commander: WatchedCommander) -> None:
+    """Check that what is in force is what a fresh rig has."""
+    active = commander.rig.registers.active
+    left = {name: value for name, value in REST.items() if active[name] != value}
+    assert not left, f"{', '.join(left)} is left behind, when the bench is {told(commander)}"
+    assert commander.rig.registers.staged == active
+    assert commander.read("rig.program") == 0
+
+
+def lead_to_disabled(successor: WatchedCommander) -> None:
+    """Leave what fault there is, and power the bench up."""
+    successor.beat(2, control_enable=1)
+    at_rest(successor)
+    if successor.state == "OFF":
+        successor.coil("power_on")
+        successor.beat(22)
+    if successor.state != "DISABLED":
+        successor.beat(2, control_reset=1)
+        successor.beat(1, control_reset=0)
+
+
+def arm(successor: WatchedCommander) -> None:
+    """Bring the bench to ACTIVE by bits and coils alone, and look that nothing moves but what moves anyway."""
+    before, here = truth(successor), Bookmark(successor.rig)
+    start, course = int(successor.rig._controls["tick"]), list[Truth]()
+
+    def alone() -> tuple[Truth, Truth]:
+        """What would be there by now if nobody armed, and the longest steps until then from beat to beat."""
+        if not course:
+            now = Bookmark(successor.rig)
+            here.restore()
+            for _ in range(LONGEST):
+                course.append(truth(successor))
+                successor.rig.run(BEAT)
+            now.restore()
+        beat = (int(successor.rig._controls["tick"]) - start) // BEAT
+        return course[beat], np.abs(np.diff(course[: beat + 2], axis=0)).max(axis=0)
+
+    def beat(count: int, **bits: float) -> None:
+        for _ in range(count):
+            successor.beat(1, **bits)
+            look(successor, before, alone)
+
+    beat(2, control_reset=1)
+    beat(1, control_reset=0)
+    successor.coil("air_high")
+    beat(2, control_hold=1)
+    beat(12, control_active=1)
+
+
+def take_up(successor: WatchedCommander) -> None:
+    """Send set-points that are what is measured: where the bolster lies on its springs, nothing moves then either."""
+    before = truth(successor)
+    present = {
+        f"{name}_{what}_setpoint": np.nan_to_num(successor.read(f"{name}.{what}"))
+        for name in (*VERTICAL, "lateral")
+        for what in ("force", "displacement")
+    }
+    successor._rows = successor._encoder.rows(["Control", "ForceSetpoints", "DisplacementSetpoints"])
+    lies = successor.rig._controls["engaged"]
+    successor.beat(12, **present)
+    if lies and successor.state == "ACTIVE":
+        moved = np.abs(truth(successor) - before)[PLACES].max()
+        assert moved <= STILL, f"ACTIVE begins with {moved / mm:.2f} mm, {told(successor)}"
+
+
+def succeed(first: WatchedCommander) -> None:
+    """Let somebody else arm the bench of ``first``, who is gone."""
+    first.rig.release_estop()
+    for wire in (first.peer, first.modbus):
+        first.rig.peer_lost(wire)
+    successor = WatchedCommander(first.rig)
+    successor.peer, successor.modbus = "can:2", "modbus:2"
+    successor.wait(20)
+    successor._rows = successor._encoder.rows(["Control"])
+    lead_to_disabled(successor)
+    arm(successor)
+    if successor.state in LIVE_STATES:
+        take_up(successor)
+
+
+def live_on(start: str, story: list[Deed], end: str, arrivals: tuple[int, ...] = ARRIVALS) -> None:
+    """From ``start`` through ``story`` to ``end``, and from there into the hands of a second one at each arrival."""
+    commander, beginning = prepared(start)
+    beginning.restore()
+    note(f"{start}:")
+    for one in story:
+        note(f"  {one}")
+        one.do(commander)
+    ENDS[end](commander)
+    passed = 0
+    for arrival in arrivals:
+        commander.wait(arrival - passed)
+        passed = arrival
+        note(f"then {end}, and {arrival} ms later, when the bench is {told(commander)}, somebody arms")
+        here = Bookmark(commander)
+        succeed(commander)
+        here.restore()
+
+
+SETTINGS = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+AFTER = (*ARRIVALS, *LATE_ARRIVALS)
+FEW, MANY = 25, int(os.environ.get("ASTB_STORIES", "140")) * 5 // 2
+assert FEW * len(AFTER) >= 200
+
+
+@settings(SETTINGS, max_examples=FEW)
+@given(st.sampled_from(sorted(STARTS)), STORIES, st.sampled_from(sorted(ENDS)))
+def test_who_comes_next_moves_nothing_by_arming(start: str, story: list[Deed], end: str) -> None:
+    live_on(start, story, end, AFTER)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_many_who_come_next_move_nothing_by_arming() -> None:
+    @settings(SETTINGS, max_examples=MANY)
+    @given(st.sampled_from(sorted(STARTS)), STORIES, st.sampled_from(sorted(ENDS)))
+    def every(start: str, story: list[Deed], end: str) -> None:
+        live_on(start, story, end, AFTER)
+
+    every()
