@@ -10,7 +10,7 @@ import numpy as np
 
 #: Arrays that are larger than this (bytes) are rings of frames and room for them: empty between two ticks.
 _RINGS = 300_000
-_OURS = ("bench_protocol.", "bench_sim.", "tests.", "conftest")
+_OURS = ("bench_protocol.", "bench_sim.", "astb.rig_in_memory", "tests.", "conftest")
 
 
 class Bookmark:

@@ -1,0 +1,116 @@
+"""The kinds of loss: what is taken from a running plan, at which instant, and whether it comes back."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bench_protocol.units import ms, s
+
+if TYPE_CHECKING:
+    from tests.system.next_plan.stand import First
+
+
+class Gone(BaseException):
+    """The process of the plan is no more: nothing of it is carried out any further."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """One kind of loss: ``lose`` is done at its instants (s after the first), whatever the plan then does itself.
+
+    ``stays``: the faults that stay, by the names of the rig's fault panel; without any the next plan must run.
+    """
+
+    name: str
+    lose: Callable[["First"], None]
+    again: tuple[float, ...] = ()
+    stays: frozenset[str] = frozenset()
+    #: What the rig itself broke stays broken until somebody looks: the plan that follows resets it.
+    restarted: bool = False
+
+
+def _killed(first: "First") -> None:
+    first.mute()
+    first.leave("can")
+    first.leave("modbus")
+    raise Gone
+
+
+def _stopped(first: "First") -> None:
+    first.mute()
+    raise Gone
+
+
+def _interrupted(first: "First") -> None:
+    del first
+    raise KeyboardInterrupt
+
+
+def _closed(*wires: str) -> Callable[["First"], None]:
+    def lose(first: "First") -> None:
+        for wire in wires:
+            first.leave(wire)
+
+    return lose
+
+
+def _hole(*wires: str) -> Callable[["First"], None]:
+    return lambda first: first.mute(*wires)
+
+
+def _fault(name: str, lasting: float | None = None, **values: str) -> Callable[["First"], None]:
+    order = {"do": "on", "name": name, "values": values}
+    if lasting is not None:
+        order["for"] = f"{lasting:g} s"
+
+    def lose(first: "First") -> None:
+        answer = json.loads(first.memory.rig.order(json.dumps(order).encode()))
+        assert "error" not in answer, answer
+
+    return lose
+
+
+def _short_and_held(name: str, lasting: float, fault: str = "", **values: str) -> tuple[Loss, Loss]:
+    fault = fault or name.replace(" ", "_")
+    return (
+        Loss(f"{name}, {lasting:g} s", _fault(fault, lasting, **values)),
+        Loss(f"{name}, and stays", _fault(fault, **values), stays=frozenset({fault})),
+    )
+
+
+def _restart(first: "First") -> None:
+    first.restart_the_rig()
+
+
+_SPURIOUS = 200 * ms
+
+LOSSES: tuple[Loss, ...] = (
+    Loss("plan killed", _killed),
+    Loss("plan stopped (SIGSTOP)", _stopped),
+    Loss("interrupted once", _interrupted),
+    Loss("interrupted twice", _interrupted, (1 * s,)),
+    Loss("interrupted thrice", _interrupted, (1 * s, 2 * s)),
+    Loss("CAN closed", _closed("can")),
+    Loss("Modbus closed", _closed("modbus")),
+    Loss("both closed", _closed("can", "modbus")),
+    Loss("CAN a black hole", _hole("can")),
+    Loss("Modbus a black hole", _hole("modbus")),
+    Loss("both black holes", _hole("can", "modbus")),
+    *_short_and_held("interface down", 3 * s),
+    *_short_and_held("PLC hung", 3 * s, "hung_plc"),
+    Loss("PLC restarted", _fault("plc_restart", 3 * s)),
+    *_short_and_held("emergency stop", 1 * s, "estop"),
+    Loss("power contact opens", lambda first: first.memory.rig.cut_power()),
+    *_short_and_held("mains lost", 1 * s, "power_loss"),
+    *_short_and_held("air supply lost", 5 * s, "supply_loss"),
+    Loss("limit of the height", _fault("bias", _SPURIOUS, sensor="left.height", value="150 mm")),
+    Loss("overload", _fault("bias", _SPURIOUS, sensor="vertical_left.force", value="200 kN")),
+    Loss("overpressure", _fault("bias", _SPURIOUS, sensor="left.bellows_pressure", value="9.5 bar")),
+    *_short_and_held(
+        "pressure transducer dead", 3 * s, "broken_wire", sensor="left.bellows_pressure", reads="nothing"
+    ),
+    *_short_and_held("height laser dead", 3 * s, "broken_wire", sensor="left.height", reads="nothing"),
+    *_short_and_held("wrong checksums", 3 * s, "wrong_crc"),
+    Loss("rig restarted", _restart, restarted=True),
+)
