@@ -24,8 +24,7 @@ def junit(result: Result) -> bytes:
     are the time of the suite. Only a run in real time has a time stamp. Parameters stand in the names of suite and
     cases: two runs of a plan would hide each other.
     """
-    given = ", ".join(f"{name}={text}" for name, text in sorted(result.parameters.items()))
-    given = f" [{given}]" if given else ""
+    given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
     errors = result.count(CheckVerdict.ERROR) + (result.verdict is Outcome.BLOCKED)
     lacking = result.count(CheckVerdict.NOT_AVAILABLE)
@@ -56,19 +55,14 @@ def junit(result: Result) -> bytes:
     ):
         if value not in (None, ""):
             ET.SubElement(properties, "property", {"name": name, "value": _text(str(value))})
-    run = ET.SubElement(
-        suite,
-        "testcase",
-        {"classname": _text(result.plan), "name": _text("run" + given), "time": f"{times[-1]:.3f}"},
-    )
+    named = {"classname": _text(result.plan)}
+    last = {"name": _text("run" + given), "time": f"{times[-1]:.3f}"}
+    run = ET.SubElement(suite, "testcase", named | last)
     if result.verdict is Outcome.BLOCKED:
         ET.SubElement(run, "error", {"type": "blocked", "message": _text(result.reason)})
     for one, time in zip(result.checks, times, strict=False):
-        case = ET.SubElement(
-            suite,
-            "testcase",
-            {"classname": _text(result.plan), "name": _text(one.name + given), "time": f"{time:.3f}"},
-        )
+        mine = {"name": _text(one.name + given), "time": f"{time:.3f}"}
+        case = ET.SubElement(suite, "testcase", named | mine)
         story = _text(str(one))
         if one.verdict is CheckVerdict.FAIL:
             ET.SubElement(case, "failure", {"type": "limit", "message": story}).text = _text(one.note)
@@ -80,6 +74,11 @@ def junit(result: Result) -> bytes:
             ET.SubElement(case, "system-out").text = "\n".join(filter(None, [story, _text(one.note)]))
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _given(result: Result) -> str:
+    given = ", ".join(f"{name}={text}" for name, text in sorted(result.parameters.items()))
+    return f" [{given}]" if given else ""
 
 
 def _times(result: Result) -> list[float]:

@@ -25,9 +25,17 @@ _AT_ONCE: Final = 200  # connections, pages included
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=8137, show_default=True, help="0 for a free one."
 )
+@click.option(
+    "--name",
+    "names",
+    multiple=True,
+    help="A name under which this machine is reached, beside its own; repeatable.",
+)
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors, if it is started here.")
 @out_option("Where records go.")
-def panel_command(rig_named: str | None, host: str, port: int, seed: int | None, out: Path) -> None:
+def panel_command(
+    rig_named: str | None, host: str, port: int, names: tuple[str, ...], seed: int | None, out: Path
+) -> None:
     """Show a rig in the browser, and command it from there.
 
     Prints two addresses: one that only watches, and one that may command. A simulated rig that does not answer is
@@ -72,8 +80,8 @@ def panel_command(rig_named: str | None, host: str, port: int, seed: int | None,
         parts = Parts(watch, runs, access, out)
         watch.start()
         stack.callback(watch.close)
-        _tell(host, port, access.token)
-        _serve(application(parts, host=host), sockets)
+        _tell(host, port, access.token, names)
+        _serve(application(parts, host=host, names=names), sockets)
         if runs.going:
             click.echo("the run goes on; `astb panel` finds it again")
 
@@ -124,10 +132,18 @@ def _listening(host: str, port: int) -> "socket.socket":
     return one
 
 
-def _tell(host: str, port: int, token: str) -> None:
+def _tell(host: str, port: int, token: str, names: tuple[str, ...] = ()) -> None:
     import socket
 
-    name = socket.gethostname() if host in {"0.0.0.0", "::"} else f"[{host}]" if ":" in host else host
+    name = (
+        names[0]
+        if names
+        else socket.gethostname()
+        if host in {"0.0.0.0", "::"}
+        else f"[{host}]"
+        if ":" in host
+        else host
+    )
     if host != _LOCAL:
         click.echo(
             "served to other machines, unencrypted: whoever reads along on the network reads the token"

@@ -7,6 +7,7 @@ name that leads to this machine by somebody else's DNS, and a page of somebody e
 import ipaddress
 import secrets
 import socket
+from collections.abc import Collection
 from contextlib import suppress
 from hmac import compare_digest
 from pathlib import Path
@@ -45,9 +46,9 @@ class NotAllowed(Exception):
 class Doorkeeper:
     """An ASGI application before another one: lets in only who asked for this machine by a name of its own."""
 
-    def __init__(self, app: ASGIApp, host: str) -> None:
+    def __init__(self, app: ASGIApp, host: str, names: Collection[str] = ()) -> None:
         self._app = app
-        self._names = {"localhost", host.lower(), socket.gethostname().lower()}
+        self._names = {"localhost", host.lower(), socket.gethostname().lower(), *map(str.lower, names)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] in {"http", "websocket"} and (wrong := self._wrong(scope)):
@@ -65,7 +66,7 @@ class Doorkeeper:
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
         name = name.strip("[]").lower()
         if name not in self._names and not _is_address(name):
-            return f"this panel is not called {name}"
+            return f"this panel is not called {name}; `astb panel --name {name}` lets it be"
         changes = scope["type"] == "websocket" or scope["method"] not in {"GET", "HEAD"}
         origin = headers.get("origin")
         if changes and origin is not None and origin.partition("://")[2] != host:

@@ -1,6 +1,6 @@
 """The server of the panel: its page, what the page asks once, what it commands, and the stream that it follows."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,8 +29,8 @@ _POLICY: Final = (
 )
 
 
-def application(parts: Parts, *, host: str) -> Starlette:
-    """Return the panel as an ASGI application; ``host`` is the name under which it is served."""
+def application(parts: Parts, *, host: str, names: Collection[str] = ()) -> Starlette:
+    """Return the panel as an ASGI application; ``host`` and ``names`` are those under which it is served."""
     stream = Stream(parts.watch, parts.runs, parts.access)
     runs = parts.runs
     routes = [
@@ -56,7 +56,9 @@ def application(parts: Parts, *, host: str) -> Starlette:
         Mount("/assets", StaticFiles(directory=_ASSETS)),
         Mount("/page", StaticFiles(directory=_PAGE)),
     ]
-    return Starlette(routes=routes, middleware=[Middleware(Doorkeeper, host=host), Middleware(_Fresh)])
+    return Starlette(
+        routes=routes, middleware=[Middleware(Doorkeeper, host=host, names=names), Middleware(_Fresh)]
+    )
 
 
 async def _page(request: Request) -> Response:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from starlette.routing import Route
 from websockets.sync.client import connect
 
+from astb.commands.panel import _tell
 from astb.panel.access import _ALL, _EACH, _LONGEST, NotAllowed, Patience
 from astb.panel.pages import Pages
 from astb.panel.server import application
@@ -235,3 +236,16 @@ def test_a_panel_that_is_ended_unawares_says_so_and_leaves_no_socket(tmp_path, m
     assert panel.process.returncode == 0
     assert said == f"astb: the panel was ended by {how.name}\n"
     assert not list((tmp_path / "astb").glob("*.sock"))
+
+
+def test_the_printed_address_is_one_that_works(parts, capsys):
+    from starlette.testclient import TestClient
+
+    for names in ((), ("hall.example.org", "Bench")):
+        _tell("0.0.0.0", 8137, "token", names)
+        printed = capsys.readouterr().out.split("to watch:")[1].split()[0]
+        assert not names or "hall.example.org" in printed
+        app = application(parts, host="0.0.0.0", names=names)
+        for address in (printed, *(f"http://{name}:8137" for name in names)):
+            assert TestClient(app, base_url=address).get("/api/rig").status_code == 200
+    assert TestClient(app, base_url="http://elsewhere.example").get("/api/rig").status_code == 403
