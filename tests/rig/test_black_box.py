@@ -97,6 +97,7 @@ def test_the_first_incident_stays_until_a_reset_and_the_next_takes_its_place(arm
     armed.wait(11_000)
     assert incident_of(port).number == 1, "what follows is a consequence of the first"
     armed.rig.release_estop()
+    armed.take_lease()  # whoever has been silent for so long has lost it
     armed.beat(2, control_enable=1, control_hold=0, control_active=0, control_reset=0)
     armed.beat(2, control_reset=1)
     assert armed.state == "DISABLED"

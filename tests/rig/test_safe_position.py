@@ -135,8 +135,11 @@ def test_the_bench_may_not_be_opened_while_it_holds_the_bolster(held_down) -> No
     answer = held_down.stage(rig_nominal_preload=145 * kN)
     assert answer[0][0] == 0x10
     assert held_down.coil("apply")[0] & 0x80, "shims want free actuators"
-    way_down(held_down)
+    # What is staged stays while its commander commands: it waits, and does not fall silent.
+    assert any(held_down.beat(25) or is_safe(held_down) for _ in range(120)), told(held_down)
+    assert held_down.state == "DISABLED"
     assert held_down.coil("apply")[0] == 5
+    assert (held_down.rig.plant.parameters.nominal_preload == 145 * kN).all()
 
 
 def test_an_emergency_stop_during_a_fault_is_told(held_down) -> None:
