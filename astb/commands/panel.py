@@ -1,5 +1,6 @@
 """`astb panel`: the bench in a browser."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -80,14 +81,19 @@ def panel_command(
         parts = Parts(watch, runs, access, out)
         watch.start()
         stack.callback(watch.close)
-        _tell(host, port, access.token, names)
-        _serve(application(parts, host=host, names=names), sockets)
+        _serve(
+            application(parts, host=host, names=names),
+            sockets,
+            lambda: _tell(host, port, access.token, names),
+        )
         if runs.going:
             click.echo("the run goes on; `astb panel` finds it again")
 
 
-def _serve(app: "ASGIApp", sockets: "list[socket.socket]") -> None:
-    """Serve until somebody ends it."""
+def _serve(app: "ASGIApp", sockets: "list[socket.socket]", tell: Callable[[], None]) -> None:
+    """Serve until somebody ends it; ``tell`` people where, once it can be ended in order."""
+    from contextlib import nullcontext
+
     import uvicorn
 
     from astb.panel.pages import Pages
@@ -112,9 +118,11 @@ def _serve(app: "ASGIApp", sockets: "list[socket.socket]") -> None:
         if by in UNAWARES:
             click.echo(f"astb: the panel was ended by {by}", err=True)
 
-    # In place of its own: those say the signal again at the end, of which this process would die with its sockets open.
-    server.capture_signals = lambda: ended_by(end)  # type: ignore[method-assign]
-    server.run(sockets=sockets)
+    # Not uvicorn's own: it says the signal again at the end, of which this process would die with its sockets open.
+    server.capture_signals = nullcontext  # type: ignore[method-assign, assignment]
+    with ended_by(end):
+        tell()
+        server.run(sockets=sockets)
 
 
 def _listening(host: str, port: int) -> "socket.socket":

@@ -6,7 +6,16 @@ import pytest
 
 from bench_protocol.units import NS, Hz, bar, kN, mm, ms, s
 from drivers.commander import BEAT
-from drivers.errors import BenchError, BenchTimeout, LinkLost, Misuse, NotCommander, RigFault, Stale
+from drivers.errors import (
+    BenchError,
+    BenchTimeout,
+    LinkLost,
+    Misuse,
+    NotCommander,
+    NotRecorded,
+    RigFault,
+    Stale,
+)
 
 # -- arming ------------------------------------------------------------------------------------------------------
 
@@ -272,7 +281,7 @@ def test_a_sink_that_fails_fails_the_plan(bench):
         raise OSError("no space left on device")
 
     bench.receiver.sink = full
-    with pytest.raises(Misuse, match="no space left"):
+    with pytest.raises(NotRecorded, match="no space left"):
         bench.wait(0.2 * s)
 
 
@@ -344,4 +353,4 @@ def test_every_error_says_whose_fault_it_is():
         found.append(kind)
         kinds += kind.__subclasses__()
     assert len(found) >= 8
-    assert all(kind.fault in ("rig", "plan", "link") for kind in found)
+    assert all(kind.fault in ("rig", "plan", "link", "record") for kind in found)

@@ -93,7 +93,7 @@ def test_shapes_follow_the_amplitude_and_spaces_do_not_matter():
         ("leak.left=-1mm2", "leak.left: area = -1 mm2 is outside 0 mm2 to 20 mm2"),
         ("leak.left=300mm2", "leak.left: area = 300 mm2 is outside 0 mm2 to 20 mm2"),
         ("leak.left=nan mm2", "leak.left: area = nan mm2 is outside"),
-        ("leak.left=inf mm2", "leak.left: area = inf mm2 is outside"),
+        ("leak.left=inf mm2", "leak.left: area = 'inf mm2' is not finite"),
         ("leak.left=1mm2,2mm2", r"leak.left = '1mm2,2mm2' is not understood: NAME\[.PLACE\]"),
         ("leak.left=1mm2,area=2mm2", "is not understood"),
         ("maxwell=0.1,tmie=1s", "tmie is no parameter of maxwell; time would be one"),

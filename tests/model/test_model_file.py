@@ -194,13 +194,13 @@ def test_any_model_survives(tmp_path_factory, changes, amplitudes, finding):
             'based_on = "astb"\n[surface.force]\ntime = "1 s"',
             "force_surface_time is no parameter; force_surface",
         ),
-        ('based_on = "astb', "Illegal character|Unterminated|Expected"),
+        ('based_on = "astb', "line 1, .*: a text does not end"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_the_files_name(tmp_path, text, reason):
     path = tmp_path / "model.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ParameterError, match=f"model.toml: .*(?:{reason})"):
+    with pytest.raises(ParameterError, match=f"model.toml.*: .*(?:{reason})"):
         load(path)
 
 

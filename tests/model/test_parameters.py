@@ -74,7 +74,7 @@ def test_units_are_converted_once():
         (
             "effective_area = { value = 0.26",
             "effective_area = { value = nan",
-            "effective_area.* = nan m2 is outside",
+            "effective_area.* = nan; a finite number would be right",
         ),
         (
             "effective_area = { value = 0.26",

@@ -93,7 +93,7 @@ def test_changes_that_do_not_fit(change, message):
             "lateral_area_decay = 7.0 m2 has the wrong unit; 1/m2",
         ),
         ("lateral_area = {", "lateral_aera = {", "lateral_aera is no parameter; lateral_area would be one"),
-        ("roll_scale = {", "roll_hardening = {", "Cannot overwrite a value|given twice"),
+        ("roll_scale = {", "roll_hardening = {", "the key or the table is there twice"),
         (
             'source = "stated in the paper" }\n\n[load_case.AW3]',
             'source = " " }\n\n[load_case.AW3]',
@@ -105,7 +105,7 @@ def test_changes_that_do_not_fit(change, message):
             "load case AW3 has preload; it needs nominal_preload",
         ),
         ("[gas]\n", "loose = 1\n[gas]\n", "loose stands outside a section"),
-        ("[wind]\n", "[wind", "paper_changed.toml: "),
+        ("[wind]\n", "[wind", "paper_changed.toml is not TOML: line 50, .*: a bracket does not close"),
     ],
 )
 def test_files_that_do_not_fit(tmp_path, old, new, message):

@@ -176,7 +176,7 @@ BAD_CHANGES = {
 BAD_ARGUMENTS = {
     "fly": "No such command 'fly'",
     "run": "Missing argument 'PLAN...'",
-    "run aw9 --virtual": "there is no plan 'aw9'; `astb plans` lists aw0, aw3",
+    "run aw9 --virtual": "there is no plan 'aw9'; did you mean 'aw3'?",
     "run aw0 --rig nowhere.toml": "rig file nowhere.toml cannot be read: No such file or directory; --rig",
     "run aw0 --virtual --rig .": "rig file . is no ordinary file",
     "run aw0 --specimen nowhere.toml": "specimen nowhere.toml cannot be read: nowhere.toml: No such file",
@@ -259,7 +259,7 @@ def test_a_directory_that_cannot_be_written_is_named(cli, tmp_path, rig_file):
     taken = write(tmp_path / "taken", "a file")
     code, _, err = cli("run", "aw0", "--virtual", "--rig", rig_file, "--out", taken)
     assert code == MISUSE
-    assert f"{taken}/aw0 cannot be used for the record: Not a directory" in err
+    assert f"the record's folder {taken}/aw0 cannot be written: Not a directory" in err
     assert is_one_sentence(err)
 
 

@@ -80,7 +80,10 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
             "diagnose data.csv --out out --simulator nowhere:Gain --model my.toml",
             "--model my.toml is a model of the bench",
         ),
-        ("diagnose data.csv --out out --map data.csv", "data.csv: "),
+        (
+            "diagnose data.csv --out out --map data.csv",
+            "data.csv is not TOML: line 1, time,x: a key without a value",
+        ),
         (f"{ON_A_RIG} --budget soon", "--budget = 'soon' is not a number with its unit"),
         (f"{ON_A_RIG} --budget 20mm", "--budget = '20mm' is not in s or ms or min or h"),
         (f"{ON_A_RIG} --budget 2min", "budget = 2 min: screening alone takes 9"),
