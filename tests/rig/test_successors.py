@@ -10,17 +10,17 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import HealthCheck, given, note, settings
+from hypothesis import HealthCheck, find, given, note, settings
 from hypothesis import strategies as st
 
-from bench_protocol.units import bar, mbar, mm
+from bench_protocol.units import ATMOSPHERE, bar, mbar, mm
 from bench_protocol.words import LIVE_STATES
 from bench_sim.model.layout import Sensor
-from bench_sim.rig.in_force import REST
+from bench_sim.rig.in_force import REST, InForce
 from tests.rig.bookmark import Bookmark
 from tests.rig.conftest import BEAT
 from tests.rig.deeds import COILS, DEEDS, STARTS, Deed, deed, order, prepared
-from tests.rig.way_down import LOSSES, VERTICAL, WatchedCommander, told
+from tests.rig.way_down import LOSSES, VERTICAL, LimitWatch, WatchedCommander, told
 
 #: Of the bolster and the platform, and of the pressures of the springs.
 STILL = 1 * mm
@@ -40,10 +40,14 @@ CHAMBERS = [
 ]
 #: Of what moves, in beats at its speed.
 WAY_TO_STOP = 2.5
+#: By which part of its pressure a bellows is pressed, by each metre of that way: 1.4 times 0.26 m² over 30 litre.
+PRESSED = 1.4 * 0.26 / 0.030
 #: Beats that arming takes.
 LONGEST = 20
 
 Truth = npt.NDArray[np.float64]
+#: Where it starts, what the first one does, and how it ends.
+Life = tuple[str, list[Deed], str]
 
 # --- how the first one ends -----------------------------------------------------------------------------------------
 
@@ -120,6 +124,8 @@ class Trouble(Deed):
                 commander.wait(20)
             return
         name, values = self.what.split(" ", 1)[1], dict(self.values)
+        if "sensor" in values:  # what it reads is no motion
+            commander.watch = LimitWatch(but=commander.watch.but | {str(values["sensor"])})
         commander.rig.faults.on(name, values)
         commander.beat(self.beats)
 
@@ -154,7 +160,7 @@ def truth(commander: WatchedCommander) -> Truth:
 def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[Truth, Truth]]) -> None:
     """Check that nothing moves but what moves anyway; ``alone``: where the bench is if nobody arms, and its steps.
 
-    What moves already, as a bolster that is being set down, has a way to stop.
+    What moves already, as a bolster that is being set down, has a way to stop, and presses its springs by as much.
     """
     now = truth(successor)
     moved, breathed = np.abs(now - before)[PLACES].max(), now[CHAMBERS] - before[CHAMBERS]
@@ -169,6 +175,8 @@ def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[T
     if successor.rig._controls["airing"]:  # what is vented is, and one chamber through the other
         fullest = np.maximum(high[CHAMBERS].reshape(2, 2).max(axis=0), 0.0)
         beyond[CHAMBERS] = now[CHAMBERS] - np.tile(fullest, 2)
+    way = np.minimum(np.abs(now - other), WAY_TO_STOP * steps)[[Sensor.LEFT_HEIGHT, Sensor.RIGHT_HEIGHT]]
+    beyond[CHAMBERS[:2]] -= PRESSED * (now[CHAMBERS[:2]] + ATMOSPHERE) * way
     chamber = max(CHAMBERS, key=lambda sensor: beyond[sensor])
     assert beyond[chamber] <= TIGHT, (
         f"{called(chamber)} is {beyond[chamber] / bar:.3f} bar off, {told(successor)}"
@@ -251,6 +259,7 @@ def succeed(first: WatchedCommander) -> None:
     for wire in (first.peer, first.modbus):
         first.rig.peer_lost(wire)
     successor = WatchedCommander(first.rig)
+    successor.watch = LimitWatch(but=first.watch.but)
     successor.peer, successor.modbus = "can:2", "modbus:2"
     successor.wait(20)
     successor._rows = successor._encoder.rows(["Control"])
@@ -279,26 +288,57 @@ def live_on(start: str, story: list[Deed], end: str, arrivals: tuple[int, ...] =
         here.restore()
 
 
-#: They are told on request, until what they find has been looked at.
-pytestmark = pytest.mark.skipif("ASTB_STORIES" not in os.environ, reason="ASTB_STORIES=140 tells them")
 SETTINGS = settings(deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+LIVES = st.tuples(st.sampled_from(sorted(STARTS)), STORIES, st.sampled_from(sorted(ENDS)))
 AFTER = (*ARRIVALS, *LATE_ARRIVALS)
-FEW, MANY = 25, int(os.environ.get("ASTB_STORIES", "140")) * 5 // 2
-assert FEW * len(AFTER) >= 200
+#: Each is told to the end once for every arrival: 128 stories, 1300, and 20 000 for whoever changes what rests.
+FEW, MANY = 16, int(os.environ.get("ASTB_STORIES", "36")) * 9 // 2
 
 
 @settings(SETTINGS, max_examples=FEW)
-@given(st.sampled_from(sorted(STARTS)), STORIES, st.sampled_from(sorted(ENDS)))
-def test_who_comes_next_moves_nothing_by_arming(start: str, story: list[Deed], end: str) -> None:
-    live_on(start, story, end, AFTER)
+@given(LIVES)
+def test_who_comes_next_moves_nothing_by_arming(life: Life) -> None:
+    live_on(*life, AFTER)
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(
+    "ASTB_STORIES" not in os.environ,
+    reason="what pushed an empty bolster aside is still held when it is armed: 1.3 mm too far; ASTB_STORIES=36",
+)
 @pytest.mark.timeout(7200)
 def test_many_who_come_next_move_nothing_by_arming() -> None:
     @settings(SETTINGS, max_examples=MANY)
-    @given(st.sampled_from(sorted(STARTS)), STORIES, st.sampled_from(sorted(ENDS)))
-    def every(start: str, story: list[Deed], end: str) -> None:
-        live_on(start, story, end, AFTER)
+    @given(LIVES)
+    def every(life: Life) -> None:
+        live_on(*life, AFTER)
 
     every()
+
+
+def shortest_that_breaks(rule: str) -> Life:
+    """Return the shortest story that fails by what ``rule`` matches."""
+
+    def breaks(life: Life) -> bool:
+        try:
+            live_on(*life, (900,))
+        except AssertionError as error:
+            return rule in str(error)
+        return False
+
+    return find(LIVES, breaks, settings=settings(SETTINGS, max_examples=400, database=None))
+
+
+def test_a_rest_that_does_nothing_is_found_without_any_story(monkeypatch) -> None:
+    monkeypatch.setattr(InForce, "rest", lambda _, vented: None)
+    _, story, _ = shortest_that_breaks("vertical.control is left behind")
+    assert story == []
+
+
+@pytest.mark.slow
+def test_one_setting_that_stays_in_force_is_found_and_its_story_is_one_deed(monkeypatch) -> None:
+    forgotten = {name: value for name, value in REST.items() if name != "lateral.control"}
+    monkeypatch.setattr("bench_sim.rig.in_force.REST", forgotten)
+    _, story, _ = shortest_that_breaks("lateral.control is left behind")
+    assert len(story) == 1
+    assert dict(story[0].values).keys() == {"lateral_control"}

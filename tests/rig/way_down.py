@@ -27,12 +27,14 @@ VERTICAL = [f"vertical_{side}" for side in SIDES]
 
 
 class LimitWatch:
-    """Looks at all samples that come by, and fails when a reading has broken its limit."""
+    """Looks at all samples that come by, and fails when a reading has broken its limit; those of ``but`` may lie."""
 
-    def __init__(self) -> None:
-        self._last: dict[str, np.ndarray] = {limit.signal: np.zeros(0) for limit in SPANS}
+    def __init__(self, but: frozenset[str] = frozenset()) -> None:
+        self.but = but
+        self._spans = [limit for limit in SPANS if limit.signal not in but]
+        self._last: dict[str, np.ndarray] = {limit.signal: np.zeros(0) for limit in self._spans}
         self._low, self._high = np.full(len(TABLE.index), -np.inf), np.full(len(TABLE.index), np.inf)
-        for limit in SPANS:
+        for limit in self._spans:
             bounds = self._low if limit.kind is LimitKind.LOWER else self._high
             bounds[TABLE.index[limit.signal]] = _bound(limit)
         self._all_within = True  # of what was last seen
@@ -48,7 +50,7 @@ class LimitWatch:
         }
         self._last = {signal: readings[_END] for signal, readings in course.items()}
         self._all_within = True
-        for limit in SPANS:
+        for limit in self._spans:
             samples_in_a_row = PERSISTENCE[_quantity(limit)]
             readings = course[limit.signal]
             lower, bound = limit.kind is LimitKind.LOWER, _bound(limit)
