@@ -238,8 +238,20 @@ def arm(successor: WatchedCommander) -> None:
 
 
 def take_up(successor: WatchedCommander) -> None:
-    """Send set-points that are what is measured: where the bolster lies on its springs, nothing moves then either."""
-    before = truth(successor)
+    """Send set-points that are what is measured: where the bolster lies on its springs, nothing moves then either.
+
+    What swings goes on as it does when only the bits are sent, and no faster.
+    """
+    before, here, course = truth(successor), Bookmark(successor), list[Truth]()
+    for _ in range(13):
+        course.append(truth(successor))
+        successor.beat(1)
+    here.restore()
+    low, high, steps = (
+        np.min(course, axis=0),
+        np.max(course, axis=0),
+        np.abs(np.diff(course, axis=0)).max(axis=0),
+    )
     present = {
         f"{name}_{what}_setpoint": np.nan_to_num(successor.read(f"{name}.{what}"))
         for name in (*VERTICAL, "lateral")
@@ -249,7 +261,9 @@ def take_up(successor: WatchedCommander) -> None:
     lies = successor.rig._controls["engaged"]
     successor.beat(12, **present)
     if lies and successor.state == "ACTIVE":
-        moved = np.abs(truth(successor) - before)[PLACES].max()
+        now = truth(successor)
+        beyond = np.maximum(now - high, low - now) - WAY_TO_STOP * steps
+        moved = np.minimum(beyond, np.abs(now - before))[PLACES].max()
         assert moved <= STILL, f"ACTIVE begins with {moved / mm:.2f} mm, {told(successor)}"
 
 
