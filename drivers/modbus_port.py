@@ -311,7 +311,7 @@ class ModbusPort:
     def _note_port(self) -> None:
         sock = getattr(self._client, "socket", None)
         with contextlib.suppress(OSError):
-            if hasattr(sock, "getsockname"):  # a serial line has no port
+            if sock is not None and hasattr(sock, "getsockname"):  # a serial line has no port
                 self.local_ports.add(int(sock.getsockname()[1]))
 
     def _bits(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[bool]:
