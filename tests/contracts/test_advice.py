@@ -65,6 +65,7 @@ def wrong(text):
             yield f"astb[{extra}]"
 
 
+@pytest.mark.slow
 def test_every_command_that_a_message_names_exists():
     found = [(str(path.relative_to(ROOT)), what) for path, text in texts() for what in wrong(text)]
     assert not found

@@ -30,6 +30,7 @@ def _faults(page: Any) -> list[str]:
     return [f"{one['name']}: {fault}" for one in drawings for fault in faults(one)]
 
 
+@pytest.mark.slow
 def test_words_of_the_pictures_in_the_docs(page: Any) -> None:
     assert len(PICTURES) > 20
     found = []
