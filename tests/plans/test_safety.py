@@ -6,8 +6,8 @@ import pytest
 import astb
 from bench_protocol.units import bar
 from bench_records.result import CheckVerdict, Outcome
+from bench_sim.rig.lease import Lease
 from drivers.commander import Commander
-from drivers.wiring.own_modbus import OwnRegisters
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import FirstOf, NoOperator, Script
@@ -125,7 +125,7 @@ def test_a_bench_that_does_not_miss_the_set_points_fails(safety, monkeypatch):
 
 @slow
 def test_a_bench_without_a_watchdog_for_its_settings_fails(safety, monkeypatch):
-    monkeypatch.setattr(OwnRegisters, "watch", lambda self, within: None)
+    monkeypatch.setattr(Lease, "watch", lambda self, milliseconds: self.feed())
     result, failed, _ = safety()
     assert result.verdict is Outcome.FAIL
     assert failed == {"settings lost: holds"}
