@@ -71,7 +71,7 @@ def test_a_run_its_report_and_its_diagnosis_are_the_same(system: str, linux: Pat
         assert told == told_there and told.strip()
 
     for one, out in ((here, linux), (there, tmp_path)):
-        one("diagnose", linux / "screening", "--effects", "leak.left,orifice.left", "--out", out / "finding")
+        one("diagnose", linux / "screening", "--effects", "leak.left,leak.right", "--out", out / "finding")
     findings = [
         msgspec.json.decode((out / "finding" / "finding.json").read_bytes()) for out in (linux, tmp_path)
     ]
