@@ -46,7 +46,7 @@ test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mo
 	@$(BIN)/python -c 'from tests.foreign.can_rig import CanRig; CanRig().cycle()'
 # In user-mode Linux all of this has one processor: where its host stalls, a rig rightly holds, and a test fails for it.
 # Only where such tests are: system calls are slow there, and so is collecting five thousand others.
-	tools/with_vcan.sh -t 900 -- $(PYTEST) -m vcan --reruns 3 --reruns-delay 2 -rR \
+	tools/with_vcan.sh -t 1500 -- $(PYTEST) -m vcan --reruns 3 --reruns-delay 2 -rR \
 		$$(grep -rl --include='*.py' 'mark.vcan' tests | xargs -n 1 dirname | sort -u) $(ARGS)
 
 .PHONY: check
