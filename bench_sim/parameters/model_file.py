@@ -19,6 +19,7 @@ The file can be read as it was written, to the last digit, unless it was rounded
 """
 
 import json
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -259,12 +260,12 @@ def _toml(value: Any) -> str:
             return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
         case bool():
             return str(value).lower()
-        case int() | float():
+        case int() | float() if math.isfinite(value):
             return repr(value)
         case Mapping():
             return f"{{ {', '.join(f'{_key(key)} = {_toml(one)}' for key, one in value.items())} }}"
         case list() | tuple():
             return f"[{', '.join(map(_toml, value))}]"
     raise TypeError(
-        f"a model file cannot hold {value!r}: text, numbers, truth values, lists and tables are right"
+        f"a model file cannot hold {value!r}: text, finite numbers, truth values, lists and tables are right"
     )

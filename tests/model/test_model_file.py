@@ -130,7 +130,7 @@ _NUMBERS = st.floats(min_value=1e-9, max_value=1e9)
             st.text(alphabet=st.characters(exclude_categories=["Cs"]))
             | st.booleans()
             | st.integers(-(2**62), 2**62)
-            | st.floats(allow_nan=False),
+            | st.floats(allow_nan=False, allow_infinity=False),
             lambda inner: st.lists(inner) | st.dictionaries(st.text(alphabet="ab c.", min_size=1), inner),
             max_leaves=6,
         ),
@@ -220,6 +220,8 @@ def test_effects_alone_make_a_file_for_sealing(tmp_path):
         load_effects(Path("nowhere"))
 
 
-def test_what_toml_has_no_word_for_is_not_written(tmp_path):
-    with pytest.raises(TypeError, match="a model file cannot hold None"):
-        write_model(tmp_path / "x.toml", Model("astb", finding={"verdict": None}))
+@pytest.mark.parametrize("value", [None, float("inf"), float("nan")])
+def test_what_a_model_file_cannot_hold_is_not_written(tmp_path, value):
+    with pytest.raises(TypeError, match=f"a model file cannot hold {value}"):
+        write_model(tmp_path / "x.toml", Model("astb", finding={"verdict": value}))
+    assert not list(tmp_path.iterdir())
