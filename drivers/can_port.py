@@ -55,6 +55,9 @@ _SEND_TIMEOUT: Final = 0.2  # s, for a full transmit queue
 _RECEIVE_BUFFER: Final = 16 << 20  # bytes; the kernel charges about 800 for a frame, so these are 20 000
 _BATCH_MAX: Final = 4096
 
+#: Where the kernel shows its interfaces.
+_INTERFACES: Final = Path("/sys/class/net")
+
 # linux/socket.h, linux/can.h: numbers Python's socket module does not name.
 _SO_RCVBUFFORCE: Final = 33
 _SO_RXQ_OVFL: Final = 40
@@ -172,7 +175,7 @@ def _send_messages(bus: can.BusABC, block: Block, fd: Fd | None) -> None:
 class _SocketCanReceiver:
     """A SocketCAN bus, read past python-can: one system call per frame, the best stamp it has, losses counted."""
 
-    def __init__(self, bus: can.BusABC, sock: socket.socket, fd: Fd | None = None) -> None:
+    def __init__(self, bus: can.BusABC, sock: socket.socket, fd: Fd | None, *, hardware: bool) -> None:
         self.overflows = 0
         self.wire: Wire | None = Wire.on(sock.fileno(), lines=False) if fd is None else None
         self.stamped_by: Clock = "system"
@@ -182,8 +185,9 @@ class _SocketCanReceiver:
         # From now on every frame brings the kernel's count of those it had no room for.
         sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        with contextlib.suppress(OSError):  # a kernel without them has its own
-            sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, TIMESTAMPING)
+        if hardware:  # others have no such stamps, and each frame of theirs would cost twice as much
+            with contextlib.suppress(OSError):  # a kernel without them has its own
+                sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, TIMESTAMPING)
         self._poll = select.poll()
         self._poll.register(sock, select.POLLIN)
 
@@ -404,10 +408,14 @@ def has_interface(name: str) -> bool:
     return name in can_interfaces()
 
 
+def _is_hardware(interface: str) -> bool:
+    return (_INTERFACES / interface / "device").exists()
+
+
 def can_interfaces() -> list[str]:
     """Return the names of the CAN interfaces that are up, sorted."""
     found = []
-    for kind in Path("/sys/class/net").glob("*/type"):
+    for kind in _INTERFACES.glob("*/type"):
         with contextlib.suppress(OSError, ValueError):
             up = int((kind.parent / "flags").read_text(encoding="ascii"), 16) & 1
             if up and kind.read_text(encoding="ascii").strip() == _ARPHRD_CAN:
@@ -420,7 +428,7 @@ def _receiver(bus: can.BusABC, fd: Fd | None, stamped_by: Clock) -> _Receiver:
         return _HubReceiver(bus)
     sock = getattr(bus, "socket", None)
     if isinstance(sock, socket.socket) and sock.family == getattr(socket, "AF_CAN", None):
-        return _SocketCanReceiver(bus, sock, fd)
+        return _SocketCanReceiver(bus, sock, fd, hardware=_is_hardware(sock.getsockname()[0]))
     return _MessageReceiver(bus, fd, stamped_by)
 
 

@@ -79,6 +79,19 @@ def receiver(sock: FakeSocket, fd: Fd | None = None) -> can_port._SocketCanRecei
     return one
 
 
+@pytest.mark.parametrize(("interface", "device", "asked"), [("can0", True, True), ("vcan0", False, False)])
+def test_only_interfaces_that_have_hardware_are_asked_for_its_stamps(
+    monkeypatch, tmp_path, interface, device, asked
+):
+    (tmp_path / interface / ("device" if device else "statistics")).mkdir(parents=True)
+    monkeypatch.setattr(can_port, "_INTERFACES", tmp_path)
+    left, right = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with left, right:
+        can_port._SocketCanReceiver(None, left, None, hardware=can_port._is_hardware(interface))
+        assert bool(left.getsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING)) is asked
+        assert left.getsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS)
+
+
 def test_frames_have_the_stamps_of_the_hardware_where_there_are_some():
     classic = struct.pack("=IB3x8s", 0x123, 2, b"\1\2")
     wide = struct.pack("=IBB2x64s", 0x80000456, 12, 0, bytes(range(12)))

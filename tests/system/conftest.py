@@ -1,6 +1,7 @@
 """A rig to test against, on each of its three wires: in memory, on the TCP hub, on SocketCAN."""
 
 import io
+import os
 import select
 import signal
 import subprocess
@@ -75,6 +76,8 @@ class Site:
     transport: str
     clock: VirtualClock | RealClock
     epoch = 0
+    #: Whether all of this shares one processor on which a frame costs milliseconds.
+    slow = os.environ.get("WITH_VCAN") == "uml"
     #: Whether the rig can tell who sent a CAN frame, and that he is gone: a bus without connections does not.
     connections = True
     _shared: Bench | None = None
@@ -91,6 +94,9 @@ class Site:
     def bench(self) -> Bench:
         """Return a bench, not yet connected."""
         return Bench(OwnWiring(self.can(), self.modbus(), self.epoch), self.clock)
+
+    def close_others(self) -> None:
+        """Close all but what the shared bench uses."""
 
     def shared(self) -> Bench:
         """Return a connected bench that tests use one after the other: arming takes a second of real time."""
@@ -177,11 +183,21 @@ class LiveSite(Site):
         self.transport, self.rig, self.clock = transport, rig, RealClock()
         self.epoch = wall_time_ns() - self.clock.now()
         self.connections = transport == "tcp"
+        self._opened: list[CanPort] = []
 
     def can(self) -> CanPort:
-        if self.rig.can_port is None:
-            return open_can(self.rig.can)
-        return open_can("tcp", port=self.rig.can_port)
+        on_a_bus = self.rig.can_port is None
+        port = open_can(self.rig.can) if on_a_bus else open_can("tcp", port=self.rig.can_port)
+        self._opened.append(port)
+        return port
+
+    def close_others(self) -> None:
+        """Close what a test that failed has left open: each ear costs the next tests time."""
+        kept = [] if self._shared is None else [self._shared.wiring.can]
+        for port in self._opened:
+            if port not in kept:
+                port.close()
+        self._opened = kept
 
     def modbus(self) -> ModbusPort:
         return open_modbus("127.0.0.1", self.rig.modbus_port, timeout=2.0)
@@ -259,6 +275,13 @@ def site(request, rig_file) -> Iterator[Site]:
 def memory_site() -> Callable[[], MemorySite]:
     """Make a new rig in memory."""
     return MemorySite
+
+
+@pytest.fixture(autouse=True)
+def only_the_shared_bench_stays(request) -> Iterator[None]:
+    yield
+    if "site" in request.fixturenames:
+        request.getfixturevalue("site").close_others()
 
 
 @pytest.fixture
