@@ -81,6 +81,7 @@ class Hypothesis:
     imitated: tuple[float, ...] = ()
     #: χ² of what stretches of sound rigs show in the directions of this effect, per χ² of what chance shows there.
     overdispersion: float = 1.0
+    plain: str = ""  #: what is so where the effect is, a sentence without its end; "": the title says it
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -65,6 +65,7 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     gained: float | None = None
     equation: str = ""
     source: str = ""
+    plain: str = ""  #: what is so, a sentence without its end; "": the title says it
 
 
 class Rival(msgspec.Struct, frozen=True, kw_only=True):

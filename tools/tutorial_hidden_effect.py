@@ -116,7 +116,7 @@ def _lost(result: Any) -> tuple[str, str]:
 #: A place in the page, with a group for each figure, and what the program says there.
 FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
     (r"All (\d+) candidates of the catalogue", lambda r: (_candidates(r["found"]),)),
-    (r"```text\n(The simulation lacks [^\n]*)\n```", lambda r: (r["found"]["sentence"],)),
+    (r"```text\n([^\n]*, which the model did not have\.[^\n]*)\n```", lambda r: (r["found"]["sentence"],)),
     (r"95 % interval: ([\d.]+) to ([\d.]+) mm²", lambda r: _area(r["found"], "low", "high", digits=5)),
     (r"error falls from ([\d.]+) to ([\d.]+) times the noise; that", lambda r: _noise_ratios(r["found"])),
     (
@@ -154,7 +154,7 @@ FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
     (r"\| the model before \| ([\d.−]+) % \| ([\d.−]+) %", lambda r: _lost(r["before"])),
     (r"\| the model after \| ([\d.−]+) % \| ([\d.−]+) %", lambda r: _lost(r["after"])),
     (
-        r"1\. screening, [\d.]+ min, [^:]*: (The simulation lacks [^\n]*)\n",
+        r"1\. screening, [\d.]+ min, [^:]*: ([^\n]*, which the model did not have\.[^\n]*)\n",
         lambda r: (r["again"]["sentence"],),
     ),
     (r"busy for ([\d.]+) of its 20", lambda r: (f"{sum(s['minutes'] for s in r['log']['steps']):.1f}",)),

@@ -31,11 +31,12 @@ from diagnosis.finding import (
 
 SENTENCES: Final = {
     Verdict.NO_EFFECT: "Nothing in these runs speaks against the simulation.",
-    Verdict.NAMED: "The simulation lacks {causes}.",
-    Verdict.AMBIGUOUS: "The simulation lacks {causes}; these runs would as well allow {rivals}.",
+    Verdict.NAMED: "{causes}, which the model did not have.",
+    Verdict.AMBIGUOUS: "{causes}, which the model did not have; by these runs it may as well be {rivals}.",
     Verdict.UNRESOLVED: "The simulation is wrong somewhere, but no cause passes every test. {near}",
     Verdict.UNKNOWN: "The simulation is wrong in a way that no known cause explains. {unknown}",
-    Verdict.REMAINDER: "The simulation lacks {causes}, and something else that has no name yet. {unknown}",
+    Verdict.REMAINDER: "{causes}, which the model did not have; something else is wrong, too, and has no name yet. "
+    "{unknown}",
 }
 
 
@@ -64,6 +65,7 @@ def cause(accepted: Accepted, effect: Hypothesis, parameters: list[Estimate], le
         gained=number(left.gained(effect.name)),
         equation=effect.equation,
         source=effect.source,
+        plain=effect.plain,
     )
 
 
@@ -143,7 +145,7 @@ def sentence(
 ) -> str:
     """Say the verdict in a few sentences, for whoever reads nothing else: what it is, what it gains, what is left."""
     said = SENTENCES[verdict].format(
-        causes=" and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes),
+        causes=_begun(" and ".join(f"{_plain(c)} ({_size(c.parameters)})" for c in causes)),
         rivals=" or ".join(f"{r.title} ({_size(r.parameters)}) instead of {r.instead_of}" for r in others),
         unknown=" ".join(u.sentence for u in unknowns),
         near=_nearest(causes, suspects),
@@ -154,6 +156,15 @@ def sentence(
     if verdict is not Verdict.UNRESOLVED:
         parts += [_worth(one) for one in causes]
     return " ".join(part for part in parts if part)
+
+
+def _plain(one: Cause) -> str:
+    """Say what is so: a part of a sentence."""
+    return one.plain or f"there is {one.title}"
+
+
+def _begun(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
@@ -167,7 +178,7 @@ def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
         )
     told = []
     for place, one in zip(chain(["nearest"], repeat("next")), suspects, strict=False):
-        title = one.title[:1].upper() + one.title[1:]
+        title = _begun(one.title)
         told.append(f"{title} ({_size(one.parameters)}) comes {place} but {one.why}.")
     return " ".join(told)
 
@@ -191,7 +202,7 @@ def _worth(one: Cause) -> str:
     """Say of a cause that it explains nothing, or little, of the error on unseen runs; "" if it does."""
     if one.gained is None or one.gained >= GAINS_LITTLE:
         return ""
-    title = one.title[:1].upper() + one.title[1:]
+    title = _begun(one.title)
     if one.gained < GAINS_NOTHING:
         return f"{title} gains nothing there."
     return f"{title} explains only {100.0 * one.gained:.2g} % of it."

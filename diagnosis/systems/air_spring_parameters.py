@@ -291,6 +291,7 @@ def _hypothesis(
         effect.source,
         imitated=imitated if len(imitated) == len(effect.grid) else (),
         overdispersion=_sound()["overdispersion"].get(effect.name, 1.0),
+        plain=effect.plain.format(side=place),
     )
 
 

@@ -98,6 +98,7 @@ _HEAT: Final = (
         name="heat_exchange",
         family="heat",
         title="heat that the wall gives in finite time",
+        plain="the wall gives its heat in finite time",
         amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
         touches=frozenset({"gas"}),
         confusers=_LEAK_NAMES,
@@ -108,6 +109,7 @@ _HEAT: Final = (
         name="filling_heat",
         family="heat",
         title="gas still warm from filling",
+        plain="the gas is still warm from filling",
         amplitude=Parameter("excess_temperature", "K", 0.0, 10.0, -40.0, 40.0, step=0.01, display="K"),
         shapes=(Parameter("time_constant", "s", 20.0, 20.0, 1.0, 600.0, logarithmic=True, display="s"),),
         grid=((5.0,), (20.0,), (60.0,)),
@@ -121,6 +123,7 @@ _DRIFT: Final = Hypothesis(
     name="sensor_drift",
     family="sensor",
     title="drift of the pressure sensor",
+    plain="the pressure sensor drifts",
     amplitude=Parameter(
         "rate", "Pa/s", 0.0, 3.0, -1e3, 1e3, step=1e-3, display="mbar/min", scale=100.0 / 60.0
     ),

@@ -42,7 +42,7 @@ def finding(verdict=Verdict.NAMED, causes=1, rivals=0, **rest):
     )
     return Finding(
         verdict=verdict,
-        sentence="The simulation lacks a leak.",
+        sentence="The left bellows leaks, which the model did not have.",
         causes=[cause] * causes,
         threshold=3.4,
         alpha=0.01,

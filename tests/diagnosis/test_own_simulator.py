@@ -59,7 +59,7 @@ def test_the_page_does_what_it_says(page: Path) -> None:
     assert len((page / "my_oscillator.py").read_text().splitlines()) < 60
     done = typed(page, commands)
     assert done.returncode == 0, done.stderr
-    (said,) = re.findall(r"```\n(The simulation lacks.*?)```", text, flags=re.DOTALL)
+    (said,) = re.findall(r"```\n(There is dry friction.*?)```", text, flags=re.DOTALL)
     sentence, *rest = said.splitlines()
     assert done.stdout.startswith(sentence.partition(" On runs")[0])
     assert [line for line in rest if "(95 %:" in line] == [

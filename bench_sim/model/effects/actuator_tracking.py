@@ -17,6 +17,7 @@ EFFECT: Final = Effect(
     name="actuator_tracking",
     family="rig",
     title="actuators follow faster or slower than assumed",
+    plain="the actuators follow faster or slower than assumed",
     amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=-0.3, low=-0.8, high=1.0),
     change=_change,
     touches=frozenset({"timing"}),

@@ -20,6 +20,7 @@ EFFECT: Final = Effect(
     name="area_slope",
     family="gas",
     title="slope of the effective area",
+    plain="the effective area changes with height",
     amplitude=EffectParameter("slope", "m", "m", 1.0, nominal=0.0, typical=0.1, low=-0.2, high=0.2),
     change=_change,
     touches=frozenset({"force", "gas"}),

@@ -21,6 +21,7 @@ EFFECT: Final = Effect(
     name="asymmetric_orifice",
     family="flow",
     title="orifice with a direction",
+    plain="the orifice lets air through better in one direction",
     amplitude=EffectParameter("asymmetry", "1", "%", 0.01, nominal=0.0, typical=0.08, low=-0.8, high=0.8),
     change=_change,
     touches=frozenset({"flow"}),

@@ -19,6 +19,7 @@ EFFECT: Final = Effect(
     name="bellows_volume",
     family="gas",
     title="volume of the bellows",
+    plain="the bellows hold more or less air than assumed",
     amplitude=EffectParameter("change", "1", "%", 0.01, nominal=0.0, typical=0.1, low=-0.5, high=1.0),
     change=_change,
     touches=frozenset({"gas"}),

@@ -18,6 +18,7 @@ EFFECT: Final = Effect(
     name="clock_skew",
     family="acquisition",
     title="clock of the pressures is slow",
+    plain="the clock of the pressures is slow",
     amplitude=EffectParameter("skew", "1", "ppm", 1e-6, nominal=0.0, typical=1e-4, low=0.0, high=2e-3),
     change=_change,
     touches=frozenset({"sensor", "timing"}),

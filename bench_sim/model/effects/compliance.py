@@ -23,6 +23,7 @@ EFFECT: Final = Effect(
     name="compliance",
     family="gas",
     title="radial compliance of the bellows",
+    plain="the bellows widen under pressure",
     amplitude=EffectParameter(
         "compliance", "m3/Pa", "litre/bar", 1e-8, nominal=0.0, typical=0.25e-8, low=0.0, high=4e-8
     ),

@@ -14,6 +14,7 @@ EFFECT: Final = Effect(
     name="coupling",
     family="rig",
     title="lateral-roll coupling differs from the assumed one",
+    plain="the coupling between shear and roll is not the assumed one",
     amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-1.0, high=2.0),
     change=_change,
     touches=frozenset({"force"}),

@@ -25,6 +25,7 @@ EFFECT: Final = Effect(
     name="creep",
     family="rubber",
     title="creep of the emergency spring",
+    plain="the emergency springs creep",
     amplitude=EffectParameter("ratio", "1", "%", 0.01, nominal=0.0, typical=0.05, low=0.0, high=1.0),
     change=_change,
     shapes=(

@@ -19,6 +19,7 @@ EFFECT: Final = Effect(
     name="crosstalk",
     family="sensor",
     title="lateral load cells feel the vertical force",
+    plain="the lateral load cells feel the vertical force",
     amplitude=EffectParameter("share", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.1, high=0.1),
     change=_change,
     touches=frozenset({"sensor"}),

@@ -20,6 +20,7 @@ EFFECT: Final = Effect(
     name="discharge",
     family="flow",
     title="discharge coefficient of the orifice",
+    plain="the orifice lets through more or less than assumed",
     amplitude=EffectParameter("change", "1", "%", 0.01, nominal=0.0, typical=0.05, low=-0.5, high=0.6),
     change=_change,
     touches=frozenset({"flow"}),

@@ -21,6 +21,7 @@ EFFECT: Final = Effect(
     name="discharge_reynolds",
     family="flow",
     title="discharge that falls with the Reynolds number",
+    plain="the orifice lets through less at low Reynolds numbers",
     amplitude=EffectParameter("k", "1", "1", 1.0, nominal=0.0, typical=20.0, low=0.0, high=300.0),
     change=_change,
     touches=frozenset({"flow"}),

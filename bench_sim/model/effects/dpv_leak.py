@@ -21,6 +21,7 @@ EFFECT: Final = Effect(
     name="dpv_leak",
     family="flow",
     title="leaking differential pressure valve",
+    plain="the differential pressure valve leaks",
     amplitude=EffectParameter("area", "m2", "mm2", 1e-6, nominal=0.0, typical=1e-6, low=0.0, high=50e-6),
     change=_change,
     touches=frozenset({"gas", "flow"}),

@@ -57,6 +57,7 @@ class Effect:
     title: str
     amplitude: EffectParameter
     change: Change
+    plain: str = ""  #: what is so where the effect is, as a sentence; {side} stands for its place
     shapes: tuple[EffectParameter, ...] = ()
     grid: tuple[tuple[float, ...], ...] = ((),)
     places: tuple[str, ...] = ()  #: () or `PLACES`

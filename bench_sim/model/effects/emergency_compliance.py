@@ -15,6 +15,7 @@ EFFECT: Final = Effect(
     name="emergency_compliance",
     family="rig",
     title="emergency springs are softer or harder than assumed",
+    plain="the emergency springs are softer or harder than assumed",
     amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-0.8, high=4.0),
     change=_change,
     touches=frozenset({"force"}),

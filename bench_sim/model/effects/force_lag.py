@@ -19,6 +19,7 @@ EFFECT: Final = Effect(
     name="force_lag",
     family="sensor",
     title="load cells and force transducers lag behind",
+    plain="load cells and force transducers lag behind",
     amplitude=EffectParameter("lag", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
     change=_change,
     touches=frozenset({"sensor"}),

@@ -18,6 +18,7 @@ EFFECT: Final = Effect(
     name="force_latency",
     family="acquisition",
     title="forces arrive late",
+    plain="the forces arrive late",
     amplitude=EffectParameter("delay", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
     change=_change,
     touches=frozenset({"sensor", "timing"}),

@@ -22,6 +22,7 @@ EFFECT: Final = Effect(
     name="heat",
     family="gas",
     title="heat exchange with the walls",
+    plain="the walls exchange more or less heat than assumed",
     amplitude=EffectParameter("change", "1", "%", 0.01, nominal=0.0, typical=0.5, low=-0.95, high=9.0),
     change=_change,
     touches=frozenset({"gas"}),

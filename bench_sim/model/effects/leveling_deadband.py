@@ -20,6 +20,7 @@ EFFECT: Final = Effect(
     name="leveling_deadband",
     family="flow",
     title="deadband of the leveling valves",
+    plain="the leveling valves have another deadband",
     amplitude=EffectParameter("change", "m", "mm", 1e-3, nominal=0.0, typical=2e-3, low=-3e-3, high=20e-3),
     change=_change,
     touches=frozenset({"flow"}),

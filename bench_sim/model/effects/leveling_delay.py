@@ -19,6 +19,7 @@ EFFECT: Final = Effect(
     name="leveling_delay",
     family="flow",
     title="delay of the leveling valves",
+    plain="the leveling valves act late",
     amplitude=EffectParameter("time", "s", "s", 1.0, nominal=0.0, typical=1.0, low=-0.9, high=10.0),
     change=_change,
     touches=frozenset({"flow", "timing"}),

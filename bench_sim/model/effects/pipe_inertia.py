@@ -23,6 +23,7 @@ EFFECT: Final = Effect(
     name="pipe_inertia",
     family="flow",
     title="inertia of the air in the connection",
+    plain="the air in the connection has inertia",
     amplitude=EffectParameter("length", "m", "m", 1.0, nominal=0.0, typical=1.0, low=0.0, high=10.0),
     change=_change,
     touches=frozenset({"flow"}),

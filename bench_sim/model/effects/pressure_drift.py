@@ -18,6 +18,7 @@ EFFECT: Final = Effect(
     name="pressure_drift",
     family="sensor",
     title="pressure transmitter of one bellows drifts",
+    plain="the {side} pressure transmitter drifts",
     amplitude=EffectParameter(
         "rate",
         "Pa/s",

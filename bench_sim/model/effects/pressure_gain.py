@@ -15,6 +15,7 @@ EFFECT: Final = Effect(
     name="pressure_gain",
     family="sensor",
     title="wrong gain of the pressure transmitters",
+    plain="the pressure transmitters have a wrong gain",
     amplitude=EffectParameter("gain", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.2, high=0.2),
     change=_change,
     touches=frozenset({"sensor"}),

@@ -15,6 +15,7 @@ EFFECT: Final = Effect(
     name="pressure_lag",
     family="sensor",
     title="pressure transmitters lag behind",
+    plain="the pressure transmitters lag behind",
     amplitude=EffectParameter("lag", "s", "ms", 1e-3, nominal=0.0, typical=10e-3, low=0.0, high=0.5),
     change=_change,
     touches=frozenset({"sensor"}),

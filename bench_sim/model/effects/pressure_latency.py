@@ -14,6 +14,7 @@ EFFECT: Final = Effect(
     name="pressure_latency",
     family="acquisition",
     title="pressures arrive late",
+    plain="the pressures arrive late",
     amplitude=EffectParameter("delay", "s", "ms", 1e-3, nominal=0.0, typical=10e-3, low=0.0, high=0.1),
     change=_change,
     touches=frozenset({"sensor", "timing"}),

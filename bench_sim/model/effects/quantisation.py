@@ -23,6 +23,7 @@ EFFECT: Final = Effect(
     name="quantisation",
     family="acquisition",
     title="coarse converters of forces and pressures",
+    plain="the converters of forces and pressures are coarse",
     amplitude=EffectParameter("step", "1", "%", 0.01, nominal=0.0, typical=2.0**-12, low=0.0, high=0.01),
     change=_change,
     touches=frozenset({"sensor"}),
