@@ -12,9 +12,10 @@ from astb.rehearsal.rehearsing import LimitMargin, Rehearsal
 from bench_protocol.units import litre
 from bench_records.circumstances import circumstances
 from bench_records.disk import kept
+from bench_records.layout import ICE
 from bench_records.record import Record, read
 from bench_records.run_drawings import lines_by_quantity, numbered, phase_strips
-from bench_records.typography import THIN_SPACE, fixed, seconds
+from bench_records.typography import THIN_SPACE, fixed, seconds, unit
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -93,9 +94,10 @@ def sentence(found: Rehearsal) -> str:
 
 def limit_line(row: LimitMargin) -> str:
     """Return a limit and how close it came, in a line of text."""
+    began = f" from {row.began}" if row.began else ""
     where = f" in {row.step} at {row.time:.2f} s" if row.closest and row.step else ""
     return (
-        f"{100 * row.used:3.0f} % of the way to {_named(row)} {row.limit}: {row.closest or 'never'}{where} "
+        f"{100 * row.used:3.0f} % of the way{began} to {_named(row)} {row.limit}: {row.closest or 'never'}{where} "
         f"→ {row.action} ({row.source})"
     )
 
@@ -112,9 +114,17 @@ def _limit_row(row: LimitMargin) -> _LimitRow:
 
 def _extreme_row(one: Extreme) -> _ExtremeRow:
     name = one.signal.replace(".", " ").replace("_", " ") + (", speed" if one.is_speed else "")
-    low, high = one.low / one.scale, one.high / one.scale
+    is_warmth = one.unit == "K" and not one.is_speed
+    low, high = ((end - (ICE if is_warmth else 0.0)) / one.scale for end in (one.low, one.high))
     digits = 0 if max(abs(low), abs(high)) >= 1000 else 1 if max(abs(low), abs(high)) >= 10 else 2
-    return _ExtremeRow(name, one.unit, fixed(low, digits), one.low_in, fixed(high, digits), one.high_in)
+    return _ExtremeRow(
+        name,
+        unit("degC" if is_warmth else one.unit),
+        fixed(low, digits),
+        one.low_in,
+        fixed(high, digits),
+        one.high_in,
+    )
 
 
 def _panels(record: Record, found: Rehearsal, span: tuple[float, float]) -> list[str]:
@@ -127,12 +137,12 @@ def _panels(record: Record, found: Rehearsal, span: tuple[float, float]) -> list
     marks = [found.refusal.time] if found.refusal else []
     names = [name for name in record.signals if name in limited]
     panels = []
-    for index, (quantity, unit, lines) in enumerate(lines_by_quantity(record, names)):
-        of = {name: record.signals[name].scale for name in names if record.signals[name].quantity == quantity}
+    for index, (quantity, measured_in, lines) in enumerate(lines_by_quantity(record, names)):
+        of = {name: record.signals[name] for name in names if record.signals[name].quantity == quantity}
         levels = sorted(
-            {row.at / of[row.signal] for row in found.limits if row.signal in of and row.kind in _PLACES}
+            {of[row.signal].shown(row.at) for row in found.limits if row.signal in of and row.kind in _PLACES}
         )
-        panels.append(time_panel(f"time{index}", quantity, unit, lines, shaded, span, marks, levels))
+        panels.append(time_panel(f"time{index}", quantity, measured_in, lines, shaded, span, marks, levels))
     return panels
 
 

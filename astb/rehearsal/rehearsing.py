@@ -35,6 +35,7 @@ REHEARSAL: Final = "rehearsal.json"
 _NORMAL_DENSITY: Final = 1.2922
 #: What a plan asks of a rig: where a real one lacks some of it, the simulated one shall lack it too.
 _ASKED: Final = (Kind.MEASUREMENT, Kind.SETPOINT, Kind.SETTING)
+_PLACES: Final = (LimitKind.LOWER, LimitKind.UPPER)
 #: What our wires alone have, and no plan asks for.
 _OUR_WIRES: Final = ("control.", "lease.")
 
@@ -54,6 +55,7 @@ class LimitMargin(msgspec.Struct, frozen=True):
     source: str
     limit: str  #: in words
     closest: str
+    began: str = ""  #: where the reading was at first, in words; "" of what is no place
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -261,6 +263,9 @@ def _margins(
                 source=source,
                 limit=_shown(limit.signal, limit.kind, limit.at),
                 closest="" if isnan(near.judged) else _shown(limit.signal, limit.kind, near.judged),
+                began=_shown(limit.signal, limit.kind, near.rest)
+                if limit.kind in _PLACES and not isnan(near.rest)
+                else "",
             )
         )
     return sorted(rows, key=lambda row: -row.used)
