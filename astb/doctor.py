@@ -1,4 +1,4 @@
-"""What this machine has of what the bench can use: packages, priority, SocketCAN, ports, tools; and how to mend it."""
+"""What is available on this machine, and what is missing: packages, priority, SocketCAN, ports, tools."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from bench_protocol.units import NS, ms, s, us
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
 
-#: *fine*; *lacking*: the bench works without it, though not everything of it; *broken*: it does not work.
-State = Literal["fine", "lacking", "broken"]
+#: *fine*; *missing*: the bench works without it, though not everything of it; *broken*: it does not work.
+State = Literal["fine", "missing", "broken"]
 
 #: What a run in real time asks for: see `bench_protocol.clock`.
 PRIORITY: Final = 10
@@ -59,7 +59,7 @@ class Finding(msgspec.Struct, frozen=True):
 
 
 def examine_machine(rig: RigFile, records: Path) -> list[Finding]:
-    """Return what there is and what lacks, for ``rig`` on this machine and records under ``records``.
+    """Return what is available and what is missing, for ``rig`` on this machine and records under ``records``.
 
     Takes about half a second. Nothing is changed and nothing leaves the machine, except that the rig file's own
     addresses are asked whether somebody listens there.
@@ -92,7 +92,7 @@ def _python() -> Finding:
 def _system() -> Finding:
     return Finding(
         "operating system",
-        "fine" if LINUX else "lacking",
+        "fine" if LINUX else "missing",
         platform.system(),
         "rigs in real time",
         "" if LINUX else "Linux; virtual time (--virtual), reports and diagnoses need none",
@@ -139,7 +139,7 @@ def _packages() -> Iterator[Finding]:
     for extra, (purpose, _) in EXTRAS.items():
         yield Finding(
             f"extra {extra}",
-            "lacking" if extra in lacking else "fine",
+            "missing" if extra in lacking else "fine",
             f"no {lacking[extra]}" if extra in lacking else "there",
             purpose,
             mend(extra) if extra in lacking else "",
@@ -155,7 +155,7 @@ def _compiled_code() -> Finding:
     if plain:
         return Finding(
             "compiled code",
-            "lacking",
+            "missing",
             "switched off by NUMBA_DISABLE_JIT",
             "real time; plain Python is a hundred times slower",
             "unset NUMBA_DISABLE_JIT",
@@ -163,7 +163,7 @@ def _compiled_code() -> Finding:
     kept = folder_of(nozzle_flow)
     return Finding(
         "compiled code",
-        "fine" if kept else "lacking",
+        "fine" if kept else "missing",
         f"kept in {kept}" if kept else NOT_KEPT.partition(";")[0],
         "quick starts",
         "" if kept else "set NUMBA_CACHE_DIR to a folder that you may write",
@@ -183,7 +183,7 @@ def _processors() -> Finding:
     count = processors()
     return Finding(
         "processors",
-        "fine" if count > 1 else "lacking",
+        "fine" if count > 1 else "missing",
         f"{count} for this process",
         "a rig and its commander side by side in real time",
         "" if count > 1 else "another processor; virtual time needs one",
@@ -226,7 +226,7 @@ def _priority() -> Iterator[Finding]:
         refused = _in_a_thread(attempt)
         yield Finding(
             name,
-            "lacking" if refused else "fine",
+            "missing" if refused else "fine",
             refused.lower() or "granted",
             purpose,
             f"the line `{line}` in {limits}, USERS being a group of yours; then log in anew"
@@ -252,7 +252,7 @@ def _punctuality() -> Finding:
     right = high < LATE
     return Finding(
         "punctuality",
-        "fine" if right else "lacking",
+        "fine" if right else "missing",
         f"sleeps of 1 ms end {median / NS / us:.0f} us late, one in a hundred {high / NS / us:.0f} us",
         "runs in real time",
         "" if right else "end what else computes here, or run in virtual time (--virtual)",
@@ -272,7 +272,7 @@ def _socketcan() -> Finding:
     else:
         mend = "" if up else f"ip link set {VIRTUAL_INTERFACE} up"
         said = f"{VIRTUAL_INTERFACE} is {'up' if up else 'down'}"
-        return Finding("SocketCAN", "fine" if up else "lacking", said, purpose, mend)
+        return Finding("SocketCAN", "fine" if up else "missing", said, purpose, mend)
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except (OSError, AttributeError):
@@ -281,9 +281,9 @@ def _socketcan() -> Finding:
             where = f"user-mode Linux exists for x86_64 only, not for {platform.machine()}"
         elif _has_wide_tiles() and not (os.environ.get("CC") or shutil.which("cc")):
             where += ", on this processor with the help of a C compiler: apt install gcc libc6-dev"
-        return Finding("SocketCAN", "lacking", "this kernel has none", purpose, f"{where} ({how})")
+        return Finding("SocketCAN", "missing", "this kernel has none", purpose, f"{where} ({how})")
     mend = f"ip link add {VIRTUAL_INTERFACE} type vcan && ip link set {VIRTUAL_INTERFACE} up, as root"
-    return Finding("SocketCAN", "lacking", f"the kernel has it, but no {VIRTUAL_INTERFACE}", purpose, mend)
+    return Finding("SocketCAN", "missing", f"the kernel has it, but no {VIRTUAL_INTERFACE}", purpose, mend)
 
 
 def _has_wide_tiles() -> bool:
@@ -316,7 +316,7 @@ def _ports(rig: RigFile) -> Iterator[Finding]:
         said = "free" if not taken else "a rig answers" if is_rig else "somebody else listens there"
         yield Finding(
             f"{name} {host}:{port}",
-            "fine" if right else "lacking",
+            "fine" if right else "missing",
             said,
             f"the rig {rig.name}",
             ""
@@ -330,7 +330,7 @@ def _tools() -> Iterator[Finding]:
         path = shutil.which(name)
         yield Finding(
             name,
-            "fine" if path else "lacking",
+            "fine" if path else "missing",
             path or "not here",
             purpose,
             "" if path else f"{APT} {package}",
@@ -343,12 +343,12 @@ def _printing() -> Finding:
     purpose = "reports as PDF (--pdf)"
     path = browser()
     if path is None:
-        return Finding("Chromium", "lacking", "not here", purpose, MEND)
+        return Finding("Chromium", "missing", "not here", purpose, MEND)
     number = browser_version(path)
     right = number is not None and number >= NUMBERS_PAGES
     return Finding(
         "Chromium",
-        "fine" if right else "lacking",
+        "fine" if right else "missing",
         f"{path}, {'of a version that it does not tell' if number is None else f'version {number}'}",
         purpose,
         "" if right else f"version {NUMBERS_PAGES} or newer, or pages have no numbers",
@@ -362,7 +362,7 @@ def _room(records: Path) -> Finding:
     right = writable and free > ROOM
     return Finding(
         f"room in {records}",
-        "fine" if right else "lacking" if writable else "broken",
+        "fine" if right else "missing" if writable else "broken",
         f"{free / 1e9:.3g} GB free" if writable else f"{there} cannot be written",
         "records; an hour takes some 0.1 GB",
         "" if right else "another folder: --out DIRECTORY",

@@ -1,4 +1,4 @@
-"""`astb doctor`: what this machine lacks for the bench, and how to mend it."""
+"""`astb doctor`: what is available on this machine, what is missing, and how to install that."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from astb.tables import open_console, open_table, print_json, styled
 @JSON_OPTION
 @out_option("Where records would go.")
 def doctor_command(rig_named: str | None, as_json: bool, out: Path) -> None:
-    """Tell what this machine has of what the bench can use, and how to mend what lacks.
+    """Tell what is available on this machine, what is missing, and how to install that.
 
     Ends with 0 if the bench works here, though perhaps not everything of it, and with 3 if it does not.
     """
@@ -25,7 +25,7 @@ def doctor_command(rig_named: str | None, as_json: bool, out: Path) -> None:
     if as_json:
         print_json(findings)
     else:
-        style = {"fine": "green", "lacking": "yellow", "broken": "bold red"}
+        style = {"fine": "green", "missing": "yellow", "broken": "bold red"}
         table = open_table("this machine", "", "what", "found", "used for", whole=("",))
         for one in findings:
             table.add_row(styled(one.state, style[one.state]), one.name, one.found, one.used_for)

@@ -98,7 +98,7 @@ def test_free_ports_are_fine_and_a_stranger_at_one_is_told(rig) -> None:
     assert before[f"CAN hub 127.0.0.1:{can}"] == ("fine", "free")
     with socket.create_server(("127.0.0.1", can)):
         after = findings(path)
-    assert after[f"CAN hub 127.0.0.1:{can}"] == ("lacking", "somebody else listens there")
+    assert after[f"CAN hub 127.0.0.1:{can}"] == ("missing", "somebody else listens there")
     assert after[f"Modbus 127.0.0.1:{modbus}"] == ("fine", "free")
 
 
