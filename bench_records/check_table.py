@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from bench_records.conformity import percent
@@ -17,6 +18,8 @@ COLORS = {
     CheckVerdict.ERROR: "#5b3f8c",
     CheckVerdict.NOT_AVAILABLE: "#5b6670",
 }
+#: Shares of a variance.
+ALMOST_ALL, MOSTLY = 0.9, 0.5
 SIGNS = {
     CheckVerdict.PASS: "\u2713",
     CheckVerdict.MARGINAL: "\u25b2",
@@ -117,10 +120,22 @@ def certainty(one: Check) -> str:
         return f"no uncertainty: {one.without}"
     if not one.u or one.conformity is None or not math.isfinite(one.number):
         return ""
-    shares = [
-        f"{cause.replace('_', ' ')} {100 * (part / one.u) ** 2:.0f} %" for cause, part in one.parts.items()
-    ]
-    return f"conforms with {percent(one.conformity)} (k = {one.k:.3g}); u² by {', '.join(shares[:2])}"
+    told = f"conforms with {percent(one.conformity)} (k = {one.k:.3g})"
+    return f"{told}; uncertainty: {causes}" if (causes := _causes(one.parts, one.u)) else told
+
+
+def _causes(parts: Mapping[str, float], u: float) -> str:
+    """What causes an uncertainty ``u``: the largest share of the variance, and the second if it counts."""
+    shares = sorted(((part / u) ** 2, cause.replace("_", " ")) for cause, part in parts.items())[::-1]
+    if not shares:
+        return ""
+    (first, most), *others = shares
+    if first > ALMOST_ALL:
+        return f"almost all {most}"
+    if first > MOSTLY:
+        return f"mostly {most}" + (f", then {others[0][1]}" if others else "")
+    named = [most, *(cause for _, cause in others[:1])]
+    return " and ".join(named) if len(others) < 2 else f"{', '.join(named)} and others"
 
 
 def range_bar(one: Check) -> Bar:

@@ -35,8 +35,16 @@ class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
     b: Check | None
     change: float | None
     share: float | None
+    change_expanded: float | None = None  #: as if both values were independent
     limits_changed: bool
     verdict_changed: bool
+
+    @property
+    def exceeds(self) -> bool | None:
+        """Whether the change is more than its uncertainty; None where nobody knows."""
+        if self.change is None or self.change_expanded is None:
+            return None
+        return abs(self.change) > self.change_expanded
 
 
 class CurvePair(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,8 +60,9 @@ class CurvePair(msgspec.Struct, frozen=True, kw_only=True):
 class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     """Run A beside run B."""
 
-    a: str
+    a: str  #: as it was given
     b: str
+    names: tuple[str, str]  #: of their folders, with as much of the way to them as tells them apart
     facts: list[Fact]
     verdicts: tuple[str, str]
     circumstances: tuple[str, str]  #: simulated, virtual time, effects and changes; empty for a real rig
@@ -69,6 +78,7 @@ def compare_runs(a: Path, b: Path) -> Comparison:
     return Comparison(
         a=str(a),
         b=str(b),
+        names=_names(a, b),
         facts=_facts(_all_facts(one, told), _all_facts(other, also_told)),
         verdicts=(first, second),
         circumstances=(" · ".join(circumstances(told)), " · ".join(circumstances(also_told))),
@@ -76,6 +86,15 @@ def compare_runs(a: Path, b: Path) -> Comparison:
         curves=curves,
         lonely_curves=lonely,
     )
+
+
+def _names(a: Path, b: Path) -> tuple[str, str]:
+    """The last parts of two paths, as many as tell one from the other."""
+    one, other = (path.resolve().parts for path in (a, b))
+    for count in range(1, max(len(one), len(other)) + 1):
+        if one[-count:] != other[-count:]:
+            return "/".join(one[-count:]), "/".join(other[-count:])
+    return one[-1], other[-1]
 
 
 def _all_facts(result: Result, facts: dict[str, Any]) -> dict[str, str]:
@@ -111,10 +130,12 @@ def _check_pairs(a: list[Check], b: list[Check]) -> list[CheckPair]:
 
 def _check_pair(key: tuple[str, str], a: Check | None, b: Check | None) -> CheckPair:
     phase, name = key
-    change = share = None
+    change = share = expanded = None
     if a and b and math.isfinite(a.number) and math.isfinite(b.number):
         change = b.number - a.number
         share = change / abs(a.number) if a.number else None
+        if a.expanded is not None and b.expanded is not None:
+            expanded = math.hypot(a.expanded, b.expanded)
     return CheckPair(
         phase=phase,
         name=name,
@@ -122,6 +143,7 @@ def _check_pair(key: tuple[str, str], a: Check | None, b: Check | None) -> Check
         b=b,
         change=change,
         share=share,
+        change_expanded=expanded,
         limits_changed=bool(a and b and (a.low, a.high) != (b.low, b.high)),
         verdict_changed=bool(a and b and a.verdict != b.verdict),
     )

@@ -15,6 +15,11 @@ class Axis(msgspec.Struct, frozen=True):
     label: str
     unit: str = ""
     scale: float = 1.0
+    zero: float = 0.0  #: where the unit begins to count (SI), 273.15 K for degC
+
+    def shown(self, value: float) -> float:
+        """Return a value (SI) in the unit."""
+        return (value - self.zero) / self.scale
 
 
 class Curve(msgspec.Struct, frozen=True, kw_only=True):
@@ -32,6 +37,7 @@ class Curve(msgspec.Struct, frozen=True, kw_only=True):
     group: str = ""
     lows: list[float | None] = []  #: the limits of each point of a sweep, where it has some (SI)
     highs: list[float | None] = []
+    expanded: list[float | None] = []  #: the expanded uncertainty of each y, where it is known (SI)
 
     def __post_init__(self) -> None:
         if len(self.xs) != len(self.ys):
@@ -42,6 +48,11 @@ class Curve(msgspec.Struct, frozen=True, kw_only=True):
             raise ValueError(
                 f"curve {self.name!r} has {len(self.lows)} low and {len(self.highs)} high limits for {len(self.xs)} "
                 "points; each point has one, or none has"
+            )
+        if len(self.expanded) not in {0, len(self.xs)}:
+            raise ValueError(
+                f"curve {self.name!r} has {len(self.expanded)} uncertainties for {len(self.xs)} points; each point "
+                "has one, which may be None, or none has"
             )
 
 
@@ -55,12 +66,24 @@ def curve(
     kind: Literal["loop", "sweep"] = "loop",
     group: str = "",
     limits: Iterable[tuple[float | None, float | None]] = (),
+    expanded: Iterable[float | None] = (),
 ) -> Curve:
     """A curve from any two series of numbers (arrays included); what is no number becomes a gap.
 
-    ``limits`` are low and high of each point.
+    ``limits`` are low and high of each point, ``expanded`` its expanded uncertainty.
     """
     clean_x, clean_y = ([float(n) if math.isfinite(n) else None for n in series] for series in (xs, ys))
     pairs = list(limits)
     lows, highs = [low for low, _ in pairs], [high for _, high in pairs]
-    return Curve(name=name, x=x, y=y, xs=clean_x, ys=clean_y, kind=kind, group=group, lows=lows, highs=highs)
+    return Curve(
+        name=name,
+        x=x,
+        y=y,
+        xs=clean_x,
+        ys=clean_y,
+        kind=kind,
+        group=group,
+        lows=lows,
+        highs=highs,
+        expanded=list(expanded),
+    )

@@ -23,7 +23,7 @@ from bench_records.stream import is_held
 
 INDEX: Final = "index.sqlite"
 #: Another version of the tables is thrown away and made anew.
-VERSION: Final = 3
+VERSION: Final = 4
 WAIT: Final = 10.0
 _UNWRITABLE: Final = (
     sqlite3.SQLITE_CANTOPEN,
@@ -42,7 +42,7 @@ create table run (
 create table judged (
     directory text not null references run on delete cascade, place integer not null, phase text not null,
     name text not null, value real, unit text not null, scale real not null, low real, high real, verdict text not null,
-    primary key (directory, place)
+    expanded real, primary key (directory, place)
 );
 create index judged_by_name on judged (name);
 """
@@ -82,10 +82,11 @@ class KeptCheck(msgspec.Struct, frozen=True, kw_only=True):
     low: float | None
     high: float | None
     verdict: str
+    expanded: float | None = None  #: expanded uncertainty
 
 
 _RUN: Final = tuple(KeptRun.__struct_fields__)
-_CHECK: Final = ("phase", "name", "value", "unit", "scale", "low", "high", "verdict")
+_CHECK: Final = ("phase", "name", "value", "unit", "scale", "low", "high", "verdict", "expanded")
 
 
 class RunIndex:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bench_records.disk import kept
-from bench_records.plots import ALARM, PALETTE, SOFT, heading, panel, style, svg
+from bench_records.plots import ALARM, PALETTE, SOFT, heading, number, panel, style, svg
 from bench_records.result import Check
 from bench_records.templates import template
-from bench_records.typography import THIN_SPACE, fixed, significant, with_uncertainty
+from bench_records.typography import THIN_SPACE, fixed, primed, significant, unit, with_uncertainty
 
 if TYPE_CHECKING:
     from bench_records.comparison import CheckPair, Comparison, CurvePair
@@ -35,6 +35,7 @@ class Row(NamedTuple):
     a: str
     b: str
     change: str
+    uncertainty: str  #: of the change
     remark: str
     tone: str
 
@@ -56,7 +57,7 @@ def comparison_row(pair: CheckPair) -> Row:
     """Return the pair in words: values with their unit, the change with its sign, what else is otherwise."""
     known = pair.a or pair.b
     assert known is not None
-    remarks = []
+    remarks = ["changed by more than its uncertainty"] if pair.exceeds else []
     if pair.a is None or pair.b is None:
         remarks.append(f"only in {'A' if pair.a else 'B'}")
     if pair.verdict_changed and pair.a and pair.b:
@@ -75,6 +76,9 @@ def comparison_row(pair: CheckPair) -> Row:
         _figure(pair.a.number, pair.a) if pair.a else "",
         _figure(pair.b.number, pair.b) if pair.b else "",
         change,
+        ""
+        if pair.change_expanded is None
+        else f"± {significant(pair.change_expanded / known.scale, 2)}{THIN_SPACE}{unit(known.unit)}".rstrip(),
         "; ".join(remarks),
         "fail" if worse else "marginal" if remarks else "",
     )
@@ -87,7 +91,7 @@ def _figure(value: float, one: Check, *, sign: bool = False) -> str:
     sizes = [abs(n / one.scale) for n in (one.number, one.low, one.high) if n and math.isfinite(n)]
     decimals = min(6, max(0, 4 - math.ceil(math.log10(max(sizes))))) if sizes else 0
     text = fixed(value / one.scale, decimals)
-    return f"{'+' if sign and value >= 0 else ''}{text}{THIN_SPACE}{one.unit}".rstrip()
+    return f"{'+' if sign and value >= 0 else ''}{text}{THIN_SPACE}{unit(one.unit)}".rstrip()
 
 
 def _limits(one: Check) -> str:
@@ -103,14 +107,14 @@ def _overlay(name: str, pair: CurvePair) -> str:
         for one, tone, label, wide in ((pair.a, _TONES[0], "A", 2.2), (pair.b, _TONES[1], "B", 1.1)):
             step = 1 if one.kind == "sweep" else max(1, len(one.xs) // _LOOP_POINTS)
             xs, ys = (
-                [math.nan if n is None else n / axis.scale for n in series[::step]]
+                [math.nan if n is None else axis.shown(n) for n in series[::step]]
                 for series, axis in ((one.xs, x), (one.ys, y))
             )
             mark = "o" if one.kind == "sweep" else ""
             axes.plot(xs, ys, color=tone, linewidth=wide, marker=mark, markersize=4, label=label)
         axes.legend(frameon=False, loc="best")
-        heading(axes, " · ".join(filter(None, (pair.group, pair.name))), y.unit)
-        axes.set_xlabel(", ".join(filter(None, (x.label, x.unit))), loc="right")
+        heading(axes, " · ".join(filter(None, (pair.group, pair.name))), unit(y.unit), primed(y.label))
+        axes.set_xlabel(", ".join(filter(None, (primed(x.label), unit(x.unit)))), loc="right")
         return svg(figure, name)
 
 
@@ -121,7 +125,8 @@ def write_trend(trend: Trend, specimen: str, path: Path) -> None:
         specimen=specimen,
         words=trend_words(trend),
         drawing=_over_time(trend),
-        rows=[(one, _kept_figure(one)) for one in trend.checks],
+        uncertain=any(one.expanded is not None for one in trend.checks),
+        rows=[(one, _kept_figure(one), _uncertainty(one)) for one in trend.checks],
         circumstances=sorted({one.run.circumstances for one in trend.checks if one.run.circumstances}),
     )
     with kept(path):
@@ -133,12 +138,12 @@ def trend_words(trend: Trend) -> list[str]:
     last = trend.checks[-1]
     if trend.mean is None:
         return [f"None of {len(trend.checks)} runs gave a value."]
-    unit = f"{THIN_SPACE}{last.unit}".rstrip()
+    in_unit = f"{THIN_SPACE}{unit(last.unit)}".rstrip()
     mean, scatter = with_uncertainty(trend.mean / last.scale, (trend.scatter or 0.0) / last.scale)
-    words = [f"{len(trend.checks)} runs; mean {mean}{unit}."]
+    words = [f"{len(trend.checks)} runs; mean {mean}{in_unit}."]
     if trend.scatter is not None:
         told = scatter if trend.scatter else "0"
-        words.append(f"They scatter by {told}{unit} (one standard deviation).")
+        words.append(f"They scatter by {told}{in_unit} (one standard deviation).")
     if trend.drift is None:
         words.append("Too few of them, or too close in time, to tell a drift.")
     else:
@@ -146,7 +151,7 @@ def trend_words(trend: Trend) -> list[str]:
         span = (max(trend.days) - min(trend.days)) / last.scale
         change, half = with_uncertainty(span * trend.drift.per_day, span * trend.drift.half_width)
         seen = "It drifts" if trend.drift.is_seen else "No drift is seen"
-        words.append(f"{seen}: {change}{unit} from the first to the last, ± {half}{unit} (95 %).")
+        words.append(f"{seen}: {change}{in_unit} from the first to the last, ± {half}{in_unit} (95 %).")
     return words
 
 
@@ -154,8 +159,12 @@ def _kept_figure(one: KeptCheck) -> str:
     return (
         "–"
         if one.value is None
-        else f"{significant(one.value / one.scale, 5)}{THIN_SPACE}{one.unit}".rstrip()
+        else f"{significant(one.value / one.scale, 5)}{THIN_SPACE}{unit(one.unit)}".rstrip()
     )
+
+
+def _uncertainty(one: KeptCheck) -> str:
+    return "" if one.expanded is None else f"± {significant(one.expanded / one.scale, 2)}"
 
 
 def _time_axis(days: float) -> tuple[str, float]:
@@ -176,10 +185,10 @@ def _over_time(trend: Trend) -> str:
         for day, one in zip(trend.days, trend.checks, strict=True)
         if one.value is not None
     ]
-    unit, factor = _time_axis(max(trend.days))
+    time, factor = _time_axis(max(trend.days))
     when = [factor * day for day in trend.days]
     with style():
-        figure, axes = panel(3.2, width=9.2, right=0.3, bottom=0.55, top=0.32)
+        figure, axes = panel(3.2, width=9.2, right=1.35, bottom=0.55, top=0.32)
         axes.plot(
             [factor * day for day, *_ in points], [value for _, value, _ in points], color=SOFT, linewidth=0.7
         )
@@ -192,17 +201,28 @@ def _over_time(trend: Trend) -> str:
                 color=ALARM if bad else PALETTE[0],
                 markersize=6,
             )
+        for day, value, one in points:
+            if one.expanded is not None:
+                reach = one.expanded / last.scale
+                axes.errorbar(factor * day, value, reach, color=SOFT, linewidth=0.9, capsize=3, zorder=1)
         for limit in ("low", "high"):
             places = [getattr(one, limit) for one in trend.checks]
             levels = [math.nan if n is None else n / last.scale for n in places]
             # A limit is drawn as it was at each time: somebody may have changed it.
             axes.step(when, levels, where="post", color=ALARM, linewidth=0.9, linestyle=(0, (4, 2)))
+            if not math.isnan(levels[-1]):
+                named = f"{limit} limit {number(levels[-1])}"
+                beside: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
+                where = (1.0, levels[-1])
+                axes.annotate(
+                    named, where, xycoords=("axes fraction", "data"), color=ALARM, fontsize=8, **beside
+                )
         if trend.drift is not None and trend.drift.is_seen and trend.mean is not None:
             middle = sum(day for day, *_ in points) / len(points)
             ends = (min(trend.days), max(trend.days))
             line = [(trend.mean + trend.drift.per_day * (day - middle)) / last.scale for day in ends]
             axes.plot([factor * end for end in ends], line, color=PALETTE[1], linewidth=1.2)
         axes.margins(0.06)
-        heading(axes, trend.name, last.unit)
-        axes.set_xlabel(f"{unit} since the first run", loc="right")
+        heading(axes, primed(trend.name), unit(last.unit))
+        axes.set_xlabel(f"{time} since the first run", loc="right")
         return svg(figure, "trend")

@@ -35,6 +35,8 @@ PREFIX = "astb."
 RESERVED = frozenset({"format", "start_ns", "signals", "events"})
 
 SECOND = 1_000_000_000
+#: 0 °C in K.
+ICE = 273.15
 
 
 class RecordError(Exception):
@@ -68,6 +70,15 @@ class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
     def title(self) -> str:
         """The label where there is one, else the name."""
         return self.label or self.name
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit in which people read it: what is recorded in kelvin is a temperature, told in degrees Celsius."""
+        return "degC" if self.unit == "K" else self.unit
+
+    def shown(self, value: Any) -> Any:
+        """Return a value, or an array of values (SI), in the unit in which people read it."""
+        return (value - (ICE if self.unit == "K" else 0.0)) / self.scale
 
 
 class RecordedEvent(msgspec.Struct, frozen=True, omit_defaults=True):

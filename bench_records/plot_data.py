@@ -34,6 +34,8 @@ class Trace(NamedTuple):
     dash: tuple[float, ...]
     xs: Numbers
     ys: Numbers
+    width: float = 1.2
+    expanded: Numbers | None = None  #: the expanded uncertainty of each y, NaN where it is not known
 
 
 class Plot(NamedTuple):
@@ -47,6 +49,7 @@ class Plot(NamedTuple):
     logarithmic: bool = False
     shades: Sequence[tuple[float, float]] = ()
     marks: Sequence[float] = ()
+    ticks: Sequence[float] = ()  #: of the horizontal scale; without any the script finds them
 
 
 class PlotData:
@@ -66,8 +69,10 @@ class PlotData:
                 "label": one.label,
                 "color": one.color,
                 "dash": one.dash,
+                "width": one.width,
                 "x": self._place(one.xs),
                 "y": self._place(one.ys),
+                "expanded": None if one.expanded is None else self._place(one.expanded),
             }
             for one in plot.traces
         ]

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import inspect
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from bench_records.check_table import bar_drawing, check_rows
+from bench_records.check_table import CheckRow, bar_drawing, check_rows
 from bench_records.circumstances import circumstances, flattened
+from bench_records.conformity import percent
 from bench_records.disk import kept
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
 from bench_records.incident import incident_of
 from bench_records.layout import REPORT, RESULT, put
 from bench_records.plot_data import PlotData, asset
 from bench_records.record import Record, read
-from bench_records.result import CheckVerdict, Outcome, Result, read_result
+from bench_records.result import Check, CheckVerdict, Outcome, Result, read_result
 from bench_records.run_drawings import curve_plots, curve_tables, numbered, phase_strips, time_panels
 from bench_records.run_folder import result_without
 from bench_records.signing import ROLES, files_of, footing, identification, instruments_of
 from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, plain, primed, seconds
+
+#: Of the first page, which is one page: so many checks that did not pass, and that are close to a limit.
+FAILED_ROWS: Final = 10
+CLOSE_ROWS: Final = 4
 
 
 def write_report(directory: Path | str) -> Path:
@@ -52,6 +57,9 @@ def _render(record: Record, result: Result, directory: Path) -> str:
         counts={verdict.value: result.count(verdict) for verdict in CheckVerdict},
         paragraphs=_paragraphs(result.instruction, result.title),
         rows=check_rows(result.checks),
+        notable=notable(result.checks),
+        surely=least_sure(result.checks),
+        bars=any(one.expanded for one in result.curves),
         headline=headline(result),
         circumstances=circumstances(record.meta),
         bar=bar_drawing,
@@ -122,6 +130,26 @@ def _prose(text: str) -> Any:
     return Markup("").join(
         Markup("<code>{}</code>").format(part) if index % 2 else part for index, part in enumerate(parts)
     )
+
+
+def notable(checks: list[Check]) -> list[tuple[str, list[CheckRow], int]]:
+    """What the first page shows of the checks: what did not pass, then what is close to a limit, and how many more."""
+    failed = [one for one in checks if not one.passed]
+    # What failed before what has no value.
+    failed.sort(key=lambda one: one.verdict is not CheckVerdict.FAIL)
+    close = [one for one in checks if one.verdict is CheckVerdict.MARGINAL]
+    close.sort(key=lambda one: 1.0 if one.conformity is None else one.conformity)
+    parts = (("Not passed", failed, FAILED_ROWS), ("Close to a limit", close, CLOSE_ROWS))
+    return [(what, check_rows(some[:most]), max(0, len(some) - most)) for what, some, most in parts if some]
+
+
+def least_sure(checks: list[Check]) -> str:
+    """Of checks that all conform surely, say which does so least; nothing where others are shown."""
+    known = [(one.conformity, one) for one in checks if one.conformity is not None]
+    if not known or any(one.verdict is not CheckVerdict.PASS for one in checks):
+        return ""
+    probability, one = min(known, key=lambda pair: pair[0])
+    return f"Least sure of all is {primed(one.name)}: it conforms with {percent(probability)}."
 
 
 def _timing(result: Result) -> dict[str, Any] | None:

@@ -16,6 +16,7 @@ from bench_records.plots import (
     SHADE,
     WIDTH_IN,
     heading,
+    number,
     panel,
     plain_numbers,
     style,
@@ -45,6 +46,9 @@ DOTS = (1.2, 1.2)
 BINS = 700
 LOOP_POINTS = 900
 MANY_LINES = 6
+CURVE = Margins(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
+#: Of a figure in the numbers of a scale, in points.
+NUMBER_WIDTH = 5.0
 
 
 class Line(NamedTuple):
@@ -103,7 +107,7 @@ def time_panel(
         paper.fill(shades, SHADE, transform=axes.get_xaxis_transform(), zorder=0)
         for index, line in enumerate(lines):
             color, dash = look(index, line.label)
-            # Earlier lines are wider, so that one which runs under another still shows at its edges.
+            # As `_wide`, and less so: the lines of a signal over time are dense.
             wide = 0.9 + 0.8 * (len(lines) - 1 - index) / max(1, len(lines) - 1) if len(lines) > 1 else 1.0
             points = envelope(line.times, line.values)
             axes.add_line(Line2D(*points, color=color, linestyle=_linestyle(dash), linewidth=wide))
@@ -151,14 +155,14 @@ def strips(
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     """Curves that share their axes: loops with a sequence of colours, sweeps with marked points and their limits."""
     x, y = curves[0].x, curves[0].y
-    margins = Margins(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
-    with sheet(margins) as paper:
+    with sheet(CURVE) as paper:
         axes = paper.axes
         for trace in curve_traces(curves):
             axes.add_line(_curve_line(trace, pointed=curves[0].kind == "sweep"))
+            _error_bars(axes, trace)
         axes.autoscale_view()
         if is_over_decades(curves):
-            _over_decades(axes)
+            _over_decades(axes, told_frequencies(curves))
         axes.margins(0.05)
         if len(curves) > 1 or curves[0].lows:
             axes.legend(
@@ -182,17 +186,28 @@ def _curve_line(trace: Trace, *, pointed: bool) -> Line2D:
     from matplotlib.lines import Line2D
 
     line = Line2D(trace.xs, trace.ys, color=trace.color, linestyle=_linestyle(trace.dash), label=trace.label)
-    line.set_linewidth(0.8 if trace.color == ALARM else 1.0)
+    line.set_linewidth(trace.width)
     if pointed:
-        line.set(marker="_" if trace.color == ALARM else "o", markersize=5, markeredgecolor=trace.color)
+        marker, size = ("_", 5.0) if trace.color == ALARM else ("o", 3.0 + 1.6 * trace.width)
+        line.set(marker=marker, markersize=size, markeredgecolor=trace.color)
     return line
 
 
-def _over_decades(axes: Axes) -> None:
-    from matplotlib.ticker import LogLocator, NullLocator
+def _error_bars(axes: Axes, trace: Trace) -> None:
+    """Draw from each point to either side what it may be off by."""
+    if trace.expanded is None:
+        return
+    low, high = trace.ys - trace.expanded, trace.ys + trace.expanded
+    axes.vlines(trace.xs, low, high, color=trace.color, linewidth=0.9)
+    for ends in (low, high):
+        axes.plot(trace.xs, ends, linestyle="", marker="_", markersize=7, color=trace.color)
+
+
+def _over_decades(axes: Axes, ticks: Sequence[float]) -> None:
+    from matplotlib.ticker import FixedLocator, NullLocator
 
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_locator(FixedLocator(list(ticks)))
     axes.xaxis.set_minor_locator(NullLocator())
     plain_numbers(axes.figure)
 
@@ -201,6 +216,26 @@ def is_over_decades(curves: Sequence[Curve]) -> bool:
     """Whether the points are at frequencies, which are drawn on a logarithmic scale."""
     places = [n for one in curves for n in one.xs if n is not None]
     return curves[0].x.unit == "Hz" and bool(places) and min(places) > 0.0 and max(places) > 2.0 * min(places)
+
+
+def told_frequencies(curves: Sequence[Curve]) -> list[float]:
+    """The frequencies of the points, but of those that stand too near to write, on a logarithmic scale, only some.
+
+    The lowest and the highest are among them, and in between the first from the left for which there is room.
+    """
+    places = sorted({n / one.x.scale for one in curves for n in one.xs if n})
+    first, *_, last = places
+    points = 72 * (CURVE.width - CURVE.left - CURVE.right) / (1.1 * math.log(last / first))
+    reach = {place: NUMBER_WIDTH * (len(number(place)) + 1) / 2 for place in places}
+
+    def apart(one: float, other: float) -> bool:
+        return points * math.log(other / one) >= reach[one] + reach[other]
+
+    kept = [first]
+    for place in places[1:-1]:
+        if apart(kept[-1], place) and apart(place, last):
+            kept.append(place)
+    return [*kept, last]
 
 
 def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
@@ -212,17 +247,19 @@ def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
     traces = []
     for index, one in enumerate(curves):
         color, dash = look(index, one.name)
-        if len(curves) > 3:
-            # An order (frequencies, amplitudes) reads best on a scale from dark to light.
-            color, dash = to_hex(colormaps["viridis"](0.88 * index / (len(curves) - 1))), ()
+        if len(curves) > len(PALETTE):
+            # So many read best on a scale from dark to light; neighbours are told apart by dashes, too.
+            color = to_hex(colormaps["viridis"](0.88 * index / (len(curves) - 1)))
+            dash = (DASH, ())[index % 2]
         step = 1 if one.kind == "sweep" else max(1, math.ceil(len(one.xs) / LOOP_POINTS))
-        traces.append(Trace(one.name, color, dash, _display(one.xs, x)[::step], _display(one.ys, y)[::step]))
+        xs, ys = _display(one.xs, x)[::step], _display(one.ys, y)[::step]
+        traces.append(Trace(one.name, color, dash, xs, ys, _wide(index, len(curves)), _expanded(one)))
     limits: dict[tuple[float | None, ...], Trace] = {}
     for one in curves:
         for label, levels in (("low limit", one.lows), ("high limit", one.highs)):
             if any(level is not None for level in levels):
                 limits.setdefault(
-                    tuple(levels), Trace(label, ALARM, DASH, _display(one.xs, x), _display(levels, y))
+                    tuple(levels), Trace(label, ALARM, DASH, _display(one.xs, x), _display(levels, y), 0.8)
                 )
     return traces + list(limits.values())
 
@@ -230,7 +267,20 @@ def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
 def _display(numbers: Sequence[float | None], axis: Axis) -> Numbers:
     import numpy as np
 
-    return np.array([np.nan if n is None else n for n in numbers]) / axis.scale
+    return np.array([np.nan if n is None else axis.shown(n) for n in numbers])
+
+
+def _expanded(one: Curve) -> Numbers | None:
+    import numpy as np
+
+    if not one.expanded:
+        return None
+    return np.array([np.nan if n is None else n / one.y.scale for n in one.expanded])
+
+
+def _wide(index: int, count: int) -> float:
+    """The width of a line: earlier ones are wider, so that one which runs under another shows at its edges."""
+    return 0.9 + 1.5 * (count - 1 - index) / (count - 1) if 1 < count <= MANY_LINES else 1.0
 
 
 def lateness(name: str, timing: Timing) -> str:

@@ -76,8 +76,8 @@ def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, 
             continue
         times, values = record.series(name)
         if times.size:
-            lines = panels.setdefault((signal.quantity, signal.unit), [])
-            lines.append(Line(signal.title, times, values / signal.scale))
+            lines = panels.setdefault((signal.quantity, signal.shown_unit), [])
+            lines.append(Line(signal.title, times, signal.shown(values)))
     return [(quantity, unit, lines) for (quantity, unit), lines in panels.items()]
 
 
@@ -125,7 +125,7 @@ class Table(NamedTuple):
 
 def curve_plots(curves: list[Curve]) -> list[Drawn]:
     """A plot for each group of curves that share their axes, in the order in which they were kept."""
-    from bench_records.report_plots import curve_panel, curve_traces, is_over_decades
+    from bench_records.report_plots import curve_panel, curve_traces, is_over_decades, told_frequencies
 
     groups: dict[tuple[str, Axis, Axis, Any], list[Curve]] = {}
     for one in curves:
@@ -133,7 +133,8 @@ def curve_plots(curves: list[Curve]) -> list[Drawn]:
     found = []
     for index, ((title, x, y, kind), members) in enumerate(groups.items()):
         named, over_decades = primed(title), is_over_decades(members)
-        plot = Plot(kind, named, _titled(x), _titled(y), curve_traces(members), over_decades)
+        ticks = told_frequencies(members) if over_decades else ()
+        plot = Plot(kind, named, _titled(x), _titled(y), curve_traces(members), over_decades, ticks=ticks)
         found.append(Drawn(curve_panel(f"curve{index}", named, members), plot))
     return found
 
@@ -152,15 +153,16 @@ def curve_tables(curves: list[Curve]) -> list[Table]:
     for (x, xs), members in over.items():
         for first in range(0, len(members), TABLE_COLUMNS):
             part = members[first : first + TABLE_COLUMNS]
-            columns = [_column(list(xs), x.scale), *(_column(one.ys, one.y.scale) for one in part)]
+            columns = [_column(list(xs), x), *(_column(one.ys, one.y) for one in part)]
             heads = [_titled(x), *(f"{one.name}: {_titled(one.y)}" for one in part)]
             tables.append(Table(heads, [list(row) for row in zip(*columns, strict=True)]))
     return tables
 
 
-def _column(numbers: list[float | None], scale: float) -> list[str]:
-    largest = max((abs(n / scale) for n in numbers if n), default=1.0)
+def _column(values: list[float | None], axis: Axis) -> list[str]:
+    numbers = [None if n is None else axis.shown(n) for n in values]
+    largest = max((abs(n) for n in numbers if n), default=1.0)
     show, decimals = fixed, max(0, 2 - math.floor(math.log10(largest)))
     if not 1e-4 <= largest < 1e7:
         show, decimals = scientific, 3
-    return ["\u2013" if n is None else show(n / scale, decimals) for n in numbers]
+    return ["\u2013" if n is None else show(n, decimals) for n in numbers]

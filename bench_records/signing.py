@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -14,6 +15,9 @@ from bench_records.typography import THIN_SPACE, plain, seconds
 
 #: Who signs, and what for.
 ROLES: Final = ("tested by", "checked by", "approved by")
+#: The last day that there is: who writes it as when an instrument is due means that it never is.
+NO_DAY: Final = date.max.isoformat()
+NEVER: Final = "does not run out"
 #: Of a checksum so much names a record at the foot of every page.
 SHORT: Final = 12
 
@@ -71,7 +75,8 @@ def instruments_of(meta: Mapping[str, Any]) -> list[Instrument]:
             str(piece.get(name, "")) for name in ("type", "serial_number", "certificate", "calibrated", "due")
         )
         found.setdefault(key, []).append(str(piece.get("signal", "")).replace(".", " ").replace("_", " "))
-    return [Instrument(", ".join(readings), *key) for key, readings in found.items()]
+    rows = [Instrument(", ".join(readings), *key) for key, readings in found.items()]
+    return [one._replace(due=NEVER) if one.due == NO_DAY else one for one in rows]
 
 
 def files_of(directory: Path) -> list[tuple[str, str]]:

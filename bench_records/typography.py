@@ -11,7 +11,7 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 #: Units that are written otherwise than they are typed.
-_UNITS = {"1": "", "deg": "°", "us": "µs"}
+_UNITS = {"1": "", "deg": "°", "degC": "°C", "us": "µs"}
 
 
 def unit(name: str) -> str:

@@ -58,17 +58,17 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         check_band(run, f"K' at {frequency:g} Hz", found[0], "kN/m", storage)
         check_band(run, f"c at {frequency:g} Hz", found[1], "kN*s/m", loss)
         check_band(run, f"loss angle at {frequency:g} Hz", found[2], "deg", angles[frequency])
-        over_frequency.append(K)
+        over_frequency.append((K, found))
     over_amplitude = []
     for amplitude in stiffness:
         K, found = _sine(run, case, OF_AMPLITUDES, amplitude)
         check_band(run, f"K' at {amplitude / mm:g} mm", found[0], "kN/m", stiffness[amplitude])
         check_band(run, f"c at {amplitude / mm:g} mm", found[1], "kN*s/m", damping[amplitude])
-        over_amplitude.append(K)
+        over_amplitude.append((K, found))
     of_frequency = {STORAGE: [band for _, band, _ in sweep], ANGLE: [angles[place] for place, _, _ in sweep]}
-    _keep(run, load, FREQUENCY, [K.frequency for K in over_frequency], over_frequency, of_frequency)
+    _keep(run, load, FREQUENCY, [K.frequency for K, _ in over_frequency], over_frequency, of_frequency)
     of_amplitude = {STORAGE: list(stiffness.values())}
-    _keep(run, load, AMPLITUDE, [K.amplitude for K in over_amplitude], over_amplitude, of_amplitude)
+    _keep(run, load, AMPLITUDE, [K.amplitude for K, _ in over_amplitude], over_amplitude, of_amplitude)
 
 
 def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Stiffness, tuple[Measured, ...]]:
@@ -91,14 +91,14 @@ def _keep(
     load: str,
     over: Quantity,
     places: list[float],
-    found: list[Stiffness],
+    found: list[tuple[Stiffness, tuple[Measured, ...]]],
     limits: Mapping[Quantity, list[Band]],
 ) -> None:
     for quantity, ys in (
-        (STORAGE, [K.storage for K in found]),
-        (LOSS, [K.loss for K in found]),
-        (ANGLE, [phase(K.value) for K in found]),
-        (TANGENT, [K.loss / K.storage for K in found]),
+        (STORAGE, [known[0] for _, known in found]),
+        (LOSS, [K.loss for K, _ in found]),
+        (ANGLE, [known[2] for _, known in found]),
+        (TANGENT, [K.loss / K.storage for K, _ in found]),
     ):
         group = f"Vertical {quantity[0]} over {over[0]}"
         keep(run, load, group, over, quantity, places, ys, limits.get(quantity, ()))

@@ -6,7 +6,6 @@ from typing import Final, Literal
 from bench_protocol.units import Hz, mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
-from test_plans.analysis import Stiffness
 from test_plans.fittings import PLATE, fit_plate, put_down
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
@@ -14,6 +13,7 @@ from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.shaking import check_stiffness
 from test_plans.tables import DAMPING, STORAGE, keep
+from test_plans.uncertainty import Measured
 from test_plans.waves import VERTICAL_WAVES, shake, stiffness_of_side
 
 FREQUENCY: Final = 1.2 * Hz
@@ -51,7 +51,7 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         limits.curve(f"orifice_plates.{what}", unit)
         for what, unit in (("stiffness", "kN/m"), ("damping", "kN*s/m"))
     )
-    found: dict[float, dict[str, Stiffness]] = {}
+    found: dict[float, dict[str, tuple[Measured, Measured]]] = {}
     for plate in stiffness:
         names = {side: [f"{side} {what} with {plate / mm:g} mm" for what in ("K'", "c")] for side in SIDES}
         if found:
@@ -65,15 +65,18 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         steps.lock_the_air(run)
         with run.phase(f"vertical sine, {plate / mm:g} mm"):
             times, values = shake(run, "vertical", FREQUENCY, AMPLITUDE, lead=LEAD)
-        found[plate] = {side: stiffness_of_side(times, values, FREQUENCY, side) for side in SIDES}
+        found[plate] = {}
         for side, (stiff, damped) in names.items():
             evaluate = partial(stiffness_of_side, times, frequency=FREQUENCY, side=side)
-            check_stiffness(run, evaluate, values, {stiff: stiffness[plate]}, {damped: damping[plate]})
+            judged = check_stiffness(
+                run, evaluate, values, {stiff: stiffness[plate]}, {damped: damping[plate]}
+            )
+            found[plate][side] = judged
     for side in SIDES:
         of_side = [one[side] for one in found.values()]
         for quantity, ys in (
-            (STORAGE, [K.storage for K in of_side]),
-            (DAMPING, [K.damping for K in of_side]),
+            (STORAGE, [stored for stored, _ in of_side]),
+            (DAMPING, [damped for _, damped in of_side]),
         ):
             keep(run, side, f"Vertical {quantity[0]} over plates", OF_PLATES, quantity, list(found), ys)
 

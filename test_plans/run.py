@@ -313,16 +313,23 @@ class Run:
         x: Axis,
         y: Axis,
         xs: Iterable[float],
-        ys: Iterable[float],
+        ys: Iterable[float | Measured],
         *,
         group: str = "",
         limits: Iterable[Band] = (),
     ) -> None:
-        """Keep a table of few ``ys`` over ``xs`` (SI) for the report, with the ``limits`` of each point, if any."""
+        """Keep a table of few ``ys`` over ``xs`` (SI) for the report, with the ``limits`` of each point, if any.
+
+        What was measured with an uncertainty has it in the table, too.
+        """
         from bench_records.curves import curve
 
-        pairs = [(band.low, band.high) for band in limits]
-        self.curves.append(curve(name, x, y, xs, ys, kind="sweep", group=group, limits=pairs))
+        pairs, points = [(band.low, band.high) for band in limits], list(ys)
+        numbers = [float(one) for one in points]
+        expanded = [one.expanded if isinstance(one, Measured) else None for one in points]
+        known = expanded if any(one is not None for one in expanded) else ()
+        one = curve(name, x, y, xs, numbers, kind="sweep", group=group, limits=pairs, expanded=known)
+        self.curves.append(one)
 
     def say(self, text: str) -> None:
         """Tell whoever watches, and the record, what is going on."""

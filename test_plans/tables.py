@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from bench_protocol.units import FACTORS
+from bench_protocol.units import UNITS
 
 if TYPE_CHECKING:
     from bench_records.curves import Axis
     from test_plans.loads import Band
     from test_plans.run import Run
+    from test_plans.uncertainty import Measured
 
 
 def _axis(label: str, unit: str) -> Axis:
     from bench_records.curves import Axis
 
-    return Axis(label, "" if unit == "1" else unit, FACTORS.get(unit, 1.0))
+    found = UNITS.get(unit, UNITS["1"])
+    return Axis(label, "" if unit == "1" else unit, found.factor, found.zero)
 
 
 Quantity = tuple[str, str]  #: what it is called, and its unit
@@ -38,7 +40,7 @@ SECANT: Final = ("secant stiffness", "kN/m")
 DAMPING: Final = ("damping c", "kN*s/m")
 AREA: Final = ("effective area", "m2")
 VOLUME: Final = ("volume over volume at the centre", "1")
-TEMPERATURE: Final = ("temperature", "K")
+TEMPERATURE: Final = ("temperature", "degC")
 
 
 def keep(
@@ -48,7 +50,7 @@ def keep(
     x: Quantity,
     y: Quantity,
     xs: Sequence[float],
-    ys: Sequence[float],
+    ys: Sequence[float | Measured],
     limits: Iterable[Band] = (),
 ) -> None:
     """Keep ``ys`` over ``xs`` (SI) as one curve of the plot ``group``, with the ``limits`` of each point, if any."""

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from bench_protocol.table import TABLE
 from bench_protocol.units import Hz
+from bench_records.conformity import coverage_factor
 from drivers.wiring.contract import Stamp
 from test_plans.instruments import Instruments, Piece
 
@@ -58,6 +59,13 @@ class Measured:
 
     def __float__(self) -> float:
         return self.value
+
+    @property
+    def expanded(self) -> float | None:
+        """The expanded uncertainty U = k u (SI)."""
+        if self.u is None:
+            return None
+        return coverage_factor(self.even / self.u) * self.u if self.u else 0.0
 
     def beside(self, cause: str, u: float, *, even: bool = False) -> Measured:
         """Return it with another independent part of its uncertainty; unknown stays unknown."""

@@ -124,7 +124,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     for fact in found.facts:
         facts.add_row(fact.what.replace("_", " "), fact.a, fact.b)
     console.print(facts if found.facts else "nothing was otherwise that the records tell of")
-    results = open_table("results", "check", "A", "B", "B − A", "")
+    results = open_table("results", "check", "A", "B", "B − A", "± U", "")
     phase = None
     for row in map(comparison_row, found.checks):
         if row.phase != phase:
@@ -133,7 +133,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
             results.add_row(styled(phase or "no phase", "bold"))
         tone = {"fail": "bold red", "marginal": "yellow"}.get(row.tone, "")
         remark = styled(row.remark, tone)
-        results.add_row(row.name, row.a, row.b, row.change, remark)
+        results.add_row(row.name, row.a, row.b, row.change, row.uncertainty, remark)
     console.print(results)
     for pair in found.curves:
         if pair.apart is not None:
@@ -206,12 +206,13 @@ def trend_command(
     if as_json:
         print_json(found)
         return
-    table = open_table(f"{check}, specimen {specimen}", "", "when (UTC)", "run", "value", whole=("", "value"))
+    columns = ("", "when (UTC)", "run", "value", "± U")
+    table = open_table(f"{check}, specimen {specimen}", *columns, whole=("", "value", "± U"))
     for one in found.checks:
         value = "–" if one.value is None else f"{one.value / one.scale:.6g} {one.unit}".rstrip()
-        table.add_row(
-            one.verdict, one.run.began.replace("T", " ").removesuffix("Z"), one.run.directory, value
-        )
+        reach = "" if one.expanded is None else f"± {one.expanded / one.scale:.2g}"
+        began = one.run.began.replace("T", " ").removesuffix("Z")
+        table.add_row(one.verdict, began, one.run.directory, value, reach)
     console = open_console()
     console.print(table)
     for sentence in trend_words(found):

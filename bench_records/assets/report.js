@@ -24,7 +24,6 @@
     return value.toFixed(decimals).replace("-", "−");
   };
   const swing = (u, key) => Math.abs(u.scales[key].max - u.scales[key].min);
-  const round = (u, ticks) => ticks.map((n) => (/^[125]/.test(n.toExponential()) ? n : null));
   const axis = (label, size) => ({
     label, size, labelSize: 16, labelGap: 0, stroke: "#68727c", grid: { stroke: "#dfe3e7", width: 1 }, ticks: { show: false },
     font: "11px sans-serif", labelFont: "11px sans-serif",
@@ -80,6 +79,34 @@
     }
     ctx.restore();
   };
+  // From each point to either side what it may be off by.
+  const bars = (plot) => (u) => {
+    const { ctx, bbox } = u, ratio = devicePixelRatio, end = 3 * ratio;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    for (const [index, trace] of plot.traces.entries()) {
+      if (!trace.expanded || !u.series[index + 1].show) continue;
+      const [xs, ys, expanded] = [trace.x, trace.y, trace.expanded].map(numbers);
+      ctx.strokeStyle = trace.color;
+      ctx.lineWidth = ratio;
+      ctx.beginPath();
+      for (let i = 0; i < xs.length; i++) {
+        if (xs[i] == null || ys[i] == null || expanded[i] == null) continue;
+        const x = u.valToPos(xs[i], "x", true);
+        const [low, high] = [ys[i] - expanded[i], ys[i] + expanded[i]].map((y) => u.valToPos(y, "y", true));
+        ctx.moveTo(x, low);
+        ctx.lineTo(x, high);
+        for (const y of [low, high]) {
+          ctx.moveTo(x - end, y);
+          ctx.lineTo(x + end, y);
+        }
+      }
+      ctx.stroke();
+    }
+    ctx.restore();
+  };
   // A zigzag on the scale beyond which its zero lies.
   const broken = (u) => {
     const { ctx, bbox } = u, { min, max } = u.scales.y, ratio = devicePixelRatio;
@@ -98,8 +125,8 @@
   const build = (place, plot) => {
     const loop = plot.kind === "loop", time = plot.kind === "time";
     const series = plot.traces.map((trace) => ({
-      label: trace.label, stroke: trace.color, dash: trace.dash, width: 1.2,
-      points: plot.kind === "sweep" ? { show: true, size: 6 } : { show: false },
+      label: trace.label, stroke: trace.color, dash: trace.dash, width: trace.width,
+      points: plot.kind === "sweep" ? { show: true, size: 4 + 2 * trace.width } : { show: false },
       value: (u, value) => shown(value, swing(u, "y")),
       ...(loop && { paths: joined, facets: [{ scale: "x", auto: true }, { scale: "y", auto: true }] }),
     }));
@@ -114,10 +141,10 @@
         },
         y: loop ? { range: extent(plot, "y") } : {},
       },
-      axes: [{ ...axis(plot.x, 26), ...(plot.logarithmic && { filter: round }) }, axis(plot.y, 52)],
+      axes: [{ ...axis(plot.x, 26), ...(plot.ticks.length && { splits: () => plot.ticks, filter: (u, ticks) => ticks }) }, axis(plot.y, 52)],
       legend: { live: !loop },
       cursor: { drag: { x: true, y: !time, uni: 20 }, ...(time && { sync: { key: together.key } }) },
-      hooks: { drawClear: [shaded(plot)], draw: [broken] },
+      hooks: { drawClear: [shaded(plot)], draw: [broken, bars(plot)] },
     };
     if (loop) {
       // Zooming must not be undone by the range of all points.

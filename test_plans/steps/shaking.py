@@ -153,18 +153,18 @@ def check_stiffness(
     values: Values,
     storage: Mapping[str, Band] | None = None,
     damping: Mapping[str, Band] | None = None,
-) -> None:
-    """Check K' and c of what ``stiffness`` makes of readings: the name of each check with its limits."""
+) -> tuple[Measured, Measured]:
+    """Check K' and c of what ``stiffness`` makes of readings, by name of the check with its limits; return both."""
 
     def both(values: Values) -> tuple[float, float]:
         K = stiffness(values)
         return K.storage, K.damping
 
-    for found, unit, bands in zip(
-        run.measure(both, values), ("kN/m", "kN*s/m"), (storage, damping), strict=True
-    ):
+    stored, damped = run.measure(both, values)
+    for found, unit, bands in ((stored, "kN/m", storage), (damped, "kN*s/m", damping)):
         for name, band in (bands or {}).items():
             check_band(run, name, found, unit, band)
+    return stored, damped
 
 
 def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:
@@ -182,14 +182,22 @@ def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -
 
 
 def keep_sweep(
-    run: Run, name: str, direction: str, found: list[Stiffness], sweep: Sequence[tuple[float, Band, Band]]
+    run: Run,
+    name: str,
+    direction: str,
+    found: Sequence[Stiffness],
+    known: Sequence[tuple[Measured, Measured]],
+    sweep: Sequence[tuple[float, Band, Band]],
 ) -> None:
-    """Keep K', K'', c and tan δ over frequency for the report, the first and the third with the limits of ``sweep``."""
+    """Keep K', K'', c and tan δ over frequency for the report, the first and the third with the limits of ``sweep``.
+
+    ``known`` says of each stiffness how surely K' and c are.
+    """
     frequencies = [one.frequency for one in found]
     for quantity, values, limits in (
-        (STORAGE, [one.storage for one in found], [storage for _, storage, _ in sweep]),
+        (STORAGE, [storage for storage, _ in known], [storage for _, storage, _ in sweep]),
         (LOSS, [one.loss for one in found], ()),
-        (DAMPING, [one.damping for one in found], [damping for _, _, damping in sweep]),
+        (DAMPING, [damping for _, damping in known], [damping for _, _, damping in sweep]),
         (TANGENT, [one.loss / one.storage for one in found], ()),
     ):
         group = f"{direction.capitalize()} {quantity[0]}"

@@ -30,6 +30,7 @@ from test_plans.steps.shaking import (
     shake,
     spring_motion,
 )
+from test_plans.uncertainty import Measured
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -70,6 +71,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
     if not sides:
         return
     found: dict[str, list[Stiffness]] = {side: [] for side in sides}
+    known: dict[str, list[tuple[Measured, Measured]]] = {side: [] for side in sides}
     for frequency, storage, damping in sweep:
         if run.hold_point(f"before the vertical sine of {frequency:g} Hz"):
             stand_again(run, load, hold_the_height)
@@ -79,14 +81,15 @@ def vertical_sweep(run: Run, load: Load) -> None:
                 stiffness = partial(_vertical, times, frequency, side)
                 found[side].append(stiffness(values))
                 stiff, damped = _names(f"{side} vertical", [frequency])
-                check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
+                judged = check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
+                known[side].append(judged)
                 motion, force = spring_motion(values, side)
                 one = times < times[0] + 1 / frequency
                 keep_loop(run, f"{frequency:g} Hz", f"{side} spring", motion[one], force[one])
             if balanced and frequency == highest:
                 _check_balance(run, balance, times, values, frequency)
     for side in sides:
-        keep_sweep(run, f"{side} spring", "vertical", found[side], sweep)
+        keep_sweep(run, f"{side} spring", "vertical", found[side], known[side], sweep)
 
 
 def _names(what: str, frequencies: Sequence[float]) -> list[str]:
@@ -139,6 +142,7 @@ def lateral_sweep(run: Run, load: Load) -> None:
     if not run.can(*_names("lateral", [one for one, *_ in sweep]), needs=LATERAL_NEEDS):
         return
     found: list[Stiffness] = []
+    known: list[tuple[Measured, Measured]] = []
     for frequency, storage, damping in sweep:
         if run.hold_point(f"before the lateral sine of {frequency:g} Hz"):
             stand_again(run, load, hold_the_height)
@@ -147,8 +151,8 @@ def lateral_sweep(run: Run, load: Load) -> None:
             stiffness = partial(_lateral, times, frequency)
             found.append(stiffness(values))
             stiff, damped = _names("lateral", [frequency])
-            check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
+            known.append(check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping}))
             motion, force = lateral_motion(values)
             one = times < times[0] + 1 / frequency
             keep_loop(run, f"{frequency:g} Hz", "lateral", motion[one], force[one])
-    keep_sweep(run, "pair", "lateral", found, sweep)
+    keep_sweep(run, "pair", "lateral", found, known, sweep)

@@ -168,6 +168,7 @@ def loops() -> list:
                     [factor * number(k, f) for f, k in stiffness.items()],
                     kind="sweep",
                     group=f"Vertical {name}",
+                    expanded=[0.02 * factor * abs(number(k, f)) for f, k in stiffness.items()],
                 )
             )
     return curves

@@ -1,13 +1,15 @@
 """Two runs beside each other, and one check over the life of a specimen, against figures worked out by hand."""
 
 import math
+import re
 
+import msgspec
 import numpy as np
 import pytest
 
 from bench_records.comparison import compare_runs
 from bench_records.curves import Axis, curve
-from bench_records.index import KeptCheck, KeptRun
+from bench_records.index import KeptCheck, KeptRun, RunIndex
 from bench_records.kept_pages import comparison_row, trend_words, write_comparison, write_trend
 from bench_records.result import check, conclude, unavailable
 from bench_records.trend import trend_of
@@ -34,6 +36,29 @@ def test_what_changed_is_told_and_what_did_not_is_not(tmp_path) -> None:
     row = comparison_row(pair)
     assert row.change == "+25.0\u2009N (+25.0\u2009%)"
     assert row.remark == "pass → fail; limits 90.0\u2009N … 120.0\u2009N → 90.0\u2009N … 121.0\u2009N"
+
+
+def test_a_change_is_held_against_its_uncertainty(tmp_path) -> None:
+    def measured(value: float, u: float | None) -> list:
+        return [check("K", value, "N", low=0.0, u=u)]
+
+    a = run(tmp_path / "here" / "aw0", measured(100.0, 3.0))
+    small = run(tmp_path / "there" / "aw0", measured(108.0, 4.0))
+    large = run(tmp_path / "large", measured(111.0, 4.0))
+    bare = run(tmp_path / "bare", measured(200.0, None))
+    found = {}
+    for other in (small, large, bare):
+        (pair,) = compare_runs(a, other).checks
+        row = comparison_row(pair)
+        found[other] = (pair.exceeds, row.uncertainty, row.remark)
+    # Two of 6 N and 8 N, one beside the other: 10 N.
+    assert found[small] == (False, "± 10\u2009N", "")
+    assert found[large] == (True, "± 10\u2009N", "changed by more than its uncertainty")
+    assert found[bare] == (None, "", "")
+    write_comparison(compare_runs(a, small), tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "A: here/aw0<br>B: there/aw0" in page and str(tmp_path) not in page
+    assert compare_runs(a, large).names == ("aw0", "large")
 
 
 def test_checks_of_one_name_are_paired_by_phase_and_order(tmp_path) -> None:
@@ -122,3 +147,23 @@ def test_too_little_tells_no_drift_and_a_missing_value_is_listed_only(tmp_path) 
     assert "run 1" in page
     assert "<span>SIMULATED</span>" in page
     assert trend_words(trend_of("K", [kept(0, None, "error")])) == ["None of 1 runs gave a value."]
+
+
+def test_a_trend_shows_how_sure_each_value_is_and_names_its_limits(tmp_path) -> None:
+    sure = [msgspec.structs.replace(kept(day, 1e5 + day), expanded=2.5e3, high=1.2e5) for day in range(4)]
+    write_trend(trend_of("K", sure), "7", tmp_path / "sure.html")
+    page = (tmp_path / "sure.html").read_text()
+    assert page.count('<td class="n">± 2.5</td>') == 4
+    words = re.findall(r"<text[^>]*>([^<]*)</text>", page)
+    assert {"low limit 0", "high limit 120"} <= set(words)
+    write_trend(trend_of("K", [kept(0, 1e5), kept(1, 1e5)]), "7", tmp_path / "bare.html")
+    assert "± U, and the line" not in (tmp_path / "bare.html").read_text()
+
+
+def test_the_index_keeps_how_sure_a_value_is(tmp_path) -> None:
+    one = check("K", 1e5, "kN/m", 1e3, low=9e4, u=1e3)
+    run(tmp_path / "a", [one, check("bare", 1.0, "N", low=0.0)], rig="one")
+    (found,) = RunIndex(tmp_path).checks("K")
+    assert found.expanded == pytest.approx(2e3)
+    (bare,) = RunIndex(tmp_path).checks("bare")
+    assert bare.expanded is None

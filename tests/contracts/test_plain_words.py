@@ -1,0 +1,70 @@
+"""What users read is plain: sentences that were hard to understand do not come back, and effects have their own."""
+
+from pathlib import Path
+
+import pytest
+
+from bench_records.check_table import certainty
+from bench_records.result import check
+from bench_sim.model.effects import CATALOGUE
+from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.wording import sentence
+from diagnosis.finding import Cause, Estimate, Verdict
+from diagnosis.systems import piston_effects
+
+ROOT = Path(__file__).resolve().parents[2]
+#: What somebody met who used the bench for the first time.
+HARD = (
+    "simulation lacks",
+    "explained of what can be",
+    "u² by",
+    "what stood for as long as the limit asks",
+    "who says done",
+    "what lacks",
+    "this machine lacks",
+    "Samples within the",
+)
+FOLDERS = ("astb", "bench_records", "campaigns", "diagnosis", "docs", "drivers", "test_plans")
+ENDINGS = {".py", ".md", ".j2", ".js", ".html", ".toml", ".ipynb"}
+
+
+def test_hard_sentences_do_not_come_back() -> None:
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.suffix in ENDINGS]
+    assert len(paths) > 500
+    texts = [(path, path.read_text(encoding="utf-8")) for path in [ROOT / "README.md", *paths]]
+    assert [(path.name, one) for path, text in texts for one in HARD if one in text] == []
+
+
+def test_every_effect_says_what_is_so() -> None:
+    for effect in CATALOGUE.values():
+        assert effect.plain and ("{side}" in effect.plain) == bool(effect.places), effect.name
+        assert effect.plain[0].islower() and not effect.plain.endswith("."), effect.name
+    assert all(one.plain for one in piston_effects._EFFECTS)
+
+
+@pytest.mark.parametrize(
+    ("plain", "told"),
+    [("the left bellows leaks", "The left bellows leaks"), ("", "There is dry friction")],
+)
+def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
+    size = Estimate(name="area", unit="mm2", value=0.2, sd=0.01, low=0.18, high=0.22)
+    one = Cause(
+        effect="leak.left", title="dry friction", family="gas", parameters=[size], strength=1.0, score=9.0,
+        bic_gain=1.0, lpd_gain=1.0, gained=1.0, plain=plain,
+    )  # fmt: skip
+    left = Remainder(role="fit", before=4.0, after=1.0, left=0.0)
+    said = sentence(Verdict.NAMED, [one], [], [], [], left)
+    assert said.startswith(f"{told} (0.200 ± 0.020 mm2), which the model did not have. On the runs")
+
+
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        ({"noise": 0.99}, "almost all noise"),
+        ({"laser_offset": 0.8, "noise": 0.6}, "mostly laser offset, then noise"),
+        ({"one": 0.6, "other": 0.6, "third": 0.5}, "one, other and others"),
+    ],
+)
+def test_a_check_says_what_makes_it_uncertain(parts: dict[str, float], told: str) -> None:
+    said = certainty(check("K", 0.0, "N", low=-9.0, high=9.0, u=1.0, parts=parts))
+    assert said.partition("; uncertainty: ")[2].replace("other, one", "one, other") == told
