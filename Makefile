@@ -6,6 +6,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 PYTEST := $(BIN)/python -m pytest
 COMPILE := $(BIN)/python -m tools.compile_model
+MDF := .venv/mdf
 
 # Tests, benchmarks and diagnoses use the cores themselves: threads of the algebra library would be in their way.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -38,6 +39,11 @@ test-all: $(READY)  ## the ordinary suite and the slow tests
 .PHONY: test-wheel
 test-wheel: $(READY)  ## build sdist and wheel, install the wheel where no checkout is, and use it there
 	$(PYTEST) -m wheel tests/wheel $(ARGS)
+
+.PHONY: test-mdf
+test-mdf: $(MDF)/.ready  ## the tests of MDF files, with asammdf beside the environment
+	PYTHONPATH=$$(echo $(CURDIR)/$(MDF)/lib/*/site-packages) $(PYTEST) -m mdf \
+		$$(grep -rl --include='*.py' 'mark.mdf' tests) $(ARGS)
 
 .PHONY: test-vcan
 test-vcan: $(READY)  ## the SocketCAN tests, on this kernel's vcan or in user-mode Linux
@@ -111,4 +117,10 @@ $(READY): pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile --editable '.[dev]'
 	@echo "compiling the model (again after each change of it, about a minute)"
 	@$(COMPILE)
+	@touch $@
+
+# Not into the environment itself: python-can imports asammdf wherever it finds it, a second of every process.
+$(MDF)/.ready: $(READY)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile --prefix $(MDF) \
+		$$($(BIN)/python -c 'from bench_protocol.extras import requirements; print(*requirements("mdf"))')
 	@touch $@

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.account import Account
+from bench_protocol.last_words import no_last_words
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.text import ERRORS, REMOTE, opened
 
 _NS: Final = 10**9
 _BUS_EVENTS: Final = 2  #: flag of a group that holds events on a bus
+_A_BUS, _CAN = 2, 2  #: kinds of a source, and of a bus, in the standard
 _DATA: Final = "CAN_DataFrame"
 _FRAMES: Final = (_DATA, "CAN_ErrorFrame", "CAN_RemoteFrame")
 _MDF: Final = b"MDF"
@@ -28,8 +30,12 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     except ImportError:
         raise CanLogError("MDF files need asammdf, which is not installed: pip install 'astb[mdf]'") from None
     frames = Frames("frame")
+    with no_last_words():
+        made = _made(MF4Reader, path)
+    if made is None:
+        raise CanLogError(f"{path} is a damaged MDF file, or of a kind that is not read")
     try:
-        with MF4Reader(path) as reader:
+        with made as reader:
             _check_groups(path, reader._mdf, account)
             for number, message in enumerate(reader, 1):
                 if message.is_error_frame:
@@ -49,6 +55,13 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     return frames
 
 
+def _made(kind: Any, path: Path) -> Any:
+    try:
+        return kind(path)
+    except Exception:  # asammdf has an exception of its own and raises others, too
+        return None
+
+
 def _check_groups(path: Path, mdf: Any, account: Account) -> None:
     """Count the groups that are passed over. CanLogError for frames that nobody could tell apart."""
     for number, group in enumerate(mdf.groups):
@@ -57,9 +70,15 @@ def _check_groups(path: Path, mdf: Any, account: Account) -> None:
             continue
         if not names & set(_FRAMES):
             account.leave_out("group(s) without CAN frames", at=f"group {number}")
-        elif not group.channel_group.flags & _BUS_EVENTS or group.channel_group.acq_source is None:
-            raise CanLogError(f"{path}: group {number} holds frames, but does not say of which kind of bus")
+        elif not group.channel_group.flags & _BUS_EVENTS or not _is_can(group.channel_group.acq_source):
+            raise CanLogError(
+                f"{path}: group {number} holds frames, but does not say that they are of a CAN bus"
+            )
         elif _DATA in names and _EXTENDED not in names:
             raise CanLogError(
                 f"{path}: group {number} does not say which identifiers have 29 bits ({_EXTENDED})"
             )
+
+
+def _is_can(source: Any) -> bool:
+    return source is not None and bool(source.source_type & _A_BUS) and source.bus_type == _CAN

@@ -117,8 +117,9 @@ def test_parquet_agrees_with_csv(tmp_path: Path) -> None:
     assert np.array_equal(plain.runs[0].outputs, other.runs[0].outputs)
 
 
+@pytest.mark.mdf
 def test_mdf_channels_keep_their_own_rates(tmp_path: Path) -> None:
-    asammdf = pytest.importorskip("asammdf", reason="MDF needs the extra mdf")
+    asammdf = pytest.importorskip("asammdf", reason="MDF needs the extra mdf: `make test-mdf`")
     slow = slice(None, None, 2)
     with asammdf.MDF(version="4.10") as mdf:
         mdf.append([asammdf.Signal(values, TIME, name=name) for name, values in (("x", X), ("F", FORCE))])

@@ -175,8 +175,9 @@ def mdf_of_signals(folder: Path) -> bytes:
     return (folder / "signals.mf4").read_bytes()
 
 
+@pytest.mark.mdf
 def test_frames_in_mdf_come_in_as_those_of_a_log(came, tmp_path) -> None:
-    pytest.importorskip("asammdf", reason="MDF needs the extra astb[mdf]")
+    pytest.importorskip("asammdf", reason="MDF needs the extra mdf: `make test-mdf`")
     error = can.Message(timestamp=START / 1e9 + 0.1, is_error_frame=True, channel=0)
     frames = in_order(heights(30), heights(30, 0x101, fd=True), heights(9, 0x18FF2127))
     content = by_python_can(frames, ".mf4", [error])

@@ -19,7 +19,8 @@ from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.mapping import read_mapped
 from tests.diagnosis.test_mapping import FORCE, PRESSURE, TIME, X, write_map
 
-asammdf = pytest.importorskip("asammdf", reason="MDF needs the extra mdf")
+asammdf = pytest.importorskip("asammdf", reason="MDF needs the extra mdf: `make test-mdf`")
+pytestmark = pytest.mark.mdf
 
 SIGNALS = {
     "left.height": SignalInfo("left.height", "mm", 1e-3),

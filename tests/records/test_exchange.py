@@ -112,8 +112,9 @@ def test_a_table_at_one_rate_comes_back_as_it_was(run: Path, tmp_path) -> None:
     np.testing.assert_allclose(np.diff(times), 0.02)
 
 
+@pytest.mark.mdf
 def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_path) -> None:
-    asammdf = pytest.importorskip("asammdf", reason="MDF needs the extra mdf")
+    asammdf = pytest.importorskip("asammdf", reason="MDF needs the extra mdf: `make test-mdf`")
     target = tmp_path / "record.mf4"
     assert command(export_command, run, target)[0] == PASS
     with asammdf.MDF(target) as mdf:
