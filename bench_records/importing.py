@@ -15,6 +15,7 @@ from bench_records.layout import SECOND, RecordedEvent, RecordError, SignalInfo
 from bench_records.recorder import Recorder
 from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import in_words
+from bench_records.tables.joined import date_and_time
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
 from bench_records.tables.reading import Series, of_sheet, read_sheet, refuse_falling
 from bench_records.tables.stamps import looks_like_a_stamp
@@ -36,6 +37,7 @@ class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True
     """The keys of ``[file]`` of a map, and those that a map has elsewhere."""
 
     time: ColumnName | None = None
+    date: ColumnName | None = None  #: of times of day
     time_unit: str | None = None
     thousands: str | None = None
     group: ColumnName | None = None  #: of an MDF file: only this one
@@ -50,7 +52,7 @@ def import_keys(texts: Iterable[str]) -> ImportKeys:
         if not equals:
             raise RecordError(f'--table {text}: KEY=VALUE would be right, such as "decimal=,"')
         given[key.strip().replace("-", "_")] = {"\\t": "\t", "tab": "\t"}.get(value, value)
-        if value.isdigit() and key.strip() in ("time", "group"):
+        if value.isdigit() and key.strip() in ("time", "date", "group"):
             given[key.strip()] = int(value)
     unknown = set(given) - set(ImportKeys.__struct_fields__)
     if unknown:
@@ -82,11 +84,14 @@ def read_table(
     wanted = [keys.time if keys.time is not None else TIME]
     sheet = read_sheet(path, keys, wanted, account)
     time = _clock_of(sheet, keys)
-    clock = time.column
+    clock = [
+        time.column,
+        *([] if time.date is None else [sheet.place(time.date, f"{path}: --table date") + 1]),
+    ]
     chosen: dict[str, tuple[int, Source]] = {}
     signals: dict[str, SignalInfo] = {}
     for index, column in enumerate(sheet.columns):
-        if index + 1 == clock:
+        if index + 1 in clock:
             continue
         if not column.name and _is_empty(column):
             account.leave_out("column(s) without name and values")
@@ -110,7 +115,7 @@ def read_table(
 
 
 def _is_empty(column: Column) -> bool:
-    return column.kind == "text" and not any(str(cell).strip() for cell in column.cells)
+    return column.kind == "text" and not column.example
 
 
 def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
@@ -119,9 +124,15 @@ def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
     if keys.time is not None:
         place = sheet.place(keys.time, f"{sheet.path}: --table time")
         unit = keys.time_unit or sheet.columns[place].unit or "s"
-        return TimeSource(column=place + 1, unit=unit, decimal=decimal)
+        return TimeSource(column=place + 1, unit=unit, decimal=decimal, date=keys.date)
+    if keys.date is not None:
+        raise RecordError(
+            f"--table date={keys.date} is a column of dates; --table time=COLUMN, of their times of day, is lacking"
+        )
     if sheet.places(TIME):
         return TimeSource(column=sheet.place(TIME, f"{sheet.path}: time") + 1, unit=keys.time_unit or "s")
+    if sheet.clock is None and (both := date_and_time(sheet)):
+        return TimeSource(column=both[1] + 1, date=both[0] + 1)
     able = [index for index, column in enumerate(sheet.columns) if _base(column.name).lower() in _CLOCKS]
     if sheet.clock is not None:
         able = [sheet.clock]
@@ -145,7 +156,7 @@ def _base(name: str) -> str:
 def _dated(column: Column) -> bool:
     if column.kind != "text":
         return column.kind in ("stamp", "span")
-    return looks_like_a_stamp(next((text for cell in column.cells if (text := str(cell).strip())), ""))
+    return looks_like_a_stamp(column.example)
 
 
 def read_mdf(

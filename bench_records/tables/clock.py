@@ -9,7 +9,7 @@ from bench_protocol.input_limits import Unfit, check_times
 from bench_protocol.units import UNITS
 from bench_records.layout import SECOND, RecordError
 from bench_records.tables.numbers import Point, in_plain_digits, numbers, without_missing
-from bench_records.tables.stamps import NotAStamp, looks_like_a_stamp, read_stamps
+from bench_records.tables.stamps import DAY, NotAStamp, looks_like_a_stamp, read_stamps
 
 if TYPE_CHECKING:
     import numpy as np
@@ -54,10 +54,8 @@ def read_clock(
         raise RecordError(
             f"{where}: the column holds {column.what}; numbers, dates or times of day would be right"
         )
-    if column.kind == "text":
-        example = next((str(cell).strip() for cell in column.cells if cell.as_py() and str(cell).strip()), "")
-        if looks_like_a_stamp(example):
-            return _from_text(sheet, index, keys, account, where)
+    if column.kind == "text" and looks_like_a_stamp(column.example):
+        return _from_text(sheet, index, keys, account, where)
     unit = UNITS.get(source.unit)
     if unit is None or unit.si != "s":
         known = ", ".join(name for name, one in UNITS.items() if one.si == "s")
@@ -156,6 +154,11 @@ def _from_stamps(ns: Any, there: Any, zoned: bool, keys: FileKeys, account: Acco
 
     if not there.any():
         return Clock(np.full(len(ns), np.nan))
+    if not (ns[there] % DAY).any() and len(np.unique(ns[there])) < np.count_nonzero(there):
+        raise RecordError(
+            f"{where}: the column holds dates without times of day, and many rows have the same one; the column with "
+            "the times of day would be right as the clock, and this one as its date (the key date)"
+        )
     if keys.zone is not None and not zoned:
         ns, zoned = _in_utc(ns, keys.zone, where), True
     begin = int(ns[there][0])

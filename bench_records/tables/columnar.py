@@ -140,6 +140,6 @@ def _of_day(name: str, data: pa.ChunkedArray) -> Column:
     cells = np.asarray(pc.fill_null(whole.cast(pa.int64()), 0).to_numpy(zero_copy_only=False), np.int64)
     cells, there = over_midnight(cells, there)
     begin = int(cells[there][0]) if there.any() else 0
-    column = Column(name, "span", cells - begin, there=there)
+    column = Column(name, "span", cells - begin, there=there, of_day=True, begin=begin)
     column.what = f"the times are times of day; the record begins {begin / 1e9:.9g} s after midnight"
     return column

@@ -47,3 +47,4 @@ class TimeSource(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     column: ColumnName = "time"
     unit: str = "s"
+    date: ColumnName | None = None  #: the column of the dates, where the other one holds times of day only

@@ -10,6 +10,7 @@ from bench_records.layout import SECOND, RecordError
 from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import Clock, check_order, read_clock
 from bench_records.tables.columnar import read_columnar
+from bench_records.tables.joined import joined
 from bench_records.tables.keys import ColumnName, FileKeys, Format, Source, TimeSource
 from bench_records.tables.numbers import Point, numbers, of_the_file
 from bench_records.tables.text_table import read_text_table
@@ -105,11 +106,17 @@ def of_sheet(
     """Return the ``chosen`` columns of a sheet with their times."""
     clocks: dict[int, tuple[Clock, TimeSource, str]] = {}
     places = {}
+    joins: dict[int, int] = {}
     for key, (_, source) in chosen.items():
         own = source.time is not None
         said = TimeSource(column=source.time, unit=time.unit, decimal=time.decimal) if own else time  # type: ignore[arg-type]
         where = f"{sheet.path}: {key}.time" if own else f"{sheet.path}: time.column"
         places[key] = clock_place(sheet, said, where, account)
+        if said.date is not None:
+            at = places[key]
+            if at not in joins:
+                joins[at] = joined(sheet, said.date, at, keys, account, where)
+            places[key] = joins[at]
         clocks.setdefault(places[key], (Clock(_nothing()), said, where))
     texts = [(index, source) for index, source in chosen.values() if sheet.columns[index].kind == "text"]
     texts += [(index, said) for index, (_, said, _) in clocks.items() if sheet.columns[index].kind == "text"]

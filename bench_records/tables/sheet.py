@@ -29,6 +29,15 @@ class Column:
     zoned: bool = False  #: of stamps: whether they are in UTC
     there: npt.NDArray[np.bool_] | None = None
     what: str = ""  #: of another kind: what it is
+    of_day: bool = (
+        False  #: of spans: they are times of day, of which the first is at ``begin`` (ns after midnight)
+    )
+    begin: int = 0
+
+    @property
+    def example(self) -> str:
+        """The first cell of text that is not empty; "" if all are."""
+        return next((text for cell in self.cells if (text := (cell.as_py() or "").strip())), "")
 
 
 @dataclass

@@ -62,6 +62,18 @@ def looks_like_a_stamp(text: str) -> bool:
     return bool(_STAMP.fullmatch(text) or _OF_DAY.fullmatch(text))
 
 
+def looks_like_a_date(text: str) -> bool:
+    """Whether a cell is a date, without a time of day or with the beginning of the day."""
+    found = _STAMP.fullmatch(text)
+    return found is not None and not (found["h"] and _time(found, 0))
+
+
+def looks_like_a_time_of_day(text: str) -> bool:
+    """Whether a cell is a time of day."""
+    found = _OF_DAY.fullmatch(text)
+    return found is not None and not found["days"]
+
+
 def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None = None) -> Stamps:
     """Return the instants of cells of text. NotAStamp for one that is none, or is open without ``dates``."""
     import numpy as np

@@ -113,6 +113,8 @@ FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
     "month names": (times(lambda t: t.strftime("%d-%b-%Y %H:%M:%S.%f")), ".csv", {}, "begins at 2026-03-19"),
     "times of day": (times(lambda t: (t + timedelta(hours=13, minutes=59, seconds=59.9)).strftime("%H:%M:%S.%f")), ".csv", {}, "the clock passes midnight before line 12"),
     "hours and minutes": (times(lambda t: t.strftime("%H:%M")), ".csv", {}, "it may be hours and minutes, or minutes and seconds"),
+    "date and time": (csv("day,time,x,p", lambda t, x, p: f"{START + timedelta(seconds=t + 50_399.9):%d.%m.%Y,%H:%M:%S.%f},{x:.4f},{p:.3f}"), ".csv", {"date": "day"}, "the columns day and time are one clock\nthe record begins at 2026-03-19 23:59:59.900"),
+    "date alone": (csv("time,of day,x,p", lambda t, x, p: f"{START + timedelta(seconds=t):%Y-%m-%d,%H:%M:%S.%f},{x:.4f},{p:.3f}"), ".csv", {}, r"time.column: the column holds dates without times of day, and many .* \(the key date\)"),
     "unix": (csv(cells=lambda t, x, p: f"{1_700_000_000 + t:.2f},{x:.4f},{p:.3f}"), ".csv", {}, "the times are Unix times; the record begins at 2023-11-14 22:13:20.000 UTC"),
     "unix in ms": (csv(cells=lambda t, x, p: f"{1_700_000_000_000 + 1000 * t:.0f},{x:.4f},{p:.3f}"), ".csv", {}, 'is no time of a record; with time.unit = "ms" they would be Unix times'),
     "unix in ns": (csv(cells=lambda t, x, p: f"{1_700_000_000_000_000_000 + round(1e9 * t)},{x:.4f},{p:.3f}"), ".csv", {"unit": "ns"}, "Unix times"),
@@ -130,6 +132,7 @@ FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
     "nameless index": (indexed(DATES.tz_localize(None)), ".parquet", {}, "the index is the clock"),
     "timedelta": (with_time(pd.to_timedelta(TIMES, unit="s")), ".parquet", {}, ""),
     "microseconds": (with_time(DATES.as_unit("us")), ".parquet", {}, "begins at 2026-03-19 10:00:00.000 UTC"),
+    "date and time in parquet": (parquet(pd.DataFrame({"day": DATES.date, "time": DATES.time, "x": X, "p": P})), ".parquet", {"date": "day"}, "the record begins at 2026-03-19 10:00:00.000"),
     "texts in parquet": (with_time([f"{t:.2f}" for t in TIMES]), ".parquet", {}, ""),
     "lists in parquet": (parquet(pd.DataFrame({"time": TIMES, "x": [[1.0]] * 30, "p": P})), ".parquet", {}, 'the column "x" holds values of the kind list'),
     "cut parquet": (parquet(FRAME)[:-40], ".parquet", {}, "is no whole Parquet file"),
@@ -140,8 +143,9 @@ FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
 
 def read(path: Path, keys: dict[str, Any]) -> tuple[dict[str, Series], Account]:
     account = Account()
-    time = TimeSource(unit=keys.get("unit", "s"))
-    file = FileKeys(**{key: value for key, value in keys.items() if key != "unit"})
+    of_time = {key: value for key, value in keys.items() if key in ("unit", "date")}
+    time = TimeSource(**of_time)
+    file = FileKeys(**{key: value for key, value in keys.items() if key not in of_time})
     found = read_series(path, file, time, {"x": Source(column="x"), "p": Source(column="p")}, account)
     return found, account
 

@@ -60,6 +60,7 @@ CLOCKS: dict[str, Callable[[float], str]] = {
     "of day": lambda t: (START + timedelta(seconds=t)).strftime("%H:%M:%S.%f"),
     "half": lambda t: (START + timedelta(seconds=t)).strftime("%I:%M:%S.%f %p"),
     "american": lambda t: (START + timedelta(seconds=t)).strftime("%m/%d/%Y %I:%M:%S.%f %p"),
+    "two": lambda t: (START + timedelta(seconds=t)).strftime("%d.%m.%Y|%H:%M:%S.%f"),
     "matlab": lambda t: (START + timedelta(seconds=t)).strftime("%d-%b-%Y %H:%M:%S.%f"),
 }
 
@@ -75,12 +76,14 @@ def dialect(table: pd.DataFrame, random_: random.Random) -> tuple[bytes, str]:
         clock = "iso"
     missing = pick(["", "", "NaN", "#N/A", "---"])
     names = list(table.columns)
+    if clock == "two":
+        names[:1] = ["Datum", "Uhrzeit"]
     spaces = pick([True, False])
     if units := pick([True, False]):
         names = [name.partition(" [")[0] for name in names]
     rows = [[f" {name} " if spaces else name for name in names]]
     if units:
-        rows.append(["s", "mm", "bar", "N"])
+        rows.append([*(["", ""] if clock == "two" else ["s"]), "mm", "bar", "N"])
     for row in table.itertuples(index=False):
         time = CLOCKS[clock](row[0])
         if clock in ("seconds", "unix"):
@@ -88,7 +91,7 @@ def dialect(table: pd.DataFrame, random_: random.Random) -> tuple[bytes, str]:
         cells = [
             missing if np.isnan(one) else grouped(repr(float(one)), thousands, decimal) for one in row[1:]
         ]
-        rows.append([time, *cells])
+        rows.append([*time.split("|"), *cells])
     above = pick([[], [], ["Measured by A. Müller", "Kanäle: 3"]])
     trailing = pick(["", "", delimiter, delimiter * 3])
     below = pick([[], [], [""], [delimiter * 3], ["End of file"]])
@@ -167,7 +170,13 @@ def columnar(table: pd.DataFrame, random_: random.Random, path: Path) -> None:
     stamps = pd.DatetimeIndex(start + pd.to_timedelta(times, unit="s")).as_unit(pick(["ns", "us", "ms"]))
     clock = pick([times.to_numpy(), times.astype("float32").to_numpy(), stamps, stamps - stamps[0]])
     changed = table.drop(columns="time_s").astype(pick(["float64", "float64", "string"]))
-    if pick([True, False]):
+    if random_.random() < 0.2:
+        days, of_day = stamps.date, stamps.time
+        if pick([True, False]):
+            days, of_day = stamps.strftime("%Y/%m/%d"), stamps.strftime("%H:%M:%S.%f")
+        changed.insert(0, "Date", days)
+        changed.insert(pick([0, 2]), "Time", of_day)
+    elif pick([True, False]):
         changed = changed.set_index(pd.Index(clock, name=pick(["time_s", "time_s", None])))
         if changed.index.name is None and isinstance(changed.index[0], float | np.floating):
             changed.index.name = "time_s"
