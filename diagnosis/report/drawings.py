@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
 BEFORE, AFTER, MEASURED = PALETTE[1], PALETTE[0], "#c3cad0"
+#: Of a letter in the widest type that pages are set in, in inches.
+LETTER = 0.066
 #: Rows and columns that a drawing has room for.
 MOST_SCORES = 24
 
@@ -66,8 +68,9 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
     if not rows:
         return ""
     with style():
-        height = 0.235 * len(rows) + 0.80
-        figure, axes = panel(height, width=6.4, left=1.75, right=0.25, bottom=0.50, top=0.30)
+        height, left = 0.235 * len(rows) + 0.80, _room([gain.channel for gain in rows], 1.75)
+        width = left + 4.65
+        figure, axes = panel(height, width=width, left=left, right=0.25, bottom=0.50, top=0.30)
         for place, gain in enumerate(rows):
             before, after = gain.noise_ratio_before or 1.0, gain.noise_ratio or 1.0
             axes.plot([after, before], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
@@ -80,7 +83,7 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
         axes.grid(visible=False, axis="y")
         heading(axes, "Error over noise", "", what="RMSE / noise floor")
         _legend(axes)
-        return _sized(svg(figure, name), 6.4)
+        return _sized(svg(figure, name), width)
 
 
 def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
@@ -90,7 +93,7 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
         return ""
     with style():
         height = 0.215 * len(shown) + 0.78
-        labels = max(2.25, 0.062 * max(len(score.title) for score in shown))
+        labels = _room([score.title for score in shown], 2.25)
         figure, axes = panel(height, width=labels + 4.15, left=labels, right=0.75, bottom=0.44, top=0.30)
         least = 0.3
         for place, score in enumerate(shown):
@@ -137,11 +140,12 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
         from matplotlib.colors import LinearSegmentedColormap
 
         colors = LinearSegmentedColormap.from_list("alarm", [SHADE, "#f0c9a8", "#d55e00", "#7a2c00"])
-        labels = max(len(channel) for channel in channels) * 0.062 + 0.25
+        labels, left = _room(channels), _room(tests)
         height = 0.25 * len(tests) + 0.15 + labels
         # The last of the slanted labels needs room at its right.
-        width, right = min(8.5, 2.5 + 0.52 * len(channels)), 0.6 * labels
-        figure, axes = panel(height, width=width + right, left=2.5, right=right, bottom=0.08, top=labels)
+        cell, right = max(0.36, min(0.52, 6.0 / len(channels))), 0.6 * labels
+        width = left + cell * len(channels)
+        figure, axes = panel(height, width=width + right, left=left, right=right, bottom=0.08, top=labels)
         largest = max((row.statistic or 0.0 for row in rows if row.significant), default=1.0)
         for row in rows:
             if row.test == "parity":
@@ -155,8 +159,7 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
             axes.add_patch(_cell(x, y, colors(depth)))
             if row.significant:
                 ink = "white" if depth > 0.6 else INK
-                text = f"{size:.3g}" if size < 1000.0 else f"{size / 1000.0:.3g}k"
-                axes.text(x, y, text, ha="center", va="center", fontsize=6.5, color=ink)
+                axes.text(x, y, _short(size), ha="center", va="center", fontsize=6.5, color=ink)
         axes.set_xlim(-0.5, len(channels) - 0.5)
         axes.set_ylim(len(tests) - 0.5, -0.5)
         axes.set_yticks(range(len(tests)), tests, color=INK)
@@ -177,7 +180,7 @@ def cosine_map(name: str, confusability: Confusability) -> str:
         from matplotlib.colors import LinearSegmentedColormap
 
         colors = LinearSegmentedColormap.from_list("alike", ["#ffffff", "#c6dcea", PALETTE[0], "#00334f"])
-        labels = max(len(name) for name in effects) * 0.066 + 0.25
+        labels = _room(effects)
         side = min(7.4, 0.30 * len(effects))
         width = side + labels + 0.9
         figure, axes = panel(side + labels + 0.1, width=width, left=labels, right=0.9, bottom=0.1, top=labels)
@@ -199,6 +202,19 @@ def cosine_map(name: str, confusability: Confusability) -> str:
         for edge in axes.spines.values():
             edge.set_visible(False)
         return _sized(svg(figure, name), width)
+
+
+def _room(names: Sequence[str], least: float = 0.0) -> float:
+    """Return the room (inches) that the longest of some names needs in the page's type."""
+    return max(least, 0.25 + LETTER * max(map(len, names)))
+
+
+def _short(size: float) -> str:
+    """A statistic in a cell that has room for five letters: thousands with k, millions with M."""
+    for name, unit in (("", 1.0), ("k", 1e3), ("M", 1e6)):
+        if size < 999.5 * unit:
+            return f"{size / unit:.3g}{name}"
+    return "> 1G"
 
 
 def _cell(x: float, y: float, color: Any) -> Any:
@@ -276,8 +292,9 @@ def _even(axis: Axis, places: Array) -> Array:
 def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
     """How far parameters of the base model move, in standard deviations that it claimed for itself."""
     with style():
-        height = 0.215 * len(rows) + 0.80
-        figure, axes = panel(height, width=6.4, left=2.25, right=0.6, bottom=0.46, top=0.30)
+        height, left = 0.215 * len(rows) + 0.80, _room([label for label, _ in rows], 2.25)
+        width = left + 4.15
+        figure, axes = panel(height, width=width, left=left, right=0.6, bottom=0.46, top=0.30)
         axes.axvspan(-1.96, 1.96, color=SHADE, linewidth=0)
         for place, (_, sigmas) in enumerate(rows):
             axes.plot([0, sigmas], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
@@ -292,7 +309,7 @@ def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
         heading(axes, "Shift of the base parameters", "", what="σ")
-        return _sized(svg(figure, name), 6.4)
+        return _sized(svg(figure, name), width)
 
 
 def _foot(axes: Axes, text: str) -> None:
