@@ -16,6 +16,7 @@ import pytest
 
 from astb.exit_codes import BLOCKED, MISUSE, PASS
 from bench_protocol.table import TABLE
+from bench_protocol.table_signals import MEASUREMENTS
 from bench_sim.parameters import load
 from bench_sim.rig.control_socket import LINE_MAX, ask, control_path
 from bench_sim.rig.faults.catalogue import FAULTS
@@ -306,3 +307,36 @@ def test_a_rig_file_is_refused_in_words(cli, tmp_path, faults, said):
     code, out, err = cli("rig", "--rig", file, "--modbus-port", "0", "--can", "tcp", "--can-port", "0")
     assert (code, out) == (MISUSE, "")
     assert said in err
+
+
+def as_listed(fault: dict, sensor: str) -> dict[str, str]:
+    """Values for a fault by nothing but what the list says of it, for one sensor where it has one."""
+    values = {}
+    for one in fault["parameters"]:
+        if one["name"] == "other":
+            values["other"] = sensor.replace("left", "right") if "left" in sensor else "left.height"
+        elif "choices" in one:
+            values[one["name"]] = sensor if sensor in one["choices"] else one["usual"] or one["choices"][0]
+        elif "spans" in one:
+            high, _, unit = one["spans"][sensor].partition(" to ")[2].partition(" ")
+            values[one["name"]] = f"{float(high) / 100:g} {unit}"
+        else:
+            values[one["name"]] = one["usual"]
+    return values
+
+
+def test_every_fault_can_be_on_by_what_the_list_says_of_it():
+    """As the panel in the browser does, which knows no more."""
+    sound_rig = Rig(load(), seed=1)
+    faults = json.loads(sound_rig.order(b'{"do": "list"}'))["faults"]
+    of_sensors = [one for one in faults if any("spans" in each for each in one["parameters"])]
+    assert {one["name"] for one in of_sensors} == {"bias", "drift", "spike", "noise"}
+    orders = [
+        (one, "left.height") for one in faults if one["name"] not in {"plc_restart", "hung_plc", "power_loss"}
+    ]
+    orders += [(one, sensor.name) for one in of_sensors for sensor in MEASUREMENTS]
+    for fault, sensor in orders:
+        order = {"do": "on", "name": fault["name"], "values": as_listed(fault, sensor)}
+        answer = json.loads(sound_rig.order(json.dumps(order).encode()))
+        assert "error" not in answer, (order, answer)
+        assert "off" in json.loads(sound_rig.order(b'{"do": "off", "name": "all"}'))

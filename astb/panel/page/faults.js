@@ -48,18 +48,24 @@ export function show(element, panel) {
 
   function fault(one) {
     const inputs = one.parameters.map((each) => {
-      const choices = each.span.split(" or ");
       const attributes = { name: each.name, "aria-label": `${one.name} ${each.name}`, title: each.text };
-      return choices.length > 1 || !/\d/.test(each.span)
-        ? make("select", attributes, ...choices.map((text) => make("option", { selected: text === each.usual }, text)))
-        : make("input", { ...attributes, value: each.usual ?? "", placeholder: each.span });
+      return each.choices
+        ? make("select", attributes, ...each.choices.map((text) => make("option", { selected: text === each.usual }, text)))
+        : make("input", { ...attributes, value: each.usual ?? "", autocomplete: "off" });
     });
+    const spans = one.parameters.map((each) => make("small", {}, each.choices ? "" : each.span));
+    const sensor = inputs.find((input) => input.name === "sensor");
+    const chosen = () => one.parameters.forEach((each, k) => {
+      if (each.spans) inputs[k].placeholder = spans[k].textContent = each.spans[sensor.value];
+    });
+    sensor?.addEventListener("change", chosen);
+    chosen();
     const lasting = make("input", { class: "lasting", placeholder: "until mended", "aria-label": `${one.name} for`, title: "how long, such as 3 s" });
     const go = () => order("/api/faults/on", { name: one.name, values: Object.fromEntries(inputs.filter((input) => input.value).map((input) => [input.name, input.value])), for: lasting.value });
     return make("details", { class: "fault", "data-fault": one.name },
       make("summary", {}, make("b", {}, one.name), ` ${one.title}`),
       make("p", { class: "said" }, `What a driver sees: ${one.seen}`),
-      make("div", { class: "fields" }, ...inputs.map((input, k) => make("label", {}, one.parameters[k].name.replaceAll("_", " "), make("small", {}, input.tagName === "INPUT" ? one.parameters[k].span : ""), input)), make("label", {}, "for", lasting)),
+      make("div", { class: "fields" }, ...inputs.map((input, k) => make("label", {}, one.parameters[k].name.replaceAll("_", " "), spans[k], input)), make("label", {}, "for", lasting)),
       button("Break it", go, "main"));
   }
 

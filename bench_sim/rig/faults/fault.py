@@ -63,17 +63,32 @@ class FaultNumber:
             return ""
         return f"{self.default:g}" + ("" if self.unit == "1" else f" {self.unit}")
 
+    @property
+    def of_sensor(self) -> bool:
+        """Whether its unit and range are those of the fault's sensor."""
+        return self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND)
+
+    def span_for(self, sensor: str) -> str:
+        """The range in words, for a number of a sensor that of ``sensor``."""
+        unit, low, high = self._range(sensor)
+        return f"{low:g} to {high:.12g}" + ("" if unit == "1" else f" {unit}")
+
+    def _range(self, sensor: str) -> tuple[str, float, float]:
+        """Return the unit, and the ends in it."""
+        if not self.of_sensor:
+            return self.unit, self.low, self.high
+        signal = TABLE[sensor]
+        unit, rate = signal.unit, self.unit == OF_SENSOR_PER_SECOND
+        if rate:
+            unit = next((one for one in (f"{unit}/s", f"{signal.si}/s") if one in WRITTEN_UNITS), "m/s3")
+        elif unit not in WRITTEN_UNITS:
+            unit = signal.si
+        high = (signal.high - signal.low) / WRITTEN_UNITS[unit].factor
+        return unit, -high, high
+
     def read(self, text: Any, sensor: str) -> float:
         """Return ``text`` in SI; for a number of a sensor, its name is needed. FaultError for what is not allowed."""
-        unit, low, high = self.unit, self.low, self.high
-        if unit in (OF_SENSOR, OF_SENSOR_PER_SECOND):
-            signal = TABLE[sensor]
-            si, high = signal.si, signal.high - signal.low
-            low = -high
-            if unit == OF_SENSOR_PER_SECOND:
-                si = "m/s3" if si == "m/s2" else f"{si}/s"
-            unit = signal.unit if unit == OF_SENSOR and signal.unit in WRITTEN_UNITS else si
-            low, high = (bound / WRITTEN_UNITS[unit].factor for bound in (low, high))
+        unit, low, high = self._range(sensor)
         si, factor, _ = WRITTEN_UNITS[unit]
         try:
             value = read_value(self.name, text, si)
@@ -82,8 +97,7 @@ class FaultNumber:
         # As people write it: 0.3 bar is not exactly 0.3 times 100 000 Pa.
         slack = 1e-12 * max(abs(low), abs(high)) * factor
         if not low * factor - slack <= value <= high * factor + slack:
-            span = f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}")
-            raise FaultError(f"{self.name} = {text} is outside {span}")
+            raise FaultError(f"{self.name} = {text} is outside {self.span_for(sensor)}")
         if self.whole and value != round(value):
             raise FaultError(f"{self.name} = {text} is not a whole number")
         return value

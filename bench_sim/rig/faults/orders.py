@@ -12,10 +12,11 @@ from typing import Any, Final, Literal
 
 import msgspec
 
+from bench_protocol.table_signals import MEASUREMENTS
 from bench_sim.parameters.loading import ParameterError
 from bench_sim.parameters.values import read_value
 from bench_sim.rig.faults.catalogue import FAULTS
-from bench_sim.rig.faults.fault import Fault, FaultError
+from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultError, FaultNumber
 from bench_sim.rig.faults.panel import FaultPanel
 
 
@@ -57,11 +58,18 @@ def told(fault: Fault) -> dict[str, Any]:
         "place": fault.place.value,
         "title": fault.title,
         "seen": fault.seen,
-        "parameters": [
-            {"name": one.name, "span": one.span.replace("`", ""), "usual": one.usual, "text": one.text}
-            for one in fault.parameters
-        ],
+        "parameters": [_asked(one) for one in fault.parameters],
     }
+
+
+def _asked(one: FaultNumber | FaultChoice) -> dict[str, Any]:
+    """Return what there is to say of a parameter: its ``choices``, or for a number of a sensor the span of each."""
+    found = {"name": one.name, "span": one.span.replace("`", ""), "usual": one.usual, "text": one.text}
+    if isinstance(one, FaultChoice):
+        return found | {"choices": one.choices}
+    if one.of_sensor:
+        return found | {"spans": {signal.name: one.span_for(signal.name) for signal in MEASUREMENTS}}
+    return found
 
 
 _CATALOGUE: Final = [told(fault) for fault in FAULTS.values()]
