@@ -122,7 +122,7 @@ def run_plan(
     if keeping.ambient:
         meta["ambient"] = keeping.ambient
     display.introduce(" · ".join(circumstances(meta)))
-    display.begin(plan.name, _live(plan, session, rig, directory, operator, suspension))
+    display.begin(plan.name, _live(plan, session, rig, directory, operator, keeping, suspension))
     stopped: KeyboardInterrupt | None = None
     try:
         with undisturbed(), kept_frames(session, directory if keeping.frames else None):
@@ -183,18 +183,23 @@ def _live(
     rig: RigFile,
     directory: Path,
     operator: "Operator | None",
+    keeping: Keeping,
     suspension: "Suspension | None",
 ) -> Live:
     """Return the model of a run that begins now, for whoever watches it."""
+    from test_plans.holding import can_be_held
+
     return Live(
         plan.name,
         session.bench,
         rig=rig.name,
+        operator=keeping.operator,
         limits=known_limits(rig),
         record=str(directory.resolve()),
         outline=kept_outline(directory.parent, plan.name, plan.written),
         box=box_of(operator),
         suspension=suspension,
+        can_hold=can_be_held(plan),
     )
 
 

@@ -42,7 +42,7 @@ WHOSE: Final = {"rig": "the rig", "link": "the link to the rig", "plan": "the pl
 BY_THE_RECORD: Final = f"{WHOSE['record']}: "
 #: How a warning begins that a run did not leave the bench as it should have.
 IN_TEAR_DOWN: Final = "in tear-down: "
-_STOPPED: Final = "stopped by the operator"
+_OPERATOR: Final = "the operator"
 
 
 class NotReady(Exception):
@@ -309,7 +309,7 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
 
 def _attempt(run: Run, stops: Interruptions, name: str, part: Callable[[Run], None]) -> tuple[str, bool]:
     """Run one part; return what went wrong, whose fault it is included, and whether the operator stopped it."""
-    interrupted = False
+    interrupted, stopped = False, f"stopped by {_OPERATOR}"
     try:
         with stops.heard(), run.phase(name):
             part(run)
@@ -326,11 +326,11 @@ def _attempt(run: Run, stops: Interruptions, name: str, part: Callable[[Run], No
     except NotReady as error:
         trouble = f"not ready: {error}"
     except HeldTooLong as error:
-        trouble = f"{_STOPPED}: {error}"
+        trouble = f"{stopped}: {error}"
     except Aborted as stop:
-        trouble = f"{_STOPPED}: {stop}"
+        trouble = f"{stopped}: {stop}"
     except KeyboardInterrupt:
-        trouble, interrupted = _STOPPED, True
+        trouble, interrupted = f"stopped by {run.suspension.stopped_by or _OPERATOR}", True
     except (Exception, SystemExit) as error:  # what would end the program must not take the tear-down with it
         trouble = f"the plan: {type(error).__name__} at {_place(error)}: {error}"
     try:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Final, Protocol
 
-from bench_protocol.units import minutes
+from bench_protocol.clock import RealClock
+from bench_protocol.units import NS, minutes
 
 DONE: Final = "done"
 NOT_POSSIBLE: Final = "not possible"
@@ -118,6 +119,15 @@ class QuestionBox:
         self._lock = threading.Lock()
         self._question: Question | None = None
         self._answer: Answer | None = None
+        self._asked = 0  # when, in ns of people's clock
+        self._clock = RealClock()
+
+    @property
+    def left(self) -> float | None:
+        """How long the question still waits (s); None without one."""
+        if (question := self.question) is None:
+            return None
+        return max(0.0, question.within - (self._clock.now() - self._asked) / NS)
 
     @property
     def question(self) -> Question | None:
@@ -139,7 +149,7 @@ class QuestionBox:
 
     def ask(self, question: Question) -> None:
         with self._lock:
-            self._question, self._answer = question, None
+            self._question, self._answer, self._asked = question, None, self._clock.now()
 
     def answer(self) -> Answer | None:
         with self._lock:

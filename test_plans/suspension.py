@@ -28,6 +28,16 @@ class Suspension:
         # Single assignments: a handler of a signal must not wait for a lock.
         self._wanted_by = ""
         self._held_at = ""
+        self._stopped_by = ""
+
+    @property
+    def stopped_by(self) -> str:
+        """Who ends the run, "" if nobody has said so."""
+        return self._stopped_by
+
+    def stop(self, by: str) -> None:
+        """Note who ends the run; a signal does it."""
+        self._stopped_by = self._stopped_by or by
 
     @property
     def wanted_by(self) -> str:

@@ -82,12 +82,16 @@ class Door:
                 live = self._live()
                 return {"pid": os.getpid(), "snapshot": None if live is None else live.snapshot()}
             case "hold":
+                if (live := self._live()) is not None and not live.can_hold:
+                    raise ValueError("this plan can be held nowhere; to end the run would be possible")
                 self._suspension.request(by)
             case "resume":
                 self._suspension.resume()
             case "stop":
+                self._suspension.stop(by)
                 self._interrupt()
             case "safe":
+                self._suspension.stop(by)
                 # First the bench, and then the plan, which might arm it again.
                 try:
                     if (live := self._live()) is not None:

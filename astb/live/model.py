@@ -10,6 +10,7 @@ from astb.rig_limits import ASSUMED, KnownLimit
 from bench_protocol.units import NS
 from bench_protocol.words import FAULT_STATES, LimitKind
 from drivers.settings import UNKNOWN
+from drivers.wiring.contract import Owned
 
 if TYPE_CHECKING:
     from bench_records.result import Check, Result
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from test_plans.suspension import Suspension
 
 _ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
+#: Of so many checks the words are told, and of these verdicts.
+_FAILED_MAX: Final = 20
+_FAILED: Final = ("fail", "error")
 #: Told beside the readings that have limits.
 _ALSO: Final = ("supply.pressure",)
 
@@ -27,8 +31,8 @@ class Live:
 
     ``record`` is the directory that its record goes to, ``limits`` are those that are known of the rig, ``outline`` is
     what an earlier run tells of the steps; ``box`` is where a question waits for its answer, ``suspension`` knows
-    whether the run is held. A snapshot asks nothing of the rig: it has what came by itself. The run's thread assigns
-    whole values, and any other thread reads them.
+    whether the run is held, which the plan can be if ``can_hold``. A snapshot asks nothing of the rig: it has what came
+    by itself. The run's thread assigns whole values, and any other thread reads them.
     """
 
     def __init__(
@@ -37,13 +41,16 @@ class Live:
         bench: "Bench",
         *,
         rig: str = "",
+        operator: str = "",
         record: str = "",
         limits: list[KnownLimit] | None = None,
         outline: Outline = NONE,
         box: "QuestionBox | None" = None,
         suspension: "Suspension | None" = None,
+        can_hold: bool = True,
     ) -> None:
-        self._plan, self._rig, self.bench = plan, rig, bench
+        self._plan, self._rig, self._by, self.bench = plan, rig, operator, bench
+        self.can_hold = can_hold
         self._record = record
         self._limits: dict[str, list[KnownLimit]] = {}
         for one in limits or ():
@@ -59,6 +66,7 @@ class Live:
         self._said = self._last_check = self._ended = ""
         self._fraction = 0.0
         self._next, self._counts = "", dict[str, int]()
+        self._failed: tuple[str, ...] = ()
 
     # -- what the run tells, in its thread -------------------------------------------------------------------------
 
@@ -82,6 +90,8 @@ class Live:
         """Hear of a check and its verdict."""
         self._counts = dict(Counter(self._counts) + Counter([check.verdict.value]))
         self._last_check = str(check)
+        if check.verdict.value in _FAILED:
+            self._failed = (*self._failed, self._last_check)
 
     def conclude(self, result: "Result") -> None:
         """Hear of the end."""
@@ -112,6 +122,7 @@ class Live:
         return Snapshot(
             plan=self._plan,
             rig=self._rig,
+            operator=self._by,
             record=self._record,
             time=time,
             state=state,
@@ -125,16 +136,25 @@ class Live:
             said=self._said,
             question="" if question is None else question.text,
             answers=() if question is None else question.allowed,
+            answer_within=None if self._box is None else self._box.left,
+            can_hold=self.can_hold,
             held="" if held is None else held.held_at,
             hold_wanted_by="" if held is None else held.wanted_by,
             checks=self._counts,
+            failed=self._failed[:_FAILED_MAX],
             last_check=self._last_check,
             readings=tuple(self._reading(name) for name in self._names),
             assumed=sum(one.source == ASSUMED for some in self._limits.values() for one in some),
+            commands=self._commands(),
             late=None if isnan(late) else round(late),
             latest=None if isnan(latest) else latest,
             ended=self._ended,
         )
+
+    def _commands(self) -> bool:
+        """Whether the rig says that its holder sends from where this run does."""
+        port = self.bench.readings.glimpse("rig.holder")
+        return port > 0 and isinstance(self.bench.wiring, Owned) and self.bench.wiring.is_own(int(port), nan)
 
     def _choice(self, name: str) -> str:
         value, choices = self.bench.readings.glimpse(name), self.bench.table[name].choices

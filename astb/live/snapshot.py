@@ -18,6 +18,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
     plan: str
     rig: str
+    operator: str = ""  #: who runs it
     record: str = ""  #: the directory of the record
     time: float  #: since the run began
     state: str  #: of the rig; "unknown" unless it was told lately
@@ -31,12 +32,16 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     said: str = ""  #: what the plan said last
     question: str = ""  #: that waits for its answer
     answers: tuple[str, ...] = ()  #: that it allows
+    answer_within: float | None = None  #: s that are left for it
+    can_hold: bool = True  #: whether the plan has places where it can be held
     held: str = ""  #: where the run is held, "" if it goes on
     hold_wanted_by: str = ""  #: who wants it to be held, there or at the next place where that can be
     checks: dict[str, int] = {}  #: how many so far, by verdict
+    failed: tuple[str, ...] = ()  #: the checks that broke a limit or measured nothing, as they were told
     last_check: str = ""
     readings: tuple[LiveReading, ...] = ()
     assumed: int = 0  #: how many of the limits are ours, and not the rig's own
+    commands: bool = False  #: whether the rig names this run as the one that commands it
     late: int | None = None  #: ticks of the rig that were late since the run began; None if it does not tell
     latest: float | None = None  #: s that the latest tick since the rig started was late
     ended: str = ""  #: the verdict, once there is one

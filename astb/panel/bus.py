@@ -86,6 +86,7 @@ class Bus:
             "others": self._others,
             "gaps": {identifier: gap / NS for identifier, gap in self._gaps.items()},
             "messages": _MESSAGES,
+            "run": self._watch.status.run,
             "rig": {name: None if math.isnan(value) else value for name, value in values.items()},
         }
 

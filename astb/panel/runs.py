@@ -7,6 +7,8 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,14 +16,43 @@ from astb.live.door import SAFE, NoRun, knock
 from astb.operators import PANEL
 from astb.panel.kept_rig import KeptRig
 from astb.panel.watch import Watch
+from bench_protocol.clock import wall_time_ns
 from bench_protocol.units import s
+from bench_protocol.words import SIDES
 from bench_records.layout import RESULT, RecordError
-from bench_records.result import read_result
+from bench_records.result import CheckVerdict, read_result
 from drivers.errors import BenchError
+from test_plans.air_left import LIFTS
+from test_plans.readings import CHAMBERS
 
 #: A run that does not answer its door for so long is killed by an emergency stop: the rig holds when it is gone.
 STOP_WITHIN: Final = 1 * s
 _LOG_TAIL: Final = 2000  # bytes
+MS: Final = 1_000_000  # ns
+#: Of each side the pressures in the spring: the bellows first, without which nobody knows of any air.
+_AIR: Final = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
+#: Who stopped a run, if his page does not know his name.
+SOMEBODY: Final = "somebody at the panel"
+_FAILED: Final = (CheckVerdict.FAIL, CheckVerdict.ERROR)
+
+
+@dataclass(slots=True)
+class Stopped:
+    """An emergency stop: by whom, what was done, when (ns since 1970), and when the springs were seen to be empty."""
+
+    by: str
+    how: str
+    at: int
+    emptied: int | None = None
+
+    def told(self) -> dict[str, Any]:
+        """Return it for the page, with times in ms."""
+        return {
+            "by": self.by,
+            "how": self.how,
+            "at": self.at // MS,
+            "empty": None if self.emptied is None else self.emptied // MS,
+        }
 
 
 class CannotDo(Exception):
@@ -36,8 +67,8 @@ class Runs:
         self._process: subprocess.Popen[bytes] | None = None
         self._log: Path | None = None
         self._record = ""  # of the last run that was seen
-        self._concluded: tuple[str, dict[str, str]] | None = None  # what that came to
-        self.stopped = ""  #: what the last emergency stop did
+        self._concluded: tuple[str, dict[str, Any]] | None = None  # what that came to
+        self.stopped: Stopped | None = None  #: by the last emergency stop, until another run starts
         self._stops = 0
         self._starts = threading.Lock()
 
@@ -78,7 +109,7 @@ class Runs:
             self._log.unlink(missing_ok=True)
         lifeline = None if self._kept is None else self._kept.lifeline
         with tempfile.NamedTemporaryFile(prefix="astb-run-", suffix=".log", delete=False) as log:
-            self._log, self._record, self.stopped = Path(log.name), "", ""
+            self._log, self._record, self.stopped = Path(log.name), "", None
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -110,31 +141,45 @@ class Runs:
         if "error" in told:
             raise CannotDo(told["error"])
 
-    def emergency_stop(self) -> str:
+    def emergency_stop(self, by: str = "") -> str:
         """Bring the bench to its safe position over the wires, and end the run; return what was done.
+
+        ``by`` is who says so, as far as the page knows.
 
         The run itself says it to the rig, as its commander. One that does not answer is killed, and the rig then holds
         and lets the air off as it does without a commander. Without a run it is said directly. CannotDo if the rig did
         not hear of it.
         """
         self._stops += 1
-        pid = self._watch.status.pid
+        at, pid, by = wall_time_ns(), self._watch.status.pid, by.strip() or SOMEBODY
         try:
-            told = knock(self._watch.path, {"do": "safe"}, STOP_WITHIN)
+            told = knock(self._watch.path, {"do": "safe", "by": by}, STOP_WITHIN)
         except NoRun:
             told = {"error": "the run does not answer"}
         if "error" not in told:
-            self.stopped = (
+            how = (
                 "the run took the bench to its safe position and ends"
                 if told.get("bench")
                 else "the run had no plan on the bench, and ends"
             )
         elif pid is not None or self._starting:
             self._kill(pid)
-            self.stopped = f"{told['error']}: its process was killed, and the rig holds without its commander"
+            how = f"{told['error']}: its process was killed, and the rig holds without its commander"
         else:
-            self.stopped = self._directly()
-        return self.stopped
+            how = self._directly()
+        self.stopped = Stopped(by, how, at)
+        return how
+
+    def _look_at_the_air(self) -> None:
+        """Note when the springs are empty after a stop."""
+        if self.stopped is None or self.stopped.emptied is not None or self._watch.present().link:
+            return
+        if all(self._empty(names) for names in _AIR.values()):
+            self.stopped.emptied = wall_time_ns()
+
+    def _empty(self, names: list[str]) -> bool:
+        first, *others = self._watch.glimpses(names).values()
+        return first < LIFTS and all(isnan(one) or one < LIFTS for one in others)
 
     def _kill(self, pid: int | None) -> None:
         for one in {pid, self._process.pid if self._process and self._starting else None} - {None}:
@@ -177,17 +222,18 @@ class Runs:
         snapshot = self._watch.status.run
         if snapshot is not None:
             self._record = snapshot["record"]
+        self._look_at_the_air()
         lonely = self._starting and snapshot is None
         told: dict[str, Any] = {
             "starting": lonely and not self._record,
             "ending": (lonely and bool(self._record)) or bool(snapshot and snapshot["ended"]),
-            "stopped": self.stopped,
+            "stopped": None if self.stopped is None else self.stopped.told(),
         }
         if self._watch.status.pid is None and not self._starting:
             told["last"] = self._last()
         return told
 
-    def _last(self) -> dict[str, str] | None:
+    def _last(self) -> dict[str, Any] | None:
         if self._record and (Path(self._record) / RESULT).exists():
             if self._concluded is None or self._concluded[0] != self._record:  # read once, and shown often
                 self._concluded = self._record, _conclusion(Path(self._record), self.out)
@@ -199,7 +245,7 @@ class Runs:
         return None
 
 
-def _conclusion(record: Path, out: Path) -> dict[str, str]:
+def _conclusion(record: Path, out: Path) -> dict[str, Any]:
     """What the page shows of a run that is over; its report can be opened if it lies in ``out``."""
     try:
         result = read_result(record)
@@ -209,5 +255,6 @@ def _conclusion(record: Path, out: Path) -> dict[str, str]:
         "plan": result.plan,
         "verdict": result.verdict.value,
         "reason": result.reason,
+        "failed": [str(one) for one in result.checks if one.verdict in _FAILED],
         "record": record.name if record.parent == out.resolve() else "",
     }

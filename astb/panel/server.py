@@ -39,11 +39,13 @@ def application(parts: Parts, *, host: str, names: Collection[str] = ()) -> Star
         Route("/api/plans", lambda request: json_answer(_plans())),
         Route("/api/enter", _entrance(parts), methods=["POST"]),
         command(parts, "/api/seat", lambda request, body: _seat(parts, request), seat=False),
-        command(parts, "/api/estop", lambda request, body: runs.emergency_stop(), seat=False),
+        command(
+            parts, "/api/estop", lambda request, body: runs.emergency_stop(text_of(body, "by")), seat=False
+        ),
         command(parts, "/api/run/start", lambda request, body: _start(parts, body)),
         command(parts, "/api/run/hold", lambda request, body: runs.order("hold")),
         command(parts, "/api/run/resume", lambda request, body: runs.order("resume")),
-        command(parts, "/api/run/stop", lambda request, body: runs.order("stop")),
+        command(parts, "/api/run/stop", lambda request, body: runs.order("stop", by=text_of(body, "by"))),
         command(
             parts,
             "/api/run/answer",

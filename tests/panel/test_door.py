@@ -1,5 +1,7 @@
 """The door of a run: what is said at it arrives, and what cannot be done is told."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from astb.live.door import Door, NoRun, door_path, knock, opened_door
@@ -27,6 +29,14 @@ def test_a_run_is_held_and_goes_on(run, rig_file):
     knock(rig_file, {"do": "hold", "by": "A. Miller"})
     assert suspension.wanted_by == "A. Miller"
     knock(rig_file, {"do": "resume"})
+    assert suspension.wanted_by == ""
+
+
+def test_a_plan_that_can_be_held_nowhere_is_not_asked_to(rig_file):
+    suspension = Suspension()
+    live = SimpleNamespace(can_hold=False)
+    with opened_door(rig_file, Door(lambda: live, suspension, None)):
+        assert "can be held nowhere" in knock(rig_file, {"do": "hold"})["error"]
     assert suspension.wanted_by == ""
 
 

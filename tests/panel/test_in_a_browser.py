@@ -105,8 +105,9 @@ def test_a_run_is_started_watched_held_answered_and_passes(commander, open_page,
 def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     commander, bench_panel, open_page, picture
 ):
+    commander.fill("input[aria-label=operator]", "A. Tester")
     start(commander)
-    until(commander, "#question", "Has the bolster moved")
+    until(commander, "#question", "Has the bolster moved.*1:[0-2]\\d.min left to answer")
     bench_panel.kill()
     until(commander, "#news", "No word from the panel's server since", within=10)
     assert "stale" in commander.get_attribute("body", "class").split()
@@ -118,14 +119,48 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     commander.wait_for_selector("body:not(.stale)")
     until(commander, "#seat", "This page commands")
     viewer = open_page(command=False)
+    assert "not from this page" in text_of(viewer, "#estop"), (
+        "where it would do nothing it does not look as if"
+    )
+    assert viewer.locator("#estop.watching").count() == 1
     viewer.click("#estop")
     until(viewer, "#news", "only watches")
     until(viewer, "#state", "ACTIVE")
     commander.click("#estop")
     until(commander, "#state", "DISABLED")
     until(viewer, "#last .verdict", "blocked")
-    until(viewer, "#last", "STOP: the run took the bench to its safe position")
+    until(viewer, "#last", "the run took the bench to its safe position")
+    told = until(viewer, ".stopped", "springs empty at")
+    assert re.fullmatch(
+        r"Stopped by A. Tester at \d+:\d\d:\d\d.*; springs empty at \d+:\d\d:\d\d.*\.", told
+    ), told
+    assert "exception" not in text_of(viewer, "#last")
     picture(commander, "stopped")
+
+
+CARD = """async ([can_hold, failed]) => {
+  const { runCard } = await import("/page/run.js");
+  const plan = { name: "aw0", title: "", lasts: 0, judges: true, parameters: [] };
+  const card = runCard({ plans: { plans: [plan], specimens: [] }, link: {} });
+  const run = { plan: "aw0", step: [], checks: {}, answers: [], question: "", held: "", hold_wanted_by: "", said: "" };
+  card.tell({
+    rig: { run: { ...run, can_hold, failed, answer_within: null, left: null, time: 0, fraction: 0 }, link: "" },
+    runs: {}, access: { seat: true },
+  });
+  return [card.element.querySelector("#hold").hidden, card.element.querySelector(".failed")?.textContent ?? ""];
+}"""
+
+
+def test_a_card_offers_what_can_be_done_and_an_axis_has_the_decimals_of_its_step(open_page):
+    page = open_page()
+    assert page.evaluate(CARD, [True, []]) == [False, ""]
+    hidden, failed = page.evaluate(CARD, [False, [f"height {n} = 12 mm: fail" for n in range(7)]])
+    assert hidden, "a plan that can be held nowhere has no such button"
+    assert failed.startswith("height 0 = 12 mm: fail") and failed.endswith("and 2 more")
+    ticks = """async ([values, step]) => (await import("/page/format.js")).ticks(values, step)"""
+    assert page.evaluate(ticks, [[-27.5, -25.0, -22.5], 2.5]) == ["−27.5", "−25.0", "−22.5"]
+    assert page.evaluate(ticks, [[-10, None, 0], 10]) == ["−10", "", "0"]
+    assert page.evaluate(ticks, [[0.0005, 0.001], 0.0005]) == ["0.0005", "0.0010"]
 
 
 def test_one_page_commands_and_another_may_take_over(commander, open_page):
@@ -213,6 +248,14 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
     viewer = open_page(command=False)
     viewer.click("#views >> text=Faults")
     assert not viewer.locator("text=Mend").first.is_enabled(), "who only watches mends nothing"
+    page.click("text=Mend")
+    until(page, "section[aria-label='faults that are on']", "Nothing is broken on purpose")
+    page.click("[data-fault=bias] summary")
+    page.select_option("select[aria-label='bias sensor']", "right.height")
+    assert page.get_attribute("input[aria-label='bias value']", "placeholder") == "-600 to 600 mm"
+    page.fill("input[aria-label='bias value']", "3 mm")
+    page.click("[data-fault=bias] >> text=Break it")
+    until(page, "section[aria-label='faults that are on']", "bias.right.height")
     page.click("text=Mend")
     until(page, "section[aria-label='faults that are on']", "Nothing is broken on purpose")
 

@@ -1,5 +1,6 @@
 """Starting and stopping runs: one at a time, and a stop that waits for nobody and is not outlived."""
 
+import math
 import threading
 import time
 from http.client import HTTPConnection
@@ -41,6 +42,29 @@ def test_a_stop_without_a_run_is_said_to_the_rig_itself(client, door, parts, mon
     assert "it says DISABLED" in client().post("/api/estop").json()["done"], "there is nothing to stop"
     parts.watch.status = Status(link="no word since 12 s", state="DISABLED", at_rest=True)
     assert client().post("/api/estop").status_code == 409, "what it said once may be so no more"
+
+
+def test_a_stop_tells_who_when_and_since_when_the_springs_are_empty(client, door, parts, monkeypatch):
+    air = {"left": 2.3e5, "right": 1.1e5}
+    monkeypatch.setattr(
+        parts.watch,
+        "glimpses",
+        lambda names: {one: air[one.partition(".")[0]] if "bellows" in one else math.nan for one in names},
+    )
+    page = client()
+    assert page.post("/api/estop", json={"by": "A. Tester"}).status_code == 200
+    assert door.orders[-1] == {"do": "safe", "by": "A. Tester"}
+    told = parts.runs.told()["stopped"]
+    assert (told["by"], told["empty"]) == ("A. Tester", None)
+    air["left"] = 0.0
+    assert parts.runs.told()["stopped"]["empty"] is None, "one of both still holds air"
+    air["right"] = math.nan
+    assert parts.runs.told()["stopped"]["empty"] is None, "what nobody reads is not empty"
+    air["right"] = 0.1e5
+    told = parts.runs.told()["stopped"]
+    assert time.time() - 5 < told["at"] / 1000 <= told["empty"] / 1000 <= time.time()
+    assert page.post("/api/estop").status_code == 200
+    assert parts.runs.told()["stopped"]["by"] == "somebody at the panel"
 
 
 def test_a_run_that_hears_nothing_is_still_a_run_that_a_stop_ends(parts, monkeypatch):
@@ -120,7 +144,7 @@ def test_a_stop_waits_for_no_other_order(served, parts, door, monkeypatch):
     hanging += [ask("GET", "/api/faults") for _ in range(15)]
     stop = ask("POST", "/api/estop")
     assert stop.getresponse().status == 200
-    assert {"do": "safe"} in door.orders
+    assert "safe" in [order["do"] for order in door.orders]
     free.set()
     for one in (*hanging, stop):
         one.close()

@@ -2,6 +2,7 @@
 
 import threading
 from datetime import date
+from functools import partial
 from types import SimpleNamespace
 from typing import Literal
 
@@ -17,6 +18,7 @@ from drivers.errors import RigFault
 from test_plans import preconditions as pre
 from test_plans.discovery import plans
 from test_plans.execution import execute
+from test_plans.holding import can_be_held
 from test_plans.instruments import UNKNOWN, Instrument, Instruments, Piece
 from test_plans.operator import Script
 from test_plans.plan import plan
@@ -276,3 +278,44 @@ def test_a_calibration_without_a_due_date_holds_a_year_and_one_without_any_date_
     assert "says neither when it was nor when it is due" in Piece("left.height", laser, "L-7", "C1").trouble(
         None
     )
+
+
+def held_within(run):
+    run.hold_point("within")
+
+
+class Steps:
+    def held(self, run):
+        held_within(run)
+
+
+def holding(part):
+    """A plan that does nothing but ``part``."""
+
+    def main(run):
+        """Do something."""
+        part(run)
+
+    return plan(main)
+
+
+@pytest.mark.parametrize(
+    ("part", "can"),
+    [
+        (lambda run: run.hold_point("here"), True),
+        (held_within, True),
+        (lambda run: [held_within(run) for _ in "two"], True),
+        (partial(lambda part, run: part(run), held_within), True),
+        (lambda run: Steps().held(run), True),
+        (nothing, False),
+        (lambda run: run.say("hold_point"), False),
+    ],
+)
+def test_where_a_plan_can_be_held_is_read_from_its_code(part, can):
+    assert can_be_held(holding(part)) is can
+
+
+def test_plans_that_can_be_held_are_those_that_say_so():
+    can = {name for name, one in plans().items() if can_be_held(one)}
+    assert {"tightness", "axial_stiffness", "endurance", "leveling"} <= can
+    assert not can & {"safety", "bump_stop", "lateral_stiffness", "screening"}

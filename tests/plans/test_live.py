@@ -136,11 +136,13 @@ def test_a_question_is_told_and_the_screen_left_to_whoever_answers(bench_compose
         asked = Question("Put 200 kg on the bolster.")
         box.ask(asked)
         assert (live.snapshot().question, live.snapshot().answers) == (asked.text, asked.allowed)
+        left = live.snapshot().answer_within
+        assert left is not None and asked.within - 5.0 < left <= asked.within
         with ProgressDisplay(Console(file=paper, force_terminal=True, width=100)) as display:
             display.begin("walk", live)
             assert "late ticks" not in paper.getvalue()
             box.reply("done", "me")
-            assert live.snapshot().question == ""
+            assert (live.snapshot().question, live.snapshot().answer_within) == ("", None)
             display.begin("walk", live)
             display.checked(check("place", 1.0, "mm", 1e-3, low=0.0, high=2.0))
         assert "late ticks" in paper.getvalue()
@@ -215,3 +217,13 @@ def read_from(descriptor: int) -> bytes:
         return os.read(descriptor, 65536)
     except OSError:
         return b""
+
+
+def test_which_checks_failed_is_told_while_the_run_lasts(bench_composed):
+    with bench_composed() as made:
+        live = Live("walk", made.bench, operator="A. Miller", can_hold=False)
+        for value in (1.0, 3.0, float("nan")):
+            live.checked(check(f"place {value}", value, "mm", 1.0, low=0.0, high=2.0))
+        seen = live.snapshot()
+    assert [one.partition(" =")[0] for one in seen.failed] == ["place 3.0", "place nan"]
+    assert (seen.operator, seen.can_hold, seen.commands) == ("A. Miller", False, True)

@@ -23,22 +23,31 @@ export function show(element) {
     if (past.length && total(found.counts) < total(past.at(-1).counts)) past = []; // it began anew
     past.push(found);
     while (past.length > 2 && found.time - past[1].time > OVER / 1000) past.shift();
-    rig.replaceChildren(...facts(found.rig));
+    rig.replaceChildren(...facts(found));
     frames.replaceChildren(...rates(past[0], found));
   }
 }
 
-function facts(rig) {
+function facts({ rig, run }) {
   const { "rig.lease": lease, "rig.holder": holder, "rig.strangers": strangers, "rig.stranger": port, "rig.stranger_identifier": identifier } = rig;
   const worst = rig["rig.lateness_max"];
   const last = identifier ? `CAN frame ${hex(identifier)}` : "a Modbus request";
   return [
-    fact("Who commands", lease === null ? "–" : lease ? (holder ? `TCP port ${holder}` : "somebody on the bus") : "nobody"),
+    fact("Who commands", ...who(lease, holder, run)),
     fact("Late ticks", fixed(rig["rig.late_ticks"], 0), worst === null ? "" : `at worst ${fixed(1000 * worst, 2)}\u2009ms`),
     fact("Commands refused", fixed(rig["rig.rejected_commands"], 0), "by their protection"),
     fact("Set-points refused", fixed(rig["rig.refused_setpoints"], 0), "out of range"),
     fact("From strangers", fixed(strangers, 0), strangers ? `the last: ${last}${port ? ` from TCP port ${port}` : ""}` : "frames and requests of others"),
   ];
+}
+
+/** Who has the rig: the run, if the rig names its connection, or where else the commands come from. */
+function who(lease, holder, run) {
+  if (lease === null) return ["–"];
+  if (!lease) return ["nobody"];
+  const port = holder ? `TCP port ${holder}` : "a CAN bus, which knows no senders";
+  if (run && (run.commands || !holder)) return [`the run ${run.plan}`, [run.operator && `of ${run.operator}`, port].filter(Boolean).join(", ")];
+  return ["another program", holder ? `${port}; "ss -tnp" on this machine shows which` : port];
 }
 
 function fact(title, value, more = "") {

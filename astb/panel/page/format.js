@@ -11,6 +11,16 @@ export function fixed(value, decimals) {
 /** A round number without the decimals that it does not need. */
 export const plain = (value) => fixed(value, 3).replace(/\.?0+$/, "");
 
+/** The labels of an axis whose marks are `step` apart: all with the decimals that the step needs, and no more. */
+export function ticks(values, step) {
+  let decimals = 0;
+  while (decimals < 6 && Math.abs(step * 10 ** decimals - Math.round(step * 10 ** decimals)) > 1e-6) decimals += 1;
+  return values.map((value) => (value === null ? "" : fixed(value, decimals)));
+}
+
+/** A time of day by the clock on the wall here, of ms since 1970. */
+export const clock = (ms) => new Date(ms).toLocaleTimeString([], { hour12: false });
+
 /** A duration in s as people say it: 42 s, 3:05 min, 1:02:00 h. */
 export function duration(seconds) {
   const whole = Math.max(0, Math.round(seconds));

@@ -12,7 +12,8 @@ const LOOPS = [
   ["left.height", "left.bellows_pressure", "Pressure over height, left"],
 ];
 const NEAR = 0.04; // of the way between two limits: so close is near
-const ALARMS = { estop: true, pneumatic: true, program: true, limits: true, fault: true };
+const ALARMS = ["estop", "pneumatic", "program", "limits", "fault"];
+const AT_REST = ["pneumatic", "program"]; // open while the bench rests, as they should be
 
 export function show(element, panel) {
   const signals = new Map(panel.about.signals.map((one) => [one.name, one]));
@@ -87,8 +88,10 @@ function interlocks(contacts) {
     tell(rig) {
       for (const [name, item] of items) {
         const [on, known] = [rig.contacts[name], name in rig.contacts];
-        const alarm = ALARMS[name.replace("interlock.", "")] && on;
-        item.className = !known ? "" : alarm ? "alarm" : name === "interlock.command" ? (on ? "fine" : "") : name === "interlock.staged" ? "" : "fine";
+        const short = name.replace("interlock.", "");
+        const open = ALARMS.includes(short) && on;
+        const rests = open && rig.at_rest && AT_REST.includes(short);
+        item.className = !known || rests ? "" : open ? "alarm" : name === "interlock.command" ? (on ? "fine" : "") : name === "interlock.staged" ? "" : "fine";
       }
       first.textContent = rig.first_out ? `First out: ${rig.first_out}` : "";
     },

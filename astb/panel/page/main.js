@@ -1,6 +1,6 @@
 /** The page: shows the rig's state and the emergency stop above whatever view is open. */
 
-import { duration, make } from "/page/format.js";
+import { clock, duration, make } from "/page/format.js";
 import { Link } from "/page/link.js";
 
 const LIVE = ["AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE"];
@@ -60,12 +60,15 @@ function tell() {
   state.className = `state ${fault ? "fault" : LIVE.includes(rig.state) ? "up" : ""}`;
   find("state").textContent = rig.state.replaceAll("_", " ");
   find("why").textContent = [rig.reason, fault && rig.first_out].filter(Boolean).join(", ");
+  const watches = !access.token;
+  document.getElementById("estop").classList.toggle("watching", watches);
+  find("stops").textContent = watches ? "not from this page" : "by software";
   find("punctual").textContent = rig.late === null ? "" : `${rig.late} late ticks${rig.lease ? "" : ", nobody commands"}`;
   seat(access);
 }
 
 function say(stale, status) {
-  const since = link.heard && new Date(link.heard).toLocaleTimeString([], { hour12: false });
+  const since = link.heard && clock(link.heard);
   const lost = stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
     : status?.rig.link ? `The rig is not heard: ${status.rig.link}` : "";
   const text = [window.astb.stopped, lost].filter(Boolean).join(" ");

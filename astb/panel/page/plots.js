@@ -1,8 +1,9 @@
 /** Live plots: signals over time, and one signal over another. */
 
-import { fixed, plain } from "/page/format.js";
+import { ticks } from "/page/format.js";
 
 const FRAME = 1000 / 30; // ms; a screen needs no more
+const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 900, 1800]; // s between two marks of time
 const BRIDGED = 0.35; // s: a gap up to this long is only a slow signal
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const series = (k) => `--s${(k % 6) + 1}`;
@@ -103,7 +104,7 @@ export class OverTime extends Plot {
     return {
       ...common(this.element),
       scales: { x: { time: false, range: [-span, 0] }, y: { range: (_, low, high) => roomy(low, high, signals[0]) } },
-      axes: [{ ...axis((value) => (span > 120 ? `${fixed(value / 60, 0)}\u2009min` : `${fixed(value, 0)}\u2009s`)), size: 28 }, { ...axis(), size: 46, label: unit, labelSize: 16, labelFont: "12px sans-serif" }],
+      axes: [{ ...(span > 120 ? axis("min", 60) : axis("s")), incrs: STEPS, size: 28 }, { ...axis(), size: 46, label: unit, labelSize: 16, labelFont: "12px sans-serif" }],
       series: [
         {},
         ...signals.map((one, k) => ({
@@ -181,12 +182,13 @@ const size = (element) => ({ width: Math.max(100, element.clientWidth), height: 
 
 const common = (element) => ({ ...size(element), legend: { show: false }, cursor: { drag: { x: false, y: false } }, padding: [8, 12, 4, 0] });
 
-const axis = (words = null) => ({
+const axis = (unit = "", factor = 1) => ({
   stroke: () => colour("--soft"),
   font: "12px sans-serif",
   grid: { stroke: () => colour("--hair"), width: 1 },
   ticks: { show: false },
-  values: (_, values) => values.map((value) => (value === null ? "" : words ? words(value) : plain(value))),
+  values: (_, values, index, space, step) =>
+    ticks(values.map((value) => (value === null ? null : value / factor)), step / factor).map((text) => (text && unit ? `${text}\u2009${unit}` : text)),
 });
 
 /** A range that noise does not fill: at least some forty steps of the last decimal. */

@@ -1,6 +1,6 @@
 /** The card of the run: start a plan with its parameters; watch, hold, answer and stop it. */
 
-import { duration, make } from "/page/format.js";
+import { clock, duration, make } from "/page/format.js";
 
 const UNDER_A_FINGER = 700; // ms: what was meant for the question before does not answer the one that comes
 
@@ -77,16 +77,33 @@ function starting(panel, order) {
   };
 }
 
+const SHOWN = 5; // failed checks, until somebody opens the report
+
 function told({ last, stopped }) {
-  const parts = stopped ? [make("p", { class: "wrong" }, `STOP: ${stopped}`)] : [];
+  const parts = stopped ? ended(stopped) : [];
   if (!last) return parts;
+  const reason = last.reason && make("p", { class: "said" }, last.reason);
   return [
     ...parts,
     make("h2", {}, `Last run${last.plan ? `: ${last.plan}` : ""}`),
     make("div", { class: `verdict ${last.verdict}` }, last.verdict),
-    last.reason ? make("p", { class: "said" }, last.reason) : null,
+    reason && stopped ? make("details", {}, make("summary", {}, "What the run says"), reason) : reason,
+    failures(last.failed ?? []),
     last.record ? make("p", {}, make("a", { href: `/kept/report?run=${encodeURIComponent(last.record)}`, target: "_blank" }, "Report")) : null,
   ].filter(Boolean);
+}
+
+/** What became of a STOP: who, when, and since when the springs are empty. */
+function ended({ by, at, how, empty }) {
+  const air = empty === null ? "the springs still hold air, which is being let off" : `springs empty at ${clock(empty)}`;
+  return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}; ${air}.`), make("p", { class: "said" }, how)];
+}
+
+/** The checks that failed, by name, value and limits. */
+function failures(checks) {
+  if (!checks.length) return null;
+  const more = checks.length > SHOWN ? [make("li", {}, `and ${checks.length - SHOWN} more`)] : [];
+  return make("ul", { class: "failed" }, ...checks.slice(0, SHOWN).map((one) => make("li", {}, one)), ...more);
 }
 
 function running(order) {
@@ -95,6 +112,8 @@ function running(order) {
   const bar = make("progress", { max: 1 });
   const times = make("p", { class: "said" });
   const checks = make("p", { class: "said" });
+  const failed = make("div");
+  const left = make("p", { class: "said" });
   const said = make("p", { class: "said" });
   const question = make("div", { class: "question", id: "question", hidden: true });
   const hold = make("button", { id: "hold" }, "Hold");
@@ -105,23 +124,29 @@ function running(order) {
   stop.addEventListener("click", () => order("/api/run/stop"));
 
   return {
-    element: make("div", { hidden: true }, make("h2", {}, "Run"), title, step, bar, times, question, checks, said, make("div", { class: "buttons" }, hold, stop)),
+    element: make("div", { hidden: true }, make("h2", {}, "Run"), title, step, bar, times, question, checks, failed, said, make("div", { class: "buttons" }, hold, stop)),
     tell({ run }, { starting, ending }, { seat }) {
       hold.disabled = !seat || !run;
       stop.disabled = !seat || ending;
       if (!run) {
         title.textContent = starting ? "Starting …" : ending ? "Ending …" : "Between two plans";
-        [step, times, checks, said].forEach((one) => (one.textContent = ""));
-        question.hidden = true;
+        [step, times, checks, failed, said].forEach((one) => (one.textContent = ""));
+        question.hidden = hold.hidden = true;
         bar.removeAttribute("value");
         return;
       }
+      hold.hidden = !run.can_hold;
       held = run.hold_wanted_by !== "";
       title.textContent = run.plan;
       step.replaceChildren(make("b", {}, run.step.join(" › ") || "–"), run.next ? `, then ${run.next}` : "");
       bar.value = run.fraction;
       times.textContent = `${duration(run.time)}${run.left === null ? "" : `, ${duration(run.left)} to go`}`;
       checks.textContent = [...Object.entries(run.checks).map(([verdict, count]) => `${count} ${verdict}`)].join(", ") + (run.last_check ? `; last: ${run.last_check}` : "");
+      const names = JSON.stringify(run.failed);
+      if (failed.dataset.names !== names) {
+        failed.dataset.names = names;
+        failed.replaceChildren(failures(run.failed) ?? "");
+      }
       said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it" : run.question ? "" : run.said;
       hold.textContent = held ? "Go on" : "Hold";
       if (question.dataset.text !== run.question) {
@@ -130,10 +155,12 @@ function running(order) {
         since = Date.now();
         question.replaceChildren(
           make("p", {}, run.question),
+          left,
           make("div", { class: "buttons" }, ...run.answers.map((answer) => make("button", { class: answer === run.answers[0] ? "main" : "", onclick: () => order("/api/run/answer", { answer, to }) }, answer))),
         );
       }
       question.hidden = !run.question;
+      left.textContent = run.answer_within === null ? "" : `${duration(run.answer_within)} left to answer`;
       question.querySelectorAll("button").forEach((one) => (one.disabled = !seat || Date.now() - since < UNDER_A_FINGER));
     },
   };

@@ -61,7 +61,7 @@ export function show(element, panel) {
         open,
         when(run.began),
         make("span", { title: run.title }, name(run.plan), set ? make("small", {}, set) : null),
-        make("span", {}, run.serial_number, run.operator ? make("small", {}, run.operator) : null), make("span", { class: "nowrap" }, run.duration ? duration(run.duration) : ""),
+        make("span", {}, run.serial_number, run.operator ? make("small", {}, run.operator) : null), run.duration ? make("span", { class: "nowrap" }, duration(run.duration)) : "",
       ],
       choose: run.verdict === "running" ? null : () => told(run),
     };
@@ -88,5 +88,6 @@ export function show(element, panel) {
           make("a", { href: `/kept/trend?run=${encodeURIComponent(run.directory)}&place=${one.place}`, target: "_blank", title: "This check in all runs that were made as this one, of the same specimen" }, "trend"))),
       found && !found.length ? make("p", { class: "said" }, "This run judged nothing.") : "",
     );
+    checks.scrollIntoView({ block: "nearest" });
   }
 }

@@ -22,7 +22,7 @@ async function stop() {
   say("");
   try {
     await window.astb.entered;
-    await order("/api/estop");
+    await order("/api/estop", { by: localStorage.getItem("operator") ?? "" });
   } catch (error) {
     say(`STOP did not work: ${error.message}. Press the emergency stop of the rig.`);
   }

@@ -37,7 +37,7 @@ export function table(heads, rows) {
   return make("table", { class: "list" },
     make("thead", {}, make("tr", {}, ...heads.map((text) => make("th", {}, text)))),
     make("tbody", {}, ...rows.map(({ cells, choose, mark }) => {
-      const row = make("tr", { class: [choose ? "open" : "", mark ?? ""].join(" ").trim() }, ...cells.map((one) => make("td", {}, one)));
+      const row = make("tr", { class: [choose ? "open" : "", mark ?? ""].join(" ").trim() }, ...cells.map((one, k) => make("td", { "data-head": heads[k] }, one)));
       if (choose) row.addEventListener("click", (event) => event.target.closest("a, input, label, button, select") || choose());
       return row;
     })));
