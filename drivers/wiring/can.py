@@ -190,8 +190,12 @@ class CanTransport:
                 f"{place}: {message.name} has {message.coding.length} bytes; a CAN frame carries 8, and with CAN FD, "
                 "fd = true, 64"
             )
+        if why := message.unreadable(signal):
+            raise WiringError(f"{place} cannot be read: {why}; another DBC, or id and points, would be right")
         if not writable:
             return
+        if why := message.decoding.message.unsound:
+            raise WiringError(f"{place} cannot be sent: {why}; another DBC, or id and points, would be right")
         if signal in message.guards:
             raise WiringError(f"{place} is filled in by the transport; nobody else writes it")
         if not message.sendable:

@@ -81,6 +81,13 @@ class Message:
         """Whether its pages are of one level, which is all that can be written."""
         return sum(signal.is_multiplexer for signal in self.coding.signals) <= 1
 
+    def unreadable(self, signal: str) -> str:
+        """Return why no frame has a value of ``signal``, in words; empty if frames have."""
+        if signal in self.decoding.outside:
+            return f"it does not fit into the {self.coding.length} bytes of {self.name}"
+        twice = [one.name for one in self.coding.signals].count(signal) > 1
+        return f"{self.name} has two signals of this name" if twice else ""
+
     def pages(self) -> list[int]:
         """Return the numbers of its pages; none if all is sent always."""
         return sorted({page for signal in self.coding.signals for page in signal.multiplexer_ids or ()})

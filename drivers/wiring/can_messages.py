@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Signal
 
 _ALL: Final = "*"
+_OTHERWISE: Final = "another DBC, or id and points here, would be right"
 _STALE_PERIODS: Final = 3
 _STALE_MIN: Final = 100 * ms
 
@@ -68,13 +69,14 @@ def read_messages(
                 "DBC it needs its id"
             )
     _check_points(where, table, points, codings)
-    refused = {name: one.unsound for name, one in described.items() if one.unsound}
-    refused |= _same_identifiers(where, codings, described)
-    for name, why in refused.items():
-        if name in keys:
-            raise WiringError(
-                f"{where}.messages.{name}: {why}; another DBC, or id and points here, would be right"
-            )
+    refused = _same_identifiers(where, codings, described)
+    sent = {name for name, one in keys.items() if one.every is not None or one.values}
+    unsendable = {
+        name: f"{one.unsound}, so it cannot be sent" for name, one in described.items() if one.unsound
+    }
+    for names, faults in ((keys.keys(), refused), (sent, unsendable)):
+        for name in sorted(names & faults.keys()):
+            raise WiringError(f"{where}.messages.{name}: {faults[name]}; {_OTHERWISE}")
     _check_common(f'{where}.messages."{_ALL}"', common, codings)
     return {
         name: _message(

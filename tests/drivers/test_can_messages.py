@@ -241,6 +241,13 @@ BO_ 514 Twice: 8 PLC
  SG_ C : 0|8@1+ (1,0) [0|0] "" BENCH
 BO_ 515 Twice: 8 PLC
  SG_ C : 0|8@1+ (1,0) [0|0] "" BENCH
+BO_ 516 Wide: 1 PLC
+ SG_ In : 0|8@1+ (1,0) [0|0] "" BENCH
+ SG_ Out : 0|16@1+ (1,0) [0|0] "" BENCH
+BO_ 517 Double: 8 PLC
+ SG_ D : 0|8@1+ (1,0) [0|0] "" BENCH
+ SG_ E : 8|8@1+ (1,0) [0|0] "" BENCH
+ SG_ E : 16|8@1+ (1,0) [0|0] "" BENCH
 """
 
 
@@ -249,10 +256,11 @@ def test_of_a_dbc_only_what_is_used_is_judged(tmp_path: Path, charset: str) -> N
     (tmp_path / "rig.dbc").write_text(ODD, encoding=charset)
     table = {"kind": "can", "dbc": "rig.dbc", "answers": False}
     transport = CanTransport("bus", table, tmp_path)
-    for point in ("Heights.Left", "Twice_0x202.C", "Twice_0x203.C"):
+    for point in ("Heights.Left", "Twice_0x202.C", "Twice_0x203.C", "Faults.Pump", "Wide.In", "Double.D"):
         transport.require(point)
     for point, words in (
-        ("Faults.Pump", "Faults.Pump cannot be used: its signals Pump and Code share bits"),
+        ("Wide.Out", "Wide.Out cannot be read: it does not fit into the 1 bytes of Wide"),
+        ("Double.E", "Double.E cannot be read: Double has two signals of this name"),
         ("One.A", "One.A cannot be used: One and Other have the same identifier, 0x201"),
         ("Other.B", "One and Other have the same identifier, 0x201"),
         ("Twice.C", r"no message for 'Twice.C'"),
@@ -260,9 +268,28 @@ def test_of_a_dbc_only_what_is_used_is_judged(tmp_path: Path, charset: str) -> N
         with pytest.raises(WiringError, match=words):
             transport.require(point)
     with pytest.raises(
-        WiringError, match=r"messages.Faults: its signals Pump and Code share bits; another DBC"
+        WiringError, match=r"Faults.Pump cannot be sent: its signals Pump and Code share bits"
+    ):
+        transport.require("Faults.Pump", writable=True)
+    with pytest.raises(
+        WiringError, match=r"messages.Faults: its signals Pump and Code share bits, so it cannot"
     ):
         CanTransport("bus", {**table, "messages": {"Faults": {"every": "10 ms"}}}, tmp_path)
+    CanTransport("bus", {**table, "messages": {"Faults": {"stale": "1 s"}}}, tmp_path)
+
+
+def test_signals_that_share_bits_are_read_each_as_it_is_described(tmp_path: Path) -> None:
+    (tmp_path / "rig.dbc").write_text(ODD)
+    port = InMemoryCan(lambda block: None)
+    transport = CanTransport(
+        "bus", {"kind": "can", "dbc": "rig.dbc", "answers": False}, tmp_path, port=lambda: port
+    )
+    clock = VirtualClock()
+    transport.connect(clock, pytest.fail, within=1.0)
+    port.deliver(frame(512, b"\x03" + bytes(7), clock.now()))
+    port.deliver(frame(516, b"\x07", clock.now()))
+    names = ["Faults.Code", "Faults.Pump", "Wide.In"]
+    assert transport.read(names) == dict(zip(names, (3.0, 1.0, 7.0), strict=True))
 
 
 def test_the_charset_of_a_dbc_is_a_key(tmp_path: Path) -> None:
