@@ -15,6 +15,7 @@
     alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit goes on and off, while somebody commands
     # For devices that do not take all that the specification has:
     writes = "any"                # "single": functions 5 and 6 only; "multiple": 15 and 16 only; else found out
+                              # "parts": 5 and 6, and numbers of several registers one register after the other
     request_max = 125             # registers, and 16 times as many bits, that one request may have
     connection = "kept"           # "each": one for each request; "shared": with other transports to the same place
     echo = true                   # false: takes answers that give back another unit or transaction number
@@ -62,7 +63,7 @@ from drivers.errors import BenchError, LinkLost, Refused, WiringError
 from drivers.wiring.contract import OnLost, OnPoints, Refusal, Remark
 from drivers.wiring.ear import LIFE_SIGNS, Ear, Grant, Outbox
 from drivers.wiring.keys import AliveKeys, convert, duration, meant
-from drivers.wiring.modbus_keys import GroupKeys, opener, place_of, read_keys
+from drivers.wiring.modbus_keys import IN_PARTS, GroupKeys, opener, place_of, read_keys
 from drivers.wiring.modbus_limits import explained
 from drivers.wiring.modbus_writing import Writer
 from drivers.wiring.registers import Span, read_points, spans
@@ -177,7 +178,7 @@ class ModbusTransport:
         if writable and self._keys.writes == "single" and point.size > 1:
             raise WiringError(
                 f"transports.{self.name}: {name} is a {point.type} in {point.size} registers, and writes = 'single' "
-                "writes one at a time: meanwhile it would be another number"
+                f"writes one at a time: {IN_PARTS}"
             )
 
     def stale(self, name: str) -> float:

@@ -17,8 +17,14 @@ from drivers.wiring.registers import ByteOrder, WordOrder
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
-#: Which functions a device is written with: 5 and 6, 15 and 16, or what it takes.
-Writes = Literal["any", "single", "multiple"]
+#: Which functions a device is written with: 5 and 6, 15 and 16, or what it takes. In parts: 5 and 6, and a number of
+#: several registers one after the other.
+Writes = Literal["any", "single", "multiple", "parts"]
+#: What is said where a number of several registers has no one request.
+IN_PARTS: Final = (
+    "meanwhile it would be another number. A point of one register would be right; if the device takes a number over "
+    'with its last register, writes = "parts"'
+)
 RTU: Final = "modbus_rtu"
 
 

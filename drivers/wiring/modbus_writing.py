@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench_protocol.modbus import BITS_WRITE_MAX, ILLEGAL_FUNCTION, REGISTERS_WRITE_MAX
 from drivers.errors import Refused
-from drivers.wiring.modbus_keys import Writes
+from drivers.wiring.modbus_keys import IN_PARTS, Writes
 from drivers.wiring.registers import BITS_PER_REGISTER, RegisterPoint
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class Writer:
 
     def __init__(self, writes: Writes, request_max: int) -> None:
         self._writes, self._most = writes, request_max
-        self._one_register = self._one_coil = writes == "single"
+        self._one_register = self._one_coil = writes in ("single", "parts")
         self._many_coils = writes == "multiple"
 
     def write(self, coded: Coded, ask: Ask) -> None:
@@ -98,8 +98,7 @@ def _told(refused: Refused, sizes: list[int]) -> Refused:
     if refused.code != ILLEGAL_FUNCTION or max(sizes) < 2:
         return refused
     return Refused(
-        f"{refused}; function 6, which it may know, writes one register, and a number of {max(sizes)} written in parts "
-        "would be another one meanwhile",
+        f"{refused}; function 6, which it may know, writes a number of {max(sizes)} registers in parts: {IN_PARTS}",
         refused.code,
     )
 

@@ -91,11 +91,21 @@ def test_only_functions_5_and_6(writes):
 
 def test_a_number_of_two_registers_is_not_written_in_parts():
     far = device(functions=(1, 2, 3, 4, 5, 6))
-    with Stand(far) as stand, pytest.raises(Refused, match="a number of 2 written in parts would be another"):
+    with Stand(far) as stand, pytest.raises(Refused, match='2 registers in parts: .* writes = "parts"'):
         stand.transport.write({"place": 70000})
     assert far.words["holding"][30:32] == [0, 0]
     with pytest.raises(WiringError, match="place is a int32 in 2 registers, and writes = 'single'"):
         Stand(far, writes="single").transport.require("place", writable=True)
+
+
+def test_a_number_of_two_registers_is_written_in_parts_where_that_is_said():
+    far = device(functions=(1, 2, 3, 4, 5, 6))
+    with Stand(far, writes="parts") as stand:
+        stand.transport.require("place", writable=True)
+        far.log.clear()
+        stand.transport.write({"place": 70000, "valve": 1})
+    assert far.words["holding"][30:32] == [1, 70000 & 0xFFFF]
+    assert [one[:2] for one in far.log] == [(6, 30), (6, 31), (5, 3)], "the last register is the last written"
 
 
 @pytest.mark.parametrize("writes", ["any", "multiple"])
