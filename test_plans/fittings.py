@@ -28,13 +28,13 @@ def put_down(run: Run) -> None:
 def fit_plate(run: Run, diameter: float) -> None:
     """Fit the orifice plates of this diameter (m) on both sides; the springs are without air."""
     with run.phase(f"orifice plates of {diameter / mm:g} mm"):
-        run.bench.rig.orifice_diameter = diameter
+        steps.once_let_go(run, lambda: setattr(run.bench.rig, "orifice_diameter", diameter))
 
 
 def fit_pipe(run: Run, fitted: Literal["off", "on"]) -> None:
     """Put the connecting pipe between each bellows and its auxiliary chamber, or take it out again."""
     with run.phase(f"connecting pipe {fitted}"):
-        run.bench.rig.pipe = fitted
+        steps.once_let_go(run, lambda: setattr(run.bench.rig, "pipe", fitted))
 
 
 def leave_connected(run: Run) -> None:

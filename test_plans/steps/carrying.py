@@ -129,10 +129,10 @@ def shim(run: Run, load: Load) -> None:
         if lacking := run.bench.lacks("rig.nominal_preload"):
             run.say(f"{lacking}; its heights must have been set to zero for {load.name}")
         else:
-            _once_let_go(run, lambda: setattr(run.bench.rig, "nominal_preload", load.preload))
+            once_let_go(run, lambda: setattr(run.bench.rig, "nominal_preload", load.preload))
 
 
-def _once_let_go(run: Run, change: Callable[[], None]) -> None:
+def once_let_go(run: Run, change: Callable[[], None]) -> None:
     """Do what wants springs without air and actuators that have let go: a bench at rest comes to that by itself."""
     bench = run.bench
     deadline, said = bench.now + LET_OFF_WITHIN, False

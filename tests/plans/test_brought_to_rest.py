@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from astb.run import left_in_trouble
-from bench_protocol.units import bar, mm
+from bench_protocol.units import bar, kN, mm
 from bench_records.layout import RecordError
 from bench_records.recorder import Recorder
 from bench_records.result import Outcome, check, conclude, read_result
@@ -15,7 +15,8 @@ from drivers.bench import Bench
 from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
 from test_plans.execution import execute
-from test_plans.loads import AW0
+from test_plans.fittings import fit_pipe, fit_plate
+from test_plans.loads import AW0, AW3
 from test_plans.plan import plan
 
 
@@ -38,6 +39,37 @@ def filled(bench_composed, tmp_path):
                 return result, max(made.bench.left.bellows_pressure, made.bench.right.bellows_pressure)
 
     return run
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "value"),
+    [
+        ("rig.orifice_diameter", lambda run: fit_plate(run, 10 * mm), 10 * mm),
+        ("rig.pipe", lambda run: fit_pipe(run, "on"), 1.0),
+        ("rig.nominal_preload", lambda run: steps.shim(run, run.specimen.load(AW3)), 145 * kN),
+    ],
+)
+def test_what_is_changed_by_hand_waits_for_the_air_that_a_bench_at_rest_lets_off(
+    bench_composed, tmp_path, name, change, value
+):
+    found = {}
+
+    @plan(setup=lambda run: None)
+    def changes(run):
+        """Change something as a plan does that comes at once after one that was interrupted."""
+        steps.power_up(run)
+        steps.raise_the_air(run, run.specimen.load(AW0))
+        run.bench.disarm()
+        found["pressure"] = run.bench.left.bellows_pressure
+        change(run)
+        found["value"] = run.bench.settings.in_force()[name]
+        run.check("state", 1.0, "1", low=0.0)
+
+    with bench_composed() as made:
+        result = execute(changes, made.bench, tmp_path / "out")
+    assert not result.reason
+    assert found["pressure"] > 1 * bar, "it had nothing to wait for"
+    assert found["value"] == pytest.approx(value)
 
 
 def test_a_disk_that_is_full_leaves_no_air_in_the_springs(filled, monkeypatch):
