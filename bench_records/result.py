@@ -327,6 +327,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     preconditions: list[Condition] = []
     warnings: list[str] = []  #: what a reader has to know of how it was measured
     began: str = ""  #: ISO 8601 in UTC; empty in virtual time, which has no date
+    operator: str = ""  #: who ran it, as far as that was told
+    ambient: str = ""  #: the surroundings, in words
 
     def __post_init__(self) -> None:
         judged, _ = _outcome(self.checks, self.reason)

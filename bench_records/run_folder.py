@@ -95,6 +95,8 @@ def _unfinished(
         rig=str(facts.get("rig", "")),
         seed=seed if isinstance(seed, int) else None,
         began=str(facts.get("date", "")),
+        operator=str(facts.get("operator", "")),
+        ambient=str(facts.get("ambient", "")),
         parameters={str(key): str(value) for key, value in dict(facts.get("set") or {}).items()},
         specimen=specimen,
         preconditions=_told(events, "precondition", Condition),

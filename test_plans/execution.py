@@ -88,7 +88,8 @@ def execute(
         plan.values,
         plan.judges,
     )
-    rest = {"began": facts.get("date", ""), "rig": rig, "seed": seed}
+    told = {name: str(facts.get(name, "")) for name in ("operator", "ambient")}
+    rest = {"began": facts.get("date", ""), "rig": rig, "seed": seed, **told}
     with Interruptions() as stops:
         result, left = _carried_out(plan, run, recording, directory, stops, rest)
     if left is not None:

@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
-from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from astb.panel.answers import answered
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.index import RunIndex
 from bench_records.layout import REPORT, RecordError
@@ -22,11 +20,6 @@ if TYPE_CHECKING:
     from astb.panel.parts import Parts
 
 FINDING: Final = "finding.json"
-#: A page that was made of a record has its script and style inside, and needs nothing from anywhere.
-_ALONE: Final = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
-    "font-src data:; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
-)
 
 
 class Diagnosis(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,21 +36,21 @@ def routes(parts: Parts) -> Sequence[Route]:
     """Return the routes of the views *runs* and *diagnoses*."""
     kept = Kept(parts.out)
     return [
-        Route("/api/kept", _answered(lambda request: kept.runs())),
-        Route("/api/kept/checks", _answered(lambda request: kept.checks(request.query_params["run"]))),
-        Route("/api/diagnoses", _answered(lambda request: kept.diagnoses())),
-        Route("/kept/report", _answered(lambda request: kept.report(request.query_params["run"]))),
+        Route("/api/kept", answered(lambda request: kept.runs())),
+        Route("/api/kept/checks", answered(lambda request: kept.checks(request.query_params["run"]))),
+        Route("/api/diagnoses", answered(lambda request: kept.diagnoses())),
+        Route("/kept/report", answered(lambda request: kept.report(request.query_params["run"]))),
         Route(
             "/kept/compare",
-            _answered(lambda request: kept.comparison(request.query_params["a"], request.query_params["b"])),
+            answered(lambda request: kept.comparison(request.query_params["a"], request.query_params["b"])),
         ),
         Route(
             "/kept/trend",
-            _answered(
+            answered(
                 lambda request: kept.trend(request.query_params["run"], int(request.query_params["place"]))
             ),
         ),
-        Route("/kept/diagnosis", _answered(lambda request: kept.diagnosis(request.query_params["of"]))),
+        Route("/kept/diagnosis", answered(lambda request: kept.diagnosis(request.query_params["of"]))),
     ]
 
 
@@ -167,20 +160,3 @@ def _page(write: Callable[[Path], None]) -> str:
         path = Path(directory) / "page.html"
         write(path)
         return path.read_text(encoding="utf-8")
-
-
-def _answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
-    """Return the endpoint that answers in a thread: text is a page, anything else JSON."""
-
-    async def endpoint(request: Request) -> Response:
-        try:
-            found = await run_in_threadpool(answer, request)
-        except RecordError as error:
-            return PlainTextResponse(f"{error}\n", 404)
-        except (KeyError, ValueError) as error:
-            return PlainTextResponse(f"this address asks for {error}\n", 400)
-        if isinstance(found, str):
-            return Response(found, media_type="text/html", headers={"Content-Security-Policy": _ALONE})
-        return Response(msgspec.json.encode(found), media_type="application/json")
-
-    return endpoint

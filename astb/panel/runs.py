@@ -75,7 +75,13 @@ class Runs:
     # -- start and end ---------------------------------------------------------------------------------------------
 
     def start(
-        self, plan: str, settings: Mapping[str, str], *, specimen: str = "", operator: str = ""
+        self,
+        plan: str,
+        settings: Mapping[str, str],
+        *,
+        specimen: str = "",
+        operator: str = "",
+        ambient: str = "",
     ) -> None:
         """Start a plan with parameters as people write them. CannotDo, in the words of `astb run`, if it refuses."""
         stops = self._stops
@@ -93,18 +99,17 @@ class Runs:
                 raise CannotDo("a run goes on already: stop it, or wait for its end")
             if link := self._watch.present().link:
                 raise CannotDo(f"the rig is not heard: {link}")
-            self._launch(plan, settings, specimen, operator)
+            self._launch(plan, settings, {"specimen": specimen, "operator": operator, "ambient": ambient})
             if self._stops != stops:  # whoever stops meanwhile may not have seen it yet
                 assert self._process is not None
                 self._process.kill()
                 raise CannotDo("STOP came while the run was started: it was ended at once")
 
-    def _launch(self, plan: str, settings: Mapping[str, str], specimen: str, operator: str) -> None:
+    def _launch(self, plan: str, settings: Mapping[str, str], told: Mapping[str, str]) -> None:
         command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(self._watch.path)]
         command += ["--out", str(self.out), "--answers", PANEL]
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
-        command += ["--specimen", specimen] if specimen else []
-        command += ["--operator", operator] if operator else []
+        command += [f"--{name}={text}" for name, text in told.items() if text]
         if self._log is not None:  # nobody asks for that of the run before
             self._log.unlink(missing_ok=True)
         lifeline = None if self._kept is None else self._kept.lifeline

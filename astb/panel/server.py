@@ -14,12 +14,16 @@ from starlette.types import ASGIApp
 
 import bench_records
 from astb.panel.access import Doorkeeper, NotAllowed
+from astb.panel.answers import answered
 from astb.panel.commands import command, json_answer, json_body, text_of
 from astb.panel.parts import Parts
+from astb.panel.runs import CannotDo
+from astb.panel.specimens import Specimens
 from astb.panel.stream import Stream
 from astb.panel.views import VIEWS
 from astb.panel.watch import CONTACTS
 from astb.rig_limits import ASSUMED
+from bench_records.layout import RecordError
 
 _PAGE: Final = Path(__file__).parent / "page"
 _ASSETS: Final = Path(bench_records.__file__).parent / "assets"
@@ -36,7 +40,9 @@ def application(parts: Parts, *, host: str, names: Collection[str] = ()) -> Star
     routes = [
         Route("/", _page),
         Route("/api/rig", lambda request: json_answer(_about(parts))),
-        Route("/api/plans", lambda request: json_answer(_plans())),
+        Route(
+            "/api/plans", answered(lambda request: _plans(parts, request.query_params.get("specimen", "")))
+        ),
         Route("/api/enter", _entrance(parts), methods=["POST"]),
         command(parts, "/api/seat", lambda request, body: _seat(parts, request), seat=False),
         command(
@@ -103,12 +109,18 @@ def _about(parts: Parts) -> dict[str, Any]:
     }
 
 
-def _plans() -> dict[str, Any]:
+def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
+    """Return the plans as they are told for a specimen, without a name for the ordinary one."""
     from test_plans.discovery import plans
-    from test_plans.specimen import ordinary, packaged
+    from test_plans.holding import can_be_held
 
+    known = Specimens(parts.out)
+    try:
+        spring = known.read(specimen)
+    except CannotDo as error:
+        raise RecordError(str(error)) from None
     return {
-        "specimens": list(packaged()),
+        "specimens": known.names(),
         "plans": [
             {
                 "name": one.name,
@@ -116,6 +128,7 @@ def _plans() -> dict[str, Any]:
                 "instruction": one.instruction,
                 "judges": one.judges,
                 "lasts": one.lasts,
+                "can_hold": can_be_held(one),
                 "requires": [condition.text for condition in one.requires],
                 "parameters": [
                     {
@@ -127,7 +140,7 @@ def _plans() -> dict[str, Any]:
                     for each in one.parameters
                 ],
             }
-            for one in (plan.on(ordinary()) for plan in plans().values())
+            for one in (plan.on(spring) for plan in plans().values())
         ],
     }
 
@@ -139,8 +152,9 @@ def _start(parts: Parts, body: dict[str, Any]) -> None:
     parts.runs.start(
         text_of(body, "plan"),
         {text_of({"a name": name}, "a name"): _written(name, value) for name, value in settings.items()},
-        specimen=text_of(body, "specimen"),
+        specimen=Specimens(parts.out).place(text_of(body, "specimen")),
         operator=text_of(body, "operator"),
+        ambient=text_of(body, "ambient"),
     )
 
 

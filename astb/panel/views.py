@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from astb.panel import bus, faults, kept
+from astb.panel import bus, faults, kept, specimens
 from astb.panel.parts import Parts
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ VIEWS: Final = (
     View("live", "Live"),
     View("runs", "Runs", kept.routes),
     View("diagnoses", "Diagnoses"),
+    View("specimens", "Specimens", specimens.routes),
     View("faults", "Faults", faults.routes),
     View("bus", "Bus", bus.routes),
 )

@@ -10,7 +10,7 @@ from bench_records.layout import REPORT
 pytestmark = pytest.mark.slow
 
 SIZES = {390: 844, 820: 1180, 1400: 900}
-VIEWS = ("live", "runs", "diagnoses", "faults", "bus")
+VIEWS = ("live", "runs", "diagnoses", "specimens", "faults", "bus")
 
 #: How much wider than the screen the page is, what of it stands out, and which buttons something else lies upon.
 LOOK = """() => {
@@ -78,6 +78,9 @@ def test_every_view_fits_its_screen_and_nothing_covers_what_is_pressed(
         if view == "runs":
             page.click("tr:has(a[href$='=failed_one'])", position={"x": 4, "y": 4})
             page.wait_for_selector(".checks .check")
+        if view == "specimens":
+            page.click("table.list button >> text=astb")
+            page.wait_for_selector("section[aria-label=specimen] td")
         looked_at(page, pictures, f"{view}-{width}")
         if view == "live":
             start = page.locator("#start").bounding_box()

@@ -1,6 +1,7 @@
-/** The card of the run: start a plan with its parameters; watch, hold, answer and stop it. */
+/** The card of the run: what may be started, or what goes on: watch, hold, answer and stop it; then what it came to. */
 
 import { clock, duration, make } from "/page/format.js";
+import { starting } from "/page/start.js";
 
 const UNDER_A_FINGER = 700; // ms: what was meant for the question before does not answer the one that comes
 
@@ -11,7 +12,7 @@ export function runCard(panel) {
     wrong.textContent = "";
     return panel.link.order(path, body).catch((error) => (wrong.textContent = error.message));
   };
-  const start = starting(panel, order);
+  const start = starting(panel, order, told);
   const going = running(order);
   element.append(start.element, going.element, wrong);
   return {
@@ -21,58 +22,6 @@ export function runCard(panel) {
       start.element.hidden = goes;
       going.element.hidden = !goes;
       goes ? going.tell(rig, runs, access) : start.tell(rig, runs, access);
-    },
-  };
-}
-
-function starting(panel, order) {
-  const plans = new Map(panel.plans.plans.map((one) => [one.name, one]));
-  const group = (label, judges) => make("optgroup", { label }, ...panel.plans.plans.filter((one) => one.judges === judges).map((one) => make("option", { value: one.name, title: one.title }, one.name)));
-  const choice = make("select", { "aria-label": "plan" }, group("Plans that judge", true), group("Programmes for a diagnosis", false));
-  const about = make("p", { class: "said" });
-  const fields = make("div");
-  const specimen = make("select", { "aria-label": "specimen" }, make("option", { value: "" }, "the bench's own"), ...panel.plans.specimens.map((one) => make("option", { value: one }, one)));
-  const operator = make("input", { "aria-label": "operator", placeholder: "who runs it", value: localStorage.getItem("operator") ?? "" });
-  const begin = make("button", { class: "main", id: "start" }, "Start");
-  const reset = make("button", {}, "Reset fault");
-  const vent = make("button", {}, "Vent springs");
-  const last = make("div", { id: "last" });
-
-  const choose = () => {
-    const plan = plans.get(choice.value);
-    about.textContent = plan.title + (plan.lasts ? ` About ${duration(plan.lasts)}.` : "");
-    about.title = plan.instruction;
-    fields.replaceChildren(...plan.parameters.flatMap(field));
-  };
-  const field = (one) => {
-    const input = one.choices.length
-      ? make("select", { name: one.name }, ...one.choices.map((text) => make("option", { selected: text === one.default }, text)))
-      : make("input", { name: one.name, value: one.default, autocomplete: "off" });
-    return [make("label", { for: `set-${one.name}` }, one.name.replaceAll("_", " "), one.choices.length ? null : make("small", {}, one.allowed)), Object.assign(input, { id: `set-${one.name}` })];
-  };
-  choice.value = plans.has("aw0") ? "aw0" : choice.value;
-  choice.addEventListener("change", choose);
-  choose();
-  begin.addEventListener("click", () => {
-    localStorage.setItem("operator", operator.value);
-    const set = Object.fromEntries([...fields.querySelectorAll("[name]")].filter((one) => one.value !== plans.get(choice.value).parameters.find((p) => p.name === one.name).default).map((one) => [one.name, one.value]));
-    order("/api/run/start", { plan: choice.value, set, specimen: specimen.value, operator: operator.value });
-  });
-  reset.addEventListener("click", () => order("/api/reset"));
-  vent.addEventListener("click", () => order("/api/vent"));
-
-  return {
-    element: make("div", {}, last, make("h2", {}, "Run a plan"), choice, about, fields, make("label", {}, "specimen"), specimen, make("label", {}, "operator"), operator,
-      make("div", { class: "buttons" }, begin), make("div", { class: "buttons" }, reset, vent)),
-    tell(rig, runs, access) {
-      const lost = rig.link !== "";
-      begin.disabled = !access.seat || lost;
-      reset.disabled = vent.disabled = !access.seat || lost;
-      const key = JSON.stringify([runs.last, runs.stopped]);
-      if (last.dataset.key !== key) {
-        last.dataset.key = key;
-        last.replaceChildren(...told(runs));
-      }
     },
   };
 }

@@ -22,9 +22,18 @@ async function stop() {
   say("");
   try {
     await window.astb.entered;
-    await order("/api/estop", { by: localStorage.getItem("operator") ?? "" });
+    await order("/api/estop", { by: who() });
   } catch (error) {
     say(`STOP did not work: ${error.message}. Press the emergency stop of the rig.`);
+  }
+}
+
+/** The name in the operator's field, as far as this browser keeps one; a stop never fails for it. */
+function who() {
+  try {
+    return localStorage.getItem("operator") ?? "";
+  } catch {
+    return "";
   }
 }
 

@@ -55,6 +55,13 @@ export function choice(label, any, changed) {
   return { element, offer, get value() { return element.value; } };
 }
 
+/** A field whose words this browser keeps for the next time, by its name. */
+export function remembered(name, placeholder) {
+  const element = make("input", { "aria-label": name, placeholder, value: localStorage.getItem(name) ?? "" });
+  element.addEventListener("change", () => localStorage.setItem(name, element.value));
+  return element;
+}
+
 /** A date in UTC by the clock on the wall here. */
 export function when(iso) {
   const date = new Date(iso);

@@ -1,0 +1,79 @@
+/** What it takes to start a run: plan, specimen and parameters, who runs it and in which surroundings. */
+
+import { duration, make } from "/page/format.js";
+import { asked, remembered } from "/page/tables.js";
+
+export function starting(panel, order, told) {
+  let plans = new Map();
+  const choice = make("select", { "aria-label": "plan" });
+  const about = make("p", { class: "said", id: "about" });
+  const instruction = make("p", { class: "instruction" });
+  const fields = make("div");
+  const specimen = make("select", { "aria-label": "specimen" });
+  const [operator, ambient] = [remembered("operator", "who runs it"), remembered("ambient", "such as 21 °C, 1013 hPa")];
+  const begin = make("button", { class: "main", id: "start" }, "Start");
+  const reset = make("button", {}, "Reset fault");
+  const vent = make("button", {}, "Vent springs");
+  const last = make("div", { id: "last" });
+
+  function offer(found) {
+    const chosen = choice.value || "aw0";
+    plans = new Map(found.plans.map((one) => [one.name, one]));
+    const group = (label, judges) => make("optgroup", { label }, ...found.plans.filter((one) => one.judges === judges).map((one) => make("option", { value: one.name, title: one.title }, one.name)));
+    choice.replaceChildren(group("Plans that judge", true), group("Programmes for a diagnosis", false));
+    if (plans.has(chosen)) choice.value = chosen;
+    const now = specimen.value;
+    specimen.replaceChildren(make("option", { value: "" }, "the bench's own"), ...found.specimens.map((one) => make("option", { value: one }, one)));
+    specimen.value = found.specimens.includes(now) ? now : "";
+    tellAbout();
+  }
+  function tellAbout() {
+    const plan = plans.get(choice.value);
+    about.textContent = plan.title + (plan.lasts ? ` About ${duration(plan.lasts)}.` : "");
+    instruction.textContent = plan.instruction;
+  }
+  function choose() {
+    tellAbout();
+    fields.replaceChildren(...plans.get(choice.value).parameters.flatMap(field));
+  }
+  const field = (one) => {
+    const input = one.choices.length
+      ? make("select", { name: one.name }, ...one.choices.map((text) => make("option", { selected: text === one.default }, text)))
+      : make("input", { name: one.name, value: one.default, autocomplete: "off" });
+    return [make("label", { for: `set-${one.name}` }, one.name.replaceAll("_", " "), one.choices.length ? null : make("small", {}, one.allowed)), Object.assign(input, { id: `set-${one.name}` })];
+  };
+  /** What a plan is told as depends on what the specimen has to carry. */
+  async function ask() {
+    const { found, error } = await asked(`/api/plans?specimen=${encodeURIComponent(specimen.value)}`);
+    found ? offer(found) : (about.textContent = error);
+  }
+  offer(panel.plans);
+  choose();
+  ask(); // of specimens that were brought since this page was loaded
+  choice.addEventListener("change", choose);
+  specimen.addEventListener("change", ask);
+  begin.addEventListener("click", () => {
+    const given = plans.get(choice.value).parameters;
+    const set = Object.fromEntries([...fields.querySelectorAll("[name]")].filter((one) => one.value !== given.find((p) => p.name === one.name).default).map((one) => [one.name, one.value]));
+    order("/api/run/start", { plan: choice.value, set, specimen: specimen.value, operator: operator.value, ambient: ambient.value });
+  });
+  reset.addEventListener("click", () => order("/api/reset"));
+  vent.addEventListener("click", () => order("/api/vent"));
+
+  return {
+    element: make("div", {}, last, make("h2", {}, "Run a plan"), choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), fields,
+      make("label", {}, "specimen"), specimen,
+      make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
+      make("div", { class: "buttons" }, begin), make("div", { class: "buttons" }, reset, vent)),
+    tell(rig, runs, access) {
+      const lost = rig.link !== "";
+      begin.disabled = !access.seat || lost;
+      reset.disabled = vent.disabled = !access.seat || lost;
+      const key = JSON.stringify([runs.last, runs.stopped]);
+      if (last.dataset.key !== key) {
+        last.dataset.key = key;
+        last.replaceChildren(...told(runs));
+      }
+    },
+  };
+}
