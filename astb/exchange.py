@@ -13,7 +13,7 @@ from bench_protocol.account import Account
 from bench_records.checksums import FRAMES, sha256_of, write_sums
 from bench_records.layout import RecordError
 from drivers.can_files.reading import ENDINGS as FRAME_ENDINGS
-from drivers.can_files.reading import MDF_ENDINGS, ending_of
+from drivers.can_files.reading import MDF_ENDINGS, OTHER_FORMS, ending_of, log_of_others
 
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
@@ -66,13 +66,9 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
         raise RecordError(f"{source} is no file")
     keys = keys or LogKeys()
     frames = ending in FRAME_ENDINGS or (ending in MDF_ENDINGS and keys.dbc is not None)
-    if not frames:
-        for option in fields(keys):
-            if getattr(keys, option.name) is not None:
-                raise RecordError(
-                    f"--{option.name} is for files of CAN frames ({', '.join(FRAME_ENDINGS)}, or .mf4 with --dbc), not "
-                    f"for {source}"
-                )
+    _refuse_idle_keys(source, keys, table, frames)
+    if not frames and (what := log_of_others(source)):
+        raise RecordError(f"{source} is {what}, not a table of samples; {OTHER_FORMS}")
     if directory.exists() and any(directory.iterdir()):
         raise RecordError(f"{directory} is not empty; nothing there is overwritten")
     account = Account()
@@ -90,6 +86,25 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
         raise
     _conclude(source, directory, account)
     return "\n  ".join([f"{count} samples", *account.lines()])
+
+
+def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames: bool) -> None:
+    """RecordError for a key that says nothing of such a file: whoever gave it meant something."""
+    if frames:
+        idle = {
+            "--table": (table, f"for tables and MDF files, not for the frames in {source}"),
+            "--charset": (keys.charset and keys.dbc is None, "of the DBC, and --dbc names none"),
+            "--stamps": (
+                keys.stamps and ending_of(source) != ".log",
+                f"for logs of candump (.log); {source} says itself how its stamps are meant",
+            ),
+        }
+    else:
+        where = f"for files of CAN frames ({', '.join(FRAME_ENDINGS)}, or .mf4 with --dbc), not for {source}"
+        idle = {f"--{one.name}": (getattr(keys, one.name) is not None, where) for one in fields(keys)}
+    for option, (given, why) in idle.items():
+        if given:
+            raise RecordError(f"{option} is {why}")
 
 
 def _conclude(source: Path, directory: Path, account: Account) -> None:

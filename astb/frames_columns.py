@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bench_protocol.account import Account
 from bench_records.layout import RecordError
 from diagnosis.contracts import DiagnosisError
-from drivers.can_files.reading import ENDINGS, MDF_ENDINGS, ending_of
+from drivers.can_files.reading import ENDINGS, MDF_ENDINGS, OTHER_FORMS, ending_of, log_of_others
 
 if TYPE_CHECKING:
     from bench_records.tables.keys import Source
@@ -31,9 +31,13 @@ def columns_of_frames(
 
     ending = ending_of(path)
     if ending not in ENDINGS and not (ending in MDF_ENDINGS and keys.dbc is not None):
+        if path.is_file() and (what := log_of_others(path)):
+            raise DiagnosisError(f"{path} is {what}, not a table of samples; {OTHER_FORMS}")
         return None
     if not path.is_file():
         raise DiagnosisError(f"{path}: no such file")
+    if keys.charset is not None and keys.dbc is None:
+        raise DiagnosisError(f"frames.charset = {keys.charset!r} is of the DBC, and frames.dbc names none")
     dbc = None if keys.dbc is None else beside / keys.dbc
     try:
         log = read_frames_of(path, LogKeys(dbc, keys.charset, keys.channel, keys.stamps), account)

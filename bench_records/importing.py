@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
+from bench_protocol.misfit import misfit
 from bench_protocol.units import UNITS
 from bench_records.exchange import Comment
 from bench_records.layout import SECOND, RecordedEvent, RecordError, SignalInfo
@@ -61,7 +62,7 @@ def import_keys(texts: Iterable[str]) -> ImportKeys:
     try:
         return msgspec.convert(given, ImportKeys, strict=False)
     except (msgspec.ValidationError, ValueError) as error:
-        raise RecordError(f"--table: {error}") from None
+        raise RecordError(f"--table: {misfit(error, given, ImportKeys)}") from None
 
 
 class _Found(NamedTuple):
@@ -81,6 +82,7 @@ def read_table(
     """
     import numpy as np
 
+    _refuse_idle_keys(path, keys, ("group", "raw"), "an MDF file")
     wanted = [keys.time if keys.time is not None else TIME]
     sheet = read_sheet(path, keys, wanted, account)
     time = _clock_of(sheet, keys)
@@ -167,6 +169,8 @@ def read_mdf(
     A file of ours gives back the record that it was made of. In another one channels must be called as signals are, and
     are taken in their own unit. RecordError for what is no MDF file, or a channel that is no signal.
     """
+    others = [key for key in ImportKeys.__struct_fields__ if key not in ("group", "raw", "format")]
+    _refuse_idle_keys(path, keys, others, "a table")
     with mdf_file.opened(path) as mdf:
         ours = _own_comment(mdf.header.description)
         told = {one.name: one for one in ours.signals} if ours else {}
@@ -196,6 +200,12 @@ def read_mdf(
     return _write(
         into, found, {**ours.meta, **meta}, account, path, ours.start_ns, events=ours.events, silent=silent
     )
+
+
+def _refuse_idle_keys(path: Path, keys: ImportKeys, idle: Iterable[str], of: str) -> None:
+    for key in idle:
+        if getattr(keys, key) != getattr(ImportKeys(), key):
+            raise RecordError(f"--table {key}={getattr(keys, key)} is for {of}, not for {path}")
 
 
 def _own_comment(text: str) -> Comment | None:

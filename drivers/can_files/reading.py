@@ -20,9 +20,12 @@ ENDINGS: Final = (".blf", ".asc", ".log", ".trc")
 #: What may hold frames beside columns.
 MDF_ENDINGS: Final = (".mf4", ".mdf")
 _PACKED: Final = ".gz"
+#: What is said of those that are not read.
+OTHER_FORMS: Final = f"known are {', '.join(ENDINGS)}, which the programs that write others can often export"
 _OTHERS: Final = {
     "***BUSMASTER": "a log of BUSMASTER",
     "Time Stamp,ID,Extended": "a log of SavvyCAN",
+    "timestamp,arbitration_id,": "a log of python-can as CSV",
     "date ": "in the form of ASC",
     ";$FILEVERSION": "in the form of .trc",
 }
@@ -74,12 +77,18 @@ def _without(path: Path, ending: str, account: Account) -> str:
     if UNKNOWN not in account.counts:
         told = f" ({account.left_out})" if account.counts else ""
         return f"{path} holds no data frame{told}"
-    first = next(lines_of(path, Account()))
-    what = next((what for begin, what in _OTHERS.items() if first.text.startswith(begin)), "")
-    known = f"known are {', '.join(ENDINGS)}, which the programs that write others can often export"
-    if what:
-        return f"{path} is {what}, not of {ending}; {known}"
-    return f"{path} is not a file of CAN frames as its ending says: {account.first[UNKNOWN]}; {known}"
+    if what := log_of_others(path):
+        return f"{path} is {what}, not of {ending}; {OTHER_FORMS}"
+    return f"{path} is not a file of CAN frames as its ending says: {account.first[UNKNOWN]}; {OTHER_FORMS}"
+
+
+def log_of_others(path: Path) -> str:
+    """Return which form of a log that is not read, or not under this ending, a file begins as; empty for any other."""
+    try:
+        first = next(lines_of(path, Account()), None)
+    except CanLogError:
+        return ""
+    return next((what for begin, what in _OTHERS.items() if first and first.text.startswith(begin)), "")
 
 
 def _check_clock(path: Path, frames: Frames, account: Account) -> None:

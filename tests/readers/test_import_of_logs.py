@@ -255,5 +255,43 @@ def test_a_key_that_a_file_has_no_use_for_is_refused(tmp_path) -> None:
         assert done.exit_code == MISUSE and f"{option} is for files of CAN frames" in done.output
 
 
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("a.log", ["--charset", "cp1250"], "--charset is of the DBC, and --dbc names none"),
+        ("a.asc", ["--stamps", "delta"], "--stamps is for logs of candump"),
+        ("a.log", ["--table", "decimal=,"], "--table is for tables and MDF files, not for the frames"),
+        ("a.csv", ["--table", "group=1"], "--table group=1 is for an MDF file, not for"),
+        ("a.csv", ["--table", "raw=true"], "--table raw=True is for an MDF file, not for"),
+    ],
+)
+def test_a_key_that_says_nothing_of_a_file_is_refused(
+    tmp_path, name: str, options: list[str], said: str
+) -> None:
+    table = "time_s,left.height [mm]\n0,1\n1,2\n"
+    content = {"a.log": candump(heights(9)), "a.asc": asc(heights(9)), "a.csv": table}[name]
+    (tmp_path / name).write_text(content)
+    done = CliRunner().invoke(import_command, [str(tmp_path / name), str(tmp_path / "run"), *options])
+    assert done.exit_code == MISUSE and said in done.output, done.output
+    assert not (tmp_path / "run").exists()
+
+
+def test_frames_as_csv_are_named(tmp_path) -> None:
+    savvy = "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n1000,00000100,false,Rx,0,2,01,02\n"
+    for content, said in (
+        (savvy.encode(), "a log of SavvyCAN"),
+        (by_python_can(heights(9), ".csv"), "of python-can as CSV"),
+    ):
+        (tmp_path / "a.csv").write_bytes(content)
+        done = CliRunner().invoke(import_command, [str(tmp_path / "a.csv"), str(tmp_path / "run")])
+        assert done.exit_code == MISUSE and f"{said}, not a table of samples; known are .blf" in " ".join(
+            done.output.split()
+        )
+        (tmp_path / "map.toml").write_text(MAP.format(frames="", column="Heights.Left"))
+        (tmp_path / "rig.dbc").write_text(HEAD + HEIGHTS + GAS)
+        with pytest.raises(DiagnosisError, match=f"{said.split(' as ')[0]}.*, not a table"):
+            read_mapped([tmp_path / "a.csv"], tmp_path / "map.toml", None, columns_of_frames)
+
+
 def test_the_rows_of_channels_are_in_the_table() -> None:
     assert {one.name for one in table("logs").forms} >= TESTED
