@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -43,6 +43,13 @@ _COLUMNS: Final = {
         *("scale", "scales", "scaling", "factor", "factors", "resolution", "lsb", "faktor", "faktoren", "skalierung"),
         *("auflösung", "multiplier", "skalierungsfaktor"),
     ),
+    "divisor": ("divisor", "divisors", "div", "divider", "scale divisor", "teiler"),
+    "order": (
+        *("word order", "byte order", "wordorder", "byteorder", "endian", "endianness", "wortreihenfolge"),
+        *("bytereihenfolge",),
+    ),
+    "function": ("function", "function code", "functions", "function codes", "fc", "funktion", "funktionscode"),
+    "bit": ("bit", "bit number", "bit no", "bitnummer"),
     "unit": ("unit", "units", "einheit", "einheiten"),
     "text": (
         *("description", "descriptions", "comment", "comments", "text", "meaning", "remark", "remarks"),
@@ -64,6 +71,35 @@ _TABLES: Final = {
         *("diskreter eingang", "diskrete eingänge", "digitaleingang", "digitaleingänge", "fc2", "fc02"),
     ),
 }  # fmt: skip
+#: Columns that make numbers others, but not which: what is in all of their cells if they say nothing, what is right.
+_OPEN: Final = {
+    **dict.fromkeys(
+        ("gain", "gains"), ("1", "it may multiply or divide; a column scale or divisor would be right")
+    ),
+    **dict.fromkeys(
+        ("offset", "value offset", "offset value", "versatz"),
+        (
+            "0",
+            "offset = … of the point in the wiring would be right, and no such column",
+        ),
+    ),
+    **dict.fromkeys(
+        ("decimals", "decimal", "decimal places", "nachkommastellen", "dezimalstellen", "dezimale"),
+        ("0", "it may say how a number is shown or what it is; a column scale, such as 0.1, would be right"),
+    ),
+}
+_DEVICES: Final = (
+    "slave",
+    "slave id",
+    "slaveid",
+    "unit id",
+    "unitid",
+    "device id",
+    "station",
+    "geräteadresse",
+)
+#: The function that reads what another one writes.
+_READ_BY: Final = {"5": "1", "15": "1", "6": "3", "16": "3"}
 #: What a Modicon number begins with.
 _DIGIT: Final = {"coil": "0", "discrete": "1", "input": "3", "holding": "4"}
 _TYPES: Final = {
@@ -109,6 +145,10 @@ class _Row:
     address: str
     type: str
     scale: str
+    divisor: str
+    order: str
+    function: str
+    bit: str
     unit: str
     text: str
 
@@ -137,6 +177,9 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
     notes = [*account.taken, *notes]
     if not rows:
         raise WiringError(f"{path}: there is no row below the head")
+    rows = [_with_bit(f"{path}, row {row.line}", row) for row in rows]
+    if any(row.bit for row in rows):
+        notes.append("The bits of registers are taken to count from 0, the lowest.")
     tables = {row.line: _table(f"{path}, row {row.line}", row, rows) for row in rows}
     counted = counting or _counting(path, rows, tables)
     if counted == "modicon":
@@ -148,7 +191,7 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
         )
     elif counted == "one":
         notes.append("The addresses are taken to count from 1: on the wire each is one less.")
-    commas = _comma_in([row.scale for row in rows])
+    commas = _comma_in([text for row in rows for text in (row.scale, row.divisor)])
     twice = {name for name, count in Counter(_name(row.name) for row in rows).items() if count > 1}
     points = [
         _point(f"{path}, row {row.line}", transport, row, tables[row.line], counted, twice, commas)
@@ -164,6 +207,7 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], list[str]]:
         [f"Lines above the head of the list: {head}."] if any(line.strip() for line in lines[:head]) else []
     )
     names = next(cells_of([lines[head]], delimiter))[1]
+    _refuse_open(path, lines[head + 1 :], delimiter, names)
     unread = [name for index, name in enumerate(names) if name and index not in found.values()]
     if unread:
         notes.append(f"Columns of the list that were not read: {', '.join(unread)}.")
@@ -183,6 +227,35 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], list[str]]:
     if titles:
         notes.append(f"Rows with a single cell, taken as titles: {titles}.")
     return rows, notes
+
+
+def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequence[str]) -> None:
+    """WiringError for columns that are not read although numbers depend on them, and for lists of several devices."""
+    rows = [row for _, row in cells_of(lines, delimiter)]
+    for index, name in enumerate(names):
+        cells = {row[index] for row in rows if len(row) > index and row[index]}
+        nothing, right = _OPEN.get(_plain(name), ("", ""))
+        if right and cells - {nothing, f"{nothing}.0", f"{nothing},0"}:
+            told = min(cells - {nothing})
+            raise WiringError(f"{path}: the column {name}, such as {told}, is not read: {right}")
+        if _plain(name) in _DEVICES and len(cells) > 1:
+            raise WiringError(
+                f"{path}: the column {name} has {', '.join(sorted(cells)[:4])}: a list for each device would be right"
+            )
+
+
+def _with_bit(where: str, row: _Row) -> _Row:
+    """A row whose address may have a bit behind it, 40001.3, with both for themselves. WiringError for no such bit."""
+    address, point, behind = row.address.partition(".")
+    if point and re.fullmatch(r"\d{1,2}", behind) and row.bit:
+        raise WiringError(f"{where}: address = {row.address!r} has a bit, and the column bit has {row.bit}")
+    bit = behind if point else row.bit
+    if not bit:
+        return row
+    if not re.fullmatch(r"\d{1,2}", bit) or int(bit) > 15:
+        told = f"address = {row.address!r}" if point else f"bit = {row.bit!r}"
+        raise WiringError(f"{where}: {told} is no bit of a register; 0 (the lowest) to 15 would be right")
+    return replace(row, address=address, bit=str(int(bit)))
 
 
 def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
@@ -222,6 +295,8 @@ def _table(where: str, row: _Row, rows: Sequence[_Row]) -> str:
     table = next((one for one, names in _TABLES.items() if _plain(row.table) in names), "")
     if table:
         return table
+    if not row.table and (code := re.match(r"\D*0*(15|16|[1-6])(?!\d)", row.function)):
+        return next(one for one, names in _TABLES.items() if f"fc{_READ_BY.get(code[1], code[1])}" in names)
     if not row.table and all(not one.table for one in rows):
         if all(re.fullmatch(r"[0134]\d{4,5}", one.address) for one in rows):
             return next(one for one, digit in _DIGIT.items() if digit == row.address[0])
@@ -282,17 +357,17 @@ def _comma_in(scales: Sequence[str]) -> bool:
     return any(re.search(r"\d,\d", scale) for scale in scales)
 
 
-def _scale(where: str, text: str, commas: bool) -> float:
+def _scale(where: str, text: str, commas: bool, key: str = "scale") -> float:
     if not text:
         return 1.0
-    wrong = WiringError(f"{where}: scale = {text!r} must be a number, such as 0.01 or 1/100")
+    wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")
     if commas and "." in text:
         raise WiringError(
-            f"{where}: scale = {text!r}: other rows have decimal commas, and this one has a point"
+            f"{where}: {key} = {text!r}: other rows have decimal commas, and this one has a point"
         )
     if re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", text):
         raise WiringError(
-            f"{where}: scale = {text!r} may be a thousand or have three decimals; write it with a point"
+            f"{where}: {key} = {text!r} may be a thousand or have three decimals; write it with a point"
         )
     parts = text.replace(",", ".").split("/")
     try:
@@ -333,14 +408,21 @@ def _point(
 ) -> Point:
     address = _address(where, row, table, counting)
     scale = _scale(where, row.scale, commas)
-    kind, order = _kind(where, row.type)
+    if row.divisor:
+        scale /= _scale(where, row.divisor, commas, "divisor")
+    kind, order = _kind(where, f"{row.type} {row.order}".strip())
     name = _name(row.name)
     if not name:
         raise WiringError(f"{where}, column name: {row.name!r} has no letter to begin with")
     name = f"{name}_{table}_{address}" if name in twice else name
     words = table in ("input", "holding")
+    if row.bit and (not words or (kind and kind not in ("bit", "uint16")) or scale != 1.0):
+        raise WiringError(
+            f"{where}: bit {row.bit} of a {kind or table}: bits are of one register, without type or scale"
+        )
     parts = [f'table = "{table}"', f"address = {address}"]
-    parts += [f'type = "{kind}"'] if kind and words and kind != "bit" else []
+    parts += [f'type = "{kind}"'] if kind and words and kind != "bit" and not row.bit else []
+    parts += [f"bit = {row.bit}"] if row.bit else []
     if order and words:
         parts += [f'word_order = "{order[0]}"'] if kind[-2:] != "16" else []
         parts += ['byte_order = "little"'] if order[1] == "little" else []

@@ -92,10 +92,10 @@ def test_modicon_numbers_are_said_in_the_file_and_a_key_takes_them_as_they_stand
 
 def test_what_was_not_read_of_a_list_is_said(tmp_path):
     path = tmp_path / "list.csv"
-    path.write_text("Plant list\nname;table;address;divisor\nHeights\nx;input;1;10\n")
+    path.write_text("Plant list\nname;table;address;owner\nHeights\nx;input;1;10\n")
     notes = " ".join(read_register_list(path).notes)
     assert "Lines above the head of the list: 1." in notes
-    assert "Columns of the list that were not read: divisor." in notes
+    assert "Columns of the list that were not read: owner." in notes
     assert "taken as titles: 1" in notes
 
 
@@ -111,7 +111,9 @@ def test_what_was_not_read_of_a_list_is_said(tmp_path):
         ('x,input,1,,"1,000"', "scale = '1,000' may be a thousand or have three decimals"),
         ('x,input,1,,"0,5"\ny,input,2,,1.000', "row 3: scale = '1.000': other rows have decimal commas"),
         ("x,input,1,,0", "scale = '0' must be a number"),
-        ("x,input,1.5,,", "address = '1.5' is no number"),
+        ("x,input,1.25,,", "address = '1.25' is no bit of a register; 0 .the lowest. to 15"),
+        ("x,coil,1.5,,", "row 2: bit 5 of a coil: bits are of one register"),
+        ("x,input,1.5,float32,", "row 2: bit 5 of a float32"),
         ("x,input,70000,,", "on the wire 0 to 65535"),
         ("x,input,1,,1,7", "row 2: there are 6 cells, and the head has 5"),
         ("", "there is no row below the head"),
@@ -121,4 +123,46 @@ def test_what_may_be_two_things_or_none_is_refused(tmp_path, rows, told):
     path = tmp_path / "list.csv"
     path.write_text("name,table,address,type,scale\n" + rows + "\n")
     with pytest.raises(WiringError, match=told):
+        read_register_list(path)
+
+
+def test_divisors_bits_orders_and_functions_are_read(tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text(
+        "name;FC;address;type;word order;divisor;bit\nx;4;30011;int32;CDAB;100;\ny;03/16;40001;int16;;10;\n"
+        "lamp;3;40003.3;;;;\nlid;3;40003;;;;12\n"
+    )
+    found = read_register_list(path)
+    told = tomllib.loads("\n".join(point.line for point in found.points))
+    assert told["x"] == {
+        "table": "input",
+        "address": 10,
+        "type": "int32",
+        "word_order": "low",
+        "scale": 0.01,
+        "group": "fast",
+    }
+    assert told["y"] == {"table": "holding", "address": 0, "type": "int16", "scale": 0.1}
+    assert told["lamp"] == {"table": "holding", "address": 2, "bit": 3}
+    assert told["lid"] == {"table": "holding", "address": 2, "bit": 12}
+    assert "The bits of registers are taken to count from 0, the lowest." in found.notes
+
+
+@pytest.mark.parametrize(
+    ("head", "cell", "told"),
+    [
+        ("Gain", "10", "the column Gain, such as 10, is not read: it may multiply or divide"),
+        ("offset", "-40", "the column offset, such as -40, is not read"),
+        ("Nachkommastellen", "1", "the column Nachkommastellen, such as 1, is not read: .* a column scale"),
+        ("word order", "middle", "column type: 'int16 middle' is none of"),
+        ("divisor", "0", "divisor = '0' must be a number"),
+    ],
+)
+def test_a_column_that_makes_numbers_others_is_never_passed_over(tmp_path, head, cell, told):
+    path = tmp_path / "list.csv"
+    path.write_text(f"name;table;address;type;{head}\nx;input;1;int16;{cell}\n")
+    with pytest.raises(WiringError, match=told):
+        read_register_list(path)
+    path.write_text("name;table;address;slave id\nx;input;1;1\ny;input;2;2\n")
+    with pytest.raises(WiringError, match="the column slave id has 1, 2: a list for each device"):
         read_register_list(path)

@@ -91,7 +91,7 @@ def test_only_functions_5_and_6(writes):
 
 def test_a_number_of_two_registers_is_not_written_in_parts():
     far = device(functions=(1, 2, 3, 4, 5, 6))
-    with Stand(far) as stand, pytest.raises(Refused, match='2 registers in parts: .* writes = "parts"'):
+    with Stand(far) as stand, pytest.raises(Refused, match=r'2 registers in parts: .* writes = "parts"'):
         stand.transport.write({"place": 70000})
     assert far.words["holding"][30:32] == [0, 0]
     with pytest.raises(WiringError, match="place is a int32 in 2 registers, and writes = 'single'"):
