@@ -10,6 +10,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.misfit import misfit
 from bench_protocol.named_files import named_files
 
 Port = Annotated[int, Meta(ge=1, le=65535)]
@@ -129,7 +130,7 @@ def read(path: Path) -> RigFile:
     try:
         rig = msgspec.convert(content, RigFile)
     except msgspec.ValidationError as error:
-        raise RigFileError(f"rig file {path}: {_in_words(str(error), content)}") from None
+        raise RigFileError(f"rig file {path}: {_in_words(error, content)}") from None
     if rig.time == "virtual" and rig.simulation is None:
         raise RigFileError(
             f"rig file {path}: time = virtual needs a [simulation] table, a real rig has real time"
@@ -155,15 +156,11 @@ def _placed(simulation: Simulation, home: Path) -> Simulation:
     return replace(simulation, parameters=parameters, sealed=sealed and str((home / sealed).resolve()))
 
 
-def _in_words(error: str, content: dict[str, Any]) -> str:
+def _in_words(error: Exception, content: dict[str, Any]) -> str:
     """Return what msgspec says of ``content``, with the key as people write it, its value and what would be right."""
-    said, _, place = error.partition(" - at `$")
+    said, _, place = str(error).partition(" - at `$")
     # Of a table with keys of the user's own msgspec says only that it is one of its values.
     keys = [key for key in place.rstrip("`").replace("[...]", "").split(".") if key]
-    what: Any = content
-    for key in keys:
-        name, _, place = key.rstrip("]").partition("[")
-        what = what[name][int(place)] if place else what[name]
     tables: dict[str, type[msgspec.Struct]] = {
         "can": Can,
         "modbus": Modbus,
@@ -180,6 +177,4 @@ def _in_words(error: str, content: dict[str, Any]) -> str:
         return f"{'.'.join([*keys, unknown[1]])} is no key of a rig file; {right}"
     if missing := re.fullmatch("Object missing required field `(.*)`", said):
         return f"the key {'.'.join([*keys, missing[1]])} is missing"
-    if said.startswith("Invalid enum value"):
-        said = f"one of {', '.join(fields[keys[-1]].__args__)} is right"
-    return f"{'.'.join(keys)} = {what!r}: {said[0].lower()}{said[1:]}".replace("`", "")
+    return misfit(error, content, RigFile)

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, find_rig
 from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.misfit import misfit
 from campaigns.plan_case import PlanCase, by_key
 
 Seed = Annotated[int, Meta(ge=0, le=SEED_MAX)]
@@ -52,13 +53,14 @@ def read_campaign(path: Path) -> dict[str, PlanCase]:
     """
     try:
         content = read_toml(path)
-        campaign = msgspec.convert(content, CampaignFile)
     except OSError as error:
         raise CampaignError(f"campaign file {path} cannot be read: {error.strerror}") from None
     except Unfit as error:
         raise CampaignError(f"campaign file {path} {error}") from None
+    try:
+        campaign = msgspec.convert(content, CampaignFile)
     except msgspec.ValidationError as error:
-        raise CampaignError(f"campaign file {path}: {error}") from None
+        raise CampaignError(f"campaign file {path}: {misfit(error, content, CampaignFile)}") from None
     try:
         return by_key(_checked(list(_combined(campaign, path.parent))))
     except CampaignError as error:

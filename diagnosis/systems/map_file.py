@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.misfit import misfit
 from bench_records.tables.keys import FileKeys, Source, TimeSource
 from bench_sim.parameters import ParameterError, load
 from bench_sim.parameters.model_file import read_changes, with_changes
@@ -99,13 +100,15 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:
     """Return the map and the system that it is for: the ``simulator`` of the user's own if one is given."""
     try:
-        mapping = msgspec.convert(read_toml(map_path), Map)
+        content = read_toml(map_path)
     except OSError as error:
         raise DiagnosisError(f"{map_path}: cannot be read: {error.strerror}") from None
     except Unfit as error:
         raise DiagnosisError(f"{map_path} {error}") from None
+    try:
+        mapping = msgspec.convert(content, Map)
     except msgspec.ValidationError as error:
-        raise DiagnosisError(f"{map_path}: {error}") from None
+        raise DiagnosisError(f"{map_path}: {misfit(error, content, Map)}") from None
     named = [name for name in (mapping.system, mapping.simulator, simulator) if name is not None]
     if len(named) != 1:
         raise DiagnosisError(

@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar, get_args
 import msgspec
 
 from bench_protocol import suggestion
+from bench_protocol.misfit import misfit
 from bench_protocol.units import UNITS
 from drivers.errors import WiringError
 
@@ -54,17 +55,16 @@ def convert(where: str, table: object, kind: type[T]) -> T:
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
-        text, _, place = str(error).partition(" - at `$.")
+        _, _, place = str(error).partition(" - at `$.")
         keys = re.findall(r"\w+", place)
         value: Any = table
         for key in keys:
             value = value[key] if isinstance(value, Mapping) and key in value else value
         name = ".".join(keys)
-        says = f"{where}: {name} = {value!r}" if name else where
         words = _words(fields.get(name))
         if words and isinstance(value, str):
-            raise WiringError(f"{says}: {meant(value, words)}") from None
-        raise WiringError(f"{says}: {text[0].lower()}{text[1:]}") from None
+            raise WiringError(f"{where}: {name} = {value!r}: {meant(value, words)}") from None
+        raise WiringError(f"{where}: {misfit(error, table, kind)}") from None
 
 
 def _words(hint: Any) -> list[str]:

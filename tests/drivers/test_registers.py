@@ -120,7 +120,7 @@ def test_what_does_not_fit(keys: dict, value: float, words: str) -> None:
     [
         ({"adress": 3}, "points: height: there is no key 'adress' here; did you mean 'address'"),
         ({"table": "inputs"}, "height: table = 'inputs'"),
-        ({"address": 65536}, "height: address = 65536: expected `int` <= 65535"),
+        ({"address": 65536}, "height: address = 65536; a whole number <= 65535 would be right"),
         ({"address": -1}, "height: address = -1"),
         ({"address": 65535, "type": "int32"}, "address = 65535 with 2 registers ends behind 65535"),
         ({"type": "int24"}, "height: type = 'int24'"),

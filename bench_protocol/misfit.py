@@ -1,0 +1,97 @@
+"""What somebody wrote that does not fit, in words: the key, its value and what would be right."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import UnionType
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
+
+import msgspec
+
+from bench_protocol.suggestion import meant
+
+_KINDS: Final = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table of keys",
+}
+_STEP: Final = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]|\[(\.\.\.)\]")
+
+
+def misfit(error: Exception, content: object, kind: Any) -> str:
+    """Return in words of ours what msgspec says of ``content``, which was to be a ``kind``."""
+    said, _, place = str(error).partition(" - at `$")
+    name, value, form = "", content, kind
+    for step in _STEP.finditer(place.removesuffix("`")):
+        key, value, form = _within(step, value, _bare(form, value))
+        name += key if key.startswith("[") or not name else f".{key}"
+    form = _bare(form, value)
+    if found := re.fullmatch("Object (contains unknown|missing required) field `(.*)`", said):
+        whole = f"{name}.{found[2]}" if name else found[2]
+        if found[1] == "missing required":
+            return f"the key {whole} is missing"
+        return f"{whole} is no key here; {meant(found[2], _fields(form))}"
+    if found := re.match(r"(?:Expected|Invalid) ", said):
+        return (
+            f"{name} = {value!r}; {_right(said, form)} would be right"
+            if name
+            else f"{_right(said, form)} is needed"
+        )
+    return f"{name}: {said}" if name and name not in said else said  # a sentence of ours
+
+
+def _within(step: re.Match[str], value: Any, form: Any) -> tuple[str, Any, Any]:
+    """A step down: the key, what stands there, and what was to stand there."""
+    if step[1]:
+        inner = value.get(step[1]) if isinstance(value, Mapping) else None
+        return step[1], inner, _fields(form).get(step[1])
+    of = next((one for one in reversed(get_args(form)) if one is not ...), None)
+    if step[2]:
+        return f"[{step[2]}]", value[int(step[2])], of
+    for key, one in value.items():  # of one of several msgspec does not say which
+        try:
+            msgspec.convert(one, of)
+        except (msgspec.ValidationError, ValueError):
+            return str(key), one, of
+    return "…", None, of
+
+
+def _bare(form: Any, value: Any) -> Any:
+    """Of several forms the one that a value was meant to have, without what is annotated."""
+    while get_origin(form) is Annotated:
+        form = get_args(form)[0]
+    if get_origin(form) in (Union, UnionType):
+        wanted = [one for one in (_bare(one, value) for one in get_args(form)) if one is not type(None)]
+        tables = [one for one in wanted if bool(_fields(one)) == isinstance(value, Mapping)]
+        return (tables or wanted)[0] if len(tables or wanted) == 1 else form
+    return form
+
+
+def _fields(form: Any) -> dict[str, Any]:
+    struct = isinstance(form, type) and issubclass(form, msgspec.Struct)
+    return {field.encode_name: field.type for field in msgspec.structs.fields(form)} if struct else {}
+
+
+def _right(said: str, form: Any) -> str:
+    words = _literals(form)
+    if words:
+        return " or ".join(words)
+    found = re.match(r"Expected `(.*?)`([^,]*)", said)
+    if found is None:
+        return "a number" if "number" in said else "another value"
+    kinds = [one for one in found[1].split(" | ") if one != "null"]
+    if "float" in kinds:
+        kinds = [one for one in kinds if one != "int"]
+    return " or ".join(_KINDS.get(one, one) for one in kinds) + found[2].replace("`", "")
+
+
+def _literals(form: Any) -> list[str]:
+    if get_origin(form) is Literal:
+        return [f'"{one}"' if isinstance(one, str) else str(one) for one in get_args(form)]
+    return [
+        word for one in get_args(form) if get_origin(form) in (Union, UnionType) for word in _literals(one)
+    ]

@@ -1,0 +1,86 @@
+"""Whatever does not fit into a map, a rig file, a transport or `--table`: the key, its value, and our own words."""
+
+import copy
+import random
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from astb import rig_file
+from bench_protocol.misfit import misfit
+from bench_records.importing import import_keys
+from bench_records.layout import RecordError
+from campaigns.campaign_file import CampaignFile
+from diagnosis.contracts import DiagnosisError
+from diagnosis.systems.map_file import Map, read_map
+from drivers.errors import WiringError
+from drivers.wiring.modbus_keys import read_keys
+
+MAP = {
+    "system": "piston",
+    "columns": {"x": {"column": "a", "unit": "mm", "sign": 1, "group": 3}, "p": {"column": 2, "unit": "bar"}},
+    "time": {"column": "t", "unit": "ms", "date": "d"},
+    "file": {"decimal": ",", "header": True, "skip_rows": 2},
+    "runs": {"cut": "time", "length": "1 s", "role": [{"role": "fit", "runs": [1, 2]}]},
+    "file_settings": [{"files": "a*", "settings": {"bore": "25 mm"}}],
+}
+WRONG = (3, -3, 2.5, True, "word", ["a"], {"b": {"c": 1}}, [[]])
+OF_THE_LIBRARY = ("Expected", "Object", "got ", "`", "$", "Invalid", "enum", "msgspec", "array", "null")
+
+
+def changed(content: dict[str, Any], rng: random.Random) -> tuple[dict[str, Any], str]:
+    """Something else at one place, or a key that there is not, or one less; and the last key of the place."""
+    content = copy.deepcopy(content)
+    table: Any = content
+    key: Any = rng.choice(list(table))
+    while isinstance(table[key], dict | list) and table[key] and rng.random() < 0.8:
+        table = table[key]
+        key = rng.choice(list(table)) if isinstance(table, dict) else rng.randrange(len(table))
+    kind = rng.random()
+    if kind < 0.15 and isinstance(table, dict):
+        table["colour"] = 1
+        return content, "colour"
+    if kind < 0.3 and isinstance(table, dict):
+        del table[key]
+    else:
+        table[key] = rng.choice(WRONG)
+    return content, str(key)
+
+
+@pytest.mark.parametrize("kind", [Map, CampaignFile, rig_file.RigFile])
+def test_what_does_not_fit_is_told_in_words_of_ours(kind: Any) -> None:
+    contents = {
+        Map: MAP,
+        CampaignFile: {"plans": ["air"], "seeds": [3], "specimens": ["a"], "variants": [{"name": "a"}]},
+        rig_file.RigFile: {"name": "a", "can": {"port": 3}, "modbus": {"unit": 1}, "simulation": {"seed": 1}},
+    }
+    rng, told = random.Random(7), 0
+    for _ in range(600):
+        content, key = changed(contents[kind], rng)
+        try:
+            msgspec.convert(content, kind)
+        except msgspec.ValidationError as error:
+            said = misfit(error, content, kind)
+            assert not [word for word in OF_THE_LIBRARY if word in said], f"{error}: {said}"
+            assert key in said, f"{error}: {said}"
+            told += 1
+    assert told > 100
+
+
+def test_the_sentence_says_key_value_and_what_would_be_right(tmp_path: Path) -> None:
+    path = tmp_path / "map.toml"
+    path.write_text(
+        'system = "piston"\n[columns.x]\ncolumn = 1\nunit = "mm"\n[columns.p]\ncolumn = 1.5\nunit = "m"\n'
+    )
+    with pytest.raises(
+        DiagnosisError, match=r"map\.toml: columns\.p\.column = 1\.5; a whole number or a text "
+    ):
+        read_map(path)
+    with pytest.raises(RecordError, match=r"--table: raw = 'maybe'; true or false would be right"):
+        import_keys(["raw=maybe"])
+    with pytest.raises(RecordError, match=r"--table: decimal = ';'; .* would be right"):
+        import_keys(["decimal=;"])
+    with pytest.raises(WiringError, match="plc: unit = 'x'; a whole number would be right"):
+        read_keys("plc", {"kind": "modbus", "host": "h", "points": {}, "unit": "x"})
