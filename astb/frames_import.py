@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from bench_protocol import j1939
 from bench_protocol.account import Account
 from bench_protocol.dbc import Dbc, DbcError, Described, read_dbc
+from bench_protocol.j1939_transport import ANNOUNCES, CARRIES, Reassembly
 from bench_records.layout import RecordError, SignalInfo
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.reading import read_log
@@ -48,6 +49,8 @@ def read_frames_of(source: Path, keys: LogKeys, account: Account) -> Log:
     try:
         dbc = None if keys.dbc is None else read_dbc(keys.dbc, keys.charset)
         frames = read_log(source, account, keys.stamps)
+        if dbc is not None and any(one.j1939 for one in dbc.messages.values()):
+            frames = _put_together(frames, dbc, account)
         counts = _on_channel(source, frames.counts(), keys.channel, account)
         if dbc is None:
             signals, samples = _by_our_table(source, frames, counts, account)
@@ -56,6 +59,29 @@ def read_frames_of(source: Path, keys: LogKeys, account: Account) -> Log:
     except (CanLogError, DbcError) as error:
         raise RecordError(str(error)) from None
     return Log(signals, next(iter(frames))[0], samples)
+
+
+def _put_together(frames: Frames, dbc: Dbc, account: Account) -> Frames:
+    """Return frames of which those that carry parts of J1939 messages are whole messages."""
+    parts = {
+        kind
+        for kind in frames.kinds
+        if kind.extended
+        and j1939.group_of(kind.identifier) in (ANNOUNCES, CARRIES)
+        and dbc.of(kind.identifier, True) is None
+    }
+    if not parts:
+        return frames
+    found, reassembly = Frames(frames.unit), Reassembly(account)
+    for time, kind, data in frames:
+        if kind not in parts:
+            found.add(time, kind, data, 0)
+        elif message := reassembly.take(time, kind.channel, kind.identifier, data):
+            found.add(time, Kind(kind.channel, message[0], True, False), message[1], 0)
+    reassembly.end()
+    if reassembly.whole:
+        account.take(f"{reassembly.whole} J1939 messages of several packets (TP) are put together")
+    return found
 
 
 def _on_channel(

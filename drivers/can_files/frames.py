@@ -35,7 +35,7 @@ class Frames:
         self.times = array("q")  #: ns
         self.places = array("q")
         self.which = array("l")  #: number of its kind
-        self._lengths = array("B")
+        self._lengths = array("H")  # J1939 puts up to 1785 bytes together
         self._data = bytearray()
         self._order: np.ndarray | None = None
 
@@ -61,7 +61,7 @@ class Frames:
 
     def __iter__(self) -> Iterator[tuple[int, Kind, bytes]]:
         kinds = list(self.kinds)
-        ends = np.cumsum(np.frombuffer(self._lengths, np.uint8), dtype=np.int64)
+        ends = np.cumsum(np.frombuffer(self._lengths, np.uint16), dtype=np.int64)
         for index in range(len(self)) if self._order is None else self._order.tolist():
             end = int(ends[index])
             data = bytes(self._data[end - self._lengths[index] : end])

@@ -17,7 +17,7 @@ from diagnosis.contracts import Dataset, DiagnosisError
 from diagnosis.systems.mapping import read_mapped
 from tests.readers.log_forms import START, Sample, asc, by_python_can, candump
 
-TESTED = {"channels", "one channel", "mdf frames", "mdf beside", "mdf without frames", "map"}
+TESTED = {"j1939 packets", "channels", "one channel", "mdf frames", "mdf beside", "mdf without frames", "map"}
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\n'
 LEFT, RIGHT = (
     f' SG_ {name} : {bit}|16@1- (0.01,0) [0|0] "mm" B\n' for name, bit in (("Left", 0), ("Right", 16))
@@ -164,6 +164,80 @@ def test_j1939_by_group_with_what_is_not_available_missing(came) -> None:
     )
     assert status == PASS
     np.testing.assert_allclose(read(out).series("State.Height")[1], 0.0, atol=1e-9)
+
+
+WIDE = (
+    'BO_ {number} Wide: 20 PLC\n SG_ First : 0|16@1+ (0.05,-1600) [-1600|1612.75] "mm" B\n'
+    ' SG_ Last : 144|16@1+ (1,0) [0|64255] "N" B\n'
+)
+
+
+def packets(group: int, data: bytes, source: int, to: int = 0xFF, start: int = 0) -> list[Sample]:
+    """A message as SAE J1939-21 cuts it up: announced (BAM, or RTS to one), then seven bytes a packet."""
+    count = -(-len(data) // 7)
+    said = [
+        32 if to == 0xFF else 16,
+        *len(data).to_bytes(2, "little"),
+        count,
+        0xFF,
+        *group.to_bytes(3, "little"),
+    ]
+    rows = [(0x1CEC0000, bytes(said))]
+    rows += [(0x1CEB0000, bytes([k + 1]) + data[7 * k : 7 * k + 7].ljust(7, b"\xff")) for k in range(count)]
+    return [
+        Sample(start + k * 50_000_000 + source * 1000, 1, base | to << 8 | source, True, False, part)
+        for k, (base, part) in enumerate(rows)
+    ]
+
+
+def wide(k: int) -> bytes:
+    return (32000 + 20 * k).to_bytes(2, "little") + bytes(16) + (7 * k).to_bytes(2, "little")
+
+
+@pytest.mark.parametrize(("group", "to"), [(0xFF22, 0xFF), (0xFF22, 0x31), (0xEF00, 0x31)])
+def test_j1939_messages_of_several_packets_are_put_together(came, group: int, to: int) -> None:
+    number = (0x18 << 24 | (group | (to if group < 0xF000 else 0)) << 8 | 0xFE) | 1 << 31
+    dbc = J1939.replace("BA_DEF_", WIDE.format(number=number) + "BA_DEF_", 1)
+    one = [packets(group, wide(k), 0x27, to, k * 10**9) for k in range(5)]
+    other = packets(group, wide(90), 0x28, to, 2 * 10**9)  # in between, from another
+    lost = packets(group, wide(50), 0x27, to, 6 * 10**9)
+    del lost[2]
+    frames = in_order(*one, other, lost, state(0x27, 32000))
+    status, text, out = came("a.log", candump(frames), dbc)
+    assert status == PASS
+    assert "6 J1939 messages of several packets (TP) are put together" in text
+    assert f"1 J1939 message of several packets (TP) that are not whole (group {group:#x})" in text
+    record = read(out)
+    for signal, right in (("First", np.arange(5.0)), ("Last", 7.0 * np.arange(5))):
+        np.testing.assert_allclose(record.series(f"Wide@27.{signal}")[1], right, atol=1e-9)
+    np.testing.assert_allclose(np.diff(record.series("Wide@27.Last")[0]), 1.0)
+    np.testing.assert_allclose(record.series("Wide@28.First")[1], 90.0)
+    np.testing.assert_allclose(record.series("State.Height")[1], 0.0, atol=1e-9)
+
+
+def test_packets_asked_for_again_aborted_or_never_announced(came) -> None:
+    dbc = J1939.replace("BA_DEF_", WIDE.format(number=0x18FF22FE | 1 << 31) + "BA_DEF_", 1)
+    again = packets(0xFF22, wide(3), 0x27, 0x31)
+    wrong = again[2]._replace(time=again[2].time - 1_000_000, data=again[2].data[:1] + bytes(7))
+    answers = [
+        again[0]._replace(
+            time=again[0].time + 1_000, identifier=0x1CEC2731, data=bytes([17, 3, 1, 255, 255, 0x22, 0xFF, 0])
+        )
+    ]
+    ended = packets(0xFF22, wide(4), 0x27, 0x31, 10**9)[:3]
+    ended.append(
+        ended[-1]._replace(
+            time=ended[-1].time + 1_000, identifier=0x1CEC2731, data=bytes([255] * 5 + [0x22, 0xFF, 0])
+        )
+    )
+    stray = packets(0xFF22, wide(5), 0x29, start=2 * 10**9)[1:]
+    frames = in_order(again, [wrong], answers, ended, stray)
+    status, text, out = came("a.log", candump(frames), dbc)
+    assert status == PASS
+    np.testing.assert_allclose(read(out).series("Wide.Last")[1], [21.0])
+    np.testing.assert_allclose(read(out).series("Wide.First")[1], [3.0], atol=1e-9)
+    assert "1 J1939 message of several packets (TP) that are not whole" in text
+    assert "3 J1939 packets (TP) that nobody announced" in text
 
 
 def mdf_of_signals(folder: Path) -> bytes:
