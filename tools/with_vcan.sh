@@ -49,7 +49,8 @@ if [ -z "$uml_only" ]; then
     [ "$(id -u)" = 0 ] && modprobe -q vcan 2>/dev/null
     unshare=(unshare --net)
     [ "$(id -u)" = 0 ] || unshare=(unshare --net --map-root-user)
-    make_bus='ip link set lo up && ip link add vcan0 type vcan && ip link set vcan0 txqueuelen 4096 up'
+    # 72 bytes are a frame of CAN FD; once the bus is up, nobody can change it.
+    make_bus='ip link set lo up && ip link add vcan0 mtu 72 type vcan && ip link set vcan0 txqueuelen 4096 up'
     if command -v unshare >/dev/null && command -v ip >/dev/null && "${unshare[@]}" sh -c "$make_bus" 2>/dev/null; then
         exec timeout -k 5 "$limit" "${unshare[@]}" sh -c "$make_bus"' && exec "$@"' with_vcan "$@"
     fi
@@ -138,7 +139,7 @@ for name in "net/can/can net/can/can-raw net/can/can-bcm drivers/net/can/dev/can
         print("with_vcan: module", name, os.strerror(ctypes.get_errno()))
 PYTHON
 ip link set lo up
-ip link add vcan0 type vcan && ip link set vcan0 txqueuelen 4096 up
+ip link add vcan0 mtu 72 type vcan && ip link set vcan0 txqueuelen 4096 up
 echo up >"$scratch/booted"
 # From here on the console is the command's alone: of the kernel only a panic speaks.
 echo 1 >/proc/sys/kernel/printk

@@ -1,6 +1,7 @@
 """Frames that are not as the DBC says: what fits is read, what is dropped is told, and no number is wrong."""
 
 import math
+import socket
 import struct
 import threading
 from collections.abc import Callable
@@ -14,8 +15,10 @@ from hypothesis import strategies as st
 
 from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.frames import frame, join
+from drivers.can_port import has_interface
 from drivers.errors import LinkLost, WiringError
 from drivers.memory import InMemoryCan
+from drivers.stamps import UNCERTAINTY
 from drivers.wiring.can import CanTransport
 
 MS = 1_000_000
@@ -325,3 +328,45 @@ def _bits(identifier: int, extended: bool, data: bytes) -> dict[str, float]:
         found = {"Real.Level": math.nan if level == 1.5 else level} if len(data) >= 4 else {}
         return found | ({"Real.Other": words[4] * 0.1} if len(data) >= 6 else {})
     return {}
+
+
+@pytest.mark.vcan
+@pytest.mark.skipif(not has_interface("vcan0"), reason="tools/with_vcan.sh runs it where there is a vcan0")
+@pytest.mark.real_time
+def test_frames_of_can_fd_go_both_ways_on_socketcan(tmp_path):
+    """The other end is a plain socket: struct canfd_frame of linux/can.h, and struct can_frame."""
+    (tmp_path / "rig.dbc").write_text(FD)
+    table = {
+        "kind": "can",
+        "dbc": "rig.dbc",
+        "bus": "vcan0",
+        "fd": True,
+        "bitrate_switch": True,
+        "answers": False,
+    }
+    transport, heard, clock = CanTransport("bus", table, tmp_path), [], RealClock()
+    transport.subscribe(lambda time, points: heard.append((time, points)))
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as other:
+        other.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+        other.bind(("vcan0",))
+        other.settimeout(5.0)
+        transport.connect(clock, pytest.fail, within=5.0)
+        wide = struct.pack("<h58xi", -1234, 765432)
+        other.send(struct.pack("=IBBxx64s", 600, 64, 1, wide))
+        other.send(struct.pack("=IB3x8s", 602, 8, b"\x07"))
+        for _ in range(500):
+            if len(heard) < 2:
+                threading.Event().wait(0.01)
+        transport.write({"Order.Target": 12.345})
+        word, length, flags, data = struct.unpack("=IBBxx64s", other.recv(72))
+        stamp = transport.stamp("Wide.First")
+        transport.close()
+    (time, points), (_, small) = heard
+    assert points == {"Wide.First": -12.34, "Wide.Last": 765.432}
+    assert small == {"Small.One": 7.0}
+    assert 0 <= clock.now() - time < 5_000_000_000
+    assert (stamp.clock, stamp.within) == ("system", UNCERTAINTY["system"]), (
+        "this interface has no clock"
+    )
+    assert (word, length, flags & 1) == (601, 20, 1), "at the fast rate"
+    assert struct.unpack_from("<i", data, 16) == (12345,)
