@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from math import nan
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from bench_protocol.rates import DISABLE_AFTER
@@ -12,6 +13,7 @@ from bench_protocol.words import LIVE_STATES, SIDES
 from drivers.errors import BenchTimeout, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty
 from test_plans.loads import Load
+from test_plans.preconditions import HEADROOM
 from test_plans.readings import CHAMBERS, HEIGHTS
 
 if TYPE_CHECKING:
@@ -157,7 +159,7 @@ def raise_the_air(run: Run, load: Load) -> None:
         # At design height from the start, the springs need no more travel when they take the load over.
         bench.vertical.move_to(0.0, 0.0, rate=LIFT_RATE)
         # Aim beyond and stop on the way: the leveling valves do the rest anyway.
-        with _reached(run):
+        with _reached(run), _supplied(run, load.fill_pressure):
             bench.air.fill(to=load.fill_pressure + FILL_BEYOND, tolerance=FILL_BEYOND, within=FILL_WITHIN)
 
 
@@ -170,12 +172,13 @@ def level_to_the_preload(run: Run, load: Load) -> None:
         with _reached(run):
             bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
         rest = run.specimen.limits.band("rest_height")
-        bench.wait_for(
-            lambda: all(height in rest for height in (bench.left.height, bench.right.height)),
-            within=LEVEL_WITHIN,
-            what="both springs leveled",
-            steady=LEVEL_STEADY,
-        )
+        with _supplied(run, load.fill_pressure):
+            bench.wait_for(
+                lambda: all(height in rest for height in (bench.left.height, bench.right.height)),
+                within=LEVEL_WITHIN,
+                what="both springs leveled",
+                steady=LEVEL_STEADY,
+            )
     with run.phase("settle"):
         gas = [f"{side}.{chamber}_temperature" for side in SIDES for chamber in CHAMBERS]
         seen = [name for name in gas if bench.has(name)]
@@ -202,6 +205,19 @@ def _reached(run: Run) -> Iterator[None]:
         run.warn(f"{late}; the plan went on, for a transducer may be what is wrong")
 
 
+@contextmanager
+def _supplied(run: Run, pressure: float) -> Iterator[None]:
+    """Name the supply of air as the cause if what comes late needs a ``pressure`` (Pa gauge) that it does not have."""
+    try:
+        yield
+    except BenchTimeout as late:
+        has = run.bench.readings.told("supply.pressure") if run.bench.has("supply.pressure") else nan
+        if not has < pressure:
+            raise
+        asked = f"open the supply until it has {(pressure + HEADROOM) / bar:.4g} bar"
+        raise RigFault(f"{late}; the supply pressure is {has / bar:.2f} bar; {asked}") from late
+
+
 def hold_the_height(run: Run) -> None:
     """Hold the bolster where the leveling valves brought it, and replace the pressure that cooling takes."""
     bench = run.bench
@@ -217,7 +233,7 @@ def hold_the_height(run: Run) -> None:
             run.say(f"{lacking}; at rest the bellows have the same pressure")
             names = [f"{side}.bellows_pressure" for side in SIDES]
         left, right = bench.averages(*names, over=KEEP_AVERAGE).values()
-        with _reached(run):
+        with _reached(run), _supplied(run, max(left, right)):
             bench.air.fill(left=left, right=right, tolerance=KEEP_TOLERANCE)
 
 

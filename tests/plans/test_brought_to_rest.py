@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -70,6 +71,21 @@ def test_what_is_changed_by_hand_waits_for_the_air_that_a_bench_at_rest_lets_off
     assert not result.reason
     assert found["pressure"] > 1 * bar, "it had nothing to wait for"
     assert found["value"] == pytest.approx(value)
+
+
+@pytest.mark.parametrize("judges", [True, False])
+def test_a_set_up_that_finds_no_air_names_the_supply(bench_composed, tmp_path, monkeypatch, judges):
+    monkeypatch.setattr("test_plans.steps.carrying.FILL_WITHIN", 2.0)
+
+    @plan(setup=steps.carry(AW0))
+    def carries(run):
+        """Carry the empty car."""
+
+    with bench_composed() as made:
+        made.rig.faults.on("supply_loss", {})
+        result = execute(replace(carries, judges=judges), made.bench, tmp_path / "out")
+    assert "the supply pressure is 0." in result.reason
+    assert "open the supply until it has 3.058 bar" in result.reason
 
 
 def test_a_disk_that_is_full_leaves_no_air_in_the_springs(filled, monkeypatch):
