@@ -87,6 +87,21 @@ def text_of(body: Mapping[str, Any], key: str) -> str:
     return value
 
 
+def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
+    """Return the parameters of a plan in a request, as people write them. NotAllowed for what is no table of such."""
+    settings = body.get("set", {})
+    if not isinstance(settings, dict):
+        raise NotAllowed("set is no table of parameters", 400)
+    return {text_of({"a name": name}, "a name"): _written(name, value) for name, value in settings.items()}
+
+
+def _written(name: str, value: object) -> str:
+    """Return a parameter as people write it."""
+    if isinstance(value, dict | list):
+        raise NotAllowed(f"{name} is no text and no number", 400)
+    return text_of({name: str(value)}, name)
+
+
 def json_answer(content: object, status: int = 200) -> Response:
     """Return ``content`` as JSON."""
     return Response(msgspec.json.encode(content), status, media_type="application/json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -12,14 +13,23 @@ import msgspec
 from starlette.routing import Route
 
 from astb.panel.answers import answered
+from astb.panel.commands import command, text_of
+from astb.panel.runs import CannotDo
+from astb.panel.specimens import FOLDER
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.index import RunIndex
 from bench_records.layout import REPORT, RecordError
+from bench_records.run_folder import Unfinished
 
 if TYPE_CHECKING:
     from astb.panel.parts import Parts
 
 FINDING: Final = "finding.json"
+#: Where runs lie that are kept and no longer listed among the others.
+ARCHIVE: Final = "archive"
+#: Ways to move a run that are no names.
+IN_ARCHIVE, OUT_OF_ARCHIVE = "/in", "/out"
+_NAME: Final = re.compile(r"\w[\w .-]{0,58}[\w-]|\w")
 
 
 class Diagnosis(msgspec.Struct, frozen=True, kw_only=True):
@@ -35,7 +45,22 @@ class Diagnosis(msgspec.Struct, frozen=True, kw_only=True):
 def routes(parts: Parts) -> Sequence[Route]:
     """Return the routes of the views *runs* and *diagnoses*."""
     kept = Kept(parts.out)
+
+    def moved(run: str, to: str) -> str:
+        old, new = kept.move(run, to)
+        parts.runs.moved(old, new)
+        return new.relative_to(parts.out).as_posix()
+
     return [
+        command(
+            parts,
+            "/api/kept/rename",
+            lambda request, body: moved(text_of(body, "run"), text_of(body, "name")),
+        ),
+        command(parts, "/api/kept/archive", lambda request, body: moved(text_of(body, "run"), IN_ARCHIVE)),
+        command(
+            parts, "/api/kept/restore", lambda request, body: moved(text_of(body, "run"), OUT_OF_ARCHIVE)
+        ),
         Route("/api/kept", answered(lambda request: kept.runs())),
         Route("/api/kept/checks", answered(lambda request: kept.checks(request.query_params["run"]))),
         Route("/api/diagnoses", answered(lambda request: kept.diagnoses())),
@@ -147,6 +172,39 @@ class Kept:
             return (self._folder / of / REPORT).read_text(encoding="utf-8")
         except OSError as error:
             raise RecordError(f"{of} has no readable {REPORT}: {error.strerror}") from None
+
+    def move(self, run: str, to: str) -> tuple[Path, Path]:
+        """Give the folder of a run another name, or move it to the archive or back; return where it was and is now.
+
+        Nothing in it is touched: what was signed stays as it is. CannotDo for a run that goes on, or a name that is
+        taken or none.
+        """
+        known = {one.directory: one for one in RunIndex(self._folder).runs()}
+        if run not in known:
+            raise CannotDo(f"{self._folder} holds no run {run!r}")
+        if known[run].verdict == Unfinished.RUNNING:
+            raise CannotDo(f"{run} goes on: wait for its end")
+        old = self._folder / run
+        if to == IN_ARCHIVE:
+            new = self._folder / ARCHIVE / run
+        elif to == OUT_OF_ARCHIVE:
+            new = self._folder / Path(run).relative_to(ARCHIVE) if Path(run).parts[0] == ARCHIVE else old
+        elif not _NAME.fullmatch(to) or to in (ARCHIVE, FOLDER):
+            raise CannotDo(
+                f"{to!r} is no name for a run; letters, digits, blanks and - _ . do, sixty at most"
+            )
+        else:
+            new = old.with_name(to)
+        if new == old:
+            return old, new
+        if new.exists():
+            raise CannotDo(f"{new.relative_to(self._folder)} is there already: another name would do")
+        try:
+            new.parent.mkdir(parents=True, exist_ok=True)
+            old.rename(new)
+        except OSError as error:
+            raise CannotDo(f"{run} cannot be moved: {error.strerror}") from None
+        return old, new
 
     def _known(self, run: str) -> Path:
         """Return the directory of a run; only what the index lists is opened."""

@@ -85,15 +85,7 @@ class Runs:
     ) -> None:
         """Start a plan with parameters as people write them. CannotDo, in the words of `astb run`, if it refuses."""
         stops = self._stops
-        from test_plans.discovery import plans
-        from test_plans.parameters import ParameterRefused
-
-        if (known := plans().get(plan)) is None:
-            raise CannotDo(f"there is no plan {plan!r}")
-        try:
-            known.given(settings)
-        except ParameterRefused as error:
-            raise CannotDo(str(error)) from None
+        refuse_settings(plan, settings)
         with self._starts:  # whoever clicks twice starts one
             if self.going:
                 raise CannotDo("a run goes on already: stop it, or wait for its end")
@@ -220,6 +212,11 @@ class Runs:
         except BenchError as error:
             raise CannotDo(str(error)) from None
 
+    def moved(self, old: Path, new: Path) -> None:
+        """Note that the folder of a run has another name now; the last run goes on being shown."""
+        if self._record and Path(self._record) == old.resolve():
+            self._record = str(new.resolve())
+
     # -- what is told ----------------------------------------------------------------------------------------------
 
     def told(self) -> dict[str, Any]:
@@ -248,6 +245,19 @@ class Runs:
             if tail:
                 return {"plan": "", "verdict": "blocked", "reason": tail[-1], "record": ""}
         return None
+
+
+def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
+    """CannotDo, in the words of the command line, for a plan that there is not, or what it does not take."""
+    from test_plans.discovery import plans
+    from test_plans.parameters import ParameterRefused
+
+    if (known := plans().get(plan)) is None:
+        raise CannotDo(f"there is no plan {plan!r}")
+    try:
+        known.given(settings)
+    except ParameterRefused as error:
+        raise CannotDo(str(error)) from None
 
 
 def _conclusion(record: Path, out: Path) -> dict[str, Any]:

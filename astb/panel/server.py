@@ -15,7 +15,7 @@ from starlette.types import ASGIApp
 import bench_records
 from astb.panel.access import Doorkeeper, NotAllowed
 from astb.panel.answers import answered
-from astb.panel.commands import command, json_answer, json_body, text_of
+from astb.panel.commands import command, json_answer, json_body, settings_of, text_of
 from astb.panel.parts import Parts
 from astb.panel.runs import CannotDo
 from astb.panel.specimens import Specimens
@@ -146,23 +146,13 @@ def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
 
 
 def _start(parts: Parts, body: dict[str, Any]) -> None:
-    settings = body.get("set", {})
-    if not isinstance(settings, dict):
-        raise NotAllowed("set is no table of parameters", 400)
     parts.runs.start(
         text_of(body, "plan"),
-        {text_of({"a name": name}, "a name"): _written(name, value) for name, value in settings.items()},
+        settings_of(body),
         specimen=Specimens(parts.out).place(text_of(body, "specimen")),
         operator=text_of(body, "operator"),
         ambient=text_of(body, "ambient"),
     )
-
-
-def _written(name: str, value: object) -> str:
-    """Return a parameter as people write it."""
-    if isinstance(value, dict | list):
-        raise NotAllowed(f"{name} is no text and no number", 400)
-    return text_of({name: str(value)}, name)
 
 
 def _seat(parts: Parts, request: Request) -> None:

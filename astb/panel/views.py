@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from astb.panel import bus, faults, kept, specimens
+from astb.panel import bus, faults, kept, rehearsals, specimens
 from astb.panel.parts import Parts
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class View:
 
 
 VIEWS: Final = (
-    View("live", "Live"),
+    View("live", "Live", rehearsals.routes),
     View("runs", "Runs", kept.routes),
     View("diagnoses", "Diagnoses"),
     View("specimens", "Specimens", specimens.routes),

@@ -7,7 +7,7 @@ import pytest
 
 from bench_records.layout import REPORT
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]  # a plan is run, which takes as long as the machine is busy
 
 SIZES = {390: 844, 820: 1180, 1400: 900}
 VIEWS = ("live", "runs", "diagnoses", "specimens", "faults", "bus")
@@ -83,6 +83,9 @@ def test_every_view_fits_its_screen_and_nothing_covers_what_is_pressed(
             page.wait_for_selector("section[aria-label=specimen] td")
         looked_at(page, pictures, f"{view}-{width}")
         if view == "live":
+            page.click(".side button.ask >> nth=-1")
+            assert "do not act yet" in page.text_content("section[aria-label=interlocks] .help:not([hidden])")
+            page.click("section[aria-label=interlocks] button.ask")
             start = page.locator("#start").bounding_box()
             assert start["y"] + start["height"] <= SIZES[width], "Start is on the first screen"
 

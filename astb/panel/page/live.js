@@ -3,6 +3,7 @@
 import { fixed, make, plain } from "/page/format.js";
 import { OverSignal, OverTime } from "/page/plots.js";
 import { runCard } from "/page/run.js";
+import { help } from "/page/words.js";
 
 const SPANS = [[10, "10 s"], [30, "30 s"], [120, "2 min"], [600, "10 min"], [3600, "1 h"]];
 const LOOPS = [
@@ -83,14 +84,16 @@ function margin({ low, high }, value) {
 function interlocks(contacts) {
   const items = Object.entries(contacts).map(([name, description]) => [name, make("li", { title: description }, name.replace("interlock.", "").replace("estop", "emergency stop"))]);
   const first = make("p", { class: "first" });
+  const { button, text } = help(...Object.keys(contacts).map((name) => name.replace("interlock.", "")));
   return {
-    element: make("section", { class: "card", "aria-label": "interlocks" }, make("h2", {}, "Interlocks"), make("ul", { class: "locks" }, ...items.map(([, item]) => item)), first),
+    element: make("section", { class: "card", "aria-label": "interlocks" }, make("h2", {}, "Interlocks", button), text, make("ul", { class: "locks" }, ...items.map(([, item]) => item)), first),
     tell(rig) {
+      const broken = rig.state.startsWith("FAULT") || rig.state === "ESTOP";
       for (const [name, item] of items) {
         const [on, known] = [rig.contacts[name], name in rig.contacts];
         const short = name.replace("interlock.", "");
         const open = ALARMS.includes(short) && on;
-        const rests = open && rig.at_rest && AT_REST.includes(short);
+        const rests = open && rig.at_rest && !broken && AT_REST.includes(short);
         item.className = !known || rests ? "" : open ? "alarm" : name === "interlock.command" ? (on ? "fine" : "") : name === "interlock.staged" ? "" : "fine";
       }
       first.textContent = rig.first_out ? `First out: ${rig.first_out}` : "";

@@ -2,6 +2,7 @@
 
 import { clock, duration, make } from "/page/format.js";
 import { starting } from "/page/start.js";
+import { help } from "/page/words.js";
 
 const UNDER_A_FINGER = 700; // ms: what was meant for the question before does not answer the one that comes
 
@@ -31,11 +32,13 @@ const SHOWN = 5; // failed checks, until somebody opens the report
 function told({ last, stopped }) {
   const parts = stopped ? ended(stopped) : [];
   if (!last) return parts;
+  const { button, text } = help(last.verdict);
   const reason = last.reason && make("p", { class: "said" }, last.reason);
   return [
     ...parts,
     make("h2", {}, `Last run${last.plan ? `: ${last.plan}` : ""}`),
-    make("div", { class: `verdict ${last.verdict}` }, last.verdict),
+    make("div", { class: `verdict ${last.verdict}` }, last.verdict, button),
+    text,
     reason && stopped ? make("details", {}, make("summary", {}, "What the run says"), reason) : reason,
     failures(last.failed ?? []),
     last.record ? make("p", {}, make("a", { href: `/kept/report?run=${encodeURIComponent(last.record)}`, target: "_blank" }, "Report")) : null,

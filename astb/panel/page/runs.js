@@ -1,8 +1,10 @@
-/** The view of past runs: choose by plan, verdict and specimen, open reports, compare two, follow a check. */
+/** The view of past runs: search them, open reports, compare two, follow a check, give a run another name, archive it. */
 
 import { duration, make } from "/page/format.js";
 import { asked, choice, name, repeated, table, when } from "/page/tables.js";
+import { help } from "/page/words.js";
 
+const ARCHIVE = "archive/";
 const AGAIN = 5000; // ms until the list is looked at anew
 
 export function show(element, panel) {
@@ -13,6 +15,8 @@ export function show(element, panel) {
     serial_number: choice("specimen", "any specimen", fill),
     rig: choice("rig", "any rig", fill),
   };
+  const search = make("input", { type: "search", "aria-label": "search", placeholder: "search", oninput: fill });
+  const archived = make("input", { type: "checkbox", "aria-label": "show the archive", onchange: fill });
   const compare = make("a", { class: "button", target: "_blank", "aria-disabled": "true" }, "Compare two");
   const list = make("div", { class: "rows" });
   const checks = make("section", { class: "card checks", "aria-label": "checks", hidden: true });
@@ -21,7 +25,7 @@ export function show(element, panel) {
   let seen = "";
   element.append(
     make("div", { class: "view" },
-      make("div", { class: "filters" }, ...Object.values(filters).map((one) => one.element), compare),
+      make("div", { class: "filters" }, search, ...Object.values(filters).map((one) => one.element), make("label", { class: "tick" }, archived, "archive"), compare),
       said, make("div", { class: "beside" }, make("section", { class: "card", "aria-label": "runs" }, list), checks)),
   );
   return repeated(load, AGAIN);
@@ -40,10 +44,18 @@ export function show(element, panel) {
   }
 
   function fill() {
-    const shown = runs.filter((run) => Object.entries(filters).every(([column, one]) => !one.value || run[column] === one.value));
+    const words = search.value.toLowerCase().split(/\s+/);
+    const shown = runs.filter((run) => Object.entries(filters).every(([column, one]) => !one.value || run[column] === one.value)
+      && run.directory.startsWith(ARCHIVE) === archived.checked && words.every((word) => told_of(run).includes(word)));
     for (const one of marked) if (!shown.some((run) => run.directory === one)) marked.delete(one);
     list.replaceChildren(table(["", "verdict", "run", "when", "plan", "specimen", "took"], shown.map(row)));
     pair();
+  }
+
+  /** What a search looks at: all that the list tells of a run, and why it ended so. */
+  function told_of(run) {
+    const { directory, plan, title, verdict, reason, rig, operator, specimen, serial_number, parameters, began } = run;
+    return [directory, plan, title, verdict, reason, rig, operator, specimen, serial_number, ...Object.entries(parameters).flat(), when(began)].join(" ").toLowerCase();
   }
 
   function row(run) {
@@ -75,12 +87,35 @@ export function show(element, panel) {
     compare.textContent = two ? "Compare these two" : "Mark two to compare";
   }
 
+  /** What gives a run another name, or puts it aside; nothing in its folder is touched. */
+  function moving(run) {
+    const wrong = make("p", { class: "wrong", role: "alert" });
+    const field = make("input", { "aria-label": "another name", value: run.directory.split("/").at(-1) });
+    const seat = panel.link.status?.access.seat;
+    const move = (path, body) => async () => {
+      try {
+        await panel.link.order(path, { run: run.directory, ...body() });
+        checks.hidden = true;
+        await load();
+      } catch (error) {
+        wrong.textContent = error.message;
+      }
+    };
+    const aside = run.directory.startsWith(ARCHIVE) ? ["Bring back", "/api/kept/restore"] : ["Archive", "/api/kept/archive"];
+    const buttons = [["Rename", "/api/kept/rename", () => ({ name: field.value })], [...aside, () => ({})]];
+    return make("details", {}, make("summary", {}, "Another name, archive"),
+      make("div", { class: "filters" }, field, ...buttons.map(([text, path, body]) => make("button", { disabled: !seat, title: seat ? "" : "only the page that commands may do this", onclick: move(path, body) }, text))), wrong);
+  }
+
   async function told(run) {
     const { found, error } = await asked(`/api/kept/checks?run=${encodeURIComponent(run.directory)}`);
+    const { button, text } = help(...new Set([run.verdict, ...(found ?? []).map((one) => one.verdict)]));
     checks.hidden = false;
     checks.replaceChildren(
-      make("h3", {}, run.directory),
+      make("h3", {}, run.directory, button),
+      text,
       run.reason ? make("p", { class: "said" }, run.reason) : "",
+      moving(run),
       error ? make("p", { class: "wrong" }, error) : "",
       ...(found ?? []).map((one) =>
         make("p", { class: "check" },

@@ -1,7 +1,8 @@
 /** What it takes to start a run: plan, specimen and parameters, who runs it and in which surroundings. */
 
 import { duration, make } from "/page/format.js";
-import { asked, remembered } from "/page/tables.js";
+import { asked, remembered, repeated } from "/page/tables.js";
+import { help } from "/page/words.js";
 
 export function starting(panel, order, told) {
   let plans = new Map();
@@ -12,9 +13,12 @@ export function starting(panel, order, told) {
   const specimen = make("select", { "aria-label": "specimen" });
   const [operator, ambient] = [remembered("operator", "who runs it"), remembered("ambient", "such as 21 °C, 1013 hPa")];
   const begin = make("button", { class: "main", id: "start" }, "Start");
+  const rehearse = make("button", { id: "rehearse", title: "In virtual time, without the rig: how far the plan goes, and how close to which limit" }, "Rehearse");
+  const rehearsed = make("p", { class: "said", id: "rehearsed" });
   const reset = make("button", {}, "Reset fault");
   const vent = make("button", {}, "Vent springs");
   const last = make("div", { id: "last" });
+  const { button, text } = help("AW0", "AW3", "specimen", "hold");
 
   function offer(found) {
     const chosen = choice.value || "aw0";
@@ -52,22 +56,43 @@ export function starting(panel, order, told) {
   ask(); // of specimens that were brought since this page was loaded
   choice.addEventListener("change", choose);
   specimen.addEventListener("change", ask);
-  begin.addEventListener("click", () => {
+  /** The plan with its specimen and the parameters that are not what they are by default. */
+  function chosen() {
     const given = plans.get(choice.value).parameters;
     const set = Object.fromEntries([...fields.querySelectorAll("[name]")].filter((one) => one.value !== given.find((p) => p.name === one.name).default).map((one) => [one.name, one.value]));
-    order("/api/run/start", { plan: choice.value, set, specimen: specimen.value, operator: operator.value, ambient: ambient.value });
+    return { plan: choice.value, set, specimen: specimen.value };
+  }
+  begin.addEventListener("click", () => order("/api/run/start", { ...chosen(), operator: operator.value, ambient: ambient.value }));
+  let leave = () => {};
+  rehearse.addEventListener("click", async () => {
+    await order("/api/rehearsal/start", chosen());
+    follow();
   });
+  /** Look how the rehearsal stands until it has ended. */
+  function follow() {
+    leave();
+    leave = repeated(async () => {
+      const { found } = await asked("/api/rehearsal");
+      if (!found) return;
+      if (!found.going) leave();
+      if (!found.plan) return;
+      const page = found.page && make("a", { href: `/kept/rehearsal?of=${encodeURIComponent(found.page)}`, target: "_blank" }, "Page of the rehearsal");
+      rehearsed.replaceChildren(make("b", {}, `${found.plan}: `), found.going ? "is being rehearsed …" : found.words, " ", page || "");
+    }, 1000);
+  }
+  follow();
   reset.addEventListener("click", () => order("/api/reset"));
   vent.addEventListener("click", () => order("/api/vent"));
 
   return {
-    element: make("div", {}, last, make("h2", {}, "Run a plan"), choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), fields,
+    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), fields,
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
-      make("div", { class: "buttons" }, begin), make("div", { class: "buttons" }, reset, vent)),
+      make("div", { class: "buttons" }, begin, rehearse), rehearsed, make("div", { class: "buttons" }, reset, vent)),
     tell(rig, runs, access) {
       const lost = rig.link !== "";
       begin.disabled = !access.seat || lost;
+      rehearse.disabled = !access.seat;
       reset.disabled = vent.disabled = !access.seat || lost;
       const key = JSON.stringify([runs.last, runs.stopped]);
       if (last.dataset.key !== key) {
