@@ -7,7 +7,8 @@ import pytest
 
 from bench_records.layout import REPORT
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]  # a plan is run, which takes as long as the machine is busy
+#: A plan is run first, which takes as long as others keep the machine busy.
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 SIZES = {390: 844, 820: 1180, 1400: 900}
 VIEWS = ("live", "runs", "diagnoses", "specimens", "faults", "bus")
