@@ -1,7 +1,7 @@
 """The command `astb campaign`, which `astb` finds by its entry point."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -53,7 +53,7 @@ def campaign_command(
     """
     from astb.tables import plain_console
     from bench_protocol.extras import installed, lacking
-    from campaigns.display import CampaignDisplay, verdicts
+    from campaigns.display import CampaignDisplay, failed_checks, verdicts
     from campaigns.kept import KeptError, KeptFailed
     from campaigns.plan_case import run_plan_cases
     from campaigns.workers import ClusterError
@@ -85,9 +85,31 @@ def campaign_command(
     except KeyboardInterrupt:
         blocked(f"stopped; what has ended is kept in {out}, and the same command goes on")
     console.print(verdicts(rows))
+    if failed_table := failed_checks(rows):
+        console.print(failed_table)
     click.echo(f"rows: {out}")
+    _write_beside(rows, out)
     if failed := sum(bool(row["error"]) for row in rows):
         blocked(f"{failed} of {len(rows)} cases failed; --again tries them once more")
+
+
+def _write_beside(rows: "list[dict[str, Any]]", out: Path) -> None:
+    """Write the page and the workbook of a campaign beside its rows, which are in a directory of their own."""
+    from bench_protocol.extras import installed, lacking
+    from bench_records.layout import RecordError
+    from campaigns.page import write_page, write_workbook
+
+    page, book = (out.with_name(f"{out.name}.{ending}") for ending in ("html", "xlsx"))
+    try:
+        write_page(rows, page, out.name)
+        click.echo(f"page: {page}")
+        if not installed("excel"):
+            click.echo(lacking("excel", "tables for Excel"), err=True)
+            return
+        write_workbook(rows, book)
+        click.echo(f"table: {book}")
+    except RecordError as error:
+        blocked(f"{error}; the rows are kept in {out}")
 
 
 def _asked_for(file: Path, limit: str) -> "tuple[dict[str, PlanCase], float]":

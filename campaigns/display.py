@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
 from bench_protocol.units import hours, minutes, s
+from campaigns.findings import Kind, distributions, kind_of, verdict_of
 from campaigns.run import Standing
 
 #: Through a pipe there is a line so often.
@@ -75,16 +77,31 @@ def duration(seconds: float) -> str:
 
 
 def verdicts(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return a table that says, for each plan and variant, how many runs had which verdict."""
-    counted: dict[tuple[str, str], Counter[str]] = {}
+    """Return a table that says, for each plan and kind of case, how many runs had which verdict."""
+    counted: dict[Kind, Counter[str]] = {}
     for row in rows:
-        counted.setdefault((row["plan"], row["variant"]), Counter())[row.get("verdict") or "error"] += 1
+        counted.setdefault(kind_of(row), Counter())[verdict_of(row)] += 1
     names = sorted({name for one in counted.values() for name in one})
     table = Table(box=None, pad_edge=False)
-    for column in ("plan", "variant"):
+    for column in ("plan", "case"):
         table.add_column(column)
     for name in names:
         table.add_column(name, justify="right")
-    for (plan, variant), one in counted.items():
-        table.add_row(plan, variant, *(str(one[name] or "") for name in names))
+    for kind, one in counted.items():
+        table.add_row(escape(kind.plan), escape(kind.words), *(str(one[name] or "") for name in names))
+    return table
+
+
+def failed_checks(rows: Sequence[Mapping[str, Any]]) -> Table | None:
+    """Return a table of the checks that failed, most often first; None if none did."""
+    failed = [one for one in distributions(rows) if one.failed]
+    if not failed:
+        return None
+    table = Table(box=None, pad_edge=False)
+    for column in ("failed check", "of", "plan", "case"):
+        table.add_column(column)
+    for one in failed:
+        table.add_row(
+            escape(one.check), f"{one.failed} of {one.cases}", escape(one.kind.plan), escape(one.kind.words)
+        )
     return table

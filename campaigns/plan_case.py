@@ -1,5 +1,6 @@
 """One case of the bench: a plan on a virtual rig with its parameters, effects, faults and seed, and a specimen."""
 
+import re
 from collections.abc import Iterable, Mapping
 from functools import partial
 from hashlib import sha256
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 #: The rig of a case; what it simulates is the case's own.
 RIG: Final = "campaign"
+#: What no key has of a value: a key also names a folder.
+NO_FILE_NAME: Final = re.compile(r"[^\w.%+-]")
 
 
 class PlanCase(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,7 +36,10 @@ class PlanCase(msgspec.Struct, frozen=True, kw_only=True):
     def key(self) -> str:
         """What names the case for good: legible, and with a digest of all that it is."""
         digest = sha256(msgspec.json.encode(self, order="deterministic")).hexdigest()[:10]
-        return "/".join(filter(None, (self.plan, self.variant, f"seed {self.simulation.seed}", digest)))
+        values = ",".join(f"{name}={NO_FILE_NAME.sub('', str(value))}" for name, value in self.values.items())
+        return "/".join(
+            filter(None, (self.plan, values, self.variant, f"seed {self.simulation.seed}", digest))
+        )
 
 
 def by_key(cases: Iterable[PlanCase]) -> dict[str, PlanCase]:

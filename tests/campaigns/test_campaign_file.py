@@ -150,13 +150,13 @@ def test_verdicts_are_counted_by_plan_and_variant():
     said = io.StringIO()
     rows = [{"plan": "p", "variant": "v", "verdict": verdict} for verdict in ("pass", "fail", "pass", None)]
     Console(file=said, width=80).print(verdicts(rows))
-    assert said.getvalue().split() == ["plan", "variant", "error", "fail", "pass", "p", "v", "1", "1", "2"]
+    assert said.getvalue().split() == ["plan", "case", "error", "fail", "pass", "p", "v", "1", "1", "2"]
 
 
 def test_where_every_case_failed_no_row_has_a_verdict():
     said = io.StringIO()
     Console(file=said, width=80).print(verdicts([{"plan": "p", "variant": "v", "error": "no"}]))
-    assert said.getvalue().split() == ["plan", "variant", "error", "p", "v", "1"]
+    assert said.getvalue().split() == ["plan", "case", "error", "p", "v", "1"]
 
 
 def test_an_attempt_that_was_killed_does_not_stand_in_the_way_of_the_next(tmp_path, monkeypatch):

@@ -1,0 +1,123 @@
+"""What the rows of a campaign say together: cases by how they ended, and of each check its values over all seeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from statistics import mean, stdev
+from typing import Any, Final, NamedTuple
+
+Row = Mapping[str, Any]
+
+#: The order in which cases are read: what needs somebody first.
+WORST_FIRST: Final = ("fail", "error", "blocked", "incomplete", "not available", "marginal", "pass", "")
+
+
+class Kind(NamedTuple):
+    """What cases have in common that differ by their seed alone."""
+
+    plan: str
+    values: str  #: of the plan's parameters: load=AW3
+    variant: str
+    specimen: str
+    change: str
+
+    @property
+    def words(self) -> str:
+        """All of it but the plan, in a line."""
+        return ", ".join(filter(None, self[1:])) or "as it is"
+
+
+class Distribution(NamedTuple):
+    """One check over the cases of a kind: values and limits in its unit, how many failed, and of how many."""
+
+    kind: Kind
+    check: str
+    unit: str
+    values: list[float]
+    low: float | None
+    high: float | None
+    failed: int
+    cases: int
+
+    @property
+    def mean(self) -> float:
+        """NaN without a value."""
+        return mean(self.values) if self.values else math.nan
+
+    @property
+    def scatter(self) -> float:
+        """The standard deviation; NaN of fewer than two values."""
+        return stdev(self.values) if len(self.values) > 1 else math.nan
+
+
+def kind_of(row: Row) -> Kind:
+    """Return what the case of a row has in common with those of other seeds."""
+    specimen = str(row.get("specimen") or "")
+    return Kind(
+        str(row.get("plan", "")),
+        written(row.get("values")),
+        str(row.get("variant") or ""),
+        "" if specimen == "astb" else specimen,
+        written(row.get("change")),
+    )
+
+
+def written(values: Any) -> str:
+    """Return parameters as people write them; a table has a column for every plan's, and leaves out what is not set."""
+    return ", ".join(f"{name}={value}" for name, value in (values or {}).items() if value is not None)
+
+
+def verdict_of(row: Row) -> str:
+    """Return how a case ended: its verdict, or "error" where it has none."""
+    return str(row.get("verdict") or "error")
+
+
+def failures_first(rows: Iterable[Row]) -> list[Row]:
+    """Return rows in the order in which people read them: by verdict, then by how many checks failed."""
+
+    def place(row: Row) -> tuple[int, int]:
+        failed = sum(one["verdict"] == "fail" for one in row.get("checks") or ())
+        return WORST_FIRST.index(verdict_of(row)), -failed
+
+    return sorted(rows, key=place)
+
+
+def name_of(check: Mapping[str, Any]) -> str:
+    """Return what tells a check from the others of its plan."""
+    phase = str(check.get("phase") or "")
+    return (
+        f"{check['name']} ({phase})"
+        if phase and phase not in {"main", "set-up", "tear-down"}
+        else check["name"]
+    )
+
+
+def distributions(rows: Sequence[Row]) -> list[Distribution]:
+    """Return every check of every kind of case, in the order of the plans; what failed most often comes first."""
+    seen: dict[tuple[Kind, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        for check in row.get("checks") or ():
+            seen.setdefault((kind_of(row), name_of(check)), []).append(check)
+    found = [_distribution(kind, name, checks) for (kind, name), checks in seen.items()]
+    return sorted(found, key=lambda one: -one.failed / one.cases)
+
+
+def _distribution(kind: Kind, name: str, checks: Sequence[Mapping[str, Any]]) -> Distribution:
+    last = checks[-1]
+    scale = last["scale"] or 1.0
+
+    def shown(value: float | None) -> float | None:
+        return None if value is None or not math.isfinite(value) else value / scale
+
+    values = [shown(one["value"]) for one in checks]
+    return Distribution(
+        kind,
+        name,
+        last["unit"] or "",
+        [one for one in values if one is not None],
+        shown(last["low"]),
+        shown(last["high"]),
+        sum(one["verdict"] in {"fail", "error"} for one in checks),
+        len(checks),
+    )

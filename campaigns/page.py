@@ -1,0 +1,230 @@
+"""A campaign as a page, cases by checks with failures first and every check's distribution, and as a workbook."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import bench_records
+from bench_records.check_table import SIGNS
+from bench_records.disk import kept
+from bench_records.typography import primed, significant, unit
+from campaigns.findings import (
+    Distribution,
+    Kind,
+    Row,
+    distributions,
+    failures_first,
+    kind_of,
+    name_of,
+    verdict_of,
+)
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+#: Of a distribution's picture (px).
+WIDTH, HEIGHT = 260.0, 18.0
+_COLORS: Final = {"fail": "#a8201a", "pass": "#00694e"}
+
+
+class Cell(NamedTuple):
+    """One check of one case."""
+
+    verdict: str
+    sign: str
+    told: str  #: value and limits
+
+
+class Case(NamedTuple):
+    """A case of a plan's table: what it is, how it ended, and each check, None where it has none of that name."""
+
+    kind: Kind
+    seed: Any
+    verdict: str
+    reason: str
+    cells: list[Cell | None]
+
+
+class PlanTable(NamedTuple):
+    """All cases of a plan, failures first."""
+
+    plan: str
+    checks: list[str]
+    cases: list[Case]
+
+
+class Spread(NamedTuple):
+    """A distribution in words, with its picture."""
+
+    of: Distribution
+    drawing: Any
+    mean: str
+    scatter: str
+
+
+def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
+    """Write the page of a campaign; it stands alone. NotKept if the disk refuses it."""
+    counted: dict[str, int] = {}
+    for row in failures_first(rows):
+        counted[verdict_of(row)] = counted.get(verdict_of(row), 0) + 1
+    text = _template().render(
+        name=name,
+        total=len(rows),
+        counted=counted,
+        tables=plan_tables(rows),
+        spreads=[_spread(one) for one in distributions(rows)],
+        primed=primed,
+        unit=unit,
+    )
+    with kept(path):
+        path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def plan_tables(rows: Sequence[Row]) -> list[PlanTable]:
+    """Return for each plan its cases by its checks."""
+    tables = []
+    for plan in dict.fromkeys(row["plan"] for row in rows):
+        own = failures_first(row for row in rows if row["plan"] == plan)
+        checks = list(dict.fromkeys(name_of(one) for row in own for one in row.get("checks") or ()))
+        tables.append(PlanTable(plan, checks, [_case(row, checks) for row in own]))
+    return tables
+
+
+def _case(row: Row, checks: Sequence[str]) -> Case:
+    by_name = {name_of(one): one for one in row.get("checks") or ()}
+    cells = [_cell(by_name[name]) if name in by_name else None for name in checks]
+    reason = str(row.get("error") or row.get("reason") or "")
+    return Case(kind_of(row), row["seed"], verdict_of(row), reason, cells)
+
+
+def _cell(check: Mapping[str, Any]) -> Cell:
+    def shown(value: float | None) -> str:
+        return "" if value is None or not math.isfinite(value) else significant(value / check["scale"], 4)
+
+    limits = " … ".join(filter(None, (shown(check["low"]), shown(check["high"]))))
+    told = f"{check['name']}: {shown(check['value']) or 'no value'} {unit(check['unit'] or '')} ({limits})"
+    return Cell(check["verdict"], SIGNS[check["verdict"]], primed(told))
+
+
+def _spread(one: Distribution) -> Spread:
+    return Spread(one, _drawing(one), significant(one.mean, 4), significant(one.scatter, 2))
+
+
+def _drawing(one: Distribution) -> Any:
+    """Every value as a stroke over the permitted band; strokes on one another are darker."""
+    from markupsafe import Markup
+
+    ends = [*one.values, *(n for n in (one.low, one.high) if n is not None)]
+    low, high = min(ends, default=0.0), max(ends, default=1.0)
+    room = 0.06 * (high - low or abs(high) or 1.0)
+    low, high = low - room, high + room
+
+    def place(value: float) -> float:
+        return WIDTH * (value - low) / (high - low)
+
+    left = 0.0 if one.low is None else place(one.low)
+    right = WIDTH if one.high is None else place(one.high)
+    band = f'<rect x="{left:.1f}" width="{max(right - left, 1):.1f}" y="5" height="8" fill="#e3e8ec"/>'
+    strokes = "".join(
+        f'<path d="M{place(n):.1f} 2v14" stroke="{_COLORS["pass" if _within(n, one) else "fail"]}" '
+        'stroke-width="1.6" stroke-opacity=".55"/>'
+        for n in one.values
+    )
+    size = f'width="{WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {WIDTH:g} {HEIGHT:g}"'
+    return Markup(f'<svg class="bar" {size} role="img">{band}{strokes}</svg>')
+
+
+def _within(value: float, one: Distribution) -> bool:
+    return (one.low is None or value >= one.low) and (one.high is None or value <= one.high)
+
+
+def _template() -> Template:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    # The style is that of the reports.
+    places = [Path(__file__).parent, Path(bench_records.__path__[0])]
+    environment = Environment(
+        loader=FileSystemLoader(places),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("campaign.html.j2")
+
+
+def write_workbook(rows: Sequence[Row], path: Path) -> None:
+    """Write the same for Excel: a sheet for each plan, cases by checks, and one with the distributions.
+
+    NotKept if the disk refuses it; it needs the extra `excel`.
+    """
+    import io
+
+    import xlsxwriter
+
+    kept_bytes = io.BytesIO()
+    # Texts of others are texts: none of them becomes a formula or a link.
+    options = {
+        "strings_to_formulas": False,
+        "strings_to_urls": False,
+        "nan_inf_to_errors": True,
+        "in_memory": True,
+    }
+    with xlsxwriter.Workbook(kept_bytes, options) as book:
+        head = book.add_format({"bold": True, "text_wrap": True, "valign": "top"})
+        bad = book.add_format({"bg_color": "#fcd9d6"})
+        for number, plan in enumerate(dict.fromkeys(row["plan"] for row in rows)):
+            sheet = book.add_worksheet(f"{number + 1} {plan}"[:31])
+            _plan_sheet(sheet, [row for row in rows if row["plan"] == plan], head, bad)
+        sheet = book.add_worksheet("distributions")
+        columns = (
+            "plan",
+            *Kind._fields[1:],
+            "check",
+            "unit",
+            "low",
+            "high",
+            "mean",
+            "scatter",
+            "failed",
+            "cases",
+        )
+        sheet.write_row(0, 0, columns, head)
+        for place, one in enumerate(distributions(rows), 1):
+            told = (one.check, one.unit, one.low, one.high, one.mean, one.scatter, one.failed, one.cases)
+            _write_row(sheet, place, (*one.kind, *told))
+        sheet.freeze_panes(1, 0)
+    with kept(path):
+        path.write_bytes(kept_bytes.getvalue())
+
+
+def _plan_sheet(sheet: Any, rows: Sequence[Row], head: Any, bad: Any) -> None:
+    own = failures_first(rows)
+    checks = list(dict.fromkeys(name_of(one) for row in own for one in row.get("checks") or ()))
+    units = {name_of(one): one["unit"] for row in own for one in row.get("checks") or ()}
+    first = (*Kind._fields[1:], "seed", "verdict", "reason")
+    sheet.write_row(0, 0, [*first, *(f"{name}, {units[name]}".rstrip(", ") for name in checks)], head)
+    for place, row in enumerate(own, 1):
+        reason = str(row.get("error") or row.get("reason") or "")
+        _write_row(sheet, place, (*kind_of(row)[1:], row["seed"], verdict_of(row), reason))
+        for one in row.get("checks") or ():
+            column = len(first) + checks.index(name_of(one))
+            value, failed = one["value"], one["verdict"] in {"fail", "error"}
+            if value is not None and math.isfinite(value):
+                sheet.write_number(place, column, value / one["scale"], *([bad] if failed else []))
+            else:
+                sheet.write_string(place, column, one["verdict"], *([bad] if failed else []))
+    sheet.freeze_panes(1, len(first))
+    sheet.autofilter(0, 0, len(own), len(first) + len(checks) - 1)
+
+
+def _write_row(sheet: Any, place: int, values: Sequence[Any]) -> None:
+    """Write texts as texts and numbers as numbers; what is not known leaves its cell empty."""
+    for column, value in enumerate(values):
+        if isinstance(value, str):
+            sheet.write_string(place, column, value)
+        elif value is not None and math.isfinite(value):
+            sheet.write_number(place, column, value)
