@@ -121,6 +121,15 @@ class Signal:
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{in_unit(value, self.unit):g}{unit}"
 
+    def reads(self, value: float) -> str:
+        """Return a place on its scale (SI) as people read it, to its step; temperatures in °C."""
+        if self.choices or self.unit == "1":
+            return self.show(value)
+        unit = "degC" if self.unit == "K" else self.unit
+        factor, zero = UNITS[unit].factor, UNITS[unit].zero
+        decimals = max(0, -math.floor(math.log10(self.step / factor) + 1e-9))
+        return f"{(value - zero) / factor:.{decimals}f} {'°C' if unit == 'degC' else unit}"
+
     def range_text(self) -> str:
         """Return the range that the wire carries, in the signal's unit."""
         if self.choices:

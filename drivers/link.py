@@ -208,7 +208,7 @@ class Link:
                 return means
             if self.clock.now() >= deadline:
                 moved = ", ".join(
-                    f"{name} moved from {self.table[name].show(before[name])} to {self.table[name].show(means[name])}"
+                    f"{name} moved from {self.table[name].reads(before[name])} to {self.table[name].reads(means[name])}"
                     for name in names
                 )
                 raise BenchTimeout(f"not settled within {within:g} s: in the last {over:g} s {moved}")

@@ -11,14 +11,14 @@ from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import MN, K, N, kg, kN, m, mbar, minutes, mm, s
 from bench_protocol.words import SIDES
-from drivers.errors import RigFault
+from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
 from test_plans.analysis import Samples, straight_line
 from test_plans.geometry import BOLSTER_WEIGHT, GRAVITY, VERTICAL_FRAME
 from test_plans.loads import Band, within
 from test_plans.parameters import Range
 from test_plans.plan import plan
-from test_plans.preconditions import HALL, gas
+from test_plans.preconditions import COLD_FROM_BEFORE, HALL, gas
 from test_plans.readings import CELLS_UNDER, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, VENT_WITHIN
@@ -83,7 +83,12 @@ def without_air(run: Run) -> None:
         run.bench.air.vent(within=VENT_WITHIN)
         gas = [name for name in TEMPERATURES if run.bench.has(name)]
         if gas:
-            run.bench.settle(*gas, band=WARM, over=READ_OVER, within=WARM_WITHIN)
+            try:
+                run.bench.settle(*gas, band=WARM, over=READ_OVER, within=WARM_WITHIN)
+            except BenchTimeout as error:
+                raise BenchTimeout(
+                    f"the gas is not yet as warm as the hall: {error}; {COLD_FROM_BEFORE}"
+                ) from None
     run.bench.disarm()
     with run.phase("still"):
         run.bench.wait(STILL)

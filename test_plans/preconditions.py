@@ -26,6 +26,9 @@ HEADROOM: Final = 1 * bar
 #: The hall in which limits are good: rubber and gas are what they were when the drawing was made.
 HALL: Final = (ICE + 10 * K, ICE + 35 * K)
 COME_BACK: Final = 1 * minutes
+COLD_FROM_BEFORE: Final = (
+    "what a run before let off is cold, and warm again after some 5 min: wait, and begin again"
+)
 #: How a precondition names the load case that the plan's parameter of this name says.
 PARAMETER: Final = "load"
 _LOOK_WITHIN: Final = 10 * minutes
@@ -110,7 +113,11 @@ def gas(low: float, high: float) -> Precondition:
             return Finding(False, f"nothing comes of {' and '.join(silent)}")
         told = " and ".join(f"{one - ICE:.1f} °C" for one in found)
         good = all(low <= one <= high for one in found)
-        return Finding(good, told if good else f"{told}; wait until the hall has {span}")
+        cold = any(one < low for one in found)
+        right = (
+            f"{COLD_FROM_BEFORE}; the hall must have {span}" if cold else f"wait until the hall has {span}"
+        )
+        return Finding(good, told if good else f"{told}; {right}")
 
     return Precondition(f"gas in the springs at {span}", look, strict=False)
 

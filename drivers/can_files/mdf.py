@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.account import Account
+from bench_protocol.extras import lacking
 from bench_protocol.last_words import no_last_words
 from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.text import ERRORS, REMOTE, opened
@@ -28,7 +29,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
         import asammdf  # noqa: F401  python-can's reader needs it, and has its own words where it lacks
         from can.io.mf4 import MF4Reader
     except ImportError:
-        raise CanLogError("MDF files need asammdf, which is not installed: pip install 'astb[mdf]'") from None
+        raise CanLogError(lacking("mdf", "MDF files")) from None
     frames = Frames("frame")
     with no_last_words():
         made = _made(MF4Reader, path)

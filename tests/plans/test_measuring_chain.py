@@ -1,12 +1,16 @@
 """The measuring chain: a sound one passes on stops and on blocks, and each fault fails its own check."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
 
+from bench_protocol.table import TABLE
 from bench_protocol.units import MN, mm
 from bench_records.result import CheckVerdict, Outcome
 from bench_sim.model.layout import Sensor
+from drivers.errors import BenchTimeout
+from test_plans import measuring_chain
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import NoOperator, Script
@@ -45,6 +49,29 @@ WRONG = {
         {f"{side} stiffness of the dummy" for side in SIDES},
     ),
 }
+
+
+def test_gas_that_stays_cold_says_how_long_to_wait(monkeypatch):
+    cold = "in the last 2 s left.bellows_temperature moved from 16.42 °C to 16.77 °C"
+
+    def never(*names, **how):
+        raise BenchTimeout(f"not settled within 300 s: {cold}")
+
+    bench = SimpleNamespace(
+        air=SimpleNamespace(vent=lambda within: None), has=lambda name: True, settle=never
+    )
+    run = SimpleNamespace(bench=bench, phase=lambda name: nullcontext())
+    monkeypatch.setattr(measuring_chain.steps, "power_up", lambda run: None)
+    with pytest.raises(
+        BenchTimeout, match=f"not yet as warm as the hall: .*{cold}; .* some 5 min: wait, and begin again"
+    ):
+        measuring_chain.without_air(run)
+
+
+def test_places_are_told_as_people_read_them():
+    assert TABLE["left.bellows_temperature"].reads(289.97123) == "16.82 °C"
+    assert TABLE["left.height"].reads(0.0123456) == "12.35 mm"
+    assert TABLE["rig.state"].reads(0.0) == TABLE["rig.state"].show(0.0)
 
 
 @slow
