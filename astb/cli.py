@@ -35,6 +35,7 @@ from astb.commands.named import (
     specimens_command,
     wirings_command,
 )
+from astb.commands.note import note_command
 from astb.commands.panel import panel_command
 from astb.commands.rehearse import rehearse_command
 from astb.commands.rig import rig_command
@@ -125,6 +126,7 @@ for _command in (
     limits_command,
     signals_command,
     report_command,
+    note_command,
     runs_command,
     compare_command,
     trend_command,

@@ -17,13 +17,14 @@ import msgspec
 
 from bench_records.circumstances import circumstances
 from bench_records.layout import PARQUET, STREAM, RecordError
+from bench_records.notes import NOTES, Note, notes_of
 from bench_records.result import Check
 from bench_records.run_folder import SIGNS, RunFolder, facts_of, open_run
 from bench_records.stream import is_held
 
 INDEX: Final = "index.sqlite"
 #: Another version of the tables is thrown away and made anew.
-VERSION: Final = 4
+VERSION: Final = 5
 WAIT: Final = 10.0
 _UNWRITABLE: Final = (
     sqlite3.SQLITE_CANTOPEN,
@@ -37,7 +38,12 @@ create table run (
     directory text primary key, stamp text not null, began text not null, plan text not null, title text not null,
     verdict text not null, reason text not null, rig text not null, operator text not null, specimen text not null,
     serial_number text not null, circumstances text not null, seed integer,
-    duration real not null, parameters text not null
+    duration real not null, parameters text not null, notes integer not null
+);
+create table note (
+    directory text not null references run on delete cascade, place integer not null, at text not null,
+    by text not null, text text not null, file text not null, sha256 text not null,
+    primary key (directory, place)
 );
 create table judged (
     directory text not null references run on delete cascade, place integer not null, phase text not null,
@@ -68,6 +74,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     seed: int | None
     duration: float  #: s; 0 of a run that goes on
     parameters: dict[str, str]
+    notes: int = 0  #: added afterwards
 
 
 class KeptCheck(msgspec.Struct, frozen=True, kw_only=True):
@@ -120,6 +127,15 @@ class RunIndex:
             )
             n = len(_CHECK)
             return [KeptCheck(run=_kept(row[n:]), **dict(zip(_CHECK, row[:n], strict=True))) for row in rows]
+
+    def notes(self, directory: str) -> list[Note]:
+        """Return what was added to a run afterwards, oldest first."""
+        columns = Note.__struct_fields__
+        with self._fresh() as base:
+            rows = base.execute(
+                f"select {', '.join(columns)} from note where directory = ? order by place", (directory,)
+            )
+            return [Note(**dict(zip(columns, row, strict=True))) for row in rows]
 
     def names(self, column: str) -> list[str]:
         """Return what a column holds: ``check`` for the names of checks, else a column of the runs."""
@@ -237,6 +253,8 @@ def _stamp(path: Path) -> str:
     if path.name == STREAM and is_held(path.parent):
         return "running"
     status = path.stat()
+    with suppress(OSError):  # most runs have no notes
+        return f"{status.st_mtime_ns} {status.st_size} {(path.parent / NOTES).stat().st_mtime_ns}"
     return f"{status.st_mtime_ns} {status.st_size}"
 
 
@@ -260,10 +278,13 @@ def _insert(base: sqlite3.Connection, directory: str, stamp: str, found: RunFold
         "seed": result.seed,
         "duration": result.duration,
         "parameters": msgspec.json.encode(result.parameters).decode(),
+        "notes": len(notes := notes_of(path.parent)),
     }
     _store(base, "run", run)
     for place, one in enumerate(result.checks):
         _store(base, "judged", {"directory": directory, "place": place, **_figures(one)})
+    for place, note in enumerate(notes):
+        _store(base, "note", {"directory": directory, "place": place, **msgspec.structs.asdict(note)})
 
 
 def _figures(one: Check) -> dict[str, Any]:

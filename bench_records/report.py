@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -13,6 +14,8 @@ from bench_records.disk import kept
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
 from bench_records.incident import incident_of
 from bench_records.layout import REPORT, RESULT, put
+from bench_records.letterhead import CHOSEN, Letterhead, read_letterhead
+from bench_records.notes import notes_of
 from bench_records.plot_data import PlotData, asset
 from bench_records.record import Record, read
 from bench_records.result import Check, CheckVerdict, Outcome, Result, read_result
@@ -27,26 +30,29 @@ FAILED_ROWS: Final = 10
 CLOSE_ROWS: Final = 4
 
 
-def write_report(directory: Path | str) -> Path:
+def write_report(directory: Path | str, letterhead: Letterhead | None = None) -> Path:
     """Write ``report.html`` from the record and the result in a directory; returns its path.
 
     A run that was cut off has no result: its report says so and shows what was recorded.  The bytes depend on
-    the two files alone.  Raises ``RecordError`` if the record cannot be read, or the disk refuses the page.
+    the two files, the notes beside them and the letterhead alone; without one it is that of the environment, if any.
+    Raises ``RecordError`` if the record or the letterhead cannot be read, or the disk refuses the page.
     """
     path = Path(directory) / REPORT
-    page = report_page(directory).encode()
+    page = report_page(directory, letterhead).encode()
     with kept(path):
         put(path, page)
     return path
 
 
-def report_page(directory: Path | str) -> str:
+def report_page(directory: Path | str, letterhead: Letterhead | None = None) -> str:
     """Return what `write_report` writes, and write nothing."""
     record = read(directory)
-    return _render(record, _result_of(record, Path(directory)), Path(directory))
+    if letterhead is None and (chosen := os.environ.get(CHOSEN)):
+        letterhead = read_letterhead(Path(chosen))
+    return _render(record, _result_of(record, Path(directory)), Path(directory), letterhead or Letterhead())
 
 
-def _render(record: Record, result: Result, directory: Path) -> str:
+def _render(record: Record, result: Result, directory: Path, letterhead: Letterhead) -> str:
     phases = record.phases or result.phases
     span = (0.0, max(record.duration, result.duration, 1e-3))
     files, plots = files_of(directory), PlotData()
@@ -54,6 +60,8 @@ def _render(record: Record, result: Result, directory: Path) -> str:
     return template("report.html.j2").render(
         result=result,
         record=record,
+        letterhead=letterhead,
+        notes=notes_of(directory),
         counts={verdict.value: result.count(verdict) for verdict in CheckVerdict},
         paragraphs=_paragraphs(result.instruction, result.title),
         rows=check_rows(result.checks),

@@ -106,17 +106,23 @@ def run_command(
 @click.command("report")
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--pdf", is_flag=True, help="Also print it as report.pdf, to be signed; by Chromium.")
-def report_command(directory: Path, pdf: bool) -> None:
+@click.option(
+    "--letterhead",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="TOML file with laboratory, customer, order and logo; else ASTB_LETTERHEAD.",
+)
+def report_command(directory: Path, pdf: bool, letterhead: Path | None) -> None:
     """Make the report of DIRECTORY anew; first recovers the record of a run that was killed."""
     from bench_records.conversion import recover
     from bench_records.layout import STREAM, RecordError
+    from bench_records.letterhead import read_letterhead
     from bench_records.printing import write_pdf
     from bench_records.report import write_report
 
     try:
         if (directory / STREAM).exists():
             click.echo(recover(directory))
-        report = write_report(directory)
+        report = write_report(directory, read_letterhead(letterhead) if letterhead else None)
         click.echo(report)
         if pdf:
             click.echo(write_pdf(report))

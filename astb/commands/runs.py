@@ -83,13 +83,22 @@ def runs_command(
         "specimen no.",
         "rig",
         "operator",
+        "notes",
         whole=("",),
     )
     for one in runs:
         plan_words = " ".join([one.plan, *(f"{name}={value}" for name, value in one.parameters.items())])
         verdict_mark = styled(one.verdict, _STYLE.get(one.verdict, ""))
         began = one.began.replace("T", " ").removesuffix("Z")
-        told = (one.directory, began, plan_words, one.serial_number, one.rig, one.operator)
+        told = (
+            one.directory,
+            began,
+            plan_words,
+            one.serial_number,
+            one.rig,
+            one.operator,
+            str(one.notes or ""),
+        )
         table.add_row(verdict_mark, *told)
     open_console().print(table)
 

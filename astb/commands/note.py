@@ -1,0 +1,49 @@
+"""`astb note`: comments, photos and files added to a run afterwards."""
+
+from pathlib import Path
+
+import click
+
+from astb.commands.options import JSON_OPTION
+from astb.exit_codes import misuse
+from astb.tables import print_json
+
+
+@click.command("note")
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("text", required=False, default="")
+@click.option("--by", envvar="ASTB_OPERATOR", default="", help="Who says so; else ASTB_OPERATOR.")
+@click.option(
+    "--file",
+    "files",
+    multiple=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="A photo or another file, which is copied; repeatable.",
+)
+@JSON_OPTION
+def note_command(directory: Path, text: str, by: str, files: tuple[Path, ...], as_json: bool) -> None:
+    """Add TEXT, photos or files to the run in DIRECTORY, with time and author; without any, list its notes.
+
+    What the run left and what was signed is not touched: notes lie beside it, and a report that is made anew shows them
+    behind the signatures.
+    """
+    from bench_records.layout import RecordError
+    from bench_records.notes import add_note, is_as_added, notes_of
+    from bench_records.run_folder import SIGNS
+
+    if not any((directory / name).exists() for name in SIGNS):
+        misuse(f"{directory} is no folder of a run: it has none of {', '.join(SIGNS)}")
+    try:
+        for number, file in enumerate(files or ([None] if text else [])):
+            add_note(directory, text if number == 0 else "", by, file)
+    except RecordError as error:
+        misuse(error)
+    notes = notes_of(directory)
+    if as_json:
+        print_json(notes)
+        return
+    for one in notes:
+        changed = "" if is_as_added(directory, one) else " (gone or changed since)"
+        click.echo("  ".join(filter(None, (one.at, one.by, one.text, one.file + changed))))
+    if not notes:
+        click.echo("there is no note on this run")

@@ -1,0 +1,65 @@
+"""What stands above a report beside the bench's own words: laboratory, customer, order number and a logo."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from bench_protocol.input_limits import Unfit, read_bounded, read_toml
+from bench_records.layout import RecordError
+
+#: The variable of the environment that names the file for every report.
+CHOSEN: Final = "ASTB_LETTERHEAD"
+#: A logo travels within every page.
+LOGO_MAX: Final = 300_000
+_KINDS: Final = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".svg": "image/svg+xml",
+}
+_BEGINS: Final = {"image/png": b"\x89PNG\r\n\x1a\n", "image/jpeg": b"\xff\xd8\xff"}
+
+
+class Letterhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The head of a report; what is empty is left out. In a file, ``logo`` is a path; here, the picture as a URL."""
+
+    laboratory: str = ""
+    customer: str = ""
+    order: str = ""
+    logo: str = ""
+
+
+def read_letterhead(path: Path) -> Letterhead:
+    """Return the letterhead in a TOML file. RecordError with the key and what would be right."""
+    try:
+        found = msgspec.convert(read_toml(path), Letterhead)
+    except OSError as error:
+        raise RecordError(f"letterhead {path} cannot be read: {error.strerror}") from None
+    except Unfit as error:
+        raise RecordError(f"letterhead {path} {error}") from None
+    except msgspec.ValidationError as error:
+        keys = ", ".join(Letterhead.__struct_fields__)
+        raise RecordError(f"letterhead {path}: {error}; its keys are {keys}, each a text") from None
+    return msgspec.structs.replace(found, logo=_picture(path, found.logo)) if found.logo else found
+
+
+def _picture(path: Path, logo: str) -> str:
+    picture = path.parent / logo
+    kind = _KINDS.get(picture.suffix.lower())
+    if kind is None:
+        raise RecordError(
+            f"letterhead {path}: logo = {logo!r} is no picture: {', '.join(_KINDS)} would be right"
+        )
+    try:
+        data = read_bounded(picture, LOGO_MAX)
+    except OSError as error:
+        raise RecordError(f"letterhead {path}: logo {picture} cannot be read: {error.strerror}") from None
+    except Unfit as error:
+        raise RecordError(f"letterhead {path}: logo {picture} {error}") from None
+    if not data.startswith(_BEGINS.get(kind, b"")) or (kind == "image/svg+xml" and b"<svg" not in data):
+        raise RecordError(f"letterhead {path}: logo {picture} is not what its name says")
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,0 +1,107 @@
+"""What somebody adds to a run afterwards: comments, photos and files with time and author, beside what was signed.
+
+Notes lie in a folder of their own, each with the checksum of its file. They are only ever added: no file that the run
+left, and no earlier note, is touched.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from bench_protocol.clock import utc_date
+from bench_protocol.input_limits import RESULT_BYTES, Unfit, read_bounded
+from bench_records.checksums import sha256_of
+from bench_records.disk import kept
+from bench_records.layout import RecordError
+
+NOTES: Final = "notes"
+#: A note goes with a run wherever that goes: a film is not a note.
+FILE_MAX: Final = 50_000_000
+
+
+class Note(msgspec.Struct, frozen=True, kw_only=True):
+    """A comment, with a file or without. ``at`` is ISO 8601 in UTC."""
+
+    at: str
+    by: str
+    text: str
+    file: str = ""  #: its name in the folder of the notes
+    sha256: str = ""  #: of the file
+
+
+def add_note(directory: Path, text: str, by: str, file: Path | None = None) -> Note:
+    """Add a note to the run in ``directory``; return it.
+
+    RecordError without an author, or without a text and a file, or for a file that cannot be taken.
+    """
+    if not by.strip():
+        raise RecordError("a note has an author: --by NAME would be right, or the variable ASTB_OPERATOR")
+    if not text.strip() and file is None:
+        raise RecordError("a note has a text or a file; neither was given")
+    content = None if file is None else _content(file)
+    folder = directory / NOTES
+    with kept(folder):
+        folder.mkdir(exist_ok=True)
+        number = 1 + max((int(path.stem) for path in _places(folder)), default=0)
+        while True:
+            try:
+                return _add(
+                    folder, number, Note(at=utc_date(), by=by.strip(), text=text.strip()), file, content
+                )
+            except FileExistsError:  # somebody else adds one just now
+                number += 1
+
+
+def _add(folder: Path, number: int, note: Note, file: Path | None, content: bytes | None) -> Note:
+    """Add a note under a number. FileExistsError if that is taken; a note that can be found is whole."""
+    copy = None
+    if file is not None and content is not None:
+        copy = folder / f"{number:04}-{file.name}"
+        with copy.open("xb") as new:
+            new.write(content)
+        note = msgspec.structs.replace(note, file=copy.name, sha256=sha256_of(copy))
+    unfinished = folder / f".{number:04}-{os.getpid()}.part"
+    try:
+        unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(note), indent=2) + b"\n")
+        os.link(unfinished, folder / f"{number:04}.json")
+    except OSError:
+        if copy is not None:
+            copy.unlink(missing_ok=True)
+        raise
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return note
+
+
+def _places(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*.json") if path.stem.isdigit())
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return read_bounded(file, FILE_MAX)
+    except OSError as error:
+        raise RecordError(f"{file} cannot be read: {error.strerror}") from None
+    except Unfit as error:
+        raise RecordError(f"{file} {error}") from None
+
+
+def notes_of(directory: Path) -> list[Note]:
+    """Return the notes of the run in ``directory``, oldest first; one that cannot be read says so in its text."""
+    found = []
+    for path in _places(directory / NOTES):
+        try:
+            found.append(msgspec.json.decode(read_bounded(path, RESULT_BYTES), type=Note))
+        except (OSError, Unfit, msgspec.MsgspecError, UnicodeError):
+            found.append(Note(at="", by="", text=f"{path.name} cannot be read as a note"))
+    return found
+
+
+def is_as_added(directory: Path, note: Note) -> bool:
+    """Return whether the file of a note is there and as it was added."""
+    path = directory / NOTES / Path(note.file).name
+    return not note.file or (path.is_file() and sha256_of(path) == note.sha256)
