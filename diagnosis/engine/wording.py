@@ -144,9 +144,13 @@ def sentence(
     left: Remainder,
 ) -> str:
     """Say the verdict in a few sentences, for whoever reads nothing else: what it is, what it gains, what is left."""
+    titles = {c.effect: c.title for c in causes}
     said = SENTENCES[verdict].format(
         causes=_begun(" and ".join(f"{_plain(c)} ({_size(c.parameters)})" for c in causes)),
-        rivals=" or ".join(f"{r.title} ({_size(r.parameters)}) instead of {r.instead_of}" for r in others),
+        rivals=" or ".join(
+            f"{r.title} ({_size(r.parameters)}) instead of {titles.get(r.instead_of, r.instead_of)}"
+            for r in others
+        ),
         unknown=" ".join(u.sentence for u in unknowns),
         near=_nearest(causes, suspects),
     )

@@ -9,7 +9,7 @@ from bench_records.result import check
 from bench_sim.model.effects import CATALOGUE
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.wording import sentence
-from diagnosis.finding import Cause, Estimate, Verdict
+from diagnosis.finding import Cause, Estimate, Rival, Verdict
 from diagnosis.systems import piston_effects
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,6 +55,17 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
     left = Remainder(role="fit", before=4.0, after=1.0, left=0.0)
     said = sentence(Verdict.NAMED, [one], [], [], [], left)
     assert said.startswith(f"{told} (0.200 ± 0.020 mm2), which the model did not have. On the runs")
+    rival = Rival(
+        effect="heat",
+        title="heat",
+        family="gas",
+        instead_of="leak.left",
+        parameters=[size],
+        bic_gap=1.0,
+        cosine=0.9,
+    )
+    asked = sentence(Verdict.AMBIGUOUS, [one], [rival], [], [], left)
+    assert "may as well be heat (0.200 ± 0.020 mm2) instead of dry friction." in asked
 
 
 @pytest.mark.parametrize(

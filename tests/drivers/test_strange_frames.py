@@ -365,8 +365,6 @@ def test_frames_of_can_fd_go_both_ways_on_socketcan(tmp_path):
     assert points == {"Wide.First": -12.34, "Wide.Last": 765.432}
     assert small == {"Small.One": 7.0}
     assert 0 <= clock.now() - time < 5_000_000_000
-    assert (stamp.clock, stamp.within) == ("system", UNCERTAINTY["system"]), (
-        "this interface has no clock"
-    )
+    assert (stamp.clock, stamp.within) == ("system", UNCERTAINTY["system"]), "this interface has no clock"
     assert (word, length, flags & 1) == (601, 20, 1), "at the fast rate"
     assert struct.unpack_from("<i", data, 16) == (12345,)
