@@ -5,40 +5,35 @@ import random
 import pytest
 
 from test_plans.discovery import plans
+from tests.system.next_plan.__main__ import PAGE
 from tests.system.next_plan.losses import LOSSES, Loss
-from tests.system.next_plan.matrix import beginnings, cells
-from tests.system.next_plan.stand import DELAYS
+from tests.system.next_plan.matrix import SEED, asked, beginnings, cells
 from tests.system.next_plan.truth import untruths
 
-#: `python -m tests.system.next_plan` goes over all of them.
-SEED = 1
-#: Losses and beginnings that nobody has gone over yet, and beginnings that the page tells of.
-NOT_YET = (
-    "limit of the height",
-    "overload",
-    "pressure transducer dead, and stays",
-    "height laser dead, 3 s",
-    "height laser dead, and stays",
-    "wrong checksums, 3 s",
-    "wrong checksums, and stays",
-    "rig restarted",
-)
-TRIED = ("aw0", "aw3", "axial_stiffness", "leveling", "measuring_chain", "safety")
+KINDS = list(dict.fromkeys(loss.of for loss in LOSSES))
 
 
-def test_every_plan_of_the_catalogue_begins_as_one_that_is_tried() -> None:
-    assert sorted(name for names in beginnings().values() for name in names) == sorted(plans())
+def _drawn(what: str, losses: list[Loss]) -> tuple[Loss, str, float]:
+    """Draw a loss, a plan before which the page tells of it, and how long after it that comes."""
+    chance = random.Random(f"{what} {SEED}")
+    loss = chance.choice(losses)
+    name = chance.choice([name for name in beginnings() if loss in asked(name)])
+    return loss, name, chance.choice(asked(name)[loss])
+
+
+def test_the_page_tells_of_every_loss_and_every_plan_of_the_catalogue() -> None:
+    page = PAGE.read_text()
+    told = [f"| {loss.of} | {loss.name} |" for loss in LOSSES] + [f"`{name}`" for name in plans()]
+    assert not [one for one in told if one not in page]
+    assert "not gone over yet |" not in page
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(
-    "loss", [loss for loss in LOSSES if loss.name not in NOT_YET], ids=lambda loss: loss.name
-)
-def test_the_next_plan_runs_or_says_truly_why_not(loss: Loss) -> None:
-    chance = random.Random(f"{loss.name} {SEED}")
-    name, delay = chance.choice(TRIED), chance.choice(DELAYS)
-    (cell,) = cells(loss, [name], (delay,), SEED)
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_next_plan_runs_or_says_truly_why_not(kind: str) -> None:
+    loss, name, delay = _drawn(kind, [loss for loss in LOSSES if loss.of == kind])
+    (cell,) = cells(loss, {name: (delay,)})
     assert not cell.wrong, f"{name}, {delay:g} s after {loss.name}: {cell.reason}"
 
 

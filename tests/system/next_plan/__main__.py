@@ -3,12 +3,21 @@
 import json
 import sys
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
+from time import process_time
 
 from test_plans.discovery import plans
 from tests.system.next_plan.losses import LOSSES
-from tests.system.next_plan.matrix import Cell, beginnings, cause_of, cells
+from tests.system.next_plan.matrix import (
+    BEFORE_WHICH_ALL,
+    Cell,
+    asked,
+    beginnings,
+    cause_of,
+    cells,
+)
 from tests.system.next_plan.stand import DELAYS
 
 KEPT = Path("runs") / "next_plan.json"
@@ -20,16 +29,22 @@ HEAD = """<!-- Written by `python -m tests.system.next_plan`; do not edit. -->
 What a plan meets after a commander, a wire or the bench itself was lost under the one before. A first plan runs into
 each loss, at an instant that is drawn; when it is over, or its process gone, the next one begins: at once, 5 s and 30
 s later, with another preload. It is followed through its preconditions and its set-up until its main part begins:
-there the bench carries what it shall carry. Plans that begin alike, with the same preconditions and the same set-up,
-are tried once: {tried} of {all}. All of it in virtual time, on a rig that is put back before each. `make test-slow`
-repeats a part, drawn by a seed.
+there the bench carries what it shall carry. All of it in virtual time, on a rig that is put back before each.
+
+Plans that begin alike, with the same preconditions and the same set-up, are tried once: the {all} plans of the
+catalogue begin in {tried} ways. Before {whole} of these everything was lost, {losses} losses, at each of the three
+instants; before the other {part} one loss of each of the {kinds} kinds at one instant, both drawn. The lists below the
+table tell which.
+`make test-slow` repeats a few, drawn by a seed.
 
 A plan *runs*, or it is *blocked*. Then its reason is checked against the rig itself: that what it names as the cause
-is so, that somebody is told what to do, and that no word on air and state contradicts the springs and the valves.
-{cells} cells, {wrong} with a reason that is not true.
+is so, that somebody is told what to do, and that no word on the air, on the state and on others who command contradicts
+the springs, the valves and who is there.
+{cells} cells, {ran} of which run; {wrong} with a reason that is not true. Gone over {days};
+{left} cells not yet.
 
-| lost | at once | 5 s later | 30 s later |
-|---|---|---|---|
+| kind | lost | at once | 5 s later | 30 s later |
+|---|---|---|---|---|
 """
 
 
@@ -37,65 +52,92 @@ def main(names: list[str]) -> int:
     """Go over all, or those losses and plans that are named; what was found before of others stays."""
     every = beginnings()
     given = set(names)
-    wanted = [first for first, alike in every.items() if not given & set(plans()) or given & set(alike)]
-    losses = [loss for loss in LOSSES if loss.name in given] or list(LOSSES)
-    for loss in losses:
-        found = [cell for cell in read() if cell.loss != loss.name or cell.plan not in wanted]
-        some = list(cells(loss, wanted))
+    plans_wanted = [first for first, alike in every.items() if not given & set(plans()) or given & set(alike)]
+    for loss in [loss for loss in LOSSES if loss.name in given] or list(LOSSES):
+        before = {name: asked(name)[loss] for name in plans_wanted if loss in asked(name)}
+        found = [cell for cell in read() if cell.loss != loss.name or cell.plan not in before]
+        began = process_time()
+        some = list(cells(loss, before))
         KEPT.parent.mkdir(exist_ok=True)
         KEPT.write_text(json.dumps([asdict(cell) for cell in found + some]))
-        ran = sum(not cell.reason for cell in some)
-        print(
-            f"{loss.name}: {ran} run of {len(some)}, {sum(bool(cell.wrong) for cell in some)} wrong",
-            flush=True,
-        )
-        for cell in some:
-            if cell.wrong:
-                print(f"    {cell.plan} {cell.delay:g} s: {cell.wrong}: {cell.reason}", flush=True)
-    found = read()
+        ran, wrong = sum(not cell.reason for cell in some), [cell for cell in some if cell.wrong]
+        took = process_time() - began
+        print(f"{loss.name}: {ran} run of {len(some)}, {len(wrong)} wrong, {took:.0f} s", flush=True)
+        for cell in wrong:
+            print(f"    {cell.plan} {cell.delay:g} s: {cell.wrong}: {cell.reason}", flush=True)
+    wanted = tried_for(every)
+    found = [cell for cell in read() if (cell.plan, cell.loss, cell.delay) in wanted]
     PAGE.write_text(page(found, every))
     return any(cell.wrong for cell in found)
 
 
 def read() -> list[Cell]:
-    """Return what was found so far, in the order of the losses."""
+    """Return what was found so far, whether it is asked for or not."""
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else []
-    order = [loss.name for loss in LOSSES]
-    found = [Cell(**one | {"wrong": tuple(one["wrong"])}) for one in kept if one["loss"] in order]
-    return sorted(found, key=lambda cell: order.index(cell.loss))
+    return [Cell(**one | {"wrong": tuple(one["wrong"])}) for one in kept]
+
+
+def tried_for(every: Iterable[str]) -> set[tuple[str, str, float]]:
+    """Return what is asked for: plan, loss and how much later, of the beginnings of ``every``."""
+    return {(name, *one) for name in every for one in _instants(name)}
+
+
+def _instants(name: str) -> list[tuple[str, float]]:
+    return [(loss.name, delay) for loss, delays in asked(name).items() for delay in delays]
 
 
 def page(found: list[Cell], every: dict[str, list[str]]) -> str:
     """Return the page of the whole matrix."""
+    whole = [name for name in every if name in BEFORE_WHICH_ALL]
     head = HEAD.format(
-        tried=len({cell.plan for cell in found}),
-        all=sum(len(every[name]) for name in {cell.plan for cell in found}),
+        tried=len(every),
+        all=sum(map(len, every.values())),
+        whole=len(whole),
+        part=len(every) - len(whole),
+        losses=len(LOSSES),
+        kinds=len({loss.of for loss in LOSSES}),
         cells=len(found),
+        ran=sum(not cell.reason for cell in found),
         wrong=sum(bool(cell.wrong) for cell in found),
+        left=len(tried_for(every)) - len(found),
+        days=" and ".join(
+            f"on {day}: {count}" for day, count in sorted(Counter(cell.day for cell in found).items())
+        ),
     )
     rows: dict[str, dict[float, list[Cell]]] = defaultdict(lambda: defaultdict(list))
     for cell in found:
         rows[cell.loss][cell.delay].append(cell)
-    lines = [f"| {one.name} | not gone over yet | | |" for one in LOSSES if one.name not in rows]
-    lines[:0] = [
-        f"| {loss} | {' | '.join(_told(of[delay]) for delay in DELAYS)} |" for loss, of in rows.items()
-    ]
-    tried = {cell.plan for cell in found}
-    alike = [
-        f"* {', '.join(f'`{name}`' for name in names)}{'' if first in tried else ' (not gone over yet)'}"
-        for first, names in every.items()
-    ]
-    return head + "\n".join([*lines, "", "Plans that begin alike:", "", *alike, ""])
+    lines = []
+    for loss in LOSSES:
+        told = [_told(rows[loss.name][delay]) for delay in DELAYS]
+        lines.append(f"| {loss.of} | {loss.name} | {' | '.join(told)} |")
+    tried = {(cell.plan, cell.loss, cell.delay) for cell in found}
+    lines += ["", "Each loss before a plan that begins as", ""]
+    lines += [f"* {_alike(every[name])}{_gaps(name, tried)}" for name in whole]
+    lines += ["", "One loss of each kind before a plan that begins as", ""]
+    for first in sorted(set(every) - set(whole)):
+        drawn = "; ".join(f"{name}: {delay:g} s" for name, delay in _instants(first))
+        lines.append(f"* {_alike(every[first])} ({drawn}){_gaps(first, tried)}")
+    return head + "\n".join([*lines, ""])
+
+
+def _alike(names: list[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def _gaps(name: str, tried: set[tuple[str, str, float]]) -> str:
+    """Say how much of what is asked for was not gone over yet."""
+    gaps = sum((name, *one) not in tried for one in _instants(name))
+    return f" (not gone over yet: {gaps} of these cells)" if gaps else ""
 
 
 def _told(some: list[Cell]) -> str:
+    if not some:
+        return "not gone over yet"
     blocked = Counter(cause_of(cell.reason) or "wrong" for cell in some if cell.reason)
-    if not blocked:
-        return "all run"
-    told = "; ".join(
-        f"{count if count < len(some) else 'all'} blocked: {cause}" for cause, count in blocked.items()
-    )
-    return told if sum(blocked.values()) == len(some) else f"{len(some) - sum(blocked.values())} run, {told}"
+    ran = len(some) - sum(blocked.values())
+    told = [f"{ran} run"] if ran else []
+    return "; ".join([*told, *(f"{count} blocked: {cause}" for cause, count in blocked.items())])
 
 
 if __name__ == "__main__":

@@ -19,15 +19,15 @@ class Gone(BaseException):
 class Loss:
     """One kind of loss: ``lose`` is done at its instants (s after the first), whatever the plan then does itself.
 
-    ``stays``: the faults that stay, by the names of the rig's fault panel; without any the next plan must run.
+    ``of`` is what is lost, of which others are lost alike. ``stays``: the faults that stay, by the names of the rig's
+    fault panel; without any the next plan must run.
     """
 
+    of: str
     name: str
     lose: Callable[["First"], None]
     again: tuple[float, ...] = ()
     stays: frozenset[str] = frozenset()
-    #: What the rig itself broke stays broken until somebody looks: the plan that follows resets it.
-    restarted: bool = False
 
 
 def _killed(first: "First") -> None:
@@ -71,11 +71,11 @@ def _fault(name: str, lasting: float | None = None, **values: str) -> Callable[[
     return lose
 
 
-def _short_and_held(name: str, lasting: float, fault: str = "", **values: str) -> tuple[Loss, Loss]:
+def _short_and_held(of: str, name: str, lasting: float, fault: str = "", **values: str) -> tuple[Loss, Loss]:
     fault = fault or name.replace(" ", "_")
     return (
-        Loss(f"{name}, {lasting:g} s", _fault(fault, lasting, **values)),
-        Loss(f"{name}, and stays", _fault(fault, **values), stays=frozenset({fault})),
+        Loss(of, f"{name}, {lasting:g} s", _fault(fault, lasting, **values)),
+        Loss(of, f"{name}, and stays", _fault(fault, **values), stays=frozenset({fault})),
     )
 
 
@@ -86,31 +86,38 @@ def _restart(first: "First") -> None:
 _SPURIOUS = 200 * ms
 
 LOSSES: tuple[Loss, ...] = (
-    Loss("plan killed", _killed),
-    Loss("plan stopped (SIGSTOP)", _stopped),
-    Loss("interrupted once", _interrupted),
-    Loss("interrupted twice", _interrupted, (1 * s,)),
-    Loss("interrupted thrice", _interrupted, (1 * s, 2 * s)),
-    Loss("CAN closed", _closed("can")),
-    Loss("Modbus closed", _closed("modbus")),
-    Loss("both closed", _closed("can", "modbus")),
-    Loss("CAN a black hole", _hole("can")),
-    Loss("Modbus a black hole", _hole("modbus")),
-    Loss("both black holes", _hole("can", "modbus")),
-    *_short_and_held("interface down", 3 * s),
-    *_short_and_held("PLC hung", 3 * s, "hung_plc"),
-    Loss("PLC restarted", _fault("plc_restart", 3 * s)),
-    *_short_and_held("emergency stop", 1 * s, "estop"),
-    Loss("power contact opens", lambda first: first.memory.rig.cut_power()),
-    *_short_and_held("mains lost", 1 * s, "power_loss"),
-    *_short_and_held("air supply lost", 5 * s, "supply_loss"),
-    Loss("limit of the height", _fault("bias", _SPURIOUS, sensor="left.height", value="150 mm")),
-    Loss("overload", _fault("bias", _SPURIOUS, sensor="vertical_left.force", value="200 kN")),
-    Loss("overpressure", _fault("bias", _SPURIOUS, sensor="left.bellows_pressure", value="9.5 bar")),
+    Loss("plan", "plan killed", _killed),
+    Loss("plan", "plan stopped (SIGSTOP)", _stopped),
+    Loss("plan", "interrupted once", _interrupted),
+    Loss("plan", "interrupted twice", _interrupted, (1 * s,)),
+    Loss("plan", "interrupted thrice", _interrupted, (1 * s, 2 * s)),
+    Loss("connection", "CAN closed", _closed("can")),
+    Loss("connection", "Modbus closed", _closed("modbus")),
+    Loss("connection", "both closed", _closed("can", "modbus")),
+    Loss("black hole", "CAN a black hole", _hole("can")),
+    Loss("black hole", "Modbus a black hole", _hole("modbus")),
+    Loss("black hole", "both black holes", _hole("can", "modbus")),
+    *_short_and_held("interface", "interface down", 3 * s),
+    *_short_and_held("PLC", "PLC hung", 3 * s, "hung_plc"),
+    Loss("PLC", "PLC restarted", _fault("plc_restart", 3 * s)),
+    *_short_and_held("emergency stop", "emergency stop", 1 * s, "estop"),
+    Loss("power", "power contact opens", lambda first: first.memory.rig.cut_power()),
+    *_short_and_held("power", "mains lost", 1 * s, "power_loss"),
+    *_short_and_held("supply", "air supply lost", 5 * s, "supply_loss"),
+    Loss("limit", "limit of the height", _fault("bias", _SPURIOUS, sensor="left.height", value="150 mm")),
+    Loss("limit", "overload", _fault("bias", _SPURIOUS, sensor="vertical_left.force", value="200 kN")),
+    Loss("limit", "overpressure", _fault("bias", _SPURIOUS, sensor="left.bellows_pressure", value="9.5 bar")),
     *_short_and_held(
-        "pressure transducer dead", 3 * s, "broken_wire", sensor="left.bellows_pressure", reads="nothing"
+        "transducer",
+        "pressure transducer dead",
+        3 * s,
+        "broken_wire",
+        sensor="left.bellows_pressure",
+        reads="nothing",
     ),
-    *_short_and_held("height laser dead", 3 * s, "broken_wire", sensor="left.height", reads="nothing"),
-    *_short_and_held("wrong checksums", 3 * s, "wrong_crc"),
-    Loss("rig restarted", _restart, restarted=True),
+    *_short_and_held(
+        "transducer", "height laser dead", 3 * s, "broken_wire", sensor="left.height", reads="nothing"
+    ),
+    *_short_and_held("checksums", "wrong checksums", 3 * s, "wrong_crc"),
+    Loss("rig", "rig restarted", _restart),
 )

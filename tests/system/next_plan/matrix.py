@@ -1,14 +1,20 @@
-"""The matrix: every loss before every way in which a plan of the catalogue begins, at once, 5 s and 30 s later."""
+"""The matrix: losses before the ways in which plans of the catalogue begin, at once, 5 s and 30 s later."""
 
+import random
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from bench_protocol.clock import utc_date
 from test_plans.discovery import plans
 from test_plans.plan import Plan
-from tests.system.next_plan.losses import Loss
-from tests.system.next_plan.stand import DELAYS, Stand
+from tests.system.next_plan.losses import LOSSES, Loss
+from tests.system.next_plan.stand import DELAYS, WITHIN, Stand
 from tests.system.next_plan.truth import CAUSES, untruths
+
+SEED = 1
+#: Plans before which everything is lost: they carry either load, fill the springs alone, or only arm the bench.
+BEFORE_WHICH_ALL = ("aw0", "aw3", "leveling", "safety")
 
 
 @dataclass(frozen=True)
@@ -20,6 +26,7 @@ class Cell:
     plan: str
     reason: str = ""
     wrong: tuple[str, ...] = ()
+    day: str = field(default_factory=lambda: utc_date()[:10])
 
 
 def beginnings() -> dict[str, list[str]]:
@@ -28,6 +35,16 @@ def beginnings() -> dict[str, list[str]]:
     for name, plan in plans().items():
         alike.setdefault(_beginning(plan), []).append(name)
     return {names[0]: names for names in alike.values()}
+
+
+def asked(name: str) -> dict[Loss, tuple[float, ...]]:
+    """Return what is lost before the plan ``name``, and how long before: all, or one loss of each kind, drawn."""
+    if name in BEFORE_WHICH_ALL:
+        return dict.fromkeys(LOSSES, DELAYS)
+    chance = random.Random(f"{name} {SEED}")
+    kinds = dict.fromkeys(loss.of for loss in LOSSES)
+    drawn = [chance.choice([loss for loss in LOSSES if loss.of == kind]) for kind in kinds]
+    return {loss: (chance.choice(DELAYS),) for loss in drawn}
 
 
 def _beginning(plan: Plan) -> tuple[str, ...]:
@@ -45,16 +62,22 @@ def other_than(name: str) -> str:
     return "aw0" if any("AW3" in part for part in _beginning(plans()[name])) else "aw3"
 
 
-def cells(loss: Loss, names: list[str], delays: tuple[float, ...] = DELAYS, seed: int = 1) -> Iterator[Cell]:
-    """Yield what each plan meets after ``loss``; a plan that may run and did not is wrong, whatever it says."""
+def cells(
+    loss: Loss, before: dict[str, tuple[float, ...]], within: tuple[float, float] = WITHIN
+) -> Iterator[Cell]:
+    """Yield what the plans ``before`` which it is lost meet after ``loss``, each so many s later as stands there.
+
+    A plan that may run and did not is wrong, whatever it says. ``within``: when in the first plan it is lost (s), from
+    and to.
+    """
     for first in ("aw0", "aw3"):
-        nexts = [name for name in names if other_than(name) == first]
+        nexts = {name: delays for name, delays in before.items() if other_than(name) == first}
         if not nexts:
             continue
-        stand = Stand(loss, first, seed)
-        for delay in delays:
+        stand = Stand(loss, first, SEED, within)
+        for delay in sorted({one for delays in nexts.values() for one in delays}):
             stand.wait(delay)
-            for name in nexts:
+            for name in [name for name, delays in nexts.items() if delay in delays]:
                 reason = stand.next(name)
                 wrong = list(untruths(reason, stand.rig)) if reason else []
                 if reason and delay == DELAYS[-1] and not loss.stays:

@@ -82,21 +82,24 @@ def later(clock, seconds: float, act) -> None:
     task = clock.every(round(seconds * NS), once)
 
 
-def lost(loss: Loss, plan: str, seed: int) -> tuple[RigInMemory, str]:
-    """Run ``plan`` into ``loss`` at an instant drawn from ``seed``; return the rig that is left, and what was told."""
+def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple[RigInMemory, str]:
+    """Run ``plan`` into ``loss`` at an instant ``within`` (s from, to) drawn from ``seed``.
+
+    Return the rig that is left, and what was told.
+    """
     chance = random.Random(f"{loss.name} {plan} {seed}")
     memory = RigInMemory(Rig(PARAMETERS, seed=seed))
     first = First(memory, seed)
-    told = "nothing: its process is gone"
+    told = ""
     with tempfile.TemporaryDirectory() as folder:
         try:
             first.bench.connect()
-            at = chance.uniform(*WITHIN)
+            at = chance.uniform(*within)
             for after in (0.0, *loss.again):
                 later(memory.clock, at + after, lambda: first.over or loss.lose(first))
             told = execute(plans()[plan], first.bench, folder).reason
         except (Gone, KeyboardInterrupt) as end:
-            told = str(end) or told
+            told = str(end)
             if isinstance(end, Gone):
                 first.mute()
         first.over = True
@@ -111,9 +114,9 @@ def lost(loss: Loss, plan: str, seed: int) -> tuple[RigInMemory, str]:
 class Stand:
     """What a loss has left, to which every next plan comes anew."""
 
-    def __init__(self, loss: Loss, first: str, seed: int) -> None:
+    def __init__(self, loss: Loss, first: str, seed: int, within: tuple[float, float] = WITHIN) -> None:
         self.loss = loss
-        self.memory, self.told = lost(loss, first, seed)
+        self.memory, self.told = lost(loss, first, seed, within)
         self.rig = self.memory.rig
         self._left = Bookmark(self.memory)
         self.delay = 0.0

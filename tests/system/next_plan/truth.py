@@ -24,7 +24,7 @@ CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
         "emergency stop pressed",
     ),
     ("the mains are off", lambda rig: not rig.supervisor.mains, "switch them on", "mains off"),
-    (r"supply pressure .*\(\d", _fault_on("supply_loss"), "open the supply", "no supply of air"),
+    (r"supply pressure (is \d|.*\(\d)", _fault_on("supply_loss"), "open the supply", "no supply of air"),
     (
         "the CAN interface of the rig is down",
         _fault_on("interface_down"),
@@ -69,7 +69,9 @@ def pressures(rig) -> dict[str, float]:
 
 def untruths(reason: str, rig) -> Iterator[str]:
     """Yield everything in ``reason`` that is not so, or that is missing: a cause that is true, and what to do."""
-    yield from _of_the_air(reason, rig)
+    yield from of_the_air(reason, rig)
+    if "somebody else tries to command" in reason:
+        yield "nobody else tries to command the bench"
     named = [one for one in CAUSES if re.search(one[0], reason)]
     if not named:
         yield "no known cause is named"
@@ -80,7 +82,8 @@ def untruths(reason: str, rig) -> Iterator[str]:
             yield f"{cause}: nobody is told to {remedy}"
 
 
-def _of_the_air(reason: str, rig) -> Iterator[str]:
+def of_the_air(reason: str, rig) -> Iterator[str]:
+    """Yield everything that ``reason`` says of the air and of who is near it that is not so, or does not say."""
     true = pressures(rig)
     for told, side in re.findall(r"([\d.]+) bar on the (left|right)", reason):
         if abs(float(told) * bar - true[side]) > _OFF:
