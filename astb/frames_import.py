@@ -16,6 +16,7 @@ from drivers.can_files.frames import CanLogError, Frames, Kind
 from drivers.can_files.reading import read_log
 
 if TYPE_CHECKING:
+    from bench_protocol.dbc_decoding import Decoding
     from drivers.can_files.candump import Stamps
 
 #: Times (ns), numbers of signals, values.
@@ -181,12 +182,40 @@ def _by_dbc(
                 found = decodings[name].values(data, account)
                 rows += [(time, index[name, signal], value) for signal, value in found]
             if len(rows) >= _BATCH:
-                yield tuple(np.array(column) for column in zip(*rows, strict=True))  # type: ignore[misc]
+                yield judged(rows)
                 rows.clear()
         if rows:
-            yield tuple(np.array(column) for column in zip(*rows, strict=True))  # type: ignore[misc]
+            yield judged(rows)
+        for place in np.flatnonzero(beyond):
+            account.take(
+                f"{signals[place].name}: {beyond[place]} values are beyond the range that {dbc.path.name} gives, "
+                f"{low[place]:g} to {high[place]:g} {signals[place].unit}".rstrip()
+            )
 
+    def judged(rows: list[tuple[int, int, float]]) -> Samples:
+        times, places, values = (np.array(column) for column in zip(*rows, strict=True))
+        outside = (values < low[places]) | (values > high[places])
+        np.add.at(beyond, places[outside], 1)
+        return times, places, values
+
+    low, high = _ranges(decodings, index)
+    beyond = np.zeros(len(signals), np.int64)
     return signals, samples
+
+
+def _ranges(decodings: Mapping[str, Decoding], index: Mapping[tuple[str, str], int]) -> tuple[Any, Any]:
+    """Return the least and greatest value (n,) that the DBC gives each signal, less what rounding makes of them."""
+    import numpy as np
+
+    low, high = np.full(len(index), -np.inf), np.full(len(index), np.inf)
+    for (name, signal), place in index.items():
+        one = decodings[name].signals[signal]
+        some = 1e-6 * abs(float(one.scale))
+        if one.minimum is not None:
+            low[place] = float(one.minimum) - some
+        if one.maximum is not None:
+            high[place] = float(one.maximum) + some
+    return low, high
 
 
 def _names(

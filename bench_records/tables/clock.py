@@ -62,6 +62,11 @@ def read_clock(
         raise RecordError(
             f'{where}: time.unit = "{source.unit}" is no unit of time; right would be one of {known}'
         )
+    told = UNITS.get(column.unit)
+    if told is not None and told.si == "s" and told.factor != unit.factor:
+        raise RecordError(
+            f'{where}: the file says that the column is in {column.unit}; time.unit = "{source.unit}" says another one'
+        )
     values = _exact(sheet, index, source, point, where)
     return _from_numbers(values, unit.factor, source.unit, account, where, sheet)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Final
 
 from bench_records.layout import RecordError
@@ -12,6 +13,7 @@ from bench_records.tables.stamps import (
     NotAStamp,
     Stamps,
     looks_like_a_date,
+    looks_like_a_stamp,
     looks_like_a_time_of_day,
     read_stamps,
 )
@@ -54,6 +56,19 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
     name = f"{columns[0].name} {columns[1].name}"
     sheet.columns.append(Column(name, "stamp" if days.dated else "span", cells, there=there))
     return len(sheet.columns) - 1
+
+
+def refuse_halves(sheet: Sheet, clock: int, where: str) -> None:
+    """Refuse, by RecordError, times of day whose a.m. and p.m. stand in a column of their own."""
+    column = sheet.columns[clock]
+    if column.kind == "number" or (column.kind == "text" and not looks_like_a_stamp(column.example)):
+        return
+    for other in sheet.columns:
+        if other.kind == "text" and re.fullmatch(r"[ap]\.?\s?m\.?", other.example, re.IGNORECASE):
+            raise RecordError(
+                f'{where}: the column "{other.name}" says a.m. and p.m. of the times; behind each of them, '
+                "in one column, it would be right"
+            )
 
 
 def _holds_dates(column: Column) -> bool:

@@ -10,7 +10,7 @@ from bench_records.layout import SECOND, RecordError
 from bench_records.tables import mdf as mdf_file
 from bench_records.tables.clock import Clock, check_order, read_clock
 from bench_records.tables.columnar import read_columnar
-from bench_records.tables.joined import joined
+from bench_records.tables.joined import joined, refuse_halves
 from bench_records.tables.keys import ColumnName, FileKeys, Format, Source, TimeSource
 from bench_records.tables.numbers import Point, numbers, of_the_file
 from bench_records.tables.text_table import read_text_table
@@ -126,6 +126,7 @@ def of_sheet(
         for index, (_, said, where) in clocks.items()
     }
     for index, clock in read.items():
+        refuse_halves(sheet, index, clocks[index][2])
         check_order(sheet, clock.seconds, account, clocks[index][2])
     read = _from_one_start(sheet, read)
     return {

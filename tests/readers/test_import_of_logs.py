@@ -17,7 +17,16 @@ from diagnosis.contracts import Dataset, DiagnosisError
 from diagnosis.systems.mapping import read_mapped
 from tests.readers.log_forms import START, Sample, asc, by_python_can, candump
 
-TESTED = {"j1939 packets", "channels", "one channel", "mdf frames", "mdf beside", "mdf without frames", "map"}
+TESTED = {
+    "j1939 packets",
+    "beyond",
+    "channels",
+    "one channel",
+    "mdf frames",
+    "mdf beside",
+    "mdf without frames",
+    "map",
+}
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: PLC BENCH\n'
 LEFT, RIGHT = (
     f' SG_ {name} : {bit}|16@1- (0.01,0) [0|0] "mm" B\n' for name, bit in (("Left", 0), ("Right", 16))
@@ -136,6 +145,16 @@ def test_only_what_comes_of_a_dbc_is_judged(came) -> None:
     status, text, _ = came("a.log", candump(heights(30)), twice)
     assert status == MISUSE and "describes 0x100 twice, as Heights and Others" in text
     assert came("a.log", candump(heights(30, 0x101)), twice)[0] == PASS
+
+
+def test_values_beyond_the_range_of_the_dbc_are_told(came) -> None:
+    within = HEIGHTS.replace("[0|0]", "[-300|5]", 1)
+    status, text, out = came("a.log", candump(heights(30)), HEAD + within)
+    assert status == PASS
+    assert "Heights.Left: 24 values are beyond the range that rig.dbc gives, -300 to 5 mm" in " ".join(
+        text.split()
+    )
+    np.testing.assert_allclose(read(out).series("Heights.Left")[1], np.arange(30.0))
 
 
 def test_one_name_of_two_messages_gives_two_series(came) -> None:

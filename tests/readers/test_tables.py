@@ -115,6 +115,8 @@ FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
     "hours and minutes": (times(lambda t: t.strftime("%H:%M")), ".csv", {}, "it may be hours and minutes, or minutes and seconds"),
     "date and time": (csv("day,time,x,p", lambda t, x, p: f"{START + timedelta(seconds=t + 50_399.9):%d.%m.%Y,%H:%M:%S.%f},{x:.4f},{p:.3f}"), ".csv", {"date": "day"}, "the columns day and time are one clock\nthe record begins at 2026-03-19 23:59:59.900"),
     "date alone": (csv("time,of day,x,p", lambda t, x, p: f"{START + timedelta(seconds=t):%Y-%m-%d,%H:%M:%S.%f},{x:.4f},{p:.3f}"), ".csv", {}, r"time.column: the column holds dates without times of day, and many .* \(the key date\)"),
+    "halves apart": (csv("time,half,x,p", lambda t, x, p: f"{START + timedelta(seconds=t):%I:%M:%S.%f,%p},{x:.4f},{p:.3f}"), ".csv", {}, 'the column "half" says a.m. and p.m. of the times'),
+    "two units": (csv("time,x,p\nms,mm,bar"), ".csv", {}, 'the file says that the column is in ms; time.unit = "s" says another one'),
     "unix": (csv(cells=lambda t, x, p: f"{1_700_000_000 + t:.2f},{x:.4f},{p:.3f}"), ".csv", {}, "the times are Unix times; the record begins at 2023-11-14 22:13:20.000 UTC"),
     "unix in ms": (csv(cells=lambda t, x, p: f"{1_700_000_000_000 + 1000 * t:.0f},{x:.4f},{p:.3f}"), ".csv", {}, 'is no time of a record; with time.unit = "ms" they would be Unix times'),
     "unix in ns": (csv(cells=lambda t, x, p: f"{1_700_000_000_000_000_000 + round(1e9 * t)},{x:.4f},{p:.3f}"), ".csv", {"unit": "ns"}, "Unix times"),
