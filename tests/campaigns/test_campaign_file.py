@@ -94,10 +94,10 @@ def test_a_rig_may_be_named(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("seeds = 3", "missing required field `plans`"),
+        ("seeds = 3", "the key plans is missing"),
         ('plans = ["leakdown"]', "there is no plan 'leakdown'; did you mean 'leak_down'"),
-        ('plans = ["leak_down"]\nspecimen = "x"', "unknown field `specimen`"),
-        ('plans = ["leak_down"]\nseeds = 0', "`int` >= 1"),
+        ('plans = ["leak_down"]\nspecimen = "x"', "specimen is no key here; did you mean 'specimens'"),
+        ('plans = ["leak_down"]\nseeds = 0', "seeds = 0; a whole number >= 1 would be right"),
         ('plans = ["leak_down"]\n[values]\nload = "AW9"', "leak_down has no parameter load"),
         ('plans = ["axial_stiffness"]\n[values]\nload = "AW9"', "load = 'AW9' is none of AW0, AW3"),
         (

@@ -182,7 +182,7 @@ BITS = {"start": 0, "length": 8}
             messages(Set={"checksum": {"signal": "Crc", "scheme": "function:wait"}}),
             "'wait' is no function of own.py",
         ),
-        (messages(Set={"checksum": {"scheme": "sum8"}}), "checksum: .*missing required field `signal`"),
+        (messages(Set={"checksum": {"scheme": "sum8"}}), "checksum: the key signal is missing"),
         (
             {"messages": {"*": {"counter": "Alife"}}},
             r"""messages\."\*": no message has a signal 'Alife'; did you mean 'Alive'""",

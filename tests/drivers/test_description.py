@@ -116,7 +116,7 @@ STATE = '"rig.state" = { from = "plc.state", choices = { DISABLED = 0, ACTIVE = 
 #: Lines of a wiring file, and what is said of them.
 BAD_FILES = r"""
 [signals]
--> object missing required field `transports`
+-> the key transports is missing
 
 [transports]
 [signals]
@@ -176,7 +176,7 @@ height = { from = "plc.h", unit = "mm" }
 -> is per kg, but unit = 'g'
 
 "left.height" = { from = "plc.h", unit = "mm", sign = 2 }
--> signals."left.height": sign = 2:
+-> signals."left.height": sign = 2;
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { gain = 0 } }
 -> calibration.gain = 0 is no gain; right would be such as 1.002
