@@ -8,6 +8,7 @@ import numpy as np
 from bench_protocol.rates import COMMAND_RATE, DISABLE_AFTER, FAST_RATE, HOLD_AFTER, SLOW_RATE, TICK
 from bench_protocol.table_signals import COUNT_MAX
 from bench_protocol.units import NS, s
+from bench_sim.model.layout import Sensor
 
 TICK_NS: Final = round(TICK * NS)
 #: The number of the tick on the wires: 24 bits with one code left for "unknown".
@@ -37,6 +38,11 @@ class Target(IntEnum):
 
 
 TARGETS: Final = len(Target)
+#: By which transducer each of them is held in place.
+HOLDING: Final = tuple(
+    Sensor[target.name if target >= Target.PLATFORM_VERTICAL else f"{target.name}_DISPLACEMENT"]
+    for target in Target
+)
 
 
 class AirSupply(IntEnum):
@@ -116,6 +122,7 @@ CONTROLS: Final = np.dtype(
         ("control", "<i8", (3,)),  # control mode by actuator
         ("goal", "<f8", (TARGETS,)),
         ("setpoint", "<f8", (TARGETS,)),
+        ("zero", "<f8", (TARGETS,)),  # what the transducer by which this is held in place reads at zero
         ("slew", "<i8", (TARGETS,)),  # ticks until the goal, if it is not too far away
         ("refused", "<i8"),  # frames of set-points out of range
         ("air_mode", "<i8", (2,)),

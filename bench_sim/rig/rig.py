@@ -22,7 +22,7 @@ from bench_sim.rig.black_box import BlackBox
 from bench_sim.rig.canopen import CanopenNode
 from bench_sim.rig.coils import coil_actions, contacts
 from bench_sim.rig.commands import Incoming
-from bench_sim.rig.controls import CONTROLS, FAST, TICK_NS, ControlBit, Happened
+from bench_sim.rig.controls import CONTROLS, FAST, HOLDING, TICK_NS, ControlBit, Happened
 from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.orders import obey
@@ -87,6 +87,9 @@ class Rig:
         self.black_box = BlackBox()
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
+        zero = self.plant.parameters.sensor_bias[list(HOLDING)]
+        for what in ("zero", "setpoint", "goal"):  # at first all stand where they are
+            self._controls[what] = zero
         self.faults = FaultPanel(InsertionPoints(self, self.plant, self._controls))
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)

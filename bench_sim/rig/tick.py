@@ -79,6 +79,7 @@ _PROGRAM_ROW: Final = TABLE.index["rig.program"]
 _CYCLE_ROW: Final = TABLE.index["rig.generator_cycle"]
 _REFUSED_ROW: Final = TABLE.index["rig.refused_setpoints"]
 
+_DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
 _LEVEL: Final = AIR_MODES.index("level")
 _FILL: Final = AIR_MODES.index("fill")
 _VENT: Final = AIR_MODES.index("vent")
@@ -159,7 +160,10 @@ def _opening(mode: int, target: float, pressure: float) -> float:
 
 @compiled
 def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
-    """Turn the controls into the inputs of the plant."""
+    """Turn the controls into the inputs of the plant.
+
+    Whoever holds a place closes the loop by the transducer there: it reads the set-point, and is wrong by its zero.
+    """
     travel(c)
     for actuator in range(len(ACTUATORS)):
         command = Input.VERTICAL_LEFT_COMMAND + actuator
@@ -168,13 +172,15 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
             # The wire's numbers of the control modes are the plant's.
             u[mode] = float(c.control[actuator]) if c.engaged != 0 else 0.0
             u[command] = c.setpoint[actuator] + c.offset[actuator]
+            if u[mode] == _DISPLACEMENT:
+                u[command] -= c.zero[actuator]
         else:
             lowering = c.grip == Grip.LOWERING and actuator != Target.LATERAL and c.lowering[actuator] != 0
             u[mode] = float(Mode.SHUT_IN.value)
             u[command] = -LOWERING_SPEED if lowering else 0.0
     for axis in range(len(PLATFORM_AXES)):
         target = Target.PLATFORM_VERTICAL + axis
-        u[Input.PLATFORM_VERTICAL + axis] = c.setpoint[target] + c.offset[target]
+        u[Input.PLATFORM_VERTICAL + axis] = c.setpoint[target] + c.offset[target] - c.zero[target]
 
     flowing = c.air == AirSupply.RESTRICTED or c.air == AirSupply.FULL
     vented = c.air == AirSupply.VENTED or c.airing > 0  # who arms does not interrupt it

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from bench_protocol.table import TABLE
-from bench_protocol.units import kN, mm
-from bench_protocol.words import AXES, CONTROL_MODES, WAVES
+from bench_protocol.units import kN, mm, um
+from bench_protocol.words import ACTUATORS, AXES, CONTROL_MODES, PLATFORM_AXES, WAVES
+from bench_sim.rig.controls import HOLDING
 
 FORCE, DISPLACEMENT = CONTROL_MODES.index("force"), CONTROL_MODES.index("displacement")
 
@@ -146,3 +147,22 @@ def test_a_wave_of_force_has_a_rate_too(armed) -> None:
     assert armed.coil("program_run") == b"\x85\x04", "126 of 50 kN/s"
     armed.apply(generator_frequency=0.75)
     assert armed.coil("program_run")[0] == 5
+
+
+def test_a_place_is_held_by_the_transducer_there(armed) -> None:
+    """A set-point that is what is measured moves nothing, however often it is sent: not by one zero error each time."""
+    rig, places = armed.rig, [int(sensor) for sensor in HOLDING]
+    assert np.abs(rig.plant.parameters.sensor_bias[places]).min() > 1 * um, (
+        "each of them is wrong by something"
+    )
+    armed.apply(vertical_control=DISPLACEMENT, lateral_control=DISPLACEMENT)
+    armed.beat(20)
+    began = rig.plant.ideal()[places]
+    for _ in range(10):
+        armed.beat(
+            5,
+            **{f"{name}_displacement_setpoint": armed.read(f"{name}.displacement") for name in ACTUATORS},
+            **{f"platform_{axis}_setpoint": armed.read(f"platform.{axis}") for axis in PLATFORM_AXES},
+        )
+    moved = np.abs(rig.plant.ideal()[places] - began)
+    assert moved.max() < 100 * um, "readings have noise, and steps of 10 um and urad"
