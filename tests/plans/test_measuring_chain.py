@@ -58,7 +58,11 @@ def test_gas_that_stays_cold_says_how_long_to_wait(monkeypatch):
         raise BenchTimeout(f"not settled within 300 s: {cold}")
 
     bench = SimpleNamespace(
-        air=SimpleNamespace(vent=lambda within: None), has=lambda name: True, settle=never
+        air=SimpleNamespace(vent=lambda within: None),
+        has=lambda name: True,
+        disarm=lambda: None,
+        wait=lambda seconds: None,
+        settle=never,
     )
     run = SimpleNamespace(bench=bench, phase=lambda name: nullcontext())
     monkeypatch.setattr(measuring_chain.steps, "power_up", lambda run: None)

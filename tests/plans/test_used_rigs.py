@@ -31,7 +31,9 @@ def rejects(made, names, directory) -> list[str]:
     found = []
     for k, name in enumerate(names):
         result = explained(execute(plans()[name], made.bench, directory / f"{k}", rig="virtual", seed=0))
-        found += [f"{name} after {', '.join(names[:k])}: {one.name}" for one in result.checks if not one.passed]
+        found += [
+            f"{name} after {', '.join(names[:k])}: {one.name}" for one in result.checks if not one.passed
+        ]
         if not result.checks:
             found.append(f"{name} after {', '.join(names[:k])}: {result.reason}")
     return found
