@@ -101,11 +101,9 @@ def test_a_number_of_two_registers_is_not_written_in_parts():
 def test_a_number_of_two_registers_is_written_in_parts_where_that_is_said():
     far = device(functions=(1, 2, 3, 4, 5, 6))
     with Stand(far, writes="parts") as stand:
-        stand.transport.require("place", writable=True)
-        far.log.clear()
         stand.transport.write({"place": 70000, "valve": 1})
     assert far.words["holding"][30:32] == [1, 70000 & 0xFFFF]
-    assert [one[:2] for one in far.log] == [(6, 30), (6, 31), (5, 3)], "the last register is the last written"
+    assert [one[:2] for one in far.log[-3:]] == [(6, 30), (6, 31), (5, 3)], "the last one is written last"
 
 
 @pytest.mark.parametrize("writes", ["any", "multiple"])
