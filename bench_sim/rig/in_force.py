@@ -6,8 +6,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from bench_protocol.signals import Kind
+from bench_protocol.rest import CONNECTING, REST
 from bench_protocol.table import TABLE
+from bench_protocol.units import kN, mm
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, SIDES
 from bench_sim.rig.controls import Target
 from bench_sim.rig.fittings import Fittings
@@ -15,14 +16,9 @@ from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.registers import RegisterBank
 from bench_sim.rig.safe_position import Grip
 
-#: What hands have fitted stays fitted, and its settings say what that is.
-FITTED: Final = ("rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
-#: Valves between chambers: while the bench holds they move no air, and return with the safe position.
-CONNECTING: Final = (*(f"air.{side}_reservoir" for side in SIDES), "air.dpv")
-#: What is in force at rest, but for what is fitted: what a rig begins with.
-REST: Final[Mapping[str, float]] = {
-    signal.name: signal.default for signal in TABLE.of_kind(Kind.SETTING) if signal.name not in FITTED
-}
+#: By control mode: how far from its set-point (SI) an actuator may be that goes on when HOLD or ACTIVE begins. One that
+#: follows the fastest wave lags by 9 mm.
+NEAR: Final = {"off": np.inf, "force": 10 * kN, "displacement": 10 * mm}
 _ACTUATORS: Final = tuple(Target[name.upper()] for name in ACTUATORS)
 
 
@@ -84,10 +80,30 @@ class InForce:
         c["engaged"] = 1
         c["shut_in"] = c["ordered"] = 0
 
+    @property
+    def astray(self) -> bool:
+        """Whether an actuator measures something far from its set-point: it did not follow, or its reading lies."""
+        return any(
+            abs(self._asked(target) - self._measured(target)) > NEAR[self._mode(target)]
+            for target in _ACTUATORS
+        )
+
     def _present(self, target: Target) -> float:
-        mode = CONTROL_MODES[int(self._controls["control"][target])]
-        present = 0.0 if mode == "off" else self._values[TABLE.index[f"{ACTUATORS[target]}.{mode}"]]
-        return 0.0 if np.isnan(present) else float(present)
+        """What to ask of an actuator, beside the generator's offset, so that nothing changes."""
+        if self._mode(target) == "force" and self._controls["grip"] == Grip.OPEN:
+            return 0.0  # it follows without force: what it reads is dying away, or its zero error
+        measured = self._measured(target)
+        return 0.0 if np.isnan(measured) else measured - float(self._controls["offset"][target])
+
+    def _mode(self, target: Target) -> str:
+        return CONTROL_MODES[int(self._controls["control"][target])]
+
+    def _asked(self, target: Target) -> float:
+        return float(self._controls["setpoint"][target] + self._controls["offset"][target])
+
+    def _measured(self, target: Target) -> float:
+        mode = self._mode(target)
+        return 0.0 if mode == "off" else float(self._values[TABLE.index[f"{ACTUATORS[target]}.{mode}"]])
 
     def _put(self, settings: Mapping[str, float]) -> None:
         c = self._controls

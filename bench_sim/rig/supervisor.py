@@ -200,10 +200,13 @@ class Supervisor:
     def _hold_on(self, before: BenchState, event: Event) -> None:
         """Decide on the hold of the actuators: what they have shut in stays so until somebody says where it is to go.
 
-        So arming moves nothing, also not while the springs are being vented or before the bolster is set down.
+        So arming moves nothing, also not while the springs are being vented or before the bolster is set down. Nor does
+        going on: an actuator that could not follow would jump to its set-point once it can.
         """
         state, c = self.state, self._controls
         if state in ENGAGED:
+            if c["engaged"] and self._in_force.astray:
+                c["engaged"] = c["ordered"] = 0
             if c["grip"] == Grip.OPEN and not c["airing"]:
                 self.engage()
             elif not c["engaged"]:

@@ -77,12 +77,12 @@ def tripped(record) -> tuple[str, float] | None:
     return None
 
 
-UPPER = {"signal": "lateral.displacement", "kind": "upper", "at": "9.4 mm", "action": "program stop"}
-LOWER = {"signal": "lateral.displacement", "kind": "lower", "at": "-10.6 mm", "action": "program hold"}
+UPPER = {"signal": "lateral.displacement", "kind": "upper", "at": "9.78 mm", "action": "program stop"}
+LOWER = {"signal": "lateral.displacement", "kind": "lower", "at": "-10.24 mm", "action": "program hold"}
 RATE = {"signal": "lateral.displacement", "kind": "rate", "at": "0.125 m/s", "action": "interlock"}
 ERROR = {"signal": "lateral.displacement", "kind": "error", "at": "1.69 mm", "action": "program stop"}
-AHEAD = UPPER | {"lead": "30 ms", "persistence": "5 ms", "at": "11.2 mm"}
-LONG = UPPER | {"persistence": "120 ms", "at": "6.9 mm"}
+AHEAD = UPPER | {"lead": "30 ms", "persistence": "5 ms", "at": "11.58 mm"}
+LONG = UPPER | {"persistence": "120 ms", "at": "7.28 mm"}
 
 
 @pytest.mark.parametrize("limit", [UPPER, LOWER, RATE, ERROR, AHEAD, LONG], ids=lambda one: one["kind"])

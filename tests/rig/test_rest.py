@@ -5,8 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from bench_protocol.rates import PACE
+from bench_protocol.table import TABLE
 from bench_protocol.units import bar, kN, mm
 from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, SIDES
+from bench_sim.model.layout import Sensor
 from tests.rig.conftest import Commander
 from tests.rig.left_behind import differences, facts
 from tests.rig.way_down import LOSSES, VERTICAL, lose_can
@@ -159,3 +162,71 @@ def test_a_held_program_ends_with_its_commander(armed) -> None:
     successor.beat(50, **here, control_active=1)
     assert successor.state == "ACTIVE"
     assert np.abs(heights(successor) - before).max() < 1 * mm
+
+
+def seize_aside(commander: Commander, fault: str, **values: str | float) -> float:
+    """Let the lateral actuator be asked for 40 mm that it does not go, by its reading; return where it is."""
+    commander.apply(lateral_control=DISPLACEMENT)
+    commander.beat(5, lateral_displacement_setpoint=0.0)
+    commander.rig.faults.on(fault, values)
+    commander.beat(50, lateral_displacement_setpoint=0.0 if values.get("sensor") else 40 * mm)
+    return float(commander.rig.plant.ideal()[Sensor.LATERAL_DISPLACEMENT])
+
+
+def aside(commander: Commander, beats: int) -> np.ndarray:
+    """Return where the lateral actuator truly is, beat by beat."""
+    places = []
+    for _ in range(beats):
+        commander.beat(1)
+        places.append(commander.rig.plant.ideal()[Sensor.LATERAL_DISPLACEMENT])
+    return np.array(places)
+
+
+def test_what_could_not_follow_does_not_jump_when_it_is_held_and_goes_on(armed) -> None:
+    """It went to where it had been asked to be as fast as its valve lets it, also in HOLD."""
+    here = seize_aside(armed, "seized_actuator", actuator="lateral")
+    armed.beat(5, control_active=0)
+    assert armed.state == "HOLD"
+    armed.rig.faults.off("all")
+    assert np.abs(aside(armed, 20) - here).max() < 1 * mm, "HOLD holds the present value"
+    bits, every = armed._encoder.rows(["Control"]), armed._rows
+    armed.values[TABLE.index["control.active"]] = 1.0
+    armed._rows = bits
+    assert np.abs(aside(armed, 20) - here).max() < 1 * mm
+    assert armed.state == "ACTIVE"
+    armed._rows = every
+    way = np.diff(aside(armed, 20), prepend=here)
+    assert way.sum() == pytest.approx(40 * mm, abs=2 * mm), "a new set-point is followed"
+    assert way.max() < 1.3 * PACE["m"] * 0.02
+
+
+@pytest.mark.parametrize("bias", ["40 mm", "-40 mm"])
+def test_a_displacement_that_reads_wrong_moves_nothing_when_it_is_held_and_goes_on(armed, bias) -> None:
+    here = seize_aside(armed, "bias", sensor="lateral.displacement", value=bias)
+    armed._rows = armed._encoder.rows(["Control"])
+    for active in (0.0, 1.0):
+        armed.values[TABLE.index["control.active"]] = active
+        assert np.abs(aside(armed, 20) - here).max() < 1 * mm
+    assert armed.state == "ACTIVE"
+
+
+def test_a_wave_that_is_held_goes_on_from_where_its_actuator_is(armed) -> None:
+    armed.hold_height()
+    armed.apply(
+        lateral_control=DISPLACEMENT,
+        generator_axis=AXES.index("lateral"),
+        generator_amplitude=40 * mm,
+        generator_frequency=0.2,
+        generator_cycles=20,
+    )
+    armed.rig.faults.on("seized_actuator", {"actuator": "lateral"})
+    assert armed.coil("program_run")[0] == 5
+    armed.beat(310)  # a quarter of its second turn
+    armed.beat(5, control_active=0)
+    armed.rig.faults.off("all")
+    here = armed.rig.plant.ideal()[Sensor.LATERAL_DISPLACEMENT]
+    armed._rows = armed._encoder.rows(["Control"])
+    armed.beat(5, control_active=1)
+    assert armed.coil("program_run")[0] == 5
+    way = np.diff(aside(armed, 50), prepend=here)
+    assert np.abs(way).max() < 2 * np.pi * 0.2 * 40 * mm * 0.02 + 0.5 * mm, "no faster than the wave"
