@@ -1,11 +1,13 @@
 """The settings in force: how they are taken over, and how they return to rest when a command ends."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from bench_protocol.rates import TICK
 from bench_protocol.rest import CONNECTING, REST
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN, mm
@@ -23,7 +25,10 @@ _ACTUATORS: Final = tuple(Target[name.upper()] for name in ACTUATORS)
 
 
 class InForce:
-    """What the settings make of the tick's ``controls`` and of what is fitted; ``values``: signals by table row."""
+    """What the settings make of the tick's ``controls`` and of what is fitted.
+
+    ``values``: signals by table row; ``letting_go``: how fast actuators unload that let go, N/s each.
+    """
 
     def __init__(
         self,
@@ -32,8 +37,10 @@ class InForce:
         registers: RegisterBank,
         generator: FunctionGenerator,
         fittings: Fittings,
+        letting_go: npt.NDArray[np.float64],
     ) -> None:
         self._controls, self._values, self._registers = controls, values, registers
+        self._letting_go = letting_go
         self.generator, self._fittings = generator, fittings
         self._put(registers.active)
 
@@ -77,6 +84,12 @@ class InForce:
                 c["setpoint"][target] = self._present(target)
             else:
                 self.take_present(target)
+                if c["grip"] == Grip.OPEN and self._mode(target) == "force":
+                    # It follows without force: what it reads is dying away, or its zero error.
+                    c["goal"][target] = 0.0
+                    c["slew"][target] = math.ceil(
+                        abs(c["setpoint"][target]) / (self._letting_go[target] * TICK)
+                    )
         c["engaged"] = 1
         c["shut_in"] = c["ordered"] = 0
 
@@ -90,8 +103,6 @@ class InForce:
 
     def _present(self, target: Target) -> float:
         """What to ask of an actuator, beside the generator's offset, so that nothing changes."""
-        if self._mode(target) == "force" and self._controls["grip"] == Grip.OPEN:
-            return 0.0  # it follows without force: what it reads is dying away, or its zero error
         measured = self._measured(target)
         return 0.0 if np.isnan(measured) else measured - float(self._controls["offset"][target])
 

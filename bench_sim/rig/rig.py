@@ -112,7 +112,14 @@ class Rig:
             self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
         )
         fittings = Fittings(self.plant, self.registers.active)
-        self._in_force = InForce(self._controls, self.values, self.registers, self.generator, fittings)
+        self._in_force = InForce(
+            self._controls,
+            self.values,
+            self.registers,
+            self.generator,
+            fittings,
+            self.plant.parameters.actuator_unload_rate,
+        )
         self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
         watched = limits, self._detectors
         self.supervisor = Supervisor(

@@ -207,7 +207,7 @@ class Supervisor:
         if state in ENGAGED:
             if c["engaged"] and self._in_force.astray:
                 c["engaged"] = c["ordered"] = 0
-            if c["grip"] == Grip.OPEN and not c["airing"]:
+            if c["grip"] == Grip.OPEN:
                 self.engage()
             elif not c["engaged"]:
                 c["shut_in"] = 1
