@@ -8,6 +8,7 @@ import numpy as np
 
 from astb.conformance.door import Door, Line
 from astb.conformance.finding import Notebook
+from astb.conformance.leaving import leave, note_rest, take
 from bench_protocol.can_codec import Encoder
 from bench_protocol.clock import Task
 from bench_protocol.frames import Block
@@ -70,14 +71,16 @@ class Stream:
 def command(door: Door) -> list[Notebook]:
     """Return what is found as holder of the bench, and beside one; the bench stays as it is."""
     line = door.line()
-    leases, settings, commands = (
+    leases, settings, commands, left = (
         Notebook("lease"),
         Notebook("settings"),
         Notebook("commands that do not count"),
+        Notebook("what a command leaves"),
     )
     if (code := line.write(LEASE_ADDRESS, struct.pack(">H", 1))) != 0:
         leases.skip("the lease", f"somebody holds the bench (exception {code})")
         return [leases]
+    shown = False
     try:
         token = line.words(LEASE_ADDRESS, 1, function=3)[0]
         leases.note("a token is drawn", token != 0, "one" if token else "none", "one")
@@ -85,10 +88,12 @@ def command(door: Door) -> list[Notebook]:
         _settings(line, settings)
         if door.wait_for(lambda: door.ear.state == "DISABLED", READY_WITHIN):
             _commands(door, token, commands)
+            if not (shown := leave(line, targets=False)):
+                left.skip("settings", "the rig did not take them over")
         else:
-            commands.skip(
-                "all of them", f"the bench is {door.ear.state}: they are sent to one that is DISABLED"
-            )
+            why = f"the bench is {door.ear.state}: they are sent to one that is DISABLED"
+            commands.skip("all of them", why)
+            left.skip("settings", why)
     finally:
         line.write(LEASE_ADDRESS, b"\0\0")
     after = line.words(LEASE_ADDRESS, 1, function=3)[0]
@@ -98,7 +103,18 @@ def command(door: Door) -> list[Notebook]:
         "nobody holds it" if after == 0 else "still held",
         "nobody holds it",
     )
-    return [leases, settings, commands]
+    if shown:
+        _ends(door, left)
+    return [leases, settings, commands, left]
+
+
+def _ends(door: Door, book: Notebook) -> None:
+    """Look what stands after the lease was returned, and after a connection was closed that had it."""
+    note_rest(door, book, "the lease is returned")
+    line = door.line()
+    if take(line) and leave(line, targets=False):
+        line.close()
+        note_rest(door, book, "the holder's connection is closed")
 
 
 def _lease(door: Door, book: Notebook) -> None:

@@ -2,7 +2,7 @@
 
 import socket
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -32,11 +32,19 @@ class Answer(NamedTuple):
     took: float
 
 
+class Cable(NamedTuple):
+    """A Modbus connection as bytes: how a request is answered, and how it is closed."""
+
+    exchange: Callable[[bytes], bytes]
+    close: Callable[[], object]
+
+
 class Line:
     """One Modbus connection; requests are bytes, and nothing checks them before they go out."""
 
-    def __init__(self, clock: Clock, exchange: Callable[[bytes], bytes], unit: int) -> None:
-        self._clock, self._exchange, self._unit = clock, exchange, unit
+    def __init__(self, clock: Clock, cable: Cable, unit: int) -> None:
+        self._clock, self._exchange, self._unit = clock, cable.exchange, unit
+        self.close = cable.close
         self._number = 0
 
     def ask(self, function: int, body: bytes, *, unit: int | None = None) -> Answer:
@@ -121,11 +129,20 @@ class Ear:
 
     def series(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Return times (ns) and values (SI) of all samples of a signal."""
+        return self.courses((name,))[name]
+
+    def courses(
+        self, names: Sequence[str], since: int | None = None
+    ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Return times (ns of the door's clock) and values (SI) of all samples ``since`` then, by signal."""
         from bench_protocol.can_codec import Decoder
 
-        samples = Decoder(TABLE, from_rig=True).decode(self.frames())
-        chosen = samples.signals == TABLE.index[name]
-        return samples.times[chosen], samples.values[chosen]
+        frames = self.frames()
+        if since is not None:
+            frames = frames[frames["time"] >= since]
+        samples = Decoder(TABLE, from_rig=True).decode(frames)
+        rows = {name: samples.signals == TABLE.index[name] for name in names}
+        return {name: (samples.times[row], samples.values[row]) for name, row in rows.items()}
 
 
 class Door:
@@ -135,18 +152,18 @@ class Door:
         self,
         clock: Clock,
         can: Callable[[], "CanPort"],
-        exchange: Callable[[], Callable[[bytes], bytes]],
+        connect: Callable[[], Cable],
         *,
         epoch: int = 0,
         unit: int = 1,
     ) -> None:
         self.clock, self._unit = clock, unit
         self.ear = Ear(can(), epoch)
-        self._exchange = exchange
+        self._connect = connect
 
     def line(self) -> Line:
         """Return a new Modbus connection."""
-        return Line(self.clock, self._exchange(), self._unit)
+        return Line(self.clock, self._connect(), self._unit)
 
     def wait(self, duration: float) -> None:
         """Let ``duration`` s pass."""
@@ -173,10 +190,10 @@ def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iter
             memory = RigInMemory(build_rig(rig.simulation))
             peers = iter(f"modbus:stranger {number}" for number in range(1000))
 
-            def lines_in_memory() -> Callable[[bytes], bytes]:
+            def lines_in_memory() -> Cable:
                 peer = next(peers)
                 stack.callback(memory.rig.peer_lost, peer)
-                return lambda request: memory.answer(request, peer)
+                return Cable(lambda request: memory.answer(request, peer), lambda: memory.rig.peer_lost(peer))
 
             door = Door(memory.clock, memory.can, lines_in_memory)
         else:
@@ -187,8 +204,8 @@ def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iter
             clock = RealClock()
             epoch = wall_time_ns() - clock.now()
 
-            def lines() -> Callable[[bytes], bytes]:
-                return _socket_exchange(stack, rig.modbus.host, rig.modbus.port)
+            def lines() -> Cable:
+                return _socket_cable(stack, rig.modbus.host, rig.modbus.port)
 
             door = Door(
                 clock,
@@ -201,7 +218,7 @@ def open_door(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iter
         yield door
 
 
-def _socket_exchange(stack: ExitStack, host: str, port: int) -> Callable[[bytes], bytes]:
+def _socket_cable(stack: ExitStack, host: str, port: int) -> Cable:
     try:
         connection = stack.enter_context(socket.create_connection((host, port), timeout=ANSWER_WITHIN))
     except OSError as error:
@@ -223,4 +240,4 @@ def _socket_exchange(stack: ExitStack, host: str, port: int) -> Callable[[bytes]
             raise LinkLost(f"the Modbus connection is lost: {error.strerror or error}") from None
         return reply
 
-    return exchange
+    return Cable(exchange, connection.close)

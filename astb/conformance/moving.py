@@ -1,6 +1,5 @@
 """What a rig does when it is led: the way up, a small move, and what it does by itself when commands end."""
 
-import struct
 from typing import Final
 
 import numpy as np
@@ -8,10 +7,11 @@ import numpy as np
 from astb.conformance.commanding import READY_WITHIN, Stream
 from astb.conformance.door import Door, Line
 from astb.conformance.finding import Notebook
+from astb.conformance.leaving import give_back, leave, note_rest, take
+from astb.conformance.stillness import WATCH
 from bench_protocol.rates import DISABLE_AFTER, HOLD_AFTER
-from bench_protocol.registers import LEASE_ADDRESS
 from bench_protocol.table import TABLE
-from bench_protocol.units import NS, minutes, mm, ms, s
+from bench_protocol.units import NS, mm, ms, s
 from bench_protocol.words import PLATFORM_AXES, STATES
 
 STEP_WITHIN: Final = 5 * s
@@ -25,7 +25,6 @@ LATENCY_MAX: Final = 200 * ms
 TIME_APART: Final = 40 * ms
 #: A command is due every 20 ms, and a state is told every 20 ms.
 REACTION_BAND: Final = 50 * ms
-SAFE_WITHIN: Final = 2 * minutes
 
 #: The way up: from which state, by which rising bit or coil, to which.
 _WAY_UP: Final = (
@@ -40,23 +39,27 @@ def move(door: Door) -> list[Notebook]:
     """Return what is found by arming the bench, moving its platform a little and falling silent."""
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
     line = door.line()
-    if line.write(LEASE_ADDRESS, struct.pack(">H", 1)):
+    if not (token := take(line)):
         states.skip("the way up", "somebody holds the bench")
         return [states]
-    stream = Stream(door, line.words(LEASE_ADDRESS, 1, function=3)[0])
+    stream = Stream(door, token)
     stream.carry("Control", "PlatformSetpoints")
     stream.start()
     try:
-        if _way_up(door, line, stream, states):
+        if way_up(door, line, stream, states):
+            left = leave(line, targets=True)
             _small_move(door, stream, motion)
             _silence(door, stream, silence)
+            if left:
+                note_rest(door, silence, "silence")
     finally:
         stream.stop()
-        line.write(LEASE_ADDRESS, b"\0\0")
+        give_back(line)
     return [states, motion, silence]
 
 
-def _way_up(door: Door, line: Line, stream: Stream, book: Notebook) -> bool:
+def way_up(door: Door, line: Line, stream: Stream, book: Notebook, to: str = "ACTIVE") -> bool:
+    """Lead the bench up ``to`` a state, the platform where it is; write down each step; return whether all went."""
     if not door.wait_for(lambda: door.ear.state == "DISABLED", READY_WITHIN):
         book.skip("the way up", f"the bench is {door.ear.state}, not DISABLED: nobody leads it up from there")
         return False
@@ -84,6 +87,8 @@ def _way_up(door: Door, line: Line, stream: Stream, book: Notebook) -> bool:
         )
         if not reached:
             return False
+        if end == to:
+            break
     return True
 
 
@@ -115,7 +120,7 @@ def _small_move(door: Door, stream: Stream, book: Notebook) -> None:
         value=float(latency),
         apart=TIME_APART,
     )
-    stream.set("platform.vertical_setpoint", start)
+    _hold(door, stream, start, book)
     back = door.wait_for(lambda: abs(door.ear.latest("platform.vertical") - start) <= THERE, MOVE_WITHIN)
     book.note(
         "and back",
@@ -123,6 +128,26 @@ def _small_move(door: Door, stream: Stream, book: Notebook) -> None:
         f"{(door.ear.latest('platform.vertical') - start) / mm:.2f} mm",
         "0 mm, 0.3 mm more or less",
     )
+
+
+def _hold(door: Door, stream: Stream, elsewhere: float, book: Notebook) -> None:
+    """Let the bench hold, ask its platform to be ``elsewhere``, and let it go there."""
+    stream.set("control.active", 0.0)
+    held = door.wait_for(lambda: door.ear.state == "HOLD", STEP_WITHIN)
+    before, here = door.clock.now(), door.ear.latest("platform.vertical")
+    stream.set("platform.vertical_setpoint", elsewhere)
+    door.wait(WATCH)
+    times, values = door.ear.series("platform.vertical")
+    way = float(np.abs(values[times >= before] - here).max(initial=0.0))
+    book.note(
+        "HOLD keeps it where it is, whatever set-point comes",
+        held and way <= THERE,
+        f"it goes {way / mm:.2f} mm" if held else f"it is {door.ear.state}",
+        f"it goes {THERE / mm:g} mm at most",
+        value=way,
+        apart=THERE,
+    )
+    stream.set("control.active", 1.0)
 
 
 def _silence(door: Door, stream: Stream, book: Notebook) -> None:
@@ -148,10 +173,15 @@ def _silence(door: Door, stream: Stream, book: Notebook) -> None:
     stream.set("control.hold", 0.0)
     stream.set("control.active", 0.0)
     stream.start()
+    book.note("a reset clears it", reset(door, stream), f"it is {door.ear.state}", "it is DISABLED")
+
+
+def reset(door: Door, stream: Stream) -> bool:
+    """Clear a fault; return whether the bench is DISABLED then."""
     door.wait(100 * ms)
     stream.set("control.reset", 1.0)
-    reset = door.wait_for(lambda: door.ear.state == "DISABLED", STEP_WITHIN)
-    book.note("a reset clears it", reset, f"it is {door.ear.state}", "it is DISABLED")
+    cleared = door.wait_for(lambda: door.ear.state == "DISABLED", STEP_WITHIN)
     stream.set("control.reset", 0.0)
     stream.set("control.enable", 0.0)
     door.wait(100 * ms)
+    return cleared

@@ -7,6 +7,7 @@ import numpy as np
 
 from astb.conformance.finding import Notebook
 from astb.conformance.moving import LATENCY_MAX, MOVE, MOVE_WITHIN, THERE, TIME_APART
+from astb.conformance.stillness import OVER, PLACES, PRESSURES, WATCH, note_still
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.units import NS, minutes, mm, ms, s
 from drivers.errors import BenchError
@@ -110,9 +111,8 @@ def ask(bench: "Bench") -> list[Notebook]:
 def lead(bench: "Bench") -> list[Notebook]:
     """Return what is found by arming the bench, moving its platform a little and falling silent."""
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
-    before = bench.clock.now()
-    bench.arm(within=_ARM_WITHIN)
-    took = (bench.clock.now() - before) / NS
+    in_force = bench.settings.in_force()
+    took = _arm(bench, states)
     limit = f"within {_ARM_WITHIN:g} s"
     states.note("the way up to ACTIVE", True, f"after {took:.2f} s", limit, value=took, apart=1 * s)
     if bench.has("platform.vertical", "platform.vertical_setpoint"):
@@ -120,7 +120,24 @@ def lead(bench: "Bench") -> list[Notebook]:
     else:
         motion.skip("the platform goes 2 mm up", "the rig cannot move it, or does not tell where it is")
     _silence(bench, silence)
+    left = {name: value for name, value in bench.settings.in_force().items() if value != in_force[name]}
+    found = ", ".join(f"{name} = {bench.table[name].show(value)}" for name, value in left.items())
+    silence.note("in force after silence", not left, found or "what was before", "what was before")
     return [states, motion, silence]
+
+
+def _arm(bench: "Bench", book: Notebook) -> float:
+    """Arm the bench, with set-points that are what is measured where it takes any; return how long that took (s)."""
+    told = [one.name for one in _present(bench, Kind.MEASUREMENT) if _comes(bench, one)]
+    with bench.capture(*(name for name in (*PLACES, *PRESSURES) if name in told)) as capture:
+        bench.wait(2 * OVER)
+        before = bench.clock.now()
+        bench.arm(within=_ARM_WITHIN)
+        took = (bench.clock.now() - before) / NS
+        bench.wait(WATCH)
+    courses = {name: (capture.times(name), capture.values(name)) for name in capture.names}
+    note_still(book, "armed, before the first set-point of its own", courses)
+    return took
 
 
 def _small_move(bench: "Bench", book: Notebook) -> None:

@@ -11,6 +11,7 @@ from astb.conformance.door import Door, open_door
 from astb.conformance.finding import Finding, Notebook, joined
 from astb.conformance.listening import listen
 from astb.conformance.moving import move
+from astb.conformance.succeeding import succeed
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 #: What moves nothing, and what does.
 _AT_REST: Final = (("listening", listen), ("asking", ask), ("commanding", command))
-_MOVING: Final = (("moving", move),)
+_MOVING: Final = (("moving", move), ("succeeding", succeed))
 
 Subject = TypeVar("Subject")
 
@@ -65,6 +66,9 @@ def _findings(
             books.append(book)
     if not motion:
         book = Notebook("motion")
-        book.skip("states, a small move, loss of commands", "without --allow-motion nothing is moved")
+        book.skip(
+            "states, a small move, loss of commands, the next commander",
+            "without --allow-motion nothing is moved",
+        )
         books.append(book)
     return joined(books)

@@ -39,7 +39,10 @@ def test_nothing_moves_without_being_allowed_to():
         found = examine(bench)
         assert bench.state == "DISABLED"
         assert bench.platform.vertical == pytest.approx(before, abs=1e-4)
-    assert found["motion", "states, a small move, loss of commands"].outcome is Outcome.SKIPPED
+    assert (
+        found["motion", "states, a small move, loss of commands, the next commander"].outcome
+        is Outcome.SKIPPED
+    )
 
 
 def test_a_bench_that_stays_active_without_commands_is_found_out(monkeypatch):

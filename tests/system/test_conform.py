@@ -8,16 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from astb.conformance.door import Door
+from astb.conformance.door import Cable, Door
 from astb.conformance.finding import Finding, Outcome, Report, ReportError, differences, read_report
 from astb.conformance.suite import examine
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block
 from bench_protocol.modbus import refuse
 from bench_protocol.rates import SLOW_RATE
+from bench_protocol.rest import REST
 from bench_protocol.table import TABLE
+from bench_protocol.units import kN, mm
 from bench_sim.parameters import load
+from bench_sim.rig.in_force import InForce
 from bench_sim.rig.rig import Rig
+from bench_sim.rig.supervisor import Supervisor
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "test-whether-a-rig-conforms.md"
 IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
@@ -33,7 +37,9 @@ class Stand:
 
         def line():
             peer = f"modbus:{next(peers)}"
-            return lambda request: answers(request, memory.answer(request, peer))
+            return Cable(
+                lambda request: answers(request, memory.answer(request, peer)), lambda: rig.peer_lost(peer)
+            )
 
         self.rig, self.memory = rig, memory
         self.door = Door(memory.clock, memory.can, line)
@@ -70,6 +76,10 @@ def test_with_motion_it_is_led_up_and_left_disabled():
     assert not stand.report.wrong
     assert findings["the platform goes 2 mm up"].value == pytest.approx(2e-3, abs=3e-4)
     assert findings["silence, until it holds"].value == pytest.approx(0.1, abs=0.05)
+    for when in ("armed by bits alone, and in HOLD", "in ACTIVE, before the first set-point"):
+        assert findings[f"{when}: heights and displacements"].value < 0.5 * mm
+    ends = ("silence", "the holder's connection is closed in ACTIVE")
+    assert all(findings[f"in force after {end}"].outcome is Outcome.RIGHT for end in ends)
     assert stand.rig.state.name == "DISABLED"
     assert stand.rig.lease.token == 0
 
@@ -116,6 +126,36 @@ def lax(request: bytes, reply: bytes) -> bytes:
 )
 def test_a_spoilt_rig_is_found_out(spoilt, found):
     assert found <= Stand(**spoilt).wrong()
+
+
+def test_a_rig_that_keeps_what_a_command_has_left_is_found_out_and_brought_to_rest(monkeypatch):
+    monkeypatch.setattr(InForce, "rest", lambda in_force, vented: None)
+    stand = Stand()
+    ends = ("the lease is returned", "the holder's connection is closed")
+    findings = stand.examine()
+    assert {f"in force after {end}" for end in ends} == {one.what for one in stand.report.wrong}
+    found = findings["in force after the lease is returned"].found
+    assert "generator.cycles = 7" in found
+    assert "generator.amplitude = 3 mm" in found
+    assert {name: stand.rig.registers.active[name] for name in REST} == REST
+
+
+def test_a_rig_that_moves_when_it_is_armed_and_in_hold_is_found_out(monkeypatch):
+    """It holds a force that was never there, and follows set-points in HOLD."""
+    handle = Supervisor.handle
+
+    def follow(supervisor, event, tripped=0):
+        changed = handle(supervisor, event, tripped)
+        supervisor._controls["active"] |= supervisor.state.name == "HOLD"
+        return changed
+
+    monkeypatch.setattr(InForce, "_present", lambda in_force, target: 5 * kN)
+    monkeypatch.setattr(Supervisor, "handle", follow)
+    wrong = Stand().wrong(motion=True)
+    assert {
+        "HOLD keeps it where it is, whatever set-point comes",
+        "armed by bits alone, and in HOLD: heights and displacements",
+    } <= wrong
 
 
 def test_a_rig_that_falls_silent_is_told_and_the_rest_is_asked_all_the_same():
