@@ -12,6 +12,7 @@ from bench_protocol.rest import CONNECTING, REST
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN, mm
 from bench_protocol.words import ACTUATORS, CONTROL_MODES, SIDES
+from bench_sim.model.plant import Plant
 from bench_sim.rig.controls import Target
 from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
@@ -25,10 +26,7 @@ _ACTUATORS: Final = tuple(Target[name.upper()] for name in ACTUATORS)
 
 
 class InForce:
-    """What the settings make of the tick's ``controls`` and of what is fitted.
-
-    ``values``: signals by table row; ``letting_go``: how fast actuators unload that let go, N/s each.
-    """
+    """What the settings make of the tick's ``controls`` and of the ``plant``'s fittings; ``values``: signals by row."""
 
     def __init__(
         self,
@@ -36,12 +34,12 @@ class InForce:
         values: npt.NDArray[np.float64],
         registers: RegisterBank,
         generator: FunctionGenerator,
-        fittings: Fittings,
-        letting_go: npt.NDArray[np.float64],
+        plant: Plant,
     ) -> None:
         self._controls, self._values, self._registers = controls, values, registers
-        self._letting_go = letting_go
-        self.generator, self._fittings = generator, fittings
+        self.generator, self._fittings = generator, Fittings(plant, registers.active)
+        #: How fast actuators unload that let go, N/s each.
+        self._letting_go: npt.NDArray[np.float64] = plant.parameters.actuator_unload_rate
         self._put(registers.active)
 
     def apply(self, settings: Mapping[str, float]) -> bool:

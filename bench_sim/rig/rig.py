@@ -27,7 +27,6 @@ from bench_sim.rig.emergencies import Emergencies
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.orders import obey
 from bench_sim.rig.faults.panel import FaultPanel
-from bench_sim.rig.fittings import Fittings
 from bench_sim.rig.generator import FunctionGenerator
 from bench_sim.rig.in_force import InForce
 from bench_sim.rig.lease import Lease
@@ -111,15 +110,7 @@ class Rig:
         self.generator = FunctionGenerator(
             self._controls, self.registers.active, self.plant.parameters.actuator_half_spacing
         )
-        fittings = Fittings(self.plant, self.registers.active)
-        self._in_force = InForce(
-            self._controls,
-            self.values,
-            self.registers,
-            self.generator,
-            fittings,
-            self.plant.parameters.actuator_unload_rate,
-        )
+        self._in_force = InForce(self._controls, self.values, self.registers, self.generator, self.plant)
         self.emergencies = Emergencies(self.values, lambda: self._tell(self._emergency_row))
         watched = limits, self._detectors
         self.supervisor = Supervisor(
