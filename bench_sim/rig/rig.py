@@ -86,9 +86,7 @@ class Rig:
         self.black_box = BlackBox()
         self._control_array = np.zeros(1, CONTROLS)
         self._controls: Any = self._control_array[0]
-        zero = self.plant.parameters.sensor_bias[list(HOLDING)]
-        for what in ("zero", "setpoint", "goal"):  # at first all stand where they are
-            self._controls[what] = zero
+        self._stand()
         self.faults = FaultPanel(InsertionPoints(self, self.plant, self._controls))
         self._encoder = Encoder(TABLE)
         self._decoder = Decoder(TABLE, from_rig=False)
@@ -125,6 +123,12 @@ class Rig:
         self._contacts = contacts(self.supervisor, lambda: self.registers.unapplied)
         self._start_values()
         self.supervisor.handle(Event.POWER_ON)
+
+    def _stand(self) -> None:
+        """Let all stand where they are at first, by the transducers that hold them."""
+        zero = self.plant.parameters.sensor_bias[list(HOLDING)]
+        for what in ("zero", "setpoint", "goal"):
+            self._controls[what] = zero
 
     def _bind_kernels(self) -> None:
         """Make ready what is compiled, so that a call of it looks at no types."""
