@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import Final
+from uuid import uuid4
 
 import msgspec
 
@@ -64,7 +65,7 @@ def _add(folder: Path, number: int, note: Note, file: Path | None, content: byte
         with copy.open("xb") as new:
             new.write(content)
         note = msgspec.structs.replace(note, file=copy.name, sha256=sha256_of(copy))
-    unfinished = folder / f".{number:04}-{os.getpid()}.part"
+    unfinished = folder / f".{uuid4().hex}.part"
     try:
         unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(note), indent=2) + b"\n")
         os.link(unfinished, folder / f"{number:04}.json")

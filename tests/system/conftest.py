@@ -95,9 +95,6 @@ class Site:
         """Return a bench, not yet connected."""
         return Bench(OwnWiring(self.can(), self.modbus(), self.epoch), self.clock)
 
-    def close_others(self) -> None:
-        """Close all but what the shared bench uses."""
-
     def shared(self) -> Bench:
         """Return a connected bench that tests use one after the other: arming takes a second of real time."""
         if self._shared is None:
@@ -247,6 +244,9 @@ def shared_rig(rig_file) -> Iterator[RigProcess]:
 TRANSPORTS = ("memory", "tcp", pytest.param("socketcan", marks=pytest.mark.vcan))
 
 
+_live: list[LiveSite] = []
+
+
 # Not of the session: a SocketCAN bus is everybody's, and a rig that stays on it talks into the tests of the wires.
 @pytest.fixture(scope="package", params=TRANSPORTS)
 def site(request, rig_file) -> Iterator[Site]:
@@ -263,9 +263,11 @@ def site(request, rig_file) -> Iterator[Site]:
         # With a thousand collected tests in memory a full garbage collection takes some 200 ms, in which the
         # commander in this process is silent and the rig rightly holds. `astb run` takes the same precaution.
         with undisturbed():
+            _live.append(site)
             yield site
             site.close_shared()
     finally:
+        _live.clear()
         complaints = rig.stop()
     assert complaints == "", "the rig complained"
     assert rig.process.returncode == 0
@@ -278,10 +280,10 @@ def memory_site() -> Callable[[], MemorySite]:
 
 
 @pytest.fixture(autouse=True)
-def only_the_shared_bench_stays(request) -> Iterator[None]:
+def only_the_shared_bench_stays() -> Iterator[None]:
     yield
-    if "site" in request.fixturenames:
-        request.getfixturevalue("site").close_others()
+    for site in _live:
+        site.close_others()
 
 
 @pytest.fixture

@@ -73,7 +73,7 @@ def test_a_wiring_that_cannot_be_is_misuse(run, was, becomes, message):
         ('name = "a"\nwiring = "w.toml"\n[simulation]\n', "simulation beside wiring"),
         ('name = "a"\nwiring = "w.toml"\n[can]\n[modbus]\n', "can and modbus beside wiring"),
         ('name = "a"\nwiring = "none.toml"\n', "wiring file none.toml cannot be read: No such file"),
-        ('name = "a"\nwiring = 3\n', "wiring = 3: expected"),
+        ('name = "a"\nwiring = 3\n', "wiring = 3; a text or a table of keys would be right"),
         ('name = "a"\n[wiring]\ntransports = {}\nsignals = {}\n', "hall.toml: wiring.transports is empty"),
         (
             'name = "a"\n[wiring]\nsignal = {}\n',
