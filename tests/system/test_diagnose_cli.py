@@ -414,6 +414,8 @@ def test_a_rig_that_cannot_be_screened_ends_blocked_with_the_reason(cli, tmp_pat
     (tmp_path / "rig.toml").write_text(SIMULATED + '[simulation.change]\nsupply_pressure = "1.5 bar"\n')
     code, out, _ = cli("investigate", "--rig", "rig.toml", "--out", "out")
     assert code == BLOCKED
-    assert "left filled to 2.208 bar and right filled to 2.208 bar: not reached" in out
-    assert "screening blocked: the rig: both springs leveled: not reached" in out
+    blocked = next(line for line in out.splitlines() if "screening blocked: the rig: " in line)
+    assert "filled to 2.208 bar: not reached within" in blocked
+    assert "the supply pressure is 1.5" in blocked
+    assert "open the supply until it has" in blocked
     assert (tmp_path / "out" / "investigation.json").exists()
