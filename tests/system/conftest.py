@@ -153,7 +153,7 @@ class RigProcess:
     def _first_line(self) -> str:
         out = self.process.stdout
         assert out is not None
-        line = out.readline() if select.select([out], [], [], 100)[0] else ""
+        line = out.readline() if select.select([out], [], [], 250)[0] else ""
         if not line.startswith("ready "):
             self.process.kill()
             raise AssertionError(f"the rig said {line!r} and {self.process.communicate()[1]!r}")

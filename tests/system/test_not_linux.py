@@ -16,6 +16,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SHIM = str(ROOT / "tests" / "not_linux.py")
 SYSTEMS = ("win32", "darwin")
+LEAKS = ("--effects", "leak.left,leak.right")
 Cli = Callable[..., str]
 
 
@@ -25,7 +26,7 @@ def _cli(*start: str) -> Cli:
     def run(*arguments: str | Path) -> str:
         done = subprocess.run(
             [sys.executable, "-W", "error::EncodingWarning", *start, *map(str, arguments)],
-            cwd=ROOT, capture_output=True, text=True, check=False, timeout=110,
+            cwd=ROOT, capture_output=True, text=True, check=False, timeout=280,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout + done.stderr
         assert "Traceback" not in done.stderr
@@ -49,13 +50,16 @@ def _answered(address: str) -> bytes:
 
 @pytest.fixture(scope="module")
 def linux(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of aw0 and one of screening on this Linux."""
+    """A run of aw0 and one of screening on this Linux, and what is found in that."""
     out = tmp_path_factory.mktemp("linux")
-    _cli("-m", "astb")("run", "aw0", "screening", "--virtual", "--seed", "3", "--out", out)
+    here = _cli("-m", "astb")
+    here("run", "aw0", "screening", "--virtual", "--seed", "3", "--out", out)
+    here("diagnose", out / "screening", *LEAKS, "--out", out / "finding")
     return out
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_a_run_its_report_and_its_diagnosis_are_the_same(system: str, linux: Path, tmp_path: Path) -> None:
     here, there = _cli("-m", "astb"), _cli(SHIM, system)
@@ -70,8 +74,7 @@ def test_a_run_its_report_and_its_diagnosis_are_the_same(system: str, linux: Pat
         told, told_there = here(*what), there(*what)
         assert told == told_there and told.strip()
 
-    for one, out in ((here, linux), (there, tmp_path)):
-        one("diagnose", linux / "screening", "--effects", "leak.left,leak.right", "--out", out / "finding")
+    there("diagnose", linux / "screening", *LEAKS, "--out", tmp_path / "finding")
     findings = [
         msgspec.json.decode((out / "finding" / "finding.json").read_bytes()) for out in (linux, tmp_path)
     ]
@@ -79,6 +82,7 @@ def test_a_run_its_report_and_its_diagnosis_are_the_same(system: str, linux: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_the_panel_shows_kept_records(system: str, linux: Path) -> None:
     command = [sys.executable, SHIM, system, "panel", "--port", "0", "--out", str(linux)]
