@@ -4,22 +4,31 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from jinja2 import Template
+    from jinja2 import Environment, Template
+
+_HERE: Final = Path(__file__).parent
 
 
-@cache
-def template(name: str) -> Template:
-    """Return a template of this package; what it asks for and is not given is an error."""
+def environment(*folders: Path) -> Environment:
+    """Return an environment of the templates in ``folders`` and then of this package, whose style all pages share.
+
+    What a template asks for and is not given is an error.
+    """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
+    return Environment(
+        loader=FileSystemLoader([*folders, _HERE]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(name)
+
+
+@cache
+def template(name: str, folder: Path = _HERE) -> Template:
+    """Return a template of this package, or of the ``folder`` of another one."""
+    return environment(folder).get_template(name)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-import bench_records
 from bench_records.check_table import SIGNS
 from bench_records.disk import kept
+from bench_records.templates import template
 from bench_records.typography import primed, significant, unit
 from campaigns.findings import (
     Distribution,
@@ -21,9 +21,6 @@ from campaigns.findings import (
     name_of,
     verdict_of,
 )
-
-if TYPE_CHECKING:
-    from jinja2 import Template
 
 #: Of a distribution's picture (px).
 WIDTH, HEIGHT = 260.0, 18.0
@@ -70,7 +67,7 @@ def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
     counted: dict[str, int] = {}
     for row in failures_first(rows):
         counted[verdict_of(row)] = counted.get(verdict_of(row), 0) + 1
-    text = _template().render(
+    text = template("campaign.html.j2", Path(__file__).parent).render(
         name=name,
         total=len(rows),
         counted=counted,
@@ -139,21 +136,6 @@ def _drawing(one: Distribution) -> Any:
 
 def _within(value: float, one: Distribution) -> bool:
     return (one.low is None or value >= one.low) and (one.high is None or value <= one.high)
-
-
-def _template() -> Template:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    # The style is that of the reports.
-    places = [Path(__file__).parent, Path(bench_records.__path__[0])]
-    environment = Environment(
-        loader=FileSystemLoader(places),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("campaign.html.j2")
 
 
 def write_workbook(rows: Sequence[Row], path: Path) -> None:

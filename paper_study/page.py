@@ -131,7 +131,7 @@ class ClaimRow:
 
 def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Path:
     """Draw the figures and write page, claims and table into ``out``; return the page."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from bench_records.templates import environment
 
     names = [name for name, _, _ in (*SECTIONS, GLOBAL)]
     futures = {name: executor.submit(draw, name, study, out) for name in names}
@@ -143,16 +143,10 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
     to_json(study.entries, out / CLAIMS)
     (out / TABLE).write_text(comfort_csv(study), encoding="utf-8", newline="\n")
 
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["signed"] = signed
+    pages = environment(Path(__file__).parent)
+    pages.filters["signed"] = signed
     rows = list(_rows(study.entries))
-    text = environment.get_template("page.html.j2").render(
+    text = pages.get_template("page.html.j2").render(
         study=study,
         sections=[
             (name, title, caption, COMPARISONS[name](study), drawings[name])

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
-import bench_records
 from astb.rehearsal.envelope import Extreme
 from astb.rehearsal.rehearsing import LimitMargin, Rehearsal
 from bench_protocol.units import litre
@@ -15,10 +13,8 @@ from bench_records.disk import kept
 from bench_records.layout import ICE
 from bench_records.record import Record, read
 from bench_records.run_drawings import lines_by_quantity, numbered, phase_strips
+from bench_records.templates import template
 from bench_records.typography import THIN_SPACE, fixed, seconds, unit
-
-if TYPE_CHECKING:
-    from jinja2 import Template
 
 PAGE: Final = "rehearsal.html"
 #: A reading that was never missing for a tenth of what is allowed needs no line.
@@ -51,7 +47,7 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
     record = read(directory)
     span = (0.0, max(record.duration, 1e-3))
     rows = [row for row in found.limits if row.kind != "timeout" or row.used >= _TOLD_FROM]
-    text = _template().render(
+    text = template("rehearsal.html.j2", Path(__file__).parent).render(
         found=found,
         word=word(found),
         sentence=sentence(found),
@@ -144,19 +140,3 @@ def _panels(record: Record, found: Rehearsal, span: tuple[float, float]) -> list
         )
         panels.append(time_panel(f"time{index}", quantity, measured_in, lines, shaded, span, marks, levels))
     return panels
-
-
-@cache
-def _template() -> Template:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    # The style is that of the reports.
-    places = [Path(__file__).parent, Path(bench_records.__file__).parent]
-    environment = Environment(
-        loader=FileSystemLoader(places),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("rehearsal.html.j2")

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
 from diagnosis.report import drawings
 from diagnosis.report.words import chance, pair, percent, percents, prose, shown, typeset, unit
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 #: The page is for reading; whoever wants more has finding.json.
 TRACES, FIGURES, SENTENCES, SHIFTS, RUNS = 4, 6, 14, 16, 12
@@ -79,7 +76,9 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
         "percents": percents,
         "chance": chance,
     }
-    page = _environment().get_template("report.html.j2")
+    from bench_records.templates import template
+
+    page = template("report.html.j2", Path(__file__).parent)  # the look is that of the reports of the bench
     return page.render(finding=finding, history=history, facts=_facts(finding), **formats, **parts)
 
 
@@ -148,22 +147,6 @@ def _what_is_possible(finding: Finding) -> dict[str, Any]:
         "shifts": shifts,
         "shift_drawing": drawings.shift_rows("shifts", moved) if shifts else "",
     }
-
-
-def _environment() -> Environment:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    import bench_records
-
-    # The look is that of the reports of the bench: one style sheet for both.
-    folders = [Path(__file__).parent, Path(bench_records.__path__[0])]
-    return Environment(
-        loader=FileSystemLoader(folders),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 def interval(estimate: Estimate) -> str:
