@@ -9,6 +9,8 @@ from typing import Any, Final, NamedTuple
 
 Row = Mapping[str, Any]
 
+#: Verdicts of a check that speak against its case.
+FAILED: Final = ("fail", "error")
 #: The order in which cases are read: what needs somebody first.
 WORST_FIRST: Final = ("fail", "error", "blocked", "incomplete", "not available", "marginal", "pass", "")
 
@@ -73,6 +75,11 @@ def verdict_of(row: Row) -> str:
     return str(row.get("verdict") or "error")
 
 
+def reason_of(row: Row) -> str:
+    """Return what kept a case from being judged, or broke it off; "" where nothing did."""
+    return str(row.get("error") or row.get("reason") or "")
+
+
 def failures_first(rows: Iterable[Row]) -> list[Row]:
     """Return rows in the order in which people read them: by verdict, then by how many checks failed."""
 
@@ -81,6 +88,23 @@ def failures_first(rows: Iterable[Row]) -> list[Row]:
         return WORST_FIRST.index(verdict_of(row)), -failed
 
     return sorted(rows, key=place)
+
+
+def by_plan(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of each plan, failures first."""
+    plans = dict.fromkeys(row["plan"] for row in rows)
+    return {plan: failures_first(row for row in rows if row["plan"] == plan) for plan in plans}
+
+
+def names_of(rows: Iterable[Row]) -> list[str]:
+    """Return the checks of all ``rows``, each once, in their order."""
+    return list(dict.fromkeys(name_of(one) for row in rows for one in row.get("checks") or ()))
+
+
+def in_unit(check: Mapping[str, Any], what: str) -> float | None:
+    """Return ``what`` of a check (value, low or high) in its unit; None for what is not known or not finite."""
+    number = check[what]
+    return None if number is None or not math.isfinite(number) else number / (check["scale"] or 1.0)
 
 
 def name_of(check: Mapping[str, Any]) -> str:
@@ -105,19 +129,14 @@ def distributions(rows: Sequence[Row]) -> list[Distribution]:
 
 def _distribution(kind: Kind, name: str, checks: Sequence[Mapping[str, Any]]) -> Distribution:
     last = checks[-1]
-    scale = last["scale"] or 1.0
-
-    def shown(value: float | None) -> float | None:
-        return None if value is None or not math.isfinite(value) else value / scale
-
-    values = [shown(one["value"]) for one in checks]
+    values = [in_unit(one, "value") for one in checks]
     return Distribution(
         kind,
         name,
         last["unit"] or "",
         [one for one in values if one is not None],
-        shown(last["low"]),
-        shown(last["high"]),
-        sum(one["verdict"] in {"fail", "error"} for one in checks),
+        in_unit(last, "low"),
+        in_unit(last, "high"),
+        sum(one["verdict"] in FAILED for one in checks),
         len(checks),
     )

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from astb.rig_file import Simulation
+from campaigns.findings import FAILED
 from campaigns.healthy import SoundRun, sound_rig, write_sound_runs
 from campaigns.mutation_page import PAGE, page
 from campaigns.mutations import (
@@ -78,7 +79,7 @@ def sound_run(row: Mapping[str, Any]) -> SoundRun:
     if row["error"]:  # it has no verdict, nor even a column for one where no case came to any
         verdict, told = "error", row["error"]
     else:
-        failed = [check["name"] for check in row["checks"] or () if check["verdict"] in ("fail", "error")]
+        failed = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
         verdict, told = row["verdict"], "; ".join(failed) or row["reason"]
     return SoundRun(
         plan=row["plan"], seed=row["seed"], verdict=verdict, told=told, version=row.get("version", "")

@@ -13,6 +13,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from astb.rig_file import FaultEntry, Simulation
+from campaigns.findings import FAILED
 
 HERE: Final = Path(__file__).parent
 TABLE: Final = HERE / "mutations.toml"
@@ -85,7 +86,7 @@ def mutations() -> Mutations:
 
 def judge(table: Mutations, one: Mutation, row: Mapping[str, Any], sound: Mapping[str, Any]) -> Cell:
     """Return what the row of a plan on a rig with this fault says, beside that of the sound rig."""
-    told = [check["name"] for check in row["checks"] or () if check["verdict"] in ("fail", "error")]
+    told = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
     if row["verdict"] == "blocked":
         told.append(f"blocked: {row['reason']}")
     right = [name for name in told if table.is_right(one, name)]

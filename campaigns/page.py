@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -12,13 +13,18 @@ from bench_records.disk import kept
 from bench_records.templates import template
 from bench_records.typography import primed, significant, unit
 from campaigns.findings import (
+    FAILED,
     Distribution,
     Kind,
     Row,
+    by_plan,
     distributions,
     failures_first,
+    in_unit,
     kind_of,
     name_of,
+    names_of,
+    reason_of,
     verdict_of,
 )
 
@@ -64,13 +70,10 @@ class Spread(NamedTuple):
 
 def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
     """Write the page of a campaign; it stands alone. NotKept if the disk refuses it."""
-    counted: dict[str, int] = {}
-    for row in failures_first(rows):
-        counted[verdict_of(row)] = counted.get(verdict_of(row), 0) + 1
     text = template("campaign.html.j2", Path(__file__).parent).render(
         name=name,
         total=len(rows),
-        counted=counted,
+        counted=Counter(map(verdict_of, failures_first(rows))),
         tables=plan_tables(rows),
         spreads=[_spread(one) for one in distributions(rows)],
         primed=primed,
@@ -82,27 +85,25 @@ def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
 
 def plan_tables(rows: Sequence[Row]) -> list[PlanTable]:
     """Return for each plan its cases by its checks."""
-    tables = []
-    for plan in dict.fromkeys(row["plan"] for row in rows):
-        own = failures_first(row for row in rows if row["plan"] == plan)
-        checks = list(dict.fromkeys(name_of(one) for row in own for one in row.get("checks") or ()))
-        tables.append(PlanTable(plan, checks, [_case(row, checks) for row in own]))
-    return tables
+    return [
+        PlanTable(plan, checks, [_case(row, checks) for row in own])
+        for plan, own in by_plan(rows).items()
+        for checks in [names_of(own)]
+    ]
 
 
 def _case(row: Row, checks: Sequence[str]) -> Case:
     by_name = {name_of(one): one for one in row.get("checks") or ()}
     cells = [_cell(by_name[name]) if name in by_name else None for name in checks]
-    reason = str(row.get("error") or row.get("reason") or "")
-    return Case(kind_of(row), row["seed"], verdict_of(row), reason, cells)
+    return Case(kind_of(row), row["seed"], verdict_of(row), reason_of(row), cells)
 
 
 def _cell(check: Mapping[str, Any]) -> Cell:
-    def shown(value: float | None) -> str:
-        return "" if value is None or not math.isfinite(value) else significant(value / check["scale"], 4)
+    def shown(what: str) -> str:
+        return "" if (number := in_unit(check, what)) is None else significant(number, 4)
 
-    limits = " … ".join(filter(None, (shown(check["low"]), shown(check["high"]))))
-    told = f"{check['name']}: {shown(check['value']) or 'no value'} {unit(check['unit'] or '')} ({limits})"
+    limits = " … ".join(filter(None, (shown("low"), shown("high"))))
+    told = f"{check['name']}: {shown('value') or 'no value'} {unit(check['unit'] or '')} ({limits})"
     return Cell(check["verdict"], SIGNS[check["verdict"]], primed(told))
 
 
@@ -158,9 +159,8 @@ def write_workbook(rows: Sequence[Row], path: Path) -> None:
     with xlsxwriter.Workbook(kept_bytes, options) as book:
         head = book.add_format({"bold": True, "text_wrap": True, "valign": "top"})
         bad = book.add_format({"bg_color": "#fcd9d6"})
-        for number, plan in enumerate(dict.fromkeys(row["plan"] for row in rows)):
-            sheet = book.add_worksheet(f"{number + 1} {plan}"[:31])
-            _plan_sheet(sheet, [row for row in rows if row["plan"] == plan], head, bad)
+        for number, (plan, own) in enumerate(by_plan(rows).items(), 1):
+            _plan_sheet(book.add_worksheet(f"{number} {plan}"[:31]), own, head, bad)
         sheet = book.add_worksheet("distributions")
         columns = (
             "plan",
@@ -183,22 +183,20 @@ def write_workbook(rows: Sequence[Row], path: Path) -> None:
         path.write_bytes(kept_bytes.getvalue())
 
 
-def _plan_sheet(sheet: Any, rows: Sequence[Row], head: Any, bad: Any) -> None:
-    own = failures_first(rows)
-    checks = list(dict.fromkeys(name_of(one) for row in own for one in row.get("checks") or ()))
+def _plan_sheet(sheet: Any, own: Sequence[Row], head: Any, bad: Any) -> None:
+    checks = names_of(own)
     units = {name_of(one): one["unit"] for row in own for one in row.get("checks") or ()}
     first = (*Kind._fields[1:], "seed", "verdict", "reason")
     sheet.write_row(0, 0, [*first, *(f"{name}, {units[name]}".rstrip(", ") for name in checks)], head)
     for place, row in enumerate(own, 1):
-        reason = str(row.get("error") or row.get("reason") or "")
-        _write_row(sheet, place, (*kind_of(row)[1:], row["seed"], verdict_of(row), reason))
+        _write_row(sheet, place, (*kind_of(row)[1:], row["seed"], verdict_of(row), reason_of(row)))
         for one in row.get("checks") or ():
             column = len(first) + checks.index(name_of(one))
-            value, failed = one["value"], one["verdict"] in {"fail", "error"}
-            if value is not None and math.isfinite(value):
-                sheet.write_number(place, column, value / one["scale"], *([bad] if failed else []))
+            form = [bad] if one["verdict"] in FAILED else []
+            if (value := in_unit(one, "value")) is not None:
+                sheet.write_number(place, column, value, *form)
             else:
-                sheet.write_string(place, column, one["verdict"], *([bad] if failed else []))
+                sheet.write_string(place, column, one["verdict"], *form)
     sheet.freeze_panes(1, len(first))
     sheet.autofilter(0, 0, len(own), len(first) + len(checks) - 1)
 
