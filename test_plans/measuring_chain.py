@@ -68,7 +68,7 @@ AT_BLOCKS: Final = 10 * mm
 #: What was read on each step: means by signal. What was applied (N), and what the cells say of it.
 Steps = Sequence[Mapping[str, float]]
 Forces = tuple[Samples, Samples]
-#: Air that is let off cools. Its warming dies away with some 30 s: what goes on this slowly has 0.12 K left to go.
+#: Air that is let off cools. Its warming dies away with 20 s (virtual rig): at this pace 0.08 K are left to go.
 WARM: Final = 0.02 * K
 WARM_OVER: Final = 5 * s
 #: What a run before has let off is as cold as 290 K when this one begins.
