@@ -173,22 +173,25 @@ class Bench(Link):
 
     # -- states --------------------------------------------------------------------------------------------------
 
-    def arm(self, within: float = 10 * s) -> None:
+    def arm(self, within: float = 10 * s, *, to: str = "ACTIVE") -> None:
         """Bring the bench from wherever it is to ACTIVE, all set-points at what is measured.
 
         Resets a latched fault first. RigFault if the rig refuses or falls into a fault on the way, BenchTimeout if it
-        takes longer than ``within`` s.
+        takes longer than ``within`` s. It stops at the state ``to``, which is one on the way up.
         """
         left = self._countdown(within)
+        steps = self.wiring.conduct.up
+        if not any(to in step.end for step in steps):
+            ends = " or ".join(dict.fromkeys(state for step in steps for state in step.end))
+            raise Misuse(f"the way up of {self.wiring.rig} does not lead to {to}, it leads to {ends}")
         self._armed = False
         self.reset(left())
-        steps = self.wiring.conduct.up
         self._reach((*(state for step in steps for state in step.start), "ACTIVE"), left())
         for step in steps:
-            if self.state in step.start:
+            if self.state in step.start and self.state != to:
                 self._take(step, left)
-        self._reach(("ACTIVE",), left())
-        self._armed = True
+        self._reach((to,), left())
+        self._armed = to == "ACTIVE"
 
     def disarm(self, within: float = 10 * s) -> None:
         """Bring the bench to rest from any state: hold, unload softly, disable. A latched fault stays latched."""

@@ -1,6 +1,8 @@
 """What can be asked of a rig that speaks otherwise: by its signals, through its wiring."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -123,21 +125,44 @@ def lead(bench: "Bench") -> list[Notebook]:
     left = {name: value for name, value in bench.settings.in_force().items() if value != in_force[name]}
     found = ", ".join(f"{name} = {bench.table[name].show(value)}" for name, value in left.items())
     silence.note("in force after silence", not left, found or "what was before", "what was before")
+    _hold(bench, states)
     return [states, motion, silence]
 
 
 def _arm(bench: "Bench", book: Notebook) -> float:
     """Arm the bench, with set-points that are what is measured where it takes any; return how long that took (s)."""
+    with _watched(bench, book, "armed, before the first set-point of its own"):
+        before = bench.clock.now()
+        bench.arm(within=_ARM_WITHIN)
+        return (bench.clock.now() - before) / NS
+
+
+def _hold(bench: "Bench", book: Notebook) -> None:
+    """Lead the bench at rest up to HOLD, ask its platform to be elsewhere, and bring it to rest again."""
+    what, moved = "HOLD, whatever set-point comes", "platform.vertical"
+    if not any("HOLD" in step.end for step in bench.wiring.conduct.up):
+        book.skip(what, "the rig has no HOLD on its way up")
+        return
+    with _watched(bench, book, what):
+        here = bench.readings.value(moved) if bench.has(moved, f"{moved}_setpoint") else math.nan
+        bench.arm(within=_ARM_WITHIN, to="HOLD")
+        if not math.isnan(here):
+            bench.commander.set(f"{moved}_setpoint", here + MOVE)
+    if not math.isnan(here):
+        bench.commander.set(f"{moved}_setpoint", here)
+    bench.disarm()
+
+
+@contextmanager
+def _watched(bench: "Bench", book: Notebook, what: str) -> Iterator[None]:
+    """Write down how far things go while the block does ``what``, and shortly after it."""
     told = [one.name for one in _present(bench, Kind.MEASUREMENT) if _comes(bench, one)]
     with bench.capture(*(name for name in (*PLACES, *PRESSURES) if name in told)) as capture:
         bench.wait(2 * OVER)
-        before = bench.clock.now()
-        bench.arm(within=_ARM_WITHIN)
-        took = (bench.clock.now() - before) / NS
+        yield
         bench.wait(WATCH)
     courses = {name: (capture.times(name), capture.values(name)) for name in capture.names}
-    note_still(book, "armed, before the first set-point of its own", courses)
-    return took
+    note_still(book, what, courses)
 
 
 def _small_move(bench: "Bench", book: Notebook) -> None:

@@ -39,6 +39,15 @@ def test_arming_walks_through_every_state_and_disarming_back(world, bench):
     ]
 
 
+def test_arming_stops_where_it_is_told_to_and_goes_on_from_there(bench):
+    bench.arm(to="HOLD")
+    assert bench.rig.state == "HOLD"
+    bench.arm()
+    assert bench.rig.state == "ACTIVE"
+    with pytest.raises(Misuse, match=r"does not lead to ESTOP, it leads to DISABLED or .* or ACTIVE"):
+        bench.arm(to="ESTOP")
+
+
 def test_arming_takes_over_what_is_measured(world, bench):
     world.peer.values |= {
         "lateral.force": 1 * kN,

@@ -9,6 +9,8 @@ import pytest
 
 from astb.conformance.finding import Outcome
 from astb.conformance.suite import examine_bench
+from tests.foreign.machine import Valve
+from tests.foreign.plc_rig import PlcRig, State
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
 STRANGE = {"plant_a": VirtualPlc, "hall_b": VirtualHall}
@@ -24,6 +26,8 @@ def test_a_strange_rig_is_found_sound_and_left_at_rest(name, rate, hold):
         found = examine(bench, motion=True)
         assert bench.state == "DISABLED"
     assert not [one for one in found.values() if one.outcome is Outcome.WRONG]
+    held = found["states", "HOLD, whatever set-point comes: heights and displacements"]
+    assert (held.outcome, held.value) == (Outcome.RIGHT, pytest.approx(0, abs=5e-4))
     assert found["signals", "left.height, rate"].value == pytest.approx(rate, rel=0.01)
     assert ("signals", "rig.program, rate") not in found, "the bench's own player is no rig"
     assert found["motion", "the platform goes 2 mm up"].value == pytest.approx(2e-3, abs=2e-4)
@@ -51,6 +55,42 @@ def test_a_bench_that_stays_active_without_commands_is_found_out(monkeypatch):
         found = examine(bench, motion=True)
         monkeypatch.undo()
     assert found["loss of commands", "silence, until it leaves ACTIVE"].outcome is Outcome.WRONG
+
+
+class FollowsInHold(PlcRig):
+    """Goes where set-points say as soon as it has power."""
+
+    def _path(self):
+        state = self.state
+        try:
+            self.state = State.RUN if state is State.READY else state
+            return super()._path()
+        finally:
+            self.state = state
+
+
+class FillsWhenArmed(PlcRig):
+    """Goes on filling, as soon as it has air, by what somebody before has ordered."""
+
+    def _set(self):
+        super()._set()
+        if self.state in (State.READY, State.RUN):
+            self.machine.valves, self.machine.targets = [Valve.FILL, Valve.FILL], [40e3, 40e3]
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "broken"),
+    [
+        (FollowsInHold, "HOLD, whatever set-point comes: heights and displacements"),
+        (FillsWhenArmed, "armed, before the first set-point of its own: pressures"),
+    ],
+)
+def test_a_rig_that_moves_by_itself_is_found_out(spoilt, broken):
+    virtual = VirtualPlc()
+    virtual.rig = spoilt(seed=1)
+    with virtual.bench() as bench:
+        found = examine(bench, motion=True)
+    assert found["states", broken].outcome is Outcome.WRONG
 
 
 @pytest.mark.parametrize("name", STRANGE)
