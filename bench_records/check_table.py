@@ -18,6 +18,8 @@ COLORS = {
     CheckVerdict.ERROR: "#5b3f8c",
     CheckVerdict.NOT_AVAILABLE: "#5b6670",
 }
+#: Names of checks of one kind that are told in full.
+NAMED = 2
 #: Shares of a variance.
 ALMOST_ALL, MOSTLY = 0.9, 0.5
 SIGNS = {
@@ -42,6 +44,13 @@ class CheckRow(NamedTuple):
     unit: str
     detail: str  #: where it was measured, what is to be said of it, how sure it is
     bar: Bar | None  #: none where there is no limit
+
+
+class Meaning(NamedTuple):
+    """What checks of one kind measure, and why that matters."""
+
+    names: str
+    about: str
 
 
 class Bar(NamedTuple):
@@ -73,6 +82,20 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
         names = (primed(one.name), SIGNS[one.verdict])
         rows.append(CheckRow(one, *names, value, uncertainty, low, high, unit(one.unit), told, bar))
     return rows
+
+
+def meanings(checks: list[Check]) -> list[Meaning]:
+    """What the checks measure and why, each sentence once, in the order of the checks."""
+    named: dict[str, dict[str, None]] = {}
+    for one in checks:
+        if one.about:
+            named.setdefault(one.about, {})[primed(one.name)] = None
+    return [Meaning(_some(list(names)), about) for about, names in named.items()]
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - NAMED
+    return "; ".join(names) if more <= 1 else f"{'; '.join(names[:NAMED])}; and {more} like these"
 
 
 def _numbers_with_limits(one: Check) -> list[str]:

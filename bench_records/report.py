@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from bench_records.check_table import CheckRow, bar_drawing, check_rows
+from bench_records.check_table import CheckRow, bar_drawing, check_rows, meanings
 from bench_records.circumstances import circumstances, flattened
 from bench_records.conformity import percent
 from bench_records.disk import kept
@@ -66,6 +66,7 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
         paragraphs=_paragraphs(result.instruction, result.title),
         rows=check_rows(result.checks),
         notable=notable(result.checks),
+        meanings=meanings(result.checks),
         surely=least_sure(result.checks),
         bars=any(one.expanded for one in result.curves),
         headline=headline(result),

@@ -101,6 +101,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     without: str = ""  #: why it has no uncertainty
     conformity: float | None = None  #: the probability of lying within the limits
     at: float | None = None  #: when it was judged, in seconds since the record began
+    about: str = ""  #: what it measures and why that matters, in one sentence
 
     def __post_init__(self) -> None:
         if self.value is None:
@@ -187,6 +188,7 @@ def check(
     parts: Mapping[str, float] | None = None,
     at: float | None = None,
     without: str = "",
+    about: str = "",
 ) -> Check:
     """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, ``without`` why it has none.
 
@@ -214,10 +216,11 @@ def check(
         parts=dict(parts or {}) if u else {},
         at=at,
         without=without if u is None else "",
+        about=about,
     )
 
 
-def unavailable(name: str, reason: str, *, phase: str = "") -> Check:
+def unavailable(name: str, reason: str, *, phase: str = "", about: str = "") -> Check:
     """The check of what this rig cannot measure, with the ``reason`` in words.  ValueError without one."""
     return Check(
         name=name,
@@ -230,6 +233,7 @@ def unavailable(name: str, reason: str, *, phase: str = "") -> Check:
         verdict=CheckVerdict.NOT_AVAILABLE,
         phase=phase,
         note=reason,
+        about=about,
     )
 
 

@@ -13,6 +13,7 @@ from test_plans.run import Run
     needs=steps.CARRYING,
     lasts=90 * s,
     requires=on_the_bench(AW0),
+    checks=steps.UNDER_LOAD,
 )
 def aw0(run: Run) -> None:
     """AW0: the empty car, {AW0.preload} on each spring.

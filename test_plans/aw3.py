@@ -13,6 +13,7 @@ from test_plans.run import Run
     needs=steps.CARRYING,
     lasts=100 * s,
     requires=on_the_bench(AW3),
+    checks=steps.UNDER_LOAD,
 )
 def aw3(run: Run) -> None:
     """AW3: the full car, {AW3.preload} on each spring.

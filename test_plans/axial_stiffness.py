@@ -10,6 +10,7 @@ from bench_protocol.units import mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import straight_line
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.plan import plan
 from test_plans.poses import COOL, Home, go_home, restore_the_air
@@ -20,6 +21,10 @@ from test_plans.steps.air import AVERAGED
 from test_plans.steps.shaking import check_band
 from test_plans.uncertainty import Measured
 
+ISOBARIC: Final = CheckName(
+    "{side} vertical stiffness, isobaric",
+    "Force over way at constant pressure: what the contour of the bellows and the rubber give without the air's help.",
+)
 #: Up, down and up again, each place from both directions: what friction does falls out of the mean.
 STAIRS: Final = tuple(z * mm for z in (10, 20, 10, 0, -10, -20, -10, 0))
 STAIR_RATE: Final = 10 * mm / s
@@ -33,6 +38,7 @@ STAIR_WAIT: Final = 3 * s
     teardown=leave_connected,
     lasts=140 * s,
     requires=on_the_bench("load"),
+    checks=(ISOBARIC, steps.VERTICAL_SECANT["closed"], steps.VERTICAL_SECANT["open"]),
 )
 def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Axial stiffness of each spring, in the three ways of EN 13597.
@@ -53,7 +59,7 @@ def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     run.bench.wait(COOL)
     with run.phase("isobaric"):
         for side, stiffness in _isobaric(run, home).items():
-            check_band(run, f"{side} vertical stiffness, isobaric", stiffness, "kN/m", isobaric)
+            check_band(run, ISOBARIC.of(side=side), stiffness, "kN/m", isobaric)
     if run.hold_point("before the volumes are shut off"):
         steps.stand_again(run, case, go_home, COOL)
     steps.lock_the_air(run)

@@ -12,6 +12,7 @@ from bench_protocol.units import Hz, kN, mm
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness, first_harmonic
+from test_plans.check_names import CheckName
 from test_plans.fittings import fit_pipe, fit_plate, put_down
 from test_plans.geometry import (
     BOLSTER_MASS,
@@ -34,6 +35,23 @@ if TYPE_CHECKING:
     from test_plans.uncertainty import Measured
 
 SWEEP_AMPLITUDE: Final = 5 * mm
+PEAK_FREQUENCY: Final = CheckName(
+    "frequency of the most vertical damping",
+    "At which frequency the orifice damps most: it has to be where the car bounces, and moves with its bore.",
+)
+FAST_DAMPING: Final = CheckName(
+    "vertical c at 10 Hz over its peak",
+    "How little is damped far above the natural frequency: damping there only passes the track's noise on.",
+)
+DIP: Final = CheckName(
+    "with pipe: lowest |K| over that at 2 Hz",
+    "How far the air that swings in a pipe softens the spring: it tells the pipe's length and bore.",
+)
+OVERSHOOT: Final = CheckName(
+    "with pipe: highest |K| over that at 25 Hz",
+    "How far the air that swings in a pipe stiffens the spring above its resonance: there the car would be shaken.",
+)
+SWEEP_CHECKS: Final = (PEAK_FREQUENCY, FAST_DAMPING, DIP, OVERSHOOT)
 #: Below, heat lost to the walls makes c = K''/ω grow without end.
 DAMPING_FROM: Final = 0.3 * Hz
 ALL_FREQUENCIES: Final = (
@@ -228,21 +246,21 @@ def check_sweep(run: Run, plain: FrequencySweep, surge: FrequencySweep) -> None:
         return abs(found[0].value) / abs(found[1].value)
 
     for name, value, unit, limit in (
-        ("frequency of the most vertical damping", _peak(run, plain, c), "Hz", "damping_peak_frequency"),
+        (PEAK_FREQUENCY, _peak(run, plain, c), "Hz", "damping_peak_frequency"),
         (
-            "vertical c at 10 Hz over its peak",
+            FAST_DAMPING,
             plain.between(run, 10.0, peak, lambda found: found[0].damping / found[1].damping),
             "%",
             "high_frequency_damping",
         ),
         (
-            "with pipe: lowest |K| over that at 2 Hz",
+            DIP,
             surge.between(run, lowest, first, over),
             "1",
             "surge_dip",
         ),
         (
-            "with pipe: highest |K| over that at 25 Hz",
+            OVERSHOOT,
             surge.between(run, highest, last, over),
             "1",
             "surge_peak",

@@ -11,6 +11,7 @@ import numpy as np
 from bench_protocol.units import ATMOSPHERE, Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness
+from test_plans.check_names import CheckName
 from test_plans.geometry import BUMP_STOP_GAP, shear_of
 from test_plans.loads import Load
 from test_plans.poses import POSE_SAMPLES, Home, PoseReading, go_home, pose_of, read_pose, take_pose
@@ -44,6 +45,24 @@ STAIRS: Final = tuple(y * mm for y in (0, 20, 40, 60, 40, 20, 0, -20, -40, -60, 
 LIFTS: Final = tuple(z * mm for z in (8, 0, -8, 0))
 #: Gas that was squeezed gives its heat off; friction creeps to rest.
 STAIR_WAIT: Final = 3 * s
+TRAVEL: Final = CheckName(
+    "{load}: travel of the bump stop",
+    "How far the bolster's centre went: beyond the gap its stop helps, and what is measured is no longer the spring.",
+)
+LEFT_OF_STIFFNESS: Final = CheckName(
+    "{load}: stiffness of 1 mm, 60 mm over centre",
+    "What is left of the lateral stiffness far from the middle: a car in a curve or in the wind stands there.",
+)
+AREA_LOST: Final = CheckName(
+    "{load}: effective area lost at 60 mm",
+    "How much less the air carries in a sheared spring: a bellows that loses more sinks in every curve.",
+)
+VOLUME_LOST: Final = CheckName(
+    "{load}: volume lost at 60 mm",
+    "How much volume shear takes from the bellows: it tells the shape of the membrane, and stiffens the spring.",
+)
+#: Of a spring at its offsets.
+OFFSET_CHECKS: Final = (TRAVEL, LEFT_OF_STIFFNESS, AREA_LOST, VOLUME_LOST)
 #: Shakes friction out of the vertical direction: the fading wave ends near the middle of its loop.
 CENTRING: Final = 8 * mm
 
@@ -213,13 +232,13 @@ def lateral_offsets(run: Run, load: Load) -> None:
         take_pose(run, home)
     found.keep(run, load)
 
-    run.check(f"{load.name}: travel of the bump stop", found.travel(run), "mm", high=BUMP_STOP_GAP)
+    run.check(TRAVEL.of(load=load.name), found.travel(run), "mm", high=BUMP_STOP_GAP)
     run.check(
-        f"{load.name}: stiffness of 1 mm, 60 mm over centre",
+        LEFT_OF_STIFFNESS.of(load=load.name),
         found.tangent_left(run),
         "1",
         low=tangent.low,
         high=tangent.high,
     )
-    for what, lost, band in zip(("effective area", "volume"), found.losses(run, load), missing, strict=True):
-        run.check(f"{load.name}: {what} lost at 60 mm", lost, "%", low=band.low, high=band.high)
+    for name, lost, band in zip((AREA_LOST, VOLUME_LOST), found.losses(run, load), missing, strict=True):
+        run.check(name.of(load=load.name), lost, "%", low=band.low, high=band.high)

@@ -11,6 +11,7 @@ import numpy as np
 from bench_protocol.units import Hz, kN, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness, straight_line
+from test_plans.check_names import CheckName
 from test_plans.fittings import put_down
 from test_plans.loads import Load
 from test_plans.poses import go_home
@@ -26,6 +27,14 @@ SLOW: Final = 0.5 * Hz
 SLOW_LEAD: Final = 6 * s
 #: The steps of the preloads.
 SHIM: Final = 0.5 * kN
+BY_PRESSURE: Final = CheckName(
+    "lateral stiffness by pressure at 10 mm",
+    "By how much the spring grows stiffer sideways per pressure: it tells what the air gives and what the rubber.",
+)
+SOFTENING: Final = CheckName(
+    "lateral stiffness at 2.5 mm over 10 mm",
+    "How much stiffer a small motion finds the spring than a large one: that is friction, which ride comfort feels.",
+)
 AMPLITUDES: Final = (10 * mm, 5 * mm, 2.5 * mm)
 
 
@@ -110,6 +119,6 @@ def lateral_stiffness_over_pressure(run: Run, name: str, parts: Sequence[float])
             found.measure(run)
     found.keep(run, around)
     slope = found.slope(run, max(AMPLITUDES))
-    run.check("lateral stiffness by pressure at 10 mm", slope, "m", low=expected.low, high=expected.high)
+    run.check(BY_PRESSURE, slope, "m", low=expected.low, high=expected.high)
     ratio = found.softening(run, min(AMPLITUDES), max(AMPLITUDES))
-    run.check("lateral stiffness at 2.5 mm over 10 mm", ratio, "1", low=softening.low, high=softening.high)
+    run.check(SOFTENING, ratio, "1", low=softening.low, high=softening.high)

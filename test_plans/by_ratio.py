@@ -13,6 +13,7 @@ from bench_protocol.units import ATMOSPHERE, Hz, mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, one_cycle
+from test_plans.check_names import CheckName
 from test_plans.fittings import PLATE
 from test_plans.loads import Load
 from test_plans.poses import COOL, go_home
@@ -26,6 +27,19 @@ if TYPE_CHECKING:
 
 NATURAL: Final = 1.2 * Hz
 SWINGS: Final = tuple(a * mm for a in (1.0, 2.0, 3.5, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0))
+FITTED: Final = CheckName(
+    "c at 13 mm and 5 mm",
+    "Damping of the plate that the bench is built with: all others are told by it.",
+)
+NEXT_PLATE: Final = CheckName(
+    "c at {larger:g} mm over {smaller:g} mm",
+    "How much less a larger bore damps: plates that are mistaken for one another, or do not sit tight, show.",
+)
+BESIDE_PEAK: Final = CheckName(
+    "c beside its peak, {plate:g} mm",
+    "How far damping falls on both sides of its peak: it shows that the orifice damps, and not the rubber.",
+)
+PLATE_CHECKS: Final = (FITTED, NEXT_PLATE, BESIDE_PEAK)
 #: The amplitude at which plates are compared.
 AT: Final = 5 * mm
 
@@ -126,14 +140,14 @@ def check_damping(run: Run, load: Load, found: Mapping[float, DampingByRatio]) -
     beside = run.specimen.limits.band("damping_beside_peak")
     sines = {plate: one.at(AT) for plate, one in found.items()}
     c = measure_sines(run, [sines[PLATE]], vertical_stiffness, lambda found: found[0].damping)
-    run.check("c at 13 mm and 5 mm", c, "kN*s/m", low=fitted.low, high=fitted.high)
+    run.check(FITTED, c, "kN*s/m", low=fitted.low, high=fitted.high)
     for smaller, larger in pairwise(sorted(sines)):
-        name = f"c at {larger / mm:g} mm over {smaller / mm:g} mm"
+        name = NEXT_PLATE.of(larger=larger / mm, smaller=smaller / mm)
         of_both = [sines[larger], sines[smaller]]
         less = measure_sines(
             run, of_both, vertical_stiffness, lambda found: found[0].damping / found[1].damping
         )
         run.check(name, less, "1", low=following.low, high=following.high)
     for plate in (min(sines), PLATE):
-        name = f"c beside its peak, {plate / mm:g} mm"
+        name = BESIDE_PEAK.of(plate=plate / mm)
         run.check(name, found[plate].drop_beside_peak(run), "%", low=beside.low, high=beside.high)

@@ -12,6 +12,7 @@ from bench_protocol.units import Hz, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness
+from test_plans.check_names import CheckName
 from test_plans.geometry import roll_of, shear_of
 from test_plans.loads import Load
 from test_plans.poses import COOL, Home, go_home, restore_the_air, take_pose
@@ -23,6 +24,23 @@ if TYPE_CHECKING:
     from test_plans.run import Run
     from test_plans.uncertainty import Measured
 
+RISE: Final = CheckName(
+    "valve {valve}: secant, rise to 0.05 rad",
+    "How much harder the springs push back where the car leans: a sheared bellows that rolls pushes by itself.",
+)
+BEYOND: Final = CheckName(
+    "valve {valve}: secant, change beyond over rise",
+    "Whether the push goes on rising with the roll: it must not, or a leaning car would steer its bogie.",
+)
+ODD: Final = CheckName(
+    "valve {valve}: odd part of the force at 0.05 rad",
+    "Which part of the force turns its sign with the roll: it is the coupling alone, without friction and offsets.",
+)
+OVER_LEVEL: Final = CheckName(
+    "valve {valve}: first harmonic at 0.05 rad over level",
+    "Whether a small motion finds a rolled spring stiffer than a level one: rides would be harder in curves.",
+)
+ROLL_CHECKS: Final = (RISE, BEYOND, ODD, OVER_LEVEL)
 ROLL_SHEAR: Final = 20 * mm
 ROLL_FREQUENCY: Final = 1 * Hz
 ROLL_AMPLITUDE: Final = 5 * mm
@@ -156,12 +174,7 @@ def lateral_stiffness_over_roll(run: Run, load: Load, angles: Sequence[float]) -
         found.keep(run, load, valve)
 
         rise, beyond, odd, ratio = found.judge(run, _coupling, 0.0, KNEE, max(angles), -KNEE)
-        for what, value, limit in (
-            ("rise to 0.05 rad", rise, rises),
-            ("change beyond over rise", beyond, saturated),
-        ):
-            run.check(f"valve {valve}: secant, {what}", value, "%", low=limit.low, high=limit.high)
-        run.check(
-            f"valve {valve}: odd part of the force at 0.05 rad", odd, "kN", low=band.low, high=band.high
-        )
-        run.check(f"valve {valve}: first harmonic at 0.05 rad over level", ratio, "1", high=1.0, margin=0.01)
+        for name, value, limit in ((RISE, rise, rises), (BEYOND, beyond, saturated)):
+            run.check(name.of(valve=valve), value, "%", low=limit.low, high=limit.high)
+        run.check(ODD.of(valve=valve), odd, "kN", low=band.low, high=band.high)
+        run.check(OVER_LEVEL.of(valve=valve), ratio, "1", high=1.0, margin=0.01)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, bar, kN, mm, mrad, s
 from test_plans import steps
 from test_plans.analysis import NotMeasured, Samples
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, roll_of, shear_of
 from test_plans.parameters import ParameterRefused, Range
@@ -38,6 +39,67 @@ KEPT: Final = 10
 FORCE_MAX: Final = 15 * kN
 #: Settled: so near to where the mean wind holds it, of the way that the gust moved it.
 SETTLED: Final = 0.1
+#: What is judged of the answer, by its limit: name and unit.
+JUDGED: Final = {
+    "displacement": (
+        CheckName(
+            "largest displacement",
+            "How far one gust moves the bolster: beyond this the car leaves its clearance or strikes its stop.",
+        ),
+        "mm",
+    ),
+    "roll": (
+        CheckName(
+            "largest roll",
+            "How far one gust rolls the bolster: the roof leaves its clearance first, and a wheel is unloaded.",
+        ),
+        "mrad",
+    ),
+    "roll_stiffness": (
+        CheckName(
+            "roll stiffness",
+            "The wind's moment over the roll that it makes: what holds a leaning car, the connected springs included.",
+        ),
+        "kN*m/rad",
+    ),
+    "pressure_difference": (
+        CheckName(
+            "largest pressure difference",
+            "How far the gust parts the pressures: too far, and the valve between the springs opens and lets "
+            "the car lean.",
+        ),
+        "bar",
+    ),
+    "air_moment": (
+        CheckName(
+            "moment of the air over that of the wind",
+            "Which share of the wind's moment the air carries: the rest is the rubber's, which lasts less long.",
+        ),
+        "1",
+    ),
+    "remains": (
+        CheckName(
+            "displacement that remains",
+            "Where the bolster stands after the wind: what does not come back is friction, or a damaged spring.",
+        ),
+        "mm",
+    ),
+    "pressure_remains": (
+        CheckName(
+            "pressure difference that remains",
+            "How far the pressures stay parted after the wind: air went to the other spring, and the car hangs.",
+        ),
+        "bar",
+    ),
+}
+STIFF: Final = CheckName(
+    "lateral stiffness",
+    "The gust's force over the displacement that it makes: whether the spring is as stiff as its drawing says.",
+)
+SETTLES: Final = CheckName(
+    "time to settle",
+    "How long the bolster goes on swinging after the gust: a spring without damping makes the next gust worse.",
+)
 
 
 def blow(wind: float, train_speed: float) -> tuple[Samples, Samples]:
@@ -72,6 +134,7 @@ def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
     teardown=leave_connected,
     lasts=51 * s,
     requires=on_the_bench("load"),
+    checks=(STIFF, *(name for name, _ in JUDGED.values()), SETTLES),
 )
 def crosswind_gust(
     run: Run,
@@ -107,15 +170,6 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
     from bench_records.curves import Axis
 
     limits = run.specimen.load(load).limits
-    names = {
-        "displacement": ("largest displacement", "mm"),
-        "roll": ("largest roll", "mrad"),
-        "roll_stiffness": ("roll stiffness", "kN*m/rad"),
-        "pressure_difference": ("largest pressure difference", "bar"),
-        "air_moment": ("moment of the air over that of the wind", "1"),
-        "remains": ("displacement that remains", "mm"),
-        "pressure_remains": ("pressure difference that remains", "bar"),
-    }
     area = run.specimen.effective_area
     y, roll, pushed, parted = _answer(at, values)
     if not np.isfinite([y, roll, pushed, parted]).all():
@@ -125,11 +179,11 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
     places = limits.curve("crosswind_gust.stiffness", "kN/m")
     place = float(np.clip(y.max(), min(places), max(places)))
     low, high = limits.curve_at("crosswind_gust.stiffness", place, "kN/m")
-    run.check("lateral stiffness", stiffness, "kN/m", low=low, high=high)
-    for (limit, (name, unit)), value in zip(names.items(), found, strict=True):
+    run.check(STIFF, stiffness, "kN/m", low=low, high=high)
+    for (limit, (name, unit)), value in zip(JUDGED.items(), found, strict=True):
         check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))
     settling = settling.beside(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
-    check_band(run, "time to settle", settling, "s", limits.band("crosswind_gust.settling", "s"))
+    check_band(run, SETTLES, settling, "s", limits.band("crosswind_gust.settling", "s"))
     for what, x, y_axis, xs, ys in (
         ("force over displacement", Axis("displacement", "mm", mm), Axis("force", "kN", kN), y, pushed),
         (

@@ -4,7 +4,7 @@ from typing import Final
 
 from bench_protocol.units import mm, s
 from test_plans import steps
-from test_plans.by_ratio import check_damping, damping_over_ratio
+from test_plans.by_ratio import PLATE_CHECKS, check_damping, damping_over_ratio
 from test_plans.fittings import PLATES_AND_PIPE, fit_plate, leave_as_built, put_down
 from test_plans.loads import AW0
 from test_plans.plan import plan
@@ -27,6 +27,7 @@ def first_plate(run: Run) -> None:
     lasts=360 * s,
     needs=(*steps.CARRYING, *VERTICAL_WAVES, *PLATES_AND_PIPE),
     requires=on_the_bench(AW0),
+    checks=PLATE_CHECKS,
 )
 def damping_ratio(run: Run) -> None:
     """Damping against pressure ratio, for orifice plates of 10, 13, 16 and 18 mm.

@@ -9,6 +9,7 @@ import numpy as np
 from bench_protocol.units import mm, s
 from test_plans import steps
 from test_plans.analysis import Samples
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.loads import AW3
 from test_plans.parameters import Range
@@ -19,6 +20,14 @@ from test_plans.run import Run
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
 
 PRESSURES: Final = ("left.auxiliary_pressure", "right.auxiliary_pressure")
+OPENS: Final = CheckName(
+    "opens, {higher} higher",
+    "At which difference the valve between the springs opens: later a car with one burst spring would tip.",
+)
+CLOSES: Final = CheckName(
+    "closes again, {higher} higher",
+    "At which difference the valve is shut again: one that closes late lets the car lean for longer than it must.",
+)
 #: Slow beside the valve, which lets the difference fall by 0.4 bar/s when it opens; a millimetre parts the pressures
 #: by 41 mbar.
 ROLL_RATE: Final = 2.5 * mm / s
@@ -39,6 +48,7 @@ SMOOTH: Final = 10
     teardown=leave_connected,
     lasts=150 * s,
     requires=on_the_bench(AW3),
+    checks=(steps.TIGHT, OPENS, CLOSES),
 )
 def differential_pressure_valve(
     run: Run, *, hold: Annotated[float, Range(10 * s, 300 * s, "s")] = 15 * s
@@ -73,8 +83,8 @@ def differential_pressure_valve(
                 _roll(run, home, way * 2.2 * HALF, ROLL_RATE)
             _, values = capture.aligned(SAMPLE_RATE)
             opens, closes = run.measure(partial(_extremes, way), rest, values)
-            check_band(run, f"opens, {higher} higher", opens, "bar", opening)
-            check_band(run, f"closes again, {higher} higher", closes, "bar", reclosing)
+            check_band(run, OPENS.of(higher=higher), opens, "bar", opening)
+            check_band(run, CLOSES.of(higher=higher), closes, "bar", reclosing)
             _roll(run, home, 0.0, BACK_RATE)
 
 

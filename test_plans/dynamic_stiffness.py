@@ -7,6 +7,7 @@ from typing import Final, Literal
 from bench_protocol.units import Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.loads import Band, Load
 from test_plans.plan import plan
@@ -23,6 +24,26 @@ from test_plans.waves import Values, shake, vertical_stiffness
 OF_FREQUENCIES: Final = 5 * mm
 OF_AMPLITUDES: Final = 1 * Hz
 LEAD: Final = 2 * s
+STIFF: Final = CheckName(
+    "K' at {frequency:g} Hz",
+    "Stiffness over frequency: it sets how fast the car swings on its springs, and rises as the orifice shuts air off.",
+)
+DAMPED: Final = CheckName(
+    "c at {frequency:g} Hz",
+    "Damping over frequency: near the natural frequency it calms the car, above it passes the track's noise on.",
+)
+LOST: Final = CheckName(
+    "loss angle at {frequency:g} Hz",
+    "How late the force comes: loss against stiffness, which errors of scale leave as it is.",
+)
+STIFF_BY_AMPLITUDE: Final = CheckName(
+    "K' at {amplitude:g} mm",
+    "Stiffness over amplitude: through an orifice less air follows a large motion, and the spring is stiffer.",
+)
+DAMPED_BY_AMPLITUDE: Final = CheckName(
+    "c at {amplitude:g} mm",
+    "Damping over amplitude: an orifice of the wrong bore has its peak at another amplitude.",
+)
 ANGLE: Final = ("loss angle", "deg")
 
 
@@ -32,6 +53,7 @@ ANGLE: Final = ("loss angle", "deg")
     teardown=leave_connected,
     lasts=86 * s,
     requires=on_the_bench("load"),
+    checks=(STIFF, DAMPED, LOST, STIFF_BY_AMPLITUDE, DAMPED_BY_AMPLITUDE),
 )
 def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Dynamic stiffness: storage K', loss K'' and loss angle, per spring, first harmonic.
@@ -55,15 +77,18 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     over_frequency, sweep = [], list(run.specimen.load(load).sweep("vertical"))
     for frequency, storage, loss in sweep:
         K, found = _sine(run, case, frequency, OF_FREQUENCIES)
-        check_band(run, f"K' at {frequency:g} Hz", found[0], "kN/m", storage)
-        check_band(run, f"c at {frequency:g} Hz", found[1], "kN*s/m", loss)
-        check_band(run, f"loss angle at {frequency:g} Hz", found[2], "deg", angles[frequency])
+        check_band(run, STIFF.of(frequency=frequency), found[0], "kN/m", storage)
+        check_band(run, DAMPED.of(frequency=frequency), found[1], "kN*s/m", loss)
+        check_band(run, LOST.of(frequency=frequency), found[2], "deg", angles[frequency])
         over_frequency.append((K, found))
     over_amplitude = []
     for amplitude in stiffness:
         K, found = _sine(run, case, OF_AMPLITUDES, amplitude)
-        check_band(run, f"K' at {amplitude / mm:g} mm", found[0], "kN/m", stiffness[amplitude])
-        check_band(run, f"c at {amplitude / mm:g} mm", found[1], "kN*s/m", damping[amplitude])
+        stiff, damped = (
+            one.of(amplitude=amplitude / mm) for one in (STIFF_BY_AMPLITUDE, DAMPED_BY_AMPLITUDE)
+        )
+        check_band(run, stiff, found[0], "kN/m", stiffness[amplitude])
+        check_band(run, damped, found[1], "kN*s/m", damping[amplitude])
         over_amplitude.append((K, found))
     of_frequency = {STORAGE: [band for _, band, _ in sweep], ANGLE: [angles[place] for place, _, _ in sweep]}
     _keep(run, load, FREQUENCY, [K.frequency for K, _ in over_frequency], over_frequency, of_frequency)

@@ -13,6 +13,7 @@ from bench_protocol.words import SIDES
 from drivers.generator import MARGIN
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, straight_line
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.loads import Load
 from test_plans.parameters import Range
@@ -43,11 +44,40 @@ STAND: Final = 3 * s
 RATE: Final = 10 * mm / s
 A_THOUSAND: Final = 1000.0
 CYCLES: Final = ("cycles", "1")
-#: What is judged: its curve, the limit of its change in 1000 cycles, and the unit of that.
+MADE: Final = CheckName(
+    "cycles",
+    "How many cycles were made of those that were asked for: what was stopped early proves less.",
+)
+#: What is judged: its name, its curve, the limit of its change in 1000 cycles, and the unit of that.
 JUDGED: Final = (
-    ("stiffness K'", STORAGE, "stiffness_change", "%"),
-    ("damping c", DAMPING, "damping_change", "%"),
-    ("height", HEIGHT, "height_change", "mm"),
+    (
+        CheckName(
+            "{where} stiffness K', change in 1000 cycles",
+            "How fast use changes the stiffness: rubber that softens or cords that give way show here long before they "
+            "fail.",
+        ),
+        STORAGE,
+        "stiffness_change",
+        "%",
+    ),
+    (
+        CheckName(
+            "{where} damping c, change in 1000 cycles",
+            "How fast use changes the damping: an orifice that wears or clogs, and rubber that ages, change it first.",
+        ),
+        DAMPING,
+        "damping_change",
+        "%",
+    ),
+    (
+        CheckName(
+            "{where} height, change in 1000 cycles",
+            "How fast use changes the height at which a spring carries its load: it creeps, or it loses air.",
+        ),
+        HEIGHT,
+        "height_change",
+        "mm",
+    ),
 )
 #: What a look finds, K' and c of a sine or one height, and what was read for it.
 Found = Callable[[Mapping[str, Any]], tuple[float, ...]]
@@ -90,14 +120,14 @@ class Looks:
 
     def judge(self, run: Run) -> None:
         """Keep all curves, and check what changed, if there is more than one look."""
-        for what, quantity, limit, unit in JUDGED:
+        for name, quantity, limit, unit in JUDGED:
             band = run.specimen.limits.band(f"endurance.{limit}", unit)
             place = 1 if quantity is DAMPING else 0
             for where, series in (self.heights if quantity is HEIGHT else self.sines).items():
                 self._keep(run, where, quantity, series.values(place))
                 if len(self.cycles) > 1:
-                    title = f"{where} {what}, change in 1000 cycles"
-                    check_band(run, title, self._change(run, series, place, unit), unit, band)
+                    change = self._change(run, series, place, unit)
+                    check_band(run, name.of(where=where), change, unit, band)
 
     def _change(self, run: Run, series: Series, place: int, unit: str) -> Measured:
         """Return how much it changes in 1000 cycles, along the straight line; of ratios, against the first.
@@ -141,6 +171,7 @@ def _sine(
     teardown=leave_connected,
     lasts=665 * s,
     requires=on_the_bench("load"),
+    checks=(MADE, *(name for name, *_ in JUDGED), steps.TIGHT),
 )
 def endurance(
     run: Run,
@@ -187,7 +218,7 @@ def endurance(
                 _cycle(run, axis, amplitude, frequency, until - looks.made, looks)
             _look(run, case, axis, home, looks)
     finally:
-        run.check("cycles", counted(looks.made), "1", low=cycles)
+        run.check(MADE, counted(looks.made), "1", low=cycles)
         looks.judge(run)
     steps.check_tightness(run, case, before)
 

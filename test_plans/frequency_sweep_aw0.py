@@ -2,7 +2,7 @@
 
 from bench_protocol.units import s
 from test_plans import steps
-from test_plans.by_frequency import frequency_sweep
+from test_plans.by_frequency import SWEEP_CHECKS, frequency_sweep
 from test_plans.fittings import PLATES_AND_PIPE, leave_as_built
 from test_plans.loads import AW0
 from test_plans.plan import plan
@@ -17,6 +17,7 @@ from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES
     lasts=370 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, *VERTICAL_WAVES, *PLATES_AND_PIPE),
     requires=on_the_bench(AW0),
+    checks=SWEEP_CHECKS,
 )
 def frequency_sweep_aw0(run: Run) -> None:
     """Frequency sweep, empty car: lateral and vertical stiffness and damping from 0.1 to 25 Hz.

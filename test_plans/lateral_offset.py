@@ -2,7 +2,7 @@
 
 from bench_protocol.units import s
 from test_plans import steps
-from test_plans.by_offset import lateral_offsets
+from test_plans.by_offset import OFFSET_CHECKS, lateral_offsets
 from test_plans.fittings import CONNECTIONS, leave_connected, put_down
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan
@@ -18,6 +18,7 @@ from test_plans.waves import LATERAL_WAVES
     lasts=375 * s,
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
     requires=on_the_bench(AW0, AW3),
+    checks=OFFSET_CHECKS,
 )
 def lateral_offset(run: Run) -> None:
     """Lateral offset: stiffness, effective area and volume at 0, ±20, ±40 and ±60 mm.

@@ -4,7 +4,7 @@ from typing import Final
 
 from bench_protocol.units import s
 from test_plans import steps
-from test_plans.by_pressure import carry_first, lateral_stiffness_over_pressure
+from test_plans.by_pressure import BY_PRESSURE, SOFTENING, carry_first, lateral_stiffness_over_pressure
 from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
@@ -20,6 +20,7 @@ PARTS: Final = (0.8, 0.9, 1.0, 1.1, 1.2)
     lasts=320 * s,
     needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
     requires=on_the_bench(AW0),
+    checks=(BY_PRESSURE, SOFTENING),
 )
 def lateral_pressure_aw0(run: Run) -> None:
     """Lateral stiffness against pressure, empty car.

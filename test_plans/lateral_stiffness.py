@@ -4,6 +4,7 @@ from typing import Annotated, Final, Literal
 
 from bench_protocol.units import Hz, mm, s
 from test_plans import steps
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.geometry import BUMP_STOP_GAP, POSE_SIGNALS, STOP_TRAVEL_MAX
 from test_plans.loads import Band
@@ -20,6 +21,14 @@ from test_plans.waves import shake
 #: Slow enough for a quasi-static spring; friction forgets the way to the offset within the lead.
 FREQUENCY: Final = 0.5 * Hz
 LEAD: Final = 10 * s
+STIFF: Final = CheckName(
+    "lateral stiffness K'",
+    "Stiffness sideways of this amplitude about this offset: how far the car shifts where it stands in a curve.",
+)
+DAMPED: Final = CheckName(
+    "lateral damping c",
+    "Damping sideways of this amplitude about this offset: friction and rubber, which calm the swaying of the car.",
+)
 
 
 def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
@@ -40,6 +49,7 @@ def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
     teardown=leave_connected,
     lasts=50 * s,
     requires=on_the_bench("load"),
+    checks=(STIFF, DAMPED),
 )
 def lateral_stiffness(
     run: Run,
@@ -71,6 +81,6 @@ def lateral_stiffness(
         run,
         lambda values: stiffness_of(times, values, FREQUENCY),
         values,
-        {"lateral stiffness K'": Band(low, high)},
-        {"lateral damping c": Band(*damping)},
+        {STIFF: Band(low, high)},
+        {DAMPED: Band(*damping)},
     )

@@ -27,6 +27,7 @@ def fill(run: Run) -> None:
     lasts=60 * s,
     needs=(*steps.CARRYING, *steps.WEIGHED_BY),
     requires=on_the_bench(AW3),
+    checks=[steps.TIGHT],
 )
 def leak_down(run: Run) -> None:
     """Leak-down: fill the springs, shut every valve, weigh the air before and after.

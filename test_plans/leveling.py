@@ -13,6 +13,7 @@ from bench_protocol.words import SIDES
 from drivers.errors import BenchTimeout
 from test_plans import steps
 from test_plans.analysis import Samples, straight_line
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.loads import AW0, AW3, Limits, SpecimenError
 from test_plans.parameters import ParameterRefused, Range
@@ -47,6 +48,24 @@ RATE: Final = 40 * mm / s
 STEP_DONE: Final = (0.42 * s, 0.52 * s)
 WIDE_OPEN: Final = (4.0 * s, 6.0 * s)
 MOVED: Final = 1 * mm
+
+OPENS: Final = CheckName(
+    "{side} valve opens to {verb}",
+    "At which height the valve begins to fill or to exhaust: it decides at which height the car rides.",
+)
+DEAD_BAND: Final = CheckName(
+    "{side} valve, dead band",
+    "Between which heights the valve is shut: too narrow it wastes air at every joint of the track, too wide the car "
+    "leans.",
+)
+TIME: Final = CheckName(
+    "{side} valve, time to {verb} to {name}",
+    "How long the spring takes to the other load: at a stop the car must be level again before it leaves.",
+)
+DELAY: Final = CheckName(
+    "{side} valve, delay",
+    "How much later the air comes than through a valve that opens at once: without a delay every jolt would cost air.",
+)
 
 
 def lift(run: Run, within: float) -> None:
@@ -88,6 +107,7 @@ def _refuse_limits_that_pass_anything(limits: Limits) -> None:
     teardown=leave_connected,
     lasts=150 * s,
     requires=on_the_bench(AW0, AW3),
+    checks=(OPENS, DEAD_BAND, TIME, DELAY),
 )
 def leveling(
     run: Run,
@@ -121,12 +141,13 @@ def leveling(
         with run.phase(f"stairs to {verb}"):
             for side, around in _stairs(run, home, way).items():
                 height = _opened(run, side, way, around)
-                check_band(run, f"{side} valve opens to {verb}", height, "mm", opening)
+                check_band(run, OPENS.of(side=side, verb=verb), height, "mm", opening)
                 read[side] += around
             _go(run, home, 0.0)
             run.bench.wait(STAIR_WAIT)
     for side in SIDES:
-        check_band(run, f"{side} valve, dead band", _dead_band(run, side, read[side]), "mm", dead_band)
+        width = _dead_band(run, side, read[side])
+        check_band(run, DEAD_BAND.of(side=side), width, "mm", dead_band)
     run.hold_point("before the other load")
     empty = run.specimen.load(AW0).fill_pressure
     restore_the_air(run, {f"{side}.auxiliary_pressure": empty for side in SIDES})
@@ -136,10 +157,10 @@ def leveling(
             for side in SIDES:
                 target = -way * run.specimen.load(name).fill_pressure
                 took = _took(run, side, way, times, values, target, within)
-                check_band(run, f"{side} valve, time to {verb} to {name}", took, "s", band)
+                check_band(run, TIME.of(side=side, verb=verb, name=name), took, "s", band)
                 if verb == "fill":
                     late = run.measured(partial(_delay, side, times), values)
-                    check_band(run, f"{side} valve, delay", late, "s", delay)
+                    check_band(run, DELAY.of(side=side), late, "s", delay)
 
 
 def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]]]:

@@ -14,6 +14,7 @@ from bench_protocol.words import SIDES
 from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
 from test_plans.analysis import Samples, straight_line
+from test_plans.check_names import CheckName
 from test_plans.geometry import BOLSTER_WEIGHT, GRAVITY, VERTICAL_FRAME
 from test_plans.loads import Band, within
 from test_plans.parameters import Range
@@ -65,6 +66,75 @@ BLOCK: Final = Band(low=200 * MN / m)
 STIFFEST: Final = 10_000 * MN / m
 #: Blocks stand at design height, stops far below.
 AT_BLOCKS: Final = 10 * mm
+READS_ZERO: Final = {
+    Group.PRESSURE: CheckName(
+        "{of}",
+        "What the transducer reads without air: so much every pressure is wrong by, and with it every load that air is "
+        "said to carry.",
+    ),
+    Group.VERTICAL_FORCE: CheckName(
+        "{of}",
+        "What an actuator's force reads while it presses nothing: so much every preload is wrong by.",
+    ),
+    Group.LATERAL_FORCE: CheckName(
+        "{of}",
+        "What the lateral actuator's force reads while it pushes nothing: it shifts the middle of every lateral loop.",
+    ),
+    Group.LATERAL_LOAD_CELL: CheckName(
+        "{of}",
+        "What a cell across reads without a push: it passes for a force that the springs oppose where there is none.",
+    ),
+    Group.ACCELERATION: CheckName(
+        "{of}",
+        "What an accelerometer reads at rest: integrated, it would become a motion that never was.",
+    ),
+}
+CELL_OF_BOLSTER: Final = CheckName(
+    "{of}",
+    "What a cell below a spring reads of the bolster's known weight: its zero, which every load on a spring contains.",
+)
+LASER_LESS_PISTON: Final = CheckName(
+    "{of}",
+    "A laser less the piston above it, with nothing in between: what they differ by passes for the frame giving way.",
+)
+FROM_THE_MEAN: Final = CheckName(
+    "{of}",
+    "A thermometer less the mean of all in gas as warm as the hall: a wrong one feigns a leak when the air is weighed.",
+)
+OVER_MASS: Final = CheckName(
+    "cells over the known mass",
+    "What the cells read of a weight that is known elsewhere: it alone shows a scale that cells and actuators share.",
+)
+OVER_ACTUATOR: Final = CheckName(
+    "{side} cells over actuator",
+    "The slope of the cells' force over the actuator's: two instruments that disagree cannot both be right.",
+)
+OFF_THE_LINE: Final = CheckName(
+    "{side} cells over actuator, off the line",
+    "How far the cells stray from a straight line over the actuator: what bends or lags makes a stiffness depend on "
+    "the load.",
+)
+SIDEWAYS: Final = CheckName(
+    "lateral cells over actuator",
+    "The slope of the cells across over the lateral actuator: every lateral stiffness is wrong by as much.",
+)
+SIDEWAYS_OFF_THE_LINE: Final = CheckName(
+    "lateral cells over actuator, off the line",
+    "How far the cells across stray from a straight line: friction of the chain itself would pass for friction of a "
+    "spring.",
+)
+GIVES_WAY: Final = CheckName(
+    "{side} stiffness of the dummy",
+    "Force over way of a body whose stiffness is known: it proves lasers and cells together, as a spring uses them.",
+)
+FRAME_GIVES_WAY: Final = CheckName(
+    "{side} stiffness of the frame",
+    "Force over how much further the piston goes than the spring: a loose frame takes from every commanded way.",
+)
+ACROSS: Final = CheckName(
+    "{cell} over vertical force",
+    "What a cell across feels of a vertical force: it would pass for a push to the side whenever the load changes.",
+)
 #: What was read on each step: means by signal. What was applied (N), and what the cells say of it.
 Steps = Sequence[Mapping[str, float]]
 Forces = tuple[Samples, Samples]
@@ -103,6 +173,20 @@ def without_air(run: Run) -> None:
     needs=(*steps.CARRYING, *VERTICAL_CELLS),
     lasts=110 * s,
     requires=[gas(*HALL)],
+    checks=(
+        *(name.of(of=f"<{group}>") for group, name in READS_ZERO.items()),
+        CELL_OF_BOLSTER.of(of="<vertical load cell>"),
+        LASER_LESS_PISTON.of(of="<height> less <displacement>"),
+        FROM_THE_MEAN.of(of="<temperature> less the mean"),
+        OVER_MASS,
+        OVER_ACTUATOR,
+        OFF_THE_LINE,
+        GIVES_WAY,
+        FRAME_GIVES_WAY,
+        ACROSS,
+        SIDEWAYS,
+        SIDEWAYS_OFF_THE_LINE,
+    ),
 )
 def measuring_chain(
     run: Run,
@@ -148,30 +232,33 @@ def measuring_chain(
     for side in SIDES:
         _check_side(run, side, pressed, BLOCK if dummy == "blocks" else stop)
     for cell in SHEAR_CELLS:
-        name = f"{cell} over vertical force"
+        name = ACROSS.of(cell=cell)
         if run.can(name, needs=(cell,)):
             felt = run.measured(partial(_crosstalk, cell), *pressed, over=READ_OVER, themselves=True)
             check_band(run, name, felt, "%", CROSSTALK)
-    if run.can("lateral cells over actuator", needs=(*FREE_SIDEWAYS, *SHEAR_CELLS)):
+    if run.can(SIDEWAYS, needs=(*FREE_SIDEWAYS, *SHEAR_CELLS)):
         run.hold_point("before the push")
         with run.phase("push"):
             pushed = _steps(run, ("lateral.force", *SHEAR_CELLS), PUSH_STEPS, _push)
-        _check_line(run, "lateral cells over actuator", pushed, _sideways, LATERAL_GAIN)
+        names = SIDEWAYS, SIDEWAYS_OFF_THE_LINE
+        _check_line(run, names, pushed, _sideways, LATERAL_GAIN)
 
 
-def _zeros() -> Iterator[tuple[str, dict[str, float], float, float, str]]:
+def _zeros() -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
     """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit."""
     for group, (tolerance, unit) in ZEROS.items():
         for name in BY_GROUP[group]:
-            yield name, {name: 1.0}, 0.0, tolerance, unit
+            yield READS_ZERO[group].of(of=name), {name: 1.0}, 0.0, tolerance, unit
     for cell in VERTICAL_CELLS:
-        yield cell, {cell: 1.0}, BOLSTER_WEIGHT / len(VERTICAL_CELLS), CELL_ZERO, "N"
+        share = BOLSTER_WEIGHT / len(VERTICAL_CELLS)
+        yield CELL_OF_BOLSTER.of(of=cell), {cell: 1.0}, share, CELL_ZERO, "N"
     for height, piston in zip(HEIGHTS, PISTONS, strict=True):
-        yield f"{height} less {piston}", {height: 1.0, piston: -1.0}, 0.0, 2 * PLACE_ZERO, "mm"
+        title = LASER_LESS_PISTON.of(of=f"{height} less {piston}")
+        yield title, {height: 1.0, piston: -1.0}, 0.0, 2 * PLACE_ZERO, "mm"
     share = 1 / len(TEMPERATURES)
     for name in TEMPERATURES:
         away = {one: (one == name) - share for one in TEMPERATURES}
-        yield f"{name} less the mean", away, 0.0, 2 * THERMOMETER_ZERO, "K"
+        yield FROM_THE_MEAN.of(of=f"{name} less the mean"), away, 0.0, 2 * THERMOMETER_ZERO, "K"
 
 
 def _check_zeros(run: Run) -> None:
@@ -191,10 +278,9 @@ def _check_zeros(run: Run) -> None:
 
 def _weigh(run: Run, mass: float) -> None:
     """Check what the cells read more with a known ``mass`` (kg) on the bolster, which the operator puts there."""
-    name = "cells over the known mass"
     with run.phase("known mass"):
         before = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
-        if run.confirm(f"Put {mass:g} kg on the bolster, over its middle.", name):
+        if run.confirm(f"Put {mass:g} kg on the bolster, over its middle.", OVER_MASS):
             run.bench.wait(STEP_WAIT)
             after = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
 
@@ -202,7 +288,7 @@ def _weigh(run: Run, mass: float) -> None:
                 return sum(after[cell] - before[cell] for cell in VERTICAL_CELLS) / (mass * GRAVITY)
 
             found = run.measured(over_mass, before, after, over=READ_OVER, themselves=True)
-            check_band(run, name, found, "1", GAIN)
+            check_band(run, OVER_MASS, found, "1", GAIN)
             if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
                 raise RigFault(
                     f"nobody says that the {mass:g} kg are off the bolster, and the hands too: nothing is pressed"
@@ -231,16 +317,23 @@ def _push(run: Run, force: float) -> None:
 
 def _check_side(run: Run, side: str, read: Steps, dummy: Band) -> None:
     """Check one side: its cells against its actuator, what the dummy gives way, and what the frame."""
-    _check_line(run, f"{side} cells over actuator", read, partial(_downward, side), GAIN)
-    for what, way, band in (("dummy", _dummy, dummy), ("frame", _frame, FRAME)):
+    names = OVER_ACTUATOR.of(side=side), OFF_THE_LINE.of(side=side)
+    _check_line(run, names, read, partial(_downward, side), GAIN)
+    for name, way, band in ((GIVES_WAY, _dummy, dummy), (FRAME_GIVES_WAY, _frame, FRAME)):
         stiffness = run.measured(partial(_stiffness, way, side), *read, over=READ_OVER, themselves=True)
-        check_band(run, f"{side} stiffness of the {what}", stiffness, "MN/m", band)
+        check_band(run, name.of(side=side), stiffness, "MN/m", band)
     _, pressed = _downward(side, read)
     down = _dummy(side, read)
     keep(run, side, "Dummy: way over force", ("force", "kN"), ("way", "mm"), pressed.tolist(), down.tolist())
 
 
-def _check_line(run: Run, name: str, read: Steps, forces: Callable[[Steps], Forces], gain: Band) -> None:
+def _check_line(
+    run: Run,
+    names: tuple[CheckName, CheckName],
+    read: Steps,
+    forces: Callable[[Steps], Forces],
+    gain: Band,
+) -> None:
     """Check the slope of what the cells read over what was applied, and how far it bends from a straight line."""
 
     def line(*means: Mapping[str, float]) -> tuple[float, float]:
@@ -250,8 +343,8 @@ def _check_line(run: Run, name: str, read: Steps, forces: Callable[[Steps], Forc
         return slope, float(np.abs(away).max() / np.ptp(applied))
 
     slope, bent = run.measure(line, *read, over=READ_OVER, themselves=True)
-    check_band(run, name, slope, "1", gain)
-    check_band(run, f"{name}, off the line", bent, "%", NONLINEAR)
+    for name, found, unit, band in zip(names, (slope, bent), ("1", "%"), (gain, NONLINEAR), strict=True):
+        check_band(run, name, found, unit, band)
 
 
 def _sum(read: Steps, *names: str) -> Samples:

@@ -11,13 +11,19 @@ _TEXT: Final = '''"""{Title}: under the same load, both springs rest at the same
 
 from bench_protocol.units import mbar, s
 from test_plans import steps
+from test_plans.check_names import CheckName
 from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 
+EQUAL = CheckName(
+    "pressure, left less right",
+    "How much less air one spring needs for the same load: they differ, or one of them does not stand straight.",
+)
 
-@plan(setup=steps.carry(AW0), lasts=30 * s, needs=steps.CARRYING, requires=on_the_bench(AW0))
+
+@plan(setup=steps.carry(AW0), lasts=30 * s, needs=steps.CARRYING, requires=on_the_bench(AW0), checks=[EQUAL])
 def {name}(run: Run) -> None:
     """{Title}: under the same load, both springs rest at the same pressure.
 
@@ -27,7 +33,7 @@ def {name}(run: Run) -> None:
     with run.phase("at rest"):
         mean = run.bench.averages("left.bellows_pressure", "right.bellows_pressure", over=2 * s)
     difference = mean["left.bellows_pressure"] - mean["right.bellows_pressure"]
-    run.check("pressure, left less right", difference, "bar", low=-70 * mbar, high=70 * mbar)
+    run.check(EQUAL, difference, "bar", low=-70 * mbar, high=70 * mbar)
 '''
 
 

@@ -6,6 +6,7 @@ from typing import Final, Literal
 from bench_protocol.units import Hz, mm, s
 from bench_protocol.words import SIDES
 from test_plans import steps
+from test_plans.check_names import CheckName
 from test_plans.fittings import PLATE, fit_plate, put_down
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
@@ -19,6 +20,14 @@ from test_plans.waves import VERTICAL_WAVES, shake, stiffness_of_side
 FREQUENCY: Final = 1.2 * Hz
 AMPLITUDE: Final = 5 * mm
 LEAD: Final = 2 * s
+STIFF: Final = CheckName(
+    "{side} K' with {plate:g} mm",
+    "Stiffness with this plate: a small bore shuts the auxiliary volume off and makes the spring hard.",
+)
+DAMPED: Final = CheckName(
+    "{side} c with {plate:g} mm",
+    "Damping with this plate: it tells whether the bore is what is stamped on it, and whether the plate sits tight.",
+)
 OF_PLATES: Final = ("bore of the plates", "mm")
 
 
@@ -34,6 +43,7 @@ def leave_as_found(run: Run) -> None:
     teardown=leave_as_found,
     lasts=204 * s,
     requires=on_the_bench("load"),
+    checks=(STIFF, DAMPED),
 )
 def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     """Orifice plates: vertical stiffness and damping of each spring with each pair of plates.
@@ -53,7 +63,7 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
     )
     found: dict[float, dict[str, tuple[Measured, Measured]]] = {}
     for plate in stiffness:
-        names = {side: [f"{side} {what} with {plate / mm:g} mm" for what in ("K'", "c")] for side in SIDES}
+        names = {side: [one.of(side=side, plate=plate / mm) for one in (STIFF, DAMPED)] for side in SIDES}
         if found:
             run.hold_point(f"before the plates of {plate / mm:g} mm are fitted")
             put_down(run)

@@ -13,6 +13,7 @@ import numpy as np
 from bench_protocol.units import Hz, s
 from test_plans import steps
 from test_plans.analysis import Samples
+from test_plans.check_names import CheckName
 from test_plans.fittings import CONNECTIONS, leave_connected, put_down
 from test_plans.geometry import POSE_SIGNALS, shear_of
 from test_plans.loads import AW0, AW3, Band
@@ -51,6 +52,14 @@ SETTLE: Final = 10 * s
 BETWEEN: Final = SETTLE + 1 * s
 #: Of the frames that the bench sends; the rest may be lost on the way.
 RECEIVED: Final = 0.8
+SAMPLES: Final = CheckName(
+    "{name}: samples of the lasers",
+    "How many of the lasers' samples came: a record with holes cannot be replayed by a model.",
+)
+WENT: Final = CheckName(
+    "{name}: way of the {what}",
+    "How far it went of what was asked for: what did not move shows nothing that a diagnosis could find.",
+)
 #: Actuators follow within a few per cent; frame and emergency springs give way by a little more.
 WAY: Final = Band(0.8, 1.2)
 
@@ -79,6 +88,7 @@ def programme_plan(programme: Programme) -> Plan:
         teardown=leave_connected,
         lasts=lasts(programme),
         judges=False,
+        checks=(SAMPLES, WENT),
         needs=(
             *steps.CARRYING,
             *POSE_SIGNALS,
@@ -122,7 +132,7 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
     """
     asked = trajectory(stretch)
     came = min(capture.times(height).size for height in HEIGHTS)
-    run.check(f"{name}: samples of the lasers", counted(came / (RATE * asked.time[-1])), "%", low=RECEIVED)
+    run.check(SAMPLES.of(name=name), counted(came / (RATE * asked.time[-1])), "%", low=RECEIVED)
     _, values = capture.aligned(RATE)
     ways: dict[str, tuple[Callable[[Mapping[str, Samples]], Samples], Samples]] = {
         **{
@@ -134,7 +144,7 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
     for what, (of, wanted) in ways.items():
         if (way := float(np.ptp(wanted))) > 0.0:
             went = run.measured(partial(_went, of, way), values, rate=RATE)
-            run.check(f"{name}: way of the {what}", went, "1", low=WAY.low, high=WAY.high)
+            run.check(WENT.of(name=name, what=what), went, "1", low=WAY.low, high=WAY.high)
 
 
 def _went(of: Callable[[Mapping[str, Samples]], Samples], way: float, values: Mapping[str, Samples]) -> float:

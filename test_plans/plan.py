@@ -18,6 +18,7 @@ from test_plans.run import PlanError, Run
 from test_plans.steps import make_safe, power_up
 
 if TYPE_CHECKING:
+    from test_plans.check_names import CheckName
     from test_plans.specimen import Specimen
 
 _PRELOAD: Final = re.compile(r"\{(\w+)\.preload\}")
@@ -35,6 +36,7 @@ class Plan:
     the bench's time, 0 if nobody knows): it moves the progress bar and limits nothing. ``parameters`` are what the main
     part may be given by name, ``values`` (SI) what it will be given. On a rig that lacks one of the signals ``needs``
     the plan is blocked before anything moves, and so it is if one of the preconditions ``requires`` is not met.
+    ``checks`` are the names of what it checks, each with a sentence for whoever reads what the plan does.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Plan:
     values: Mapping[str, Value] = field(default_factory=dict)
     needs: tuple[str, ...] = ()
     requires: tuple[Precondition, ...] = ()
+    checks: tuple[CheckName, ...] = ()
     judges: bool = (
         True  #: whether its checks say something of the product, or it only moves the springs for a diagnosis
     )
@@ -92,6 +95,7 @@ def plan(
     lasts: float = 0.0,
     needs: Iterable[str] = (),
     requires: Iterable[Precondition] = (),
+    checks: Iterable[CheckName] = (),
 ) -> Callable[[Part], Plan]: ...
 def plan(
     main: Part | None = None,
@@ -102,6 +106,7 @@ def plan(
     lasts: float = 0.0,
     needs: Iterable[str] = (),
     requires: Iterable[Precondition] = (),
+    checks: Iterable[CheckName] = (),
 ) -> Plan | Callable[[Part], Plan]:
     """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., needs=..., requires=...)``.
 
@@ -113,7 +118,7 @@ def plan(
 
     def made(function: Part) -> Plan:
         one = _plan(function, setup, teardown, tuple(needs))
-        return replace(one, lasts=lasts, requires=tuple(requires))
+        return replace(one, lasts=lasts, requires=tuple(requires), checks=tuple(checks))
 
     return made if main is None else made(main)
 

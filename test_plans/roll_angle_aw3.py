@@ -4,7 +4,7 @@ from typing import Final
 
 from bench_protocol.units import rad, s
 from test_plans import steps
-from test_plans.by_roll import lateral_stiffness_over_roll
+from test_plans.by_roll import ROLL_CHECKS, lateral_stiffness_over_roll
 from test_plans.fittings import CONNECTIONS, leave_connected
 from test_plans.loads import AW3
 from test_plans.plan import plan
@@ -22,6 +22,7 @@ ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 7))
     lasts=330 * s,
     needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
     requires=on_the_bench(AW3),
+    checks=ROLL_CHECKS,
 )
 def roll_angle_aw3(run: Run) -> None:
     """Roll angle, full car: lateral stiffness at fixed rolls of 0, ±0.01 … ±0.06 rad.

@@ -9,6 +9,7 @@ from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness
 from test_plans.by_roll import ROLL_SHEAR, RollAngle
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.geometry import SPRING_HALF_SPACING, roll_of
 from test_plans.parameters import Range
@@ -26,6 +27,18 @@ SWING: Final = 10 * mrad
 SWING_FREQUENCY: Final = 0.3 * Hz
 LEAD: Final = 2
 MEASURED: Final = 3
+STIFF: Final = CheckName(
+    "roll stiffness",
+    "Moment over angle of a slow roll: it decides how far the car leans in a curve and in the wind.",
+)
+SIDEWAYS: Final = CheckName(
+    "lateral force by roll",
+    "What force a roll makes sideways: it steers the bogie although nobody pushed, and tells how the bellows stand.",
+)
+ROLLED: Final = CheckName(
+    "lateral stiffness K', rolled over level",
+    "How much of the lateral stiffness is left while the car leans: it must not give way where it is needed most.",
+)
 #: What the roll stiffness needs beside the lateral ones.
 ROLLING: Final = (*HEIGHTS, *VERTICAL_CELLS, *GENERATOR, "generator.axis", "generator.roll_amplitude")
 
@@ -36,6 +49,7 @@ ROLLING: Final = (*HEIGHTS, *VERTICAL_CELLS, *GENERATOR, "generator.axis", "gene
     teardown=leave_connected,
     lasts=170 * s,
     requires=on_the_bench("load"),
+    checks=(STIFF, SIDEWAYS, ROLLED),
 )
 def roll_coupling(
     run: Run,
@@ -63,13 +77,13 @@ def roll_coupling(
     run.bench.wait(COOL)
     steps.lock_the_air(run)
     run.bench.air.isolate_dpv()
-    if run.can("roll stiffness", needs=(*ROLLING, *FREE_SIDEWAYS)):
+    if run.can(STIFF, needs=(*ROLLING, *FREE_SIDEWAYS)):
         with run.phase("roll"):
             times, values = _swing(run)
         found = _roll_stiffness(times, values)
         lost = f"{found.loss / found.storage:.3f} of it lost, at {found.amplitude / mrad:.2f} mrad"
         storage = run.measured(lambda read: _roll_stiffness(times, read).storage, values)
-        run.check("roll stiffness", storage, "kN*m/rad", low=stiffness.low, high=stiffness.high, note=lost)
+        run.check(STIFF, storage, "kN*m/rad", low=stiffness.low, high=stiffness.high, note=lost)
         take_pose(run, home)
     if run.hold_point("before the coupling"):
         home = steps.stand_again(run, run.specimen.load(load), go_home, COOL)
@@ -78,8 +92,8 @@ def roll_coupling(
         seen.measure(run, home, (0.5 * roll, roll))  # half way the gas gives its heat off
         seen.keep(run, run.specimen.load(load), "isolated")
     odd, even = seen.judge(run, _odd_and_even, roll, -roll, 0.0)
-    run.check("lateral force by roll", odd, "kN", low=coupling[0], high=coupling[1])
-    check_band(run, "lateral stiffness K', rolled over level", even, "1", rolled)
+    run.check(SIDEWAYS, odd, "kN", low=coupling[0], high=coupling[1])
+    check_band(run, ROLLED, even, "1", rolled)
 
 
 def _odd_and_even(secants: list[float], storages: list[float]) -> tuple[float, float]:

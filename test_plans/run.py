@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from bench_protocol.units import FACTORS, NS, minutes
 from test_plans.asking import Aborted, NotInTime, answer_to
+from test_plans.check_names import about
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.parameters import Value
@@ -138,6 +139,8 @@ class Run:
     ) -> bool:
         """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
 
+        A `CheckName` as ``name`` brings the sentence that says what is measured and why that matters.
+
         A `measured` value has an uncertainty: it passes if it conforms surely, and is *marginal* otherwise. One without
         is marginal within ``margin``, a fraction of the band, of a limit, unless it is `Exact`. ``unit`` is what people
         read. PlanError for a unit that nobody declared, ValueError for limits that could not be broken or met. What was
@@ -155,7 +158,7 @@ class Run:
         if margin is None:
             margin = 0.0 if isinstance(found, Exact) else MARGIN
         one = judged(
-            name,
+            str(name),
             found.value,
             "" if unit == "1" else unit,
             FACTORS[unit],
@@ -169,6 +172,7 @@ class Run:
             parts=found.parts,
             at=(self.now - self.start) / NS,
             without=found.unknown,
+            about=about(name),
         )
         self._judged(one)
         return one.passed
@@ -226,7 +230,8 @@ class Run:
         from bench_records.result import unavailable
 
         for name in checks:
-            one = unavailable(name, reason, phase=self._open[-1] if self._open else "")
+            phase = self._open[-1] if self._open else ""
+            one = unavailable(str(name), reason, phase=phase, about=about(name))
             self._judged(one)
 
     def _judged(self, one: Check) -> None:

@@ -16,6 +16,7 @@ from drivers.wiring.contract import Supervised
 from test_plans import steps
 from test_plans.air_left import RESIDUAL_PRESSURE
 from test_plans.analysis import Samples
+from test_plans.check_names import CheckName
 from test_plans.loads import AW0
 from test_plans.operator import DONE, Question, Unanswered
 from test_plans.plan import plan
@@ -55,7 +56,44 @@ OFF_WITHIN: Final = 5 * s
 YES: Final = 0.5
 HOLDING: Final = ("FAULT_REACTION", "FAULT_HOLD", "FAULT_DISABLED")
 #: What is checked of every way into the safe position.
-SAFE: Final = ("springs without air after", "actuators let go after", "the bolster rises by")
+SAFE: Final = (
+    CheckName(
+        "{after}: springs without air after",
+        "How long the springs keep their air when the bench gives up: until then nobody may reach in.",
+    ),
+    CheckName(
+        "{after}: actuators let go after",
+        "How long the actuators go on pressing when the bench gives up: a hand between them would be crushed.",
+    ),
+    CheckName(
+        "{after}: the bolster rises by",
+        "How far filled springs throw the bolster up when the actuators let go: 1200 kg must not jump.",
+    ),
+)
+HOLDS: Final = CheckName(
+    "{after}: holds",
+    "How long the bench goes on by itself when nobody commands any more: what it does meanwhile nobody has asked for.",
+)
+DISABLED: Final = CheckName(
+    "{after}: is disabled",
+    "How long the bench waits for a commander to come back before it lets go by itself: nobody may ever come.",
+)
+STAYS: Final = CheckName(
+    "{after}: stays ACTIVE",
+    "Whether the bench goes on without air from outside: springs that are shut must not need it.",
+)
+ACTS: Final = CheckName(
+    "{after}: acts",
+    "How long after the button the bench stops: it is the last thing that a person can do.",
+)
+EMPTY: Final = CheckName(
+    "pressure at the end",
+    "What pressure is left in the springs when the bench is left: the next one may open them.",
+)
+IS_OFF: Final = CheckName(
+    "is off at the end",
+    "Whether the bench can be switched off over its wire: else whoever leaves it leaves it armed.",
+)
 
 
 def switch_off(run: Run) -> None:
@@ -70,6 +108,7 @@ def switch_off(run: Run) -> None:
     needs=(*steps.CARRYING, *READ),
     lasts=90 * s,
     requires=[load_cases(AW0), supply_for(AW0)],
+    checks=(HOLDS, DISABLED, *SAFE, STAYS, steps.TIGHT, ACTS, EMPTY, IS_OFF),
 )
 def safety(run: Run) -> None:
     """Safety: loss of command, of the settings' wire, of the supply, and the emergency stop; then power off.
@@ -175,14 +214,14 @@ def _check_safe(run: Run, name: str, course: Course) -> None:
         took = course.measured(run, partial(course.until_small, names, limit)).beside(
             SAMPLING, OF_A_BEAT, even=True
         )
-        run.check(f"{name}: {what}", took, "s", high=SAFE_AFTER)
-    run.check(f"{name}: {SAFE[2]}", course.measured(run, course.rise), "mm", high=THROWN)
+        run.check(what.of(after=name), took, "s", high=SAFE_AFTER)
+    run.check(SAFE[2].of(after=name), course.measured(run, course.rise), "mm", high=THROWN)
 
 
 def _lose_the_setpoints(run: Run) -> None:
     name = "set-points lost"
-    holds, disabled = f"{name}: holds", f"{name}: is disabled"
-    if not _supervised(run, [holds, disabled, *(f"{name}: {what}" for what in SAFE)]):
+    holds, disabled, *safe = (one.of(after=name) for one in (HOLDS, DISABLED, *SAFE))
+    if not _supervised(run, [holds, disabled, *safe]):
         return
     _charge(run)
     with run.phase(name):
@@ -198,7 +237,7 @@ def _lose_the_setpoints(run: Run) -> None:
 
 def _lose_the_settings(run: Run) -> None:
     name = "settings lost"
-    holds, rises = f"{name}: holds", f"{name}: {SAFE[-1]}"
+    holds, rises = (one.of(after=name) for one in (HOLDS, SAFE[-1]))
     if not _supervised(run, [holds, rises]):
         return
     _charge(run)
@@ -211,8 +250,8 @@ def _lose_the_settings(run: Run) -> None:
 
 def _lose_the_supply(run: Run) -> None:
     name, load = "supply lost", run.specimen.load(AW0)
-    stays = f"{name}: stays ACTIVE"
-    lost = [f"air lost per minute, {side} spring, {name}" for side in SIDES]
+    stays = STAYS.of(after=name)
+    lost = [steps.TIGHT.of(f", {name}", side=side) for side in SIDES]
     if not run.can(stays, *lost, needs=("supply.pressure",)):
         return
     if not run.confirm("See to it that the supply of air is open", stays, *lost, deed="supply_loss off"):
@@ -253,8 +292,7 @@ def _undone(run: Run, what: str, deed: str) -> Iterator[None]:
 
 def _press_the_stop(run: Run) -> None:
     name = "emergency stop"
-    acts = f"{name}: acts"
-    names = [acts, *(f"{name}: {what}" for what in SAFE)]
+    names = [acts, *_] = [one.of(after=name) for one in (ACTS, *SAFE)]
     if not run.confirm("See to it that the emergency stop is released", *names, deed="estop off"):
         return
     _charge(run)
@@ -281,10 +319,10 @@ def _check_off(run: Run) -> None:
             bench.reset()
         mean = bench.averages(*BELLOWS, over=steps.AVERAGE_OVER)
         highest = run.measured(lambda read: max(read[name] for name in BELLOWS), mean, averaged=AVERAGED)
-        run.check("pressure at the end", highest, "bar", high=RESIDUAL_PRESSURE)
-        if not run.can("is off at the end", needs=("action.power_off",)):
+        run.check(EMPTY, highest, "bar", high=RESIDUAL_PRESSURE)
+        if not run.can(IS_OFF, needs=("action.power_off",)):
             return
         bench.action.power_off()
         with suppress(BenchTimeout):
             bench.wait_for(lambda: bench.state == "OFF", within=OFF_WITHIN, what="the bench off")
-        run.check("is off at the end", yes_or_no(bench.state == "OFF"), "1", low=YES)
+        run.check(IS_OFF, yes_or_no(bench.state == "OFF"), "1", low=YES)

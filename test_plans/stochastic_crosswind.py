@@ -10,6 +10,7 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, Hz, s
 from test_plans import steps
 from test_plans.analysis import Samples
+from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
 from test_plans.geometry import POSE_SIGNALS, shear_of
 from test_plans.parameters import Range
@@ -48,9 +49,46 @@ SEGMENT: Final = 8 * s
 BAND: Final = (0.5 * Hz, 2 * Hz)
 #: What is judged of how far springs and pressures move: its name, limit and unit.
 SWINGS: Final = (
-    ("lateral displacement, rms about its mean", "displacement_rms", "mm"),
-    ("lateral displacement, exceeded in 1 % of the time", "displacement", "mm"),
-    ("pressure, largest rms of a chamber", "pressure_rms", "mbar"),
+    (
+        CheckName(
+            "lateral displacement, rms about its mean",
+            "How much the springs sway in gusts and on the track: passengers and clearance feel it all the time.",
+        ),
+        "displacement_rms",
+        "mm",
+    ),
+    (
+        CheckName(
+            "lateral displacement, exceeded in 1 % of the time",
+            "How far the springs go in the worst of the time: so much room the car needs beside it.",
+        ),
+        "displacement",
+        "mm",
+    ),
+    (
+        CheckName(
+            "pressure, largest rms of a chamber",
+            "How much the pressure swings: it works the bellows and the valve between the springs, and wears both.",
+        ),
+        "pressure_rms",
+        "mbar",
+    ),
+)
+OVER: Final = f"{BAND[0]:g} to {BAND[1]:g} Hz"
+STIFF: Final = {
+    "lateral": CheckName(
+        f"lateral stiffness K', {OVER}",
+        "Stiffness sideways in a motion as on the track, not in a sine: friction shows itself there as it does in "
+        "service.",
+    ),
+    "vertical": CheckName(
+        f"vertical stiffness K', {OVER}",
+        "Stiffness up and down in a motion as on the track: it sets the natural frequency of the car on its springs.",
+    ),
+}
+LOST: Final = CheckName(
+    f"vertical loss angle, {OVER}",
+    "How much of the motion the orifice turns into heat: too little lets the car bounce, too much passes jolts on.",
 )
 INCOHERENT: Final = "what is not coherent"
 LINES: Final = tuple(0.25 * Hz * k for k in range(1, 13))
@@ -74,6 +112,7 @@ def take_up(run: Run, load: str) -> None:
     teardown=leave_connected,
     lasts=121 * s,
     requires=on_the_bench("load"),
+    checks=(*(name for name, *_ in SWINGS), *STIFF.values(), LOST),
 )
 def stochastic_crosswind(
     run: Run,
@@ -174,16 +213,15 @@ def _check_stiffness(
 
     # What the instruments make uncertain, and what is not coherent.
     stiffness, angle = run.measure(numbers, values, rate=RATE)
-    over = f"{BAND[0]:g} to {BAND[1]:g} Hz"
     band = limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
     note = f"coherence {K.coherence:.4f}, {K.averages:.0f} averages"
     one = stiffness.beside(INCOHERENT, K.uncertainty)
-    run.check(f"{direction} stiffness K', {over}", one, "kN/m", low=band.low, high=band.high, note=note)
+    run.check(STIFF[direction], one, "kN/m", low=band.low, high=band.high, note=note)
     if direction == "vertical":
         lost = limits.band("stochastic_crosswind.vertical_loss_angle", "deg")
         check_band(
             run,
-            f"vertical loss angle, {over}",
+            LOST,
             angle.beside(INCOHERENT, K.uncertainty / abs(K.value)),
             "deg",
             lost,

@@ -22,7 +22,13 @@ def lift(run: Run) -> None:
     steps.raise_the_air(run, load)
 
 
-@plan(setup=lift, needs=steps.CARRYING, requires=on_the_bench(AW0, AW3), lasts=120 * s)
+@plan(
+    setup=lift,
+    needs=steps.CARRYING,
+    requires=on_the_bench(AW0, AW3),
+    lasts=120 * s,
+    checks=[steps.TIGHT],
+)
 def tightness(run: Run, *, hold: Annotated[float, Range(20 * s, 30 * minutes, "s")] = 30 * s) -> None:
     """Tightness: fill the springs to two pressures, shut every valve, and weigh the air before and after.
 

@@ -44,6 +44,8 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
             click.echo("    no parameters")
         for condition in plan.requires:
             click.echo(f"    before it begins: {condition.text}")
+        for check in plan.checks:
+            click.echo(f"    checks {check.shown}: {check.about}")
     if not names:
         known = known_plans()
         width = max(map(len, known))
@@ -67,6 +69,7 @@ def _facts(plan: "Plan") -> dict[str, Any]:
         "lasts_s": plan.lasts or None,
         "needs": plan.needs,
         "requires": [condition.text for condition in plan.requires],
+        "checks": [{"name": check.shown, "about": check.about} for check in plan.checks],
         "parameters": [
             {"name": one.name, "default": one.show(one.default), "allowed": one.allowed}
             for one in plan.parameters

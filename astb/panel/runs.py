@@ -270,6 +270,6 @@ def _conclusion(record: Path, out: Path) -> dict[str, Any]:
         "plan": result.plan,
         "verdict": result.verdict.value,
         "reason": result.reason,
-        "failed": [str(one) for one in result.checks if one.verdict in _FAILED],
+        "failed": [{"text": str(one), "about": one.about} for one in result.checks if one.verdict in _FAILED],
         "record": record.name if record.parent == out.resolve() else "",
     }

@@ -130,6 +130,7 @@ def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
                 "lasts": one.lasts,
                 "can_hold": can_be_held(one),
                 "requires": [condition.text for condition in one.requires],
+                "checks": [{"name": check.shown, "about": check.about} for check in one.checks],
                 "parameters": [
                     {
                         "name": each.name,

@@ -1,6 +1,6 @@
 """The named steps of the test instructions: raise the air, level, shake, roll, let the air off."""
 
-from test_plans.steps.air import WEIGHED_BY, Weighing, check_air, check_tightness, weigh_the_air
+from test_plans.steps.air import AIR, TIGHT, WEIGHED_BY, Weighing, check_air, check_tightness, weigh_the_air
 from test_plans.steps.carrying import (
     AVERAGE_OVER,
     CARRYING,
@@ -17,12 +17,28 @@ from test_plans.steps.carrying import (
     shim,
     stand_again,
 )
-from test_plans.steps.stiffness import lateral_loop, lateral_sweep, vertical_loop, vertical_sweep
-from test_plans.steps.track_and_roll import roll_by_unequal_preload, track_excitation
+from test_plans.steps.stiffness import (
+    STIFFNESS,
+    VERTICAL_SECANT,
+    lateral_loop,
+    lateral_sweep,
+    vertical_loop,
+    vertical_sweep,
+)
+from test_plans.steps.track_and_roll import TRACK_AND_ROLL, roll_by_unequal_preload, track_excitation
+
+#: What is checked of springs under a load, as `aw0` and `aw3` do it.
+UNDER_LOAD = (*AIR, *STIFFNESS, *TRACK_AND_ROLL, TIGHT)
 
 __all__ = [
+    "AIR",
     "AVERAGE_OVER",
     "CARRYING",
+    "STIFFNESS",
+    "TIGHT",
+    "TRACK_AND_ROLL",
+    "UNDER_LOAD",
+    "VERTICAL_SECANT",
     "WEIGHED_BY",
     "Weighing",
     "carry",

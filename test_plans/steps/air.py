@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from bench_protocol.units import ATMOSPHERE, NS, minutes
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, straight_line
+from test_plans.check_names import CheckName
 from test_plans.loads import Load
 from test_plans.readings import CELLS_UNDER, CHAMBERS, HEIGHTS, THERMOMETER_LAG, VERTICAL_CELLS
 from test_plans.steps.carrying import AVERAGE_OVER
@@ -18,6 +19,25 @@ if TYPE_CHECKING:
     from test_plans.run import Run
     from test_plans.specimen import Specimen
 
+
+LOAD: Final = CheckName(
+    "load on the {side} spring",
+    "What the spring carries by the cells below it: all that follows holds for this load only.",
+)
+REST_HEIGHT: Final = CheckName(
+    "height of the {side} spring",
+    "How high the spring stands on its leveling valve: the car rides as high, level and within its clearance or not.",
+)
+PRESSURE: Final = CheckName(
+    "pressure in the {side} bellows",
+    "What pressure carries the load: another one means another effective area, a wrong bellows or a wrong piston.",
+)
+#: What `check_air` checks.
+AIR: Final = (LOAD, REST_HEIGHT, PRESSURE)
+TIGHT: Final = CheckName(
+    "air lost per minute, {side} spring",
+    "Which share of its air a shut spring loses: one that leaks stands on its stops by the next morning.",
+)
 
 #: What tells the mass of air in the springs.
 _GAS: Final = tuple(
@@ -52,14 +72,14 @@ def check_air(run: Run, load: Load) -> None:
         cells = [cell for cell in VERTICAL_CELLS if run.bench.has(cell)]
         mean = run.bench.averages(*cells, *states, over=AVERAGE_OVER)
         for side in SIDES:
-            name = f"load on the {side} spring"
+            name = LOAD.of(side=side)
             if run.can(name, needs=CELLS_UNDER[side]):
                 carried = _read(run, mean, *CELLS_UNDER[side])
                 check_band(run, name, carried, "kN", load.limits.band("carried"))
             rest = run.specimen.limits.band("rest_height")
-            check_band(run, f"height of the {side} spring", _read(run, mean, f"{side}.height"), "mm", rest)
-            name, reading = f"pressure in the {side} bellows", f"{side}.bellows_pressure"
-            check_band(run, name, _read(run, mean, reading), "bar", load.limits.band("pressure"))
+            check_band(run, REST_HEIGHT.of(side=side), _read(run, mean, f"{side}.height"), "mm", rest)
+            found = _read(run, mean, f"{side}.bellows_pressure")
+            check_band(run, PRESSURE.of(side=side), found, "bar", load.limits.band("pressure"))
 
 
 def _read(run: Run, mean: Mapping[str, float], *names: str) -> Measured:
@@ -86,7 +106,7 @@ def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> Non
 
     ``load`` is that of the shims; ``at`` ends the names of the checks.
     """
-    names = {side: f"air lost per minute, {side} spring{at}" for side in SIDES}
+    names = {side: TIGHT.of(at, side=side) for side in SIDES}
     if not run.can(*names.values(), needs=WEIGHED_BY):
         return
     after = weigh_the_air(run)

@@ -11,8 +11,9 @@ import numpy as np
 
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_harmonic, without_inertia
+from test_plans.check_names import CheckName
 from test_plans.geometry import BOLSTER_MASS
-from test_plans.loads import Load
+from test_plans.loads import Band, Load
 from test_plans.readings import LASER_LAG, LOAD_CELL_LAG, TRANSDUCER_LAG, VERTICAL_CELLS
 from test_plans.steps.carrying import hold_the_height, stand_again
 from test_plans.steps.shaking import (
@@ -35,6 +36,56 @@ from test_plans.uncertainty import Measured
 if TYPE_CHECKING:
     from test_plans.run import Run
 
+#: Of a slow loop, by its way: with all air, with it although it could be shut off, with the bellows alone.
+VERTICAL_SECANT: Final = {
+    "slow": CheckName(
+        "{side} vertical stiffness, slow",
+        "Force over way of a slow motion, all air joined: with the load it gives the natural frequency of the car.",
+    ),
+    "open": CheckName(
+        "{side} vertical stiffness, open",
+        "Force over way with the auxiliary volume joined: a wrong volume behind the bellows shows here.",
+    ),
+    "closed": CheckName(
+        "{side} vertical stiffness, closed",
+        "Force over way with the auxiliary volume shut off: a bellows of wrong volume shows here, and nothing else.",
+    ),
+}
+VERTICAL_STORAGE: Final = CheckName(
+    "{side} vertical K' at {frequency:g} Hz",
+    "Stiffness up and down at this frequency: the car bounces on it, and a clogged orifice makes it stiffer.",
+)
+VERTICAL_DAMPING: Final = CheckName(
+    "{side} vertical c at {frequency:g} Hz",
+    "Damping up and down at this frequency: it is the orifice's, and calms the bouncing of the car.",
+)
+BALANCE: Final = CheckName(
+    "actuators without inertia over load cells at {frequency:g} Hz",
+    "Two ways to the same force: if they differ no stiffness of this run is to be believed.",
+)
+LATERAL_SECANT: Final = CheckName(
+    "lateral stiffness, slow",
+    "Force over way of a slow motion sideways: it decides how far the car shifts in curves and wind.",
+)
+LATERAL_STORAGE: Final = CheckName(
+    "lateral K' at {frequency:g} Hz",
+    "Stiffness sideways at this frequency: with the car's mass it sets how fast it sways.",
+)
+LATERAL_DAMPING: Final = CheckName(
+    "lateral c at {frequency:g} Hz",
+    "Damping sideways at this frequency: it is the rubber's and the friction's, and changes as they age.",
+)
+VERTICAL_SINES: Final = (VERTICAL_STORAGE, VERTICAL_DAMPING)
+LATERAL_SINES: Final = (LATERAL_STORAGE, LATERAL_DAMPING)
+#: What loops and sweeps check.
+STIFFNESS: Final = (
+    VERTICAL_SECANT["slow"],
+    *VERTICAL_SINES,
+    BALANCE,
+    LATERAL_SECANT,
+    *LATERAL_SINES,
+)
+
 #: Chain of measurement: load cells against actuators, each good for 1 % of the force that a shaken spring makes.
 BALANCE_TOLERANCE: Final = 0.04
 
@@ -44,7 +95,7 @@ def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] =
 
     ``closed``: with the auxiliary volumes shut off, which is somebody else's doing.
     """
-    names = {side: f"{side} vertical stiffness, {way}" for side in SIDES}
+    names = {side: VERTICAL_SECANT[way].of(side=side) for side in SIDES}
     sides = [side for side in SIDES if run.can(names[side], needs=VERTICAL_NEEDS[side])]
     if not sides:
         return
@@ -61,12 +112,10 @@ def vertical_sweep(run: Run, load: Load) -> None:
     """Measure vertical stiffness and damping of each spring, first harmonic, 5 mm."""
     sweep = list(load.sweep("vertical"))
     sides = [
-        side
-        for side in SIDES
-        if run.can(*_names(f"{side} vertical", [one for one, *_ in sweep]), needs=VERTICAL_NEEDS[side])
+        side for side in SIDES if run.can(*_names(VERTICAL_SINES, sweep, side), needs=VERTICAL_NEEDS[side])
     ]
     highest = max(one for one, *_ in sweep)
-    balance = f"actuators without inertia over load cells at {highest:g} Hz"
+    balance = BALANCE.of(frequency=highest)
     balanced = run.can(balance, needs=VERTICAL)
     if not sides:
         return
@@ -80,7 +129,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
             for side in sides:
                 stiffness = partial(_vertical, times, frequency, side)
                 found[side].append(stiffness(values))
-                stiff, damped = _names(f"{side} vertical", [frequency])
+                stiff, damped = (one.of(side=side, frequency=frequency) for one in VERTICAL_SINES)
                 judged = check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
                 known[side].append(judged)
                 motion, force = spring_motion(values, side)
@@ -92,9 +141,11 @@ def vertical_sweep(run: Run, load: Load) -> None:
         keep_sweep(run, f"{side} spring", "vertical", found[side], known[side], sweep)
 
 
-def _names(what: str, frequencies: Sequence[float]) -> list[str]:
-    """Return what the checks of a sweep are called: stiffness and damping of each of its ``frequencies`` (Hz)."""
-    return [f"{what} {quantity} at {frequency:g} Hz" for frequency in frequencies for quantity in ("K'", "c")]
+def _names(
+    names: Sequence[CheckName], sweep: Sequence[tuple[float, Band, Band]], side: str = ""
+) -> list[CheckName]:
+    """Return what the checks of a ``sweep`` are called: stiffness and damping at each of its frequencies."""
+    return [one.of(side=side, frequency=frequency) for frequency, *_ in sweep for one in names]
 
 
 def _vertical(times: Samples, frequency: float, side: str, values: Values) -> Stiffness:
@@ -125,13 +176,12 @@ def _balance(times: Samples, frequency: float, values: Values) -> float:
 
 def lateral_loop(run: Run, load: Load) -> None:
     """Measure the quasi-static lateral stiffness of the pair: a slow triangle of 5 mm to either side."""
-    name = "lateral stiffness, slow"
-    if not run.can(name, needs=LATERAL_NEEDS):
+    if not run.can(LATERAL_SECANT, needs=LATERAL_NEEDS):
         return
     with run.phase("lateral triangle"):
         secant = load.limits.band("lateral_secant")
         _, values = shake(run, "lateral", LOOP_FREQUENCY, LATERAL, "triangle")
-        check_secant(run, name, values, lateral_motion, secant)
+        check_secant(run, LATERAL_SECANT, values, lateral_motion, secant)
         motion, force = lateral_motion(values)
         keep_loop(run, "slow", "lateral", motion, force)
 
@@ -139,7 +189,7 @@ def lateral_loop(run: Run, load: Load) -> None:
 def lateral_sweep(run: Run, load: Load) -> None:
     """Measure lateral stiffness and damping of the pair, first harmonic, 5 mm."""
     sweep = list(load.sweep("lateral"))
-    if not run.can(*_names("lateral", [one for one, *_ in sweep]), needs=LATERAL_NEEDS):
+    if not run.can(*_names(LATERAL_SINES, sweep), needs=LATERAL_NEEDS):
         return
     found: list[Stiffness] = []
     known: list[tuple[Measured, Measured]] = []
@@ -150,7 +200,7 @@ def lateral_sweep(run: Run, load: Load) -> None:
             times, values = shake(run, "lateral", frequency, LATERAL)
             stiffness = partial(_lateral, times, frequency)
             found.append(stiffness(values))
-            stiff, damped = _names("lateral", [frequency])
+            stiff, damped = (one.of(frequency=frequency) for one in LATERAL_SINES)
             known.append(check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping}))
             motion, force = lateral_motion(values)
             one = times < times[0] + 1 / frequency

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, first_harmonic
+from test_plans.check_names import CheckName
 from test_plans.geometry import SPRING_HALF_SPACING
 from test_plans.loads import Load
 from test_plans.readings import GENERATOR
@@ -20,6 +21,25 @@ from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, Values, check_band,
 
 if TYPE_CHECKING:
     from test_plans.run import Run
+
+PASSED_ON: Final = CheckName(
+    "bolster over platform at 1.2 Hz",
+    "How much of the track's motion reaches the car near its natural frequency: the passengers feel the rest of it.",
+)
+PEAK: Final = CheckName(
+    "peak of the bolster",
+    "How high a bump of 5 mm lifts the car: an overshoot beyond the bump itself is missing damping.",
+)
+ROLL_STIFFNESS: Final = CheckName(
+    "roll stiffness",
+    "Moment over angle under unequal loads: it decides how far the car leans in a curve.",
+)
+PARTED: Final = CheckName(
+    "pressure difference by rolling",
+    "How far an unequal load parts the pressures: a valve between the springs that leaks or hangs open shows here.",
+)
+#: What is checked of track and roll.
+TRACK_AND_ROLL: Final = (ROLL_STIFFNESS, PARTED, PASSED_ON, PEAK)
 
 _TRACK: Final = ("left.height", "right.height", "platform.vertical")
 TRACK_FREQUENCY: Final = 1.2 * Hz
@@ -34,9 +54,8 @@ AVERAGED: Final = 5
 def track_excitation(run: Run) -> None:
     """Move the platform as a track would, a unilateral cosine of 5 mm, under constant preload; look at the bolster."""
     bench = run.bench
-    passed_on, peak = "bolster over platform at 1.2 Hz", "peak of the bolster"
     if not run.can(
-        passed_on, peak, needs=(*_TRACK, *GENERATOR, "platform.vertical_setpoint", "generator.axis")
+        PASSED_ON, PEAK, needs=(*_TRACK, *GENERATOR, "platform.vertical_setpoint", "generator.axis")
     ):
         return
     with run.phase("unilateral cosine"):
@@ -52,8 +71,8 @@ def track_excitation(run: Run) -> None:
         steady = generator_cycles(times, values, 1, TRACK_CYCLES - 1, TRACK_FREQUENCY)
         ratio, highest = run.measure(partial(_answer, times, steady), values)
         limits = run.specimen.limits
-        check_band(run, passed_on, ratio, "1", limits.band("track_transmissibility"))
-        check_band(run, peak, highest, "mm", limits.band("track_peak"))
+        check_band(run, PASSED_ON, ratio, "1", limits.band("track_transmissibility"))
+        check_band(run, PEAK, highest, "mm", limits.band("track_peak"))
 
 
 def _answer(times: Samples, steady: npt.NDArray[np.bool_], values: Values) -> tuple[float, float]:
@@ -70,9 +89,8 @@ def _answer(times: Samples, steady: npt.NDArray[np.bool_], values: Values) -> tu
 def roll_by_unequal_preload(run: Run, load: Load) -> None:
     """Load the two sides unequally, first the left more, then the right; the air stays locked."""
     bench = run.bench
-    stiff, parting = "roll stiffness", "pressure difference by rolling"
     # A bolster that is held sideways rolls about another axis: a quarter to a third stiffer.
-    if not run.can(stiff, parting, needs=FREE_SIDEWAYS):
+    if not run.can(ROLL_STIFFNESS, PARTED, needs=FREE_SIDEWAYS):
         return
     with run.phase("roll"):
         names = [f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure")]
@@ -87,9 +105,9 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
             load.actuator_force, load.actuator_force, rate=ROLL_RATE, within=PRELOAD_WITHIN
         )
         stiffness, swing = run.measure(_between, *rolled, averaged=AVERAGED)
-        check_band(run, stiff, stiffness, "kN*m/rad", load.limits.band("roll_stiffness"))
+        check_band(run, ROLL_STIFFNESS, stiffness, "kN*m/rad", load.limits.band("roll_stiffness"))
         limit = run.specimen.limits.band("roll_pressure_difference")
-        check_band(run, parting, swing, "bar", limit)
+        check_band(run, PARTED, swing, "bar", limit)
 
 
 def _between(one: Mapping[str, float], other: Mapping[str, float]) -> tuple[float, float]:

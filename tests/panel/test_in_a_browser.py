@@ -140,7 +140,7 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
 
 CARD = """async ([can_hold, failed]) => {
   const { runCard } = await import("/page/run.js");
-  const plan = { name: "aw0", title: "", lasts: 0, judges: true, parameters: [] };
+  const plan = { name: "aw0", title: "", lasts: 0, judges: true, parameters: [], checks: [] };
   const card = runCard({ plans: { plans: [plan], specimens: [] }, link: {} });
   const run = { plan: "aw0", step: [], checks: {}, answers: [], question: "", held: "", hold_wanted_by: "", said: "" };
   card.tell({

@@ -20,13 +20,19 @@ NO_VALUE = {CheckVerdict.ERROR, CheckVerdict.NOT_AVAILABLE}
 
 
 def explained(result):
-    """Insist that each value of a plan of ours has an uncertainty, or is declared as one that has none; return it."""
+    """Insist that each value of a plan of ours has an uncertainty, or is declared as one that has none; return it.
+
+    And that each check has the sentence of one of those that the plan declares.
+    """
     plain = [
         str(one)
         for one in result.checks
         if one.verdict not in NO_VALUE and one.u is None and one.without in {"", PLAIN}
     ]
     assert not plain
+    if plan := plans().get(result.plan):
+        declared = {one.about for one in plan.checks}
+        assert [one.name for one in result.checks if one.about not in declared] == []
     return result
 
 

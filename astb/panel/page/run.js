@@ -51,11 +51,11 @@ function ended({ by, at, how, empty }) {
   return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}; ${air}.`), make("p", { class: "said" }, how)];
 }
 
-/** The checks that failed, by name, value and limits. */
+/** The checks that failed, by name, value and limits; afterwards with what they are for. */
 function failures(checks) {
   if (!checks.length) return null;
   const more = checks.length > SHOWN ? [make("li", {}, `and ${checks.length - SHOWN} more`)] : [];
-  return make("ul", { class: "failed" }, ...checks.slice(0, SHOWN).map((one) => make("li", {}, one)), ...more);
+  return make("ul", { class: "failed" }, ...checks.slice(0, SHOWN).map((one) => make("li", {}, one.text ?? one, one.about ? make("small", {}, one.about) : null)), ...more);
 }
 
 function running(order) {

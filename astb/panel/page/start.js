@@ -9,6 +9,7 @@ export function starting(panel, order, told) {
   const choice = make("select", { "aria-label": "plan" });
   const about = make("p", { class: "said", id: "about" });
   const instruction = make("p", { class: "instruction" });
+  const checked = make("dl", { class: "meanings" });
   const fields = make("div");
   const specimen = make("select", { "aria-label": "specimen" });
   const [operator, ambient] = [remembered("operator", "who runs it"), remembered("ambient", "such as 21 °C, 1013 hPa")];
@@ -35,6 +36,7 @@ export function starting(panel, order, told) {
     const plan = plans.get(choice.value);
     about.textContent = plan.title + (plan.lasts ? ` About ${duration(plan.lasts)}.` : "");
     instruction.textContent = plan.instruction;
+    checked.replaceChildren(...plan.checks.flatMap((one) => [make("dt", {}, one.name), make("dd", {}, one.about)]));
   }
   function choose() {
     tellAbout();
@@ -85,7 +87,7 @@ export function starting(panel, order, told) {
   vent.addEventListener("click", () => order("/api/vent"));
 
   return {
-    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), fields,
+    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), make("details", {}, make("summary", {}, "What it checks, and why"), checked), fields,
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
       make("div", { class: "buttons" }, begin, rehearse), rehearsed, make("div", { class: "buttons" }, reset, vent)),
