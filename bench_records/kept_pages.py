@@ -1,8 +1,9 @@
-"""The pages of runs that are kept: two beside each other, and one check over the life of a specimen."""
+"""The pages of runs that are kept: two beside each other, and checks over the life of a specimen."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -118,16 +119,33 @@ def _overlay(name: str, pair: CurvePair) -> str:
         return svg(figure, name)
 
 
-def write_trend(trend: Trend, specimen: str, path: Path) -> None:
-    """Write the page of one check over the life of a specimen. OSError if it cannot be written."""
+class Part(NamedTuple):
+    """One of the checks on a page of trends."""
+
+    name: str
+    words: list[str]
+    drawing: str
+    rows: list[tuple[KeptCheck, str, str]]
+
+
+def write_trends(trends: Sequence[Trend], specimen: str, path: Path) -> None:
+    """Write the page of one or more checks over the life of a specimen. OSError if it cannot be written."""
+    parts = [
+        Part(
+            primed(trend.name),
+            trend_words(trend),
+            _over_time(trend, f"trend{place}"),
+            [(one, _kept_figure(one), _uncertainty(one)) for one in trend.checks],
+        )
+        for place, trend in enumerate(trends)
+    ]
+    checks = [one for trend in trends for one in trend.checks]
     page = template("trend.html.j2").render(
-        trend=trend,
+        heading=parts[0].name if len(parts) == 1 else f"{len(parts)} checks",
         specimen=specimen,
-        words=trend_words(trend),
-        drawing=_over_time(trend),
-        uncertain=any(one.expanded is not None for one in trend.checks),
-        rows=[(one, _kept_figure(one), _uncertainty(one)) for one in trend.checks],
-        circumstances=sorted({one.run.circumstances for one in trend.checks if one.run.circumstances}),
+        parts=parts,
+        uncertain=any(one.expanded is not None for one in checks),
+        circumstances=sorted({one.run.circumstances for one in checks if one.run.circumstances}),
     )
     with kept(path):
         path.write_text(page, encoding="utf-8", newline="\n")
@@ -178,7 +196,7 @@ def _time_axis(days: float) -> tuple[str, float]:
     )
 
 
-def _over_time(trend: Trend) -> str:
+def _over_time(trend: Trend, name: str) -> str:
     last = trend.checks[-1]
     points = [
         (day, one.value / one.scale, one)
@@ -225,4 +243,4 @@ def _over_time(trend: Trend) -> str:
         axes.margins(0.06)
         heading(axes, primed(trend.name), unit(last.unit))
         axes.set_xlabel(f"{time} since the first run", loc="right")
-        return svg(figure, "trend")
+        return svg(figure, name)

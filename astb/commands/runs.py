@@ -11,6 +11,7 @@ from astb.tables import open_console, open_table, print_json, styled
 
 if TYPE_CHECKING:
     from bench_records.index import KeptCheck, KeptRun, RunIndex
+    from bench_records.trend import Trend
 
 OUT_OPTION: Final = out_option("The folder in which `astb run` keeps its runs.", "folder")
 PAGE_OPTION: Final = click.option(
@@ -155,7 +156,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
 
 
 @click.command("trend")
-@click.argument("check")
+@click.argument("checks", nargs=-1, required=True, metavar="CHECK...")
 @click.option("--specimen", required=True, metavar="NUMBER", help="Serial number of the specimen.")
 @OUT_OPTION
 @click.option("--plan", help="Only runs of this plan.")
@@ -172,7 +173,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
 @PAGE_OPTION
 @JSON_OPTION
 def trend_command(
-    check: str,
+    checks: tuple[str, ...],
     specimen: str,
     folder: Path,
     plan: str | None,
@@ -183,40 +184,67 @@ def trend_command(
     page: Path | None,
     as_json: bool,
 ) -> None:
-    """Tell how the values of CHECK went over the life of a specimen: scatter, and whether they drift.
+    """Tell how the values of each CHECK went over the life of a specimen: scatter, and whether they drift.
 
-    What was measured otherwise is never mixed: where a check of this name comes from several plans, phases, rigs,
-    circumstances or parameters, these are listed, and one has to be chosen.
+    A CHECK is the name of one, or a pattern: "left vertical K' at *" are those of all frequencies. What was measured
+    otherwise is never mixed: where a check of one name comes from several plans, phases, rigs, circumstances or
+    parameters, these are listed, and one has to be chosen.
     """
-    from bench_records.kept_pages import trend_words, write_trend
+    from bench_records.kept_pages import write_trends
     from bench_records.layout import RecordError
     from bench_records.trend import trend_of
 
     index = _index(folder)
     wanted = pairs(settings, "has no value: NAME=VALUE would be right, such as load=AW3", option="--set ")
+    chosen = {"serial_number": specimen, "plan": plan, "rig": rig, "circumstances": circumstances}
+    trends = []
     try:
-        checks = [
-            one
-            for one in index.checks(
-                check, serial_number=specimen, plan=plan, rig=rig, circumstances=circumstances
-            )
-            if phase in (None, one.phase) and wanted.items() <= one.run.parameters.items()
-        ]
-        if not checks:
-            misuse(_no_such(index, check, specimen))
-        found = trend_of(check, _of_one_kind(check, checks))
+        for check in _named(index, checks):
+            found = [
+                one
+                for one in index.checks(check, **chosen)
+                if phase in (None, one.phase) and wanted.items() <= one.run.parameters.items()
+            ]
+            if found:
+                trends.append(trend_of(check, _of_one_kind(check, found)))
+            elif check in checks:
+                misuse(_no_such(index, check, specimen))
+        if not trends:
+            misuse(_no_such(index, checks[0], specimen))
         if page:
-            write_trend(found, specimen, page)
+            write_trends(trends, specimen, page)
     except RecordError as error:
         misuse(error)
     except OSError as error:
         misuse(f"{page} cannot be written: {error.strerror}")
     _tell_unreadable(index)
     if as_json:
-        print_json(found)
+        # One name is answered by one object, whatever else the command can.
+        print_json(trends[0] if len(checks) == 1 and trends[0].name == checks[0] else trends)
         return
+    for trend in trends:
+        _show_trend(trend, specimen)
+    if page:
+        open_console().print(f"page: {page}")
+
+
+def _named(index: "RunIndex", checks: tuple[str, ...]) -> list[str]:
+    """Return the names of checks, with those in the place of a pattern that fit it."""
+    from fnmatch import fnmatchcase
+
+    known = index.names("check")
+    found: dict[str, None] = {}
+    for one in checks:
+        fitting = [one] if one in known else [name for name in known if fnmatchcase(name, one)]
+        found.update(dict.fromkeys(fitting or [one]))
+    return list(found)
+
+
+def _show_trend(found: "Trend", specimen: str) -> None:
+    from bench_records.kept_pages import trend_words
+
     columns = ("", "when (UTC)", "run", "value", "± U")
-    table = open_table(f"{check}, specimen {specimen}", *columns, whole=("", "value", "± U"))
+    table = open_table(f"{found.name}, specimen {specimen}", *columns, whole=("", "value", "± U"))
     for one in found.checks:
         value = "–" if one.value is None else f"{one.value / one.scale:.6g} {one.unit}".rstrip()
         reach = "" if one.expanded is None else f"± {one.expanded / one.scale:.2g}"
@@ -226,8 +254,6 @@ def trend_command(
     console.print(table)
     for sentence in trend_words(found):
         console.print(sentence)
-    if page:
-        console.print(f"page: {page}")
 
 
 def _verify(folder: Path, runs: "list[KeptRun]") -> NoReturn:

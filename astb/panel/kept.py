@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 FINDING: Final = "finding.json"
 #: Where runs lie that are kept and no longer listed among the others.
 ARCHIVE: Final = "archive"
+#: Drawings that a page of trends has at most: each takes a tenth of a second to make.
+TRENDS: Final = 60
 #: Ways to move a run that are no names.
 IN_ARCHIVE, OUT_OF_ARCHIVE = "/in", "/out"
 _NAME: Final = re.compile(r"\w[\w .-]{0,58}[\w-]|\w")
@@ -72,7 +74,13 @@ def routes(parts: Parts) -> Sequence[Route]:
         Route(
             "/kept/trend",
             answered(
-                lambda request: kept.trend(request.query_params["run"], int(request.query_params["place"]))
+                lambda request: kept.trend(
+                    request.query_params["run"],
+                    [
+                        int(one)
+                        for one in request.query_params.getlist("place") or request.query_params["place"]
+                    ],
+                )
             ),
         ),
         Route("/kept/diagnosis", answered(lambda request: kept.diagnosis(request.query_params["of"]))),
@@ -101,7 +109,13 @@ class Kept:
         from bench_records.run_folder import open_run
 
         return [
-            {"place": place, "phase": one.phase, "text": str(one), "verdict": one.verdict.value}
+            {
+                "place": place,
+                "phase": one.phase,
+                "text": str(one),
+                "verdict": one.verdict.value,
+                "about": one.about,
+            }
             for place, one in enumerate(open_run(self._known(run)).result.checks)
         ]
 
@@ -122,25 +136,33 @@ class Kept:
         found = compare_runs(self._known(a), self._known(b))
         return _page(lambda path: write_comparison(found, path))
 
-    def trend(self, run: str, place: int) -> str:
-        """Return the page of one check of a run over all runs that were made as this one, of its specimen."""
-        from bench_records.kept_pages import write_trend
+    def trend(self, run: str, places: Sequence[int]) -> str:
+        """Return the page of some checks of a run over all runs that were made as this one, of its specimen."""
+        from bench_records.kept_pages import write_trends
         from bench_records.run_folder import open_run
         from bench_records.trend import trend_of
 
         checks = open_run(self._known(run)).result.checks
         index = RunIndex(self._folder)
         known = next(one for one in index.runs() if one.directory == run)
-        if not 0 <= place < len(checks):
-            raise RecordError(f"{run} has no check {place}; it has {len(checks)}")
+        if not 0 < len(places) <= TRENDS:
+            raise RecordError(f"{len(places)} trends are asked for; 1 to {TRENDS} fit on a page")
+        for place in places:
+            if not 0 <= place < len(checks):
+                raise RecordError(f"{run} has no check {place}; it has {len(checks)}")
         like = {name: getattr(known, name) for name in ("plan", "rig", "circumstances", "serial_number")}
-        found = [
-            one
-            for one in index.checks(checks[place].name, **like)
-            if one.phase == checks[place].phase and one.run.parameters == known.parameters
+        trends = [
+            trend_of(
+                checks[place].name,
+                [
+                    one
+                    for one in index.checks(checks[place].name, **like)
+                    if one.phase == checks[place].phase and one.run.parameters == known.parameters
+                ],
+            )
+            for place in dict.fromkeys(places)
         ]
-        trend = trend_of(checks[place].name, found)
-        return _page(lambda path: write_trend(trend, known.serial_number, path))
+        return _page(lambda path: write_trends(trends, known.serial_number, path))
 
     def diagnoses(self) -> list[Diagnosis]:
         """Return the diagnoses in the folder, the newest first; what is none is left out."""

@@ -188,15 +188,16 @@ FACTS = {
 
 @pytest.fixture(scope="session")
 def keep() -> Callable:
-    """Leave a run with one check and its record in a folder."""
+    """Leave a run with one check, or some more of that value, and its record in a folder."""
 
-    def kept(folder, name: str, value: float, serial: str = "7") -> None:
+    def kept(folder, name: str, value: float, serial: str = "7", more: tuple[str, ...] = ()) -> None:
         directory = folder / name
         with Recorder(
             directory, [SignalInfo("x", "mm", 1e-3, quantity="Ways")], FACTS, start_ns=0
         ) as recorder:
             recorder.append([0, NS], [0, 0], [0.0, 1.0])
-        made = [check("height", value, "mm", 1e-3, low=0.0, high=0.01, phase="main")]
+        names = ("height", *more)
+        made = [check(one, value, "mm", 1e-3, low=0.0, high=0.01, phase="main") for one in names]
         sample = Sample(type="a", serial_number=serial)
         conclude("aw0", "Title", "Text", made, rig="test", specimen=sample).write(directory)
 

@@ -1,10 +1,15 @@
 """The views beside the live one, from the server's side: past runs and diagnoses, faults on purpose, the bus."""
 
+import json
+import re
+
 import msgspec
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from starlette.testclient import TestClient
 
+from astb.cli import commands
 from astb.panel.access import Access
 from astb.panel.bus import Bus
 from astb.panel.parts import Parts
@@ -58,6 +63,30 @@ def test_past_runs_are_listed_with_their_checks_and_opened_as_pages(panel, keep,
     trend = page.get("/kept/trend", params={"run": "one", "place": 0})
     assert "two" in trend.text and "other spring" not in trend.text, "of this specimen alone"
     assert "default-src 'none'" in trend.headers["content-security-policy"]
+
+
+def test_a_page_shows_the_trends_of_several_checks_and_the_command_line_the_same(panel, keep, tmp_path):
+    runs = tmp_path / "runs"
+    for name, value in (("one", 0.004), ("two", 0.005)):
+        keep(runs, name, value, more=("width", "weight"))
+    kept = panel(command=False)
+    page = kept.get("/kept/trend", params={"run": "one", "place": [0, 2, 0]}).text
+    assert re.findall(r'<section id="\w+">\s*<h2>(.*)</h2>', page) == ["height", "weight"]
+    assert "<h1>2 checks, specimen 7" in page
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids)), "drawings on one page keep apart"
+    assert kept.get("/kept/trend", params={"run": "one", "place": [0, 9]}).status_code == 404
+
+    def trend(*words):
+        return CliRunner().invoke(commands, ["trend", *words, "--specimen", "7", "--out", str(runs)])
+
+    told = trend("w*", "height", "--page", str(tmp_path / "page.html"), "--json")
+    assert [one["name"] for one in json.loads(told.stdout)] == ["weight", "width", "height"]
+    assert "<h1>3 checks" in (tmp_path / "page.html").read_text()
+    assert json.loads(trend("height", "--json").stdout)["name"] == "height", "one name, one object"
+    assert trend("height", "width").stdout.count("2 runs; mean 4.5") == 2
+    wrong = trend("height", "hight")
+    assert wrong.exit_code != 0 and "did you mean" in wrong.stderr.lower()
 
 
 @pytest.mark.parametrize("name", ["..", "../secret", "nowhere", "/etc", ""])

@@ -10,7 +10,7 @@ import pytest
 from bench_records.comparison import compare_runs
 from bench_records.curves import Axis, curve
 from bench_records.index import KeptCheck, KeptRun, RunIndex
-from bench_records.kept_pages import comparison_row, trend_words, write_comparison, write_trend
+from bench_records.kept_pages import comparison_row, trend_words, write_comparison, write_trends
 from bench_records.result import check, conclude, unavailable
 from bench_records.trend import trend_of
 
@@ -142,7 +142,7 @@ def test_too_little_tells_no_drift_and_a_missing_value_is_listed_only(tmp_path) 
     assert trend_words(hasty)[-1] == (  # of two hours: of a day nobody knows
         "No drift is seen: 1\u2009kN/m from the first to the last, ± 66\u2009kN/m (95 %)."
     )
-    write_trend(trend, "7", tmp_path / "page.html")
+    write_trends([trend], "7", tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
     assert "run 1" in page
     assert "<span>SIMULATED</span>" in page
@@ -151,12 +151,12 @@ def test_too_little_tells_no_drift_and_a_missing_value_is_listed_only(tmp_path) 
 
 def test_a_trend_shows_how_sure_each_value_is_and_names_its_limits(tmp_path) -> None:
     sure = [msgspec.structs.replace(kept(day, 1e5 + day), expanded=2.5e3, high=1.2e5) for day in range(4)]
-    write_trend(trend_of("K", sure), "7", tmp_path / "sure.html")
+    write_trends([trend_of("K", sure)], "7", tmp_path / "sure.html")
     page = (tmp_path / "sure.html").read_text()
     assert page.count('<td class="n">± 2.5</td>') == 4
     words = re.findall(r"<text[^>]*>([^<]*)</text>", page)
     assert {"low limit 0", "high limit 120"} <= set(words)
-    write_trend(trend_of("K", [kept(0, 1e5), kept(1, 1e5)]), "7", tmp_path / "bare.html")
+    write_trends([trend_of("K", [kept(0, 1e5), kept(1, 1e5)])], "7", tmp_path / "bare.html")
     assert "± U, and the line" not in (tmp_path / "bare.html").read_text()
 
 

@@ -10,7 +10,7 @@ import pytest
 import bench_records
 from bench_records.comparison import compare_runs
 from bench_records.index import KeptCheck, KeptRun
-from bench_records.kept_pages import write_comparison, write_trend
+from bench_records.kept_pages import write_comparison, write_trends
 from bench_records.printing import write_pdf
 from bench_records.report import write_report
 from bench_records.trend import trend_of
@@ -40,7 +40,7 @@ def _trend(path: Path) -> Path:
         )
         for day in range(1, 9)
     ]  # fmt: skip
-    write_trend(trend_of("left vertical K' at 1 Hz", checks), "4711", path)
+    write_trends([trend_of("left vertical K' at 1 Hz", checks)], "4711", path)
     return path
 
 

@@ -6,6 +6,7 @@ import { help } from "/page/words.js";
 
 const ARCHIVE = "archive/";
 const AGAIN = 5000; // ms until the list is looked at anew
+const TRENDS = 60; // on one page
 
 export function show(element, panel) {
   const said = make("p", { class: "said" });
@@ -107,9 +108,28 @@ export function show(element, panel) {
       make("div", { class: "filters" }, field, ...buttons.map(([text, path, body]) => make("button", { disabled: !seat, title: seat ? "" : "only the page that commands may do this", onclick: move(path, body) }, text))), wrong);
   }
 
+  /** One page with the trends of all checks that are marked. */
+  function trends(run, places) {
+    const link = make("a", { class: "button", target: "_blank", "aria-disabled": "true" }, "Mark checks for their trends");
+    const tell = () => {
+      const some = [...places].sort((a, b) => a - b).slice(0, TRENDS);
+      link.setAttribute("aria-disabled", String(!some.length));
+      some.length ? link.setAttribute("href", trend(run, some)) : link.removeAttribute("href");
+      link.textContent = some.length ? `Trends of ${some.length} ${some.length > 1 ? "checks" : "check"}` : "Mark checks for their trends";
+    };
+    const mark = (place) => make("input", { type: "checkbox", "aria-label": `trend of check ${place + 1}`, onchange: (event) => {
+      event.target.checked ? places.add(place) : places.delete(place);
+      tell();
+    } });
+    return { link, mark };
+  }
+
+  const trend = (run, places) => `/kept/trend?run=${encodeURIComponent(run.directory)}${places.map((one) => `&place=${one}`).join("")}`;
+
   async function told(run) {
     const { found, error } = await asked(`/api/kept/checks?run=${encodeURIComponent(run.directory)}`);
     const { button, text } = help(...new Set([run.verdict, ...(found ?? []).map((one) => one.verdict)]));
+    const { link, mark } = trends(run, new Set());
     checks.hidden = false;
     checks.replaceChildren(
       make("h3", {}, run.directory, button),
@@ -117,10 +137,12 @@ export function show(element, panel) {
       run.reason ? make("p", { class: "said" }, run.reason) : "",
       moving(run),
       error ? make("p", { class: "wrong" }, error) : "",
-      ...(found ?? []).map((one) =>
-        make("p", { class: "check" },
+      found?.length > 1 ? link : "",
+      ...(found ?? []).map((one, place) =>
+        make("p", { class: "check" }, found.length > 1 ? mark(one.place) : "",
           make("b", { class: `verdict-word ${one.verdict}` }, one.verdict), ` ${one.text.replace(/: [^:]*$/, "")} `,
-          make("a", { href: `/kept/trend?run=${encodeURIComponent(run.directory)}&place=${one.place}`, target: "_blank", title: "This check in all runs that were made as this one, of the same specimen" }, "trend"))),
+          make("a", { href: trend(run, [one.place]), target: "_blank", title: "This check in all runs that were made as this one, of the same specimen" }, "trend"),
+          one.about && one.about !== found[place - 1]?.about ? make("small", {}, one.about) : "")),
       found && !found.length ? make("p", { class: "said" }, "This run judged nothing.") : "",
     );
     checks.scrollIntoView({ block: "nearest" });
