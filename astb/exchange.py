@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from astb.frames_import import LogKeys, read_frames_of
 from bench_protocol.account import Account
 from bench_records.checksums import FRAMES, sha256_of, write_sums
-from bench_records.layout import RecordError
+from bench_records.layout import RESULT, RecordError
 from drivers.can_files.reading import ENDINGS as FRAME_ENDINGS
 from drivers.can_files.reading import MDF_ENDINGS, OTHER_FORMS, ending_of, log_of_others
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
 
 TABLE_ENDINGS: Final = (".csv", ".parquet", ".arrow", ".mf4")
+#: What is written, but not read.
+_WRITTEN_ENDINGS: Final = (".xlsx",)
 #: What is read, but not written.
 _READ_ENDINGS: Final = (".txt", ".tsv", ".dat", ".feather", ".mdf")
 
@@ -26,10 +28,10 @@ _READ_ENDINGS: Final = (".txt", ".tsv", ".dat", ".feather", ".mdf")
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
     """Write the run in ``directory`` as ``target``; return in words what was written.
 
-    CSV has ``rate`` rows a second; MDF 4 every sample; files of CAN frames those that the run kept, all of them.
+    Tables have ``rate`` rows a second; MDF 4 every sample; files of CAN frames those that the run kept, all of them.
     RecordError for what cannot be; OSError for a file that cannot be written.
     """
-    ending = _known_ending(target)
+    ending = _known_ending(target, *_WRITTEN_ENDINGS)
     if ending in FRAME_ENDINGS:
         if names:
             raise RecordError("frames are exported as they were on the bus: --signal is for CSV and MDF")
@@ -47,6 +49,12 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
     from bench_records.record import read
 
     record = read(directory)
+    if ending == ".xlsx":
+        from bench_records.result import read_result
+        from bench_records.workbook import write_run
+
+        result = read_result(directory) if (directory / RESULT).exists() else None
+        return f"{write_run(record, result, target, rate, names)} rows, checks and curves"
     if ending == ".csv":
         return f"{write_csv(record, target, rate, names)} rows"
     if ending in (".parquet", ".arrow"):
@@ -145,7 +153,6 @@ def _known_signals() -> dict[str, SignalInfo]:
 def _known_ending(path: Path, *others: str) -> str:
     ending = ending_of(path)
     if ending not in (*TABLE_ENDINGS, *FRAME_ENDINGS, *others):
-        raise RecordError(
-            f"{path} ends in {ending or 'nothing'}; known are {', '.join((*TABLE_ENDINGS, *FRAME_ENDINGS))}"
-        )
+        known = ", ".join((*TABLE_ENDINGS, *FRAME_ENDINGS, *others))
+        raise RecordError(f"{path} ends in {ending or 'nothing'}; known are {known}")
     return ending

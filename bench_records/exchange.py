@@ -43,14 +43,14 @@ def write_csv(record: Record, path: Path, rate: float, names: Sequence[str] = ()
 
     Without ``names`` all of them. What was not known at an instant is empty. RecordError for an unknown name.
     """
-    frame = _table(record, rate, names)
+    frame = table_of(record, rate, names)
     frame.to_csv(path, float_format="%.9g")
     return len(frame)
 
 
 def write_arrow(record: Record, path: Path, rate: float, names: Sequence[str] = ()) -> int:
     """As `write_csv`, into a file of Parquet or of Arrow, as the ending says; the clock is the index of the frame."""
-    frame = _table(record, rate, names)
+    frame = table_of(record, rate, names)
     if path.suffix.lower() == ".parquet":
         frame.to_parquet(path)
     else:
@@ -58,7 +58,8 @@ def write_arrow(record: Record, path: Path, rate: float, names: Sequence[str] = 
     return len(frame)
 
 
-def _table(record: Record, rate: float, names: Sequence[str]) -> pd.DataFrame:
+def table_of(record: Record, rate: float, names: Sequence[str]) -> pd.DataFrame:
+    """Return signals side by side, in the units of their columns. RecordError for an unknown name."""
     chosen = list(names or record.signals)
     frame = record.frame(chosen, rate)
     for name in chosen:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from bench_records.check_table import SIGNS
 from bench_records.disk import kept
 from bench_records.templates import template
 from bench_records.typography import primed, significant, unit
+from bench_records.workbook import workbook, write_row
 from campaigns.findings import (
     FAILED,
     Distribution,
@@ -144,19 +144,7 @@ def write_workbook(rows: Sequence[Row], path: Path) -> None:
 
     NotKept if the disk refuses it; it needs the extra `excel`.
     """
-    import io
-
-    import xlsxwriter
-
-    kept_bytes = io.BytesIO()
-    # Texts of others are texts: none of them becomes a formula or a link.
-    options = {
-        "strings_to_formulas": False,
-        "strings_to_urls": False,
-        "nan_inf_to_errors": True,
-        "in_memory": True,
-    }
-    with xlsxwriter.Workbook(kept_bytes, options) as book:
+    with kept(path), workbook(path) as book:
         head = book.add_format({"bold": True, "text_wrap": True, "valign": "top"})
         bad = book.add_format({"bg_color": "#fcd9d6"})
         for number, (plan, own) in enumerate(by_plan(rows).items(), 1):
@@ -177,10 +165,8 @@ def write_workbook(rows: Sequence[Row], path: Path) -> None:
         sheet.write_row(0, 0, columns, head)
         for place, one in enumerate(distributions(rows), 1):
             told = (one.check, one.unit, one.low, one.high, one.mean, one.scatter, one.failed, one.cases)
-            _write_row(sheet, place, (*one.kind, *told))
+            write_row(sheet, place, (*one.kind, *told))
         sheet.freeze_panes(1, 0)
-    with kept(path):
-        path.write_bytes(kept_bytes.getvalue())
 
 
 def _plan_sheet(sheet: Any, own: Sequence[Row], head: Any, bad: Any) -> None:
@@ -189,7 +175,7 @@ def _plan_sheet(sheet: Any, own: Sequence[Row], head: Any, bad: Any) -> None:
     first = (*Kind._fields[1:], "seed", "verdict", "reason")
     sheet.write_row(0, 0, [*first, *(f"{name}, {units[name]}".rstrip(", ") for name in checks)], head)
     for place, row in enumerate(own, 1):
-        _write_row(sheet, place, (*kind_of(row)[1:], row["seed"], verdict_of(row), reason_of(row)))
+        write_row(sheet, place, (*kind_of(row)[1:], row["seed"], verdict_of(row), reason_of(row)))
         for one in row.get("checks") or ():
             column = len(first) + checks.index(name_of(one))
             form = [bad] if one["verdict"] in FAILED else []
@@ -199,12 +185,3 @@ def _plan_sheet(sheet: Any, own: Sequence[Row], head: Any, bad: Any) -> None:
                 sheet.write_string(place, column, one["verdict"], *form)
     sheet.freeze_panes(1, len(first))
     sheet.autofilter(0, 0, len(own), len(first) + len(checks) - 1)
-
-
-def _write_row(sheet: Any, place: int, values: Sequence[Any]) -> None:
-    """Write texts as texts and numbers as numbers; what is not known leaves its cell empty."""
-    for column, value in enumerate(values):
-        if isinstance(value, str):
-            sheet.write_string(place, column, value)
-        elif value is not None and math.isfinite(value):
-            sheet.write_number(place, column, value)

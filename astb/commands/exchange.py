@@ -13,15 +13,13 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 @click.command("export")
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.argument("target", type=_FILE)
-@click.option(
-    "--rate", type=float, default=100.0, show_default=True, help="Rows a second of a CSV file, in Hz."
-)
+@click.option("--rate", type=float, default=100.0, show_default=True, help="Rows a second of a table, in Hz.")
 @click.option("--signal", "names", multiple=True, metavar="NAME", help="Only this signal; repeatable.")
 def export_command(directory: Path, target: Path, rate: float, names: tuple[str, ...]) -> None:
     """Write the run in DIRECTORY as TARGET, whose ending says what it becomes.
 
-    .csv, .parquet and .arrow are tables at one rate, .mf4 is MDF 4 with every sample; .blf, .asc, .log (candump) and
-    .trc hold the CAN frames of a run that kept them.
+    .csv, .parquet and .arrow are tables at one rate, .xlsx has checks and curves beside it, .mf4 is MDF 4 with every
+    sample; .blf, .asc, .log (candump) and .trc hold the CAN frames of a run that kept them.
     """
     from astb.exchange import export_run
     from bench_records.layout import RecordError

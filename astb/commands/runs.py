@@ -10,6 +10,8 @@ from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json, styled
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from bench_records.index import KeptCheck, KeptRun, RunIndex
     from bench_records.trend import Trend
 
@@ -171,6 +173,12 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     help="Only runs with this parameter as written in the run, such as load=AW3; repeatable.",
 )
 @PAGE_OPTION
+@click.option(
+    "--table",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.xlsx",
+    help="Also write all values as a workbook for Excel.",
+)
 @JSON_OPTION
 def trend_command(
     checks: tuple[str, ...],
@@ -182,6 +190,7 @@ def trend_command(
     circumstances: str | None,
     settings: tuple[str, ...],
     page: Path | None,
+    table: Path | None,
     as_json: bool,
 ) -> None:
     """Tell how the values of each CHECK went over the life of a specimen: scatter, and whether they drift.
@@ -193,30 +202,28 @@ def trend_command(
     from bench_records.kept_pages import write_trends
     from bench_records.layout import RecordError
     from bench_records.trend import trend_of
+    from bench_records.workbook import write_trends_book
 
+    if table and table.suffix.lower() != ".xlsx":
+        misuse(f"{table} is no name of a workbook for Excel; {table.with_suffix('.xlsx')} would be one")
     index = _index(folder)
     wanted = pairs(settings, "has no value: NAME=VALUE would be right, such as load=AW3", option="--set ")
     chosen = {"serial_number": specimen, "plan": plan, "rig": rig, "circumstances": circumstances}
-    trends = []
     try:
-        for check in _named(index, checks):
-            found = [
-                one
-                for one in index.checks(check, **chosen)
-                if phase in (None, one.phase) and wanted.items() <= one.run.parameters.items()
-            ]
-            if found:
-                trends.append(trend_of(check, _of_one_kind(check, found)))
-            elif check in checks:
-                misuse(_no_such(index, check, specimen))
+        trends = [
+            trend_of(check, _of_one_kind(check, found))
+            for check, found in _measured(index, checks, chosen, phase, wanted)
+        ]
         if not trends:
             misuse(_no_such(index, checks[0], specimen))
         if page:
             write_trends(trends, specimen, page)
+        if table:
+            write_trends_book(trends, table)
     except RecordError as error:
         misuse(error)
     except OSError as error:
-        misuse(f"{page} cannot be written: {error.strerror}")
+        misuse(f"{error.filename or page or table} cannot be written: {error.strerror}")
     _tell_unreadable(index)
     if as_json:
         # One name is answered by one object, whatever else the command can.
@@ -224,8 +231,29 @@ def trend_command(
         return
     for trend in trends:
         _show_trend(trend, specimen)
-    if page:
-        open_console().print(f"page: {page}")
+    for what, path in (("page", page), ("table", table)):
+        if path:
+            open_console().print(f"{what}: {path}")
+
+
+def _measured(
+    index: "RunIndex",
+    checks: tuple[str, ...],
+    chosen: "dict[str, str | None]",
+    phase: str | None,
+    wanted: dict[str, str],
+) -> "Iterator[tuple[str, list[KeptCheck]]]":
+    """Yield what is kept of each check by name; misuse for one that was named, and of which there is nothing."""
+    for check in _named(index, checks):
+        found = [
+            one
+            for one in index.checks(check, **chosen)
+            if phase in (None, one.phase) and wanted.items() <= one.run.parameters.items()
+        ]
+        if found:
+            yield check, found
+        elif check in checks:
+            misuse(_no_such(index, check, chosen["serial_number"] or ""))
 
 
 def _named(index: "RunIndex", checks: tuple[str, ...]) -> list[str]:
