@@ -40,8 +40,7 @@ table tell which.
 A plan *runs*, or it is *blocked*. Then its reason is checked against the rig itself: that what it names as the cause
 is so, that somebody is told what to do, and that no word on the air, on the state and on others who command contradicts
 the springs, the valves and who is there.
-{cells} cells, {ran} of which run; {wrong} with a reason that is not true. Gone over {days};
-{left} cells not yet.
+{cells} cells, {ran} of which run; {wrong} with a reason that is not true. Gone over {days}{left}.
 
 | kind | lost | at once | 5 s later | 30 s later |
 |---|---|---|---|---|
@@ -89,6 +88,7 @@ def _instants(name: str) -> list[tuple[str, float]]:
 def page(found: list[Cell], every: dict[str, list[str]]) -> str:
     """Return the page of the whole matrix."""
     whole = [name for name in every if name in BEFORE_WHICH_ALL]
+    left = len(tried_for(every)) - len(found)
     head = HEAD.format(
         tried=len(every),
         all=sum(map(len, every.values())),
@@ -99,7 +99,7 @@ def page(found: list[Cell], every: dict[str, list[str]]) -> str:
         cells=len(found),
         ran=sum(not cell.reason for cell in found),
         wrong=sum(bool(cell.wrong) for cell in found),
-        left=len(tried_for(every)) - len(found),
+        left=f";\n{left} cells not yet" if left else "",
         days=" and ".join(
             f"on {day}: {count}" for day, count in sorted(Counter(cell.day for cell in found).items())
         ),
