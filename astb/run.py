@@ -29,6 +29,7 @@ from bench_records.layout import RESULT, RecordError
 from bench_records.result import Outcome, Result, read_result
 
 if TYPE_CHECKING:
+    from astb.messages import Messages
     from bench_sim.parameters import Parameters
     from test_plans.operator import Operator, QuestionBox
     from test_plans.plan import Plan
@@ -40,12 +41,20 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What a run keeps beside its samples: who runs it, in which surroundings, every CAN frame, a report to print."""
+    """What a run keeps beside its samples: who runs it, in which surroundings, every CAN frame, a report to print.
+
+    And who gets a message when it asks something and when it ends.
+    """
 
     operator: str = ""
     ambient: str = ""
     frames: bool = False
     pdf: bool = False
+    messages: "Messages | None" = None
+
+    def called(self, operator: "Operator | None", plan: "Plan") -> "Operator | None":
+        """Return ``operator``, who gets a message for each question of ``plan`` if anybody does."""
+        return self.messages.operator(operator, plan.name) if self.messages else operator
 
 
 def run_plans(
@@ -75,6 +84,8 @@ def run_plans(
         if is_virtual
         else opened_door(path, Door(lambda: display.live, suspension, box_of(operator))),
     ):
+        if keeping.messages:
+            keeping.messages.warn = display.warn
         for session, part in _sessions(plans, rig, path, is_virtual, seed, display):
             for plan in part:
                 result, _ = run_plan(
@@ -135,7 +146,7 @@ def run_plan(
                 seed=session.seed,
                 watcher=display,
                 specimen=specimen,
-                operator=with_hand(operator, session.bench.hand),
+                operator=with_hand(keeping.called(operator, plan), session.bench.hand),
                 suspension=suspension,
             )
     except KeyboardInterrupt as stop:
@@ -147,6 +158,8 @@ def run_plan(
     if report and keeping.pdf:
         _print(report, display)
     display.conclude(result, directory)
+    if keeping.messages:
+        keeping.messages.ended(result, directory)
     if stopped:
         if str(stopped) not in result.reason:
             display.warn(str(stopped))

@@ -1,7 +1,8 @@
 """`astb run` and `astb report`: plans on a rig, and the reports of their records."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -11,8 +12,55 @@ from astb.commands.options import RIG_OPTION, SEED, read_rig, read_specimen, sim
 from astb.commands.plan_values import chosen_plans, plan_value_options
 from astb.exit_codes import BLOCKED, FAIL, INCOMPLETE, PASS, blocked, misuse
 
+if TYPE_CHECKING:
+    from astb.run import Keeping
+
 #: Exit codes by verdict; of several plans the last in this order counts.
 _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked": BLOCKED}
+#: What is kept beside the record, and who hears of the run.
+_KEPT: Final = (
+    click.option(
+        "--keep-frames",
+        is_flag=True,
+        help="Also keep every CAN frame, in can.blf; `astb export` makes other formats of it.",
+    ),
+    click.option("--pdf", is_flag=True, help="Also print the report as PDF, to be signed; by Chromium."),
+    click.option(
+        "--operator",
+        "run_by",
+        envvar="ASTB_OPERATOR",
+        default="",
+        help="Who runs this, for record and report; else ASTB_OPERATOR of the environment.",
+    ),
+    click.option(
+        "--ambient",
+        envvar="ASTB_AMBIENT",
+        default="",
+        help='The surroundings, such as "21 °C, 1013 hPa", for record and report; else ASTB_AMBIENT of the '
+        "environment.",
+    ),
+    click.option(
+        "--message",
+        metavar="TO",
+        envvar="ASTB_MESSAGE",
+        default="",
+        help="Who hears of each question and of the end: a command, or a webhook on this machine, such as "
+        "http://127.0.0.1:8080/hook; else ASTB_MESSAGE of the environment.",
+    ),
+    click.option(
+        "--message-elsewhere",
+        envvar="ASTB_MESSAGE_ELSEWHERE",
+        is_flag=True,
+        help="The webhook may be on another machine, which learns what is tested here.",
+    ),
+)
+
+
+def kept_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command say what a run keeps beside its record, and who hears of it: see `_keeping`."""
+    for option in reversed(_KEPT):
+        command = option(command)
+    return command
 
 
 @click.command("run")
@@ -24,25 +72,7 @@ _EXIT: Final = {"pass": PASS, "incomplete": INCOMPLETE, "fail": FAIL, "blocked":
 @click.option("--seed", type=SEED, help="Draws the simulated rig's sensors and their noise.")
 @simulation_options
 @plan_value_options
-@click.option(
-    "--keep-frames",
-    is_flag=True,
-    help="Also keep every CAN frame, in can.blf; `astb export` makes other formats of it.",
-)
-@click.option("--pdf", is_flag=True, help="Also print the report as PDF, to be signed; by Chromium.")
-@click.option(
-    "--operator",
-    "run_by",
-    envvar="ASTB_OPERATOR",
-    default="",
-    help="Who runs this, for record and report; else ASTB_OPERATOR of the environment.",
-)
-@click.option(
-    "--ambient",
-    envvar="ASTB_AMBIENT",
-    default="",
-    help='The surroundings, such as "21 °C, 1013 hPa", for record and report; else ASTB_AMBIENT of the environment.',
-)
+@kept_options
 def run_command(
     plans: tuple[str, ...],
     rig_named: str | None,
@@ -55,11 +85,8 @@ def run_command(
     answers: str | None,
     settings: tuple[str, ...],
     values_path: Path | None,
-    keep_frames: bool,
-    pdf: bool,
-    run_by: str,
-    ambient: str,
     out: Path,
+    **kept: Any,
 ) -> None:
     """Run test plans on a rig and write, for each, DIR/PLAN/ with record, result and report.
 
@@ -74,7 +101,7 @@ def run_command(
 
     from astb.operators import operator_for
     from astb.rig_file import RigFileError
-    from astb.run import Keeping, run_plans
+    from astb.run import run_plans
     from bench_records.layout import RecordError
     from drivers.errors import BenchError
 
@@ -82,6 +109,7 @@ def run_command(
     specimen = read_specimen(specimen_name)
     rig, path = read_rig(rig_named)
     rig = simulated(rig, path, model, effects, sealed)
+    keeping = _keeping(**kept)
     end_in_order()
     try:
         results = run_plans(
@@ -93,7 +121,7 @@ def run_command(
             out=out,
             specimen=specimen,
             operator=operator_for(answers, get_console()),
-            keeping=Keeping(run_by, ambient, keep_frames, pdf),
+            keeping=keeping,
         )
     except (RigFileError, ValueError, RecordError) as error:
         misuse(error)
@@ -101,6 +129,19 @@ def run_command(
         blocked(error)
     worst = max((result.verdict for result in results), key=list(_EXIT).index)
     raise click.exceptions.Exit(_EXIT[worst])
+
+
+def _keeping(
+    *, keep_frames: bool, pdf: bool, run_by: str, ambient: str, message: str, message_elsewhere: bool
+) -> "Keeping":
+    from astb.messages import MessageError, Messages, receiver
+    from astb.run import Keeping
+
+    try:
+        messages = Messages(receiver(message, elsewhere=message_elsewhere)) if message else None
+    except MessageError as error:
+        misuse(error)
+    return Keeping(run_by, ambient, keep_frames, pdf, messages)
 
 
 @click.command("report")

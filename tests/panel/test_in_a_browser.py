@@ -151,6 +151,28 @@ CARD = """async ([can_hold, failed]) => {
 }"""
 
 
+TITLE = (
+    """async ([status, stale]) => (await import("/page/title.js")).tabTitle(status, stale, false, "hall")"""
+)
+
+
+def test_the_tab_says_what_waits_first_and_how_far_the_run_is(open_page):
+    page = open_page()
+    run = {"plan": "aw0", "fraction": 0.437, "question": "", "held": ""}
+
+    def title(run, last=None, link="", stale=False):
+        rig = {"run": run, "link": link, "state": "ACTIVE"}
+        return page.evaluate(TITLE, [{"rig": rig, "runs": {"last": last}}, stale])
+
+    assert title(None) == "hall – ASTB"
+    assert title(run) == "43 % aw0 – hall – ASTB"
+    assert title(run | {"question": "Fit the plate"}) == "❓ aw0 asks – hall – ASTB"
+    assert title(run | {"held": "before the push"}) == "⏸ aw0 is held – hall – ASTB"
+    assert title(None, {"verdict": "fail", "plan": "aw0"}) == "fail: aw0 – hall – ASTB"
+    assert title(run, link="gone") == title(run, stale=True) == "⚠ not heard – hall – ASTB"
+    page.wait_for_function("document.title.endsWith(' – ASTB')")
+
+
 def test_a_card_offers_what_can_be_done_and_an_axis_has_the_decimals_of_its_step(open_page):
     page = open_page()
     assert page.evaluate(CARD, [True, []]) == [False, ""]

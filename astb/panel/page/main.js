@@ -2,6 +2,7 @@
 
 import { clock, duration, make } from "/page/format.js";
 import { Link } from "/page/link.js";
+import { tabTitle } from "/page/title.js";
 
 const LIVE = ["AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE"];
 const find = (name) => document.querySelector(`[data-of=${name}]`);
@@ -13,7 +14,6 @@ await window.astb.entered;
 link.listen(tell);
 link.begin();
 const panel = { link, about: await fetched("/api/rig"), plans: await fetched("/api/plans") };
-document.title = `${panel.about.name} – ASTB`;
 find("rig").textContent = panel.about.name;
 find("kind").textContent = panel.about.simulated ? "simulated rig" : panel.about.description || "real rig";
 document.getElementById("estop").title = "Tells the rig over its wires to take its safe position: the actuators hold, the air is let off. It is not the emergency stop of the hardware.";
@@ -65,6 +65,7 @@ function tell() {
   find("stops").textContent = watches ? "not from this page" : "by software";
   find("punctual").textContent = rig.late === null ? "" : `${rig.late} late ticks${rig.lease ? "" : ", nobody commands"}`;
   seat(access);
+  document.title = tabTitle(status, stale, fault, find("rig").textContent);
 }
 
 function say(stale, status) {

@@ -1,0 +1,189 @@
+"""Messages of a run to whoever is not there: at a question and at the end, to a command or to a webhook."""
+
+import shlex
+import shutil
+import socket
+import subprocess
+import threading
+from collections.abc import Callable
+from http.client import HTTPConnection, HTTPException, HTTPSConnection
+from ipaddress import ip_address
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol
+from urllib.parse import SplitResult, urlsplit
+
+import msgspec
+
+from bench_protocol.units import s
+
+if TYPE_CHECKING:
+    from bench_records.result import Result
+    from test_plans.operator import Answer, Operator, Question, QuestionBox
+
+#: A message that nobody has taken by then is given up: the run does not wait for it, and its program no longer.
+WITHIN: Final = 10 * s
+_SCHEMES: Final = ("http", "https")
+#: Of the checks that failed so many are named.
+_NAMED: Final = 20
+
+
+class MessageError(ValueError):
+    """A receiver of messages that is none; the text says what would be right."""
+
+
+class Receiver(Protocol):
+    """Who gets messages."""
+
+    def take(self, text: str, content: bytes) -> str:
+        """Take a message, in words and as JSON; return what went wrong, "" if nothing did."""
+
+
+class Command:
+    """A command of this machine: the words are its last argument, the JSON is on its standard input."""
+
+    def __init__(self, words: list[str]) -> None:
+        self._words = words
+
+    def take(self, text: str, content: bytes) -> str:
+        try:
+            done = subprocess.run(
+                [*self._words, text], input=content, capture_output=True, timeout=WITHIN, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return f"it was not done within {WITHIN:g} s"
+        except OSError as error:
+            return error.strerror or str(error)
+        told = done.stderr.decode(errors="replace").strip().splitlines()
+        return "" if not done.returncode else ": ".join([f"it ended with {done.returncode}", *told[-1:]])
+
+
+class Webhook:
+    """A web server that takes the JSON as a POST; it is not followed to where it sends one on."""
+
+    def __init__(self, url: SplitResult, address: str) -> None:
+        self._url, self._address = url, address
+
+    def take(self, text: str, content: bytes) -> str:
+        kind = HTTPSConnection if self._url.scheme == "https" else HTTPConnection
+        path = (self._url.path or "/") + (f"?{self._url.query}" if self._url.query else "")
+        line = kind(self._address, self._url.port, timeout=WITHIN)
+        try:
+            heads = {"Host": self._url.netloc.rpartition("@")[2], "Content-Type": "application/json"}
+            line.request("POST", path, content, heads)
+            status = line.getresponse().status
+        except TimeoutError:
+            return f"it did not answer within {WITHIN:g} s"
+        except (OSError, HTTPException) as error:
+            return getattr(error, "strerror", None) or str(error) or type(error).__name__
+        finally:
+            line.close()
+        return "" if 200 <= status < 300 else f"it answered {status}"
+
+
+def receiver(to: str, *, elsewhere: bool = False) -> Receiver:
+    """Return who ``to`` is: a webhook (http://…), on this machine unless ``elsewhere`` is allowed, or a command.
+
+    MessageError for what is none, before any message goes out.
+    """
+    if to.split("://", maxsplit=1)[0].lower() in _SCHEMES:
+        return _webhook(to, elsewhere)
+    try:
+        words = shlex.split(to)
+    except ValueError:
+        raise MessageError(f"{to} is no command: a quotation mark is not closed") from None
+    if not words or shutil.which(words[0]) is None:
+        raise MessageError(
+            f"there is no command {words[0] if words else to!r} for messages; one of this machine, with its arguments, "
+            "or a webhook such as http://127.0.0.1:8080/hook would be right"
+        )
+    return Command(words)
+
+
+def _webhook(to: str, elsewhere: bool) -> Webhook:
+    none = f"{to} is no address; http://127.0.0.1:8080/hook would be one"
+    try:
+        url = urlsplit(to)
+        host, _ = url.hostname, url.port
+    except ValueError:
+        raise MessageError(none) from None
+    if not host:
+        raise MessageError(none)
+    if elsewhere:
+        return Webhook(url, host)
+    try:
+        found = {str(one[4][0]) for one in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
+    except (OSError, UnicodeError):
+        raise MessageError(f"{to}: there is no machine {host}") from None
+    if not all(ip_address(one.partition("%")[0]).is_loopback for one in found):
+        raise MessageError(
+            f"{to} is another machine, which would learn what is tested here; --message-elsewhere allows it"
+        )
+    # The address that was looked at: a name may mean another one in a moment.
+    return Webhook(url, min(found, key=len) if url.scheme == "http" else host)
+
+
+class Messages:
+    """Sends what a run has to tell, each message by a thread of its own: no run waits, and none is lost for it."""
+
+    def __init__(self, to: Receiver) -> None:
+        self._to = to
+        self.warn: Callable[[str], None] = lambda text: None  #: hears what did not get there
+
+    def ended(self, result: "Result", directory: Path) -> None:
+        """Tell that a run has ended, and how."""
+        from bench_records.report import headline
+
+        failed = [one.name for one in result.checks if not one.passed]
+        self._send(
+            f"{result.plan}: {result.verdict.value}: {headline(result)}",
+            event="end",
+            plan=result.plan,
+            rig=result.rig,
+            verdict=result.verdict.value,
+            reason=result.reason,
+            failed=failed[:_NAMED],
+            failed_count=len(failed),
+            record=str(directory.resolve()),
+        )
+
+    def operator(self, operator: "Operator | None", plan: str) -> "Operator | None":
+        """Return ``operator`` with a message for each question that waits for him."""
+        from test_plans.operator import QuestionBox
+
+        return _Called(operator, self._asked, plan) if isinstance(operator, QuestionBox) else operator
+
+    def _asked(self, plan: str, question: "Question") -> None:
+        self._send(
+            f"{plan} asks: {question.text}",
+            event="question",
+            plan=plan,
+            question=question.text,
+            answers=list(question.allowed),
+            within_s=question.within,
+        )
+
+    def _send(self, text: str, **content: Any) -> None:
+        told = msgspec.json.encode({"text": text, **content})
+
+        def take() -> None:
+            if wrong := self._to.take(text, told):
+                self.warn(f"the message {text!r} did not get there: {wrong}")
+
+        threading.Thread(target=take, name="message").start()
+
+
+class _Called:
+    """An operator who is called when a question waits for him."""
+
+    def __init__(self, operator: "QuestionBox", call: "Callable[[str, Question], None]", plan: str) -> None:
+        self._operator, self._call, self._plan = operator, call, plan
+
+    def ask(self, question: "Question") -> None:
+        self._operator.ask(question)
+        self._call(self._plan, question)
+
+    def answer(self) -> "Answer | None":
+        return self._operator.answer()
+
+    def withdraw(self) -> None:
+        self._operator.withdraw()
