@@ -34,8 +34,10 @@ class Note(msgspec.Struct, frozen=True, kw_only=True):
     sha256: str = ""  #: of the file
 
 
-def add_note(directory: Path, text: str, by: str, file: Path | None = None) -> Note:
-    """Add a note to the run in ``directory``; return it.
+def add_note(
+    directory: Path, text: str, by: str, file: Path | None = None, content: bytes | None = None
+) -> Note:
+    """Add a note to the run in ``directory``; return it. ``content`` is that of the ``file``, if it is not read.
 
     RecordError without an author, or without a text and a file, or for a file that cannot be taken.
     """
@@ -43,7 +45,8 @@ def add_note(directory: Path, text: str, by: str, file: Path | None = None) -> N
         raise RecordError("a note has an author: --by NAME would be right, or the variable ASTB_OPERATOR")
     if not text.strip() and file is None:
         raise RecordError("a note has a text or a file; neither was given")
-    content = None if file is None else _content(file)
+    if file is not None and content is None:
+        content = _content(file)
     folder = directory / NOTES
     with kept(folder):
         folder.mkdir(exist_ok=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 from starlette.routing import Route
 
+from astb.panel import notes
 from astb.panel.answers import answered
 from astb.panel.commands import command, text_of
 from astb.panel.runs import CannotDo
@@ -83,6 +84,7 @@ def routes(parts: Parts) -> Sequence[Route]:
                 )
             ),
         ),
+        *notes.routes(parts, kept.known),
         Route("/kept/diagnosis", answered(lambda request: kept.diagnosis(request.query_params["of"]))),
     ]
 
@@ -116,14 +118,14 @@ class Kept:
                 "verdict": one.verdict.value,
                 "about": one.about,
             }
-            for place, one in enumerate(open_run(self._known(run)).result.checks)
+            for place, one in enumerate(open_run(self.known(run)).result.checks)
         ]
 
     def report(self, run: str) -> str:
         """Return the report of a run: the one that lies there, or one made now; nothing is written."""
         from bench_records.report import report_page
 
-        directory = self._known(run)
+        directory = self.known(run)
         if (path := directory / REPORT).exists():
             return path.read_text(encoding="utf-8")
         return report_page(directory)
@@ -133,7 +135,7 @@ class Kept:
         from bench_records.comparison import compare_runs
         from bench_records.kept_pages import write_comparison
 
-        found = compare_runs(self._known(a), self._known(b))
+        found = compare_runs(self.known(a), self.known(b))
         return _page(lambda path: write_comparison(found, path))
 
     def trend(self, run: str, places: Sequence[int]) -> str:
@@ -142,7 +144,7 @@ class Kept:
         from bench_records.run_folder import open_run
         from bench_records.trend import trend_of
 
-        checks = open_run(self._known(run)).result.checks
+        checks = open_run(self.known(run)).result.checks
         index = RunIndex(self._folder)
         known = next(one for one in index.runs() if one.directory == run)
         if not 0 < len(places) <= TRENDS:
@@ -228,7 +230,7 @@ class Kept:
             raise CannotDo(f"{run} cannot be moved: {error.strerror}") from None
         return old, new
 
-    def _known(self, run: str) -> Path:
+    def known(self, run: str) -> Path:
         """Return the directory of a run; only what the index lists is opened."""
         if run not in [one.directory for one in RunIndex(self._folder).runs()]:
             raise RecordError(f"{self._folder} holds no run {run}")

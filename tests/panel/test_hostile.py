@@ -81,7 +81,7 @@ def test_every_command_answers_hostile_bodies(client, parts, door):
         told = one.post(path, content=body)
         assert told.status_code in {200, 400, 403, 409, 413, 429}, (path, body[:60], told.text[:200])
         assert len(told.content) < 3000 and "Traceback" not in told.text
-        if len(body) > 64 * 1024:
+        if len(body) > 64 * 1024 and path != "/api/kept/note":  # which takes photos
             assert told.status_code in {413, 429}
         elif told.status_code == 200 and path == "/api/enter":
             assert parts.access.token in body.decode()

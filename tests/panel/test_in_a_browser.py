@@ -2,12 +2,15 @@
 
 import re
 import time
+from pathlib import Path
 
 import pytest
 
 from astb.live.door import NoRun, knock
 
 pytestmark = pytest.mark.slow
+
+PHOTO = Path(__file__).parents[2] / "docs" / "gallery" / "panel-lost.png"
 
 
 #: Whether anything in the head of the page lies over its neighbour.
@@ -170,7 +173,7 @@ def test_the_tab_says_what_waits_first_and_how_far_the_run_is(open_page):
     assert title(run | {"held": "before the push"}) == "⏸ aw0 is held – hall – ASTB"
     assert title(None, {"verdict": "fail", "plan": "aw0"}) == "fail: aw0 – hall – ASTB"
     assert title(run, link="gone") == title(run, stale=True) == "⚠ not heard – hall – ASTB"
-    page.wait_for_function("document.title.endsWith(' – ASTB')")
+    assert page.title().endswith(" – ASTB")
 
 
 def test_a_card_offers_what_can_be_done_and_an_axis_has_the_decimals_of_its_step(open_page):
@@ -255,7 +258,16 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
     beside = page.get_attribute("text=Compare these two", "href")
     assert beside == "/kept/compare?a=one&b=two"
     page.click("tr:has(a[href$='=one']) >> td >> nth=3")
-    assert page.get_attribute(".checks >> text=trend", "href") == "/kept/trend?run=one&place=0"
+    assert page.get_attribute(".check >> text=trend", "href") == "/kept/trend?run=one&place=0"
+    page.click("text=Add a note, a photo, a file")
+    page.fill("textarea[aria-label=note]", "a scratch")
+    page.fill(".notes input[aria-label=operator]", "A. Tester")
+    page.set_input_files("input[aria-label='photos or files']", PHOTO)
+    page.click(".notes button >> text=Add")
+    page.wait_for_selector(".note img")
+    page.evaluate("document.querySelector('.note img').decode()")  # it is one, and is handed out
+    assert "A. Tester" in page.text_content(".note small") and page.text_content(".note p") == "a scratch"
+    until(page, "section[aria-label=runs]", "1 note")
 
     page.click("#views >> text=Diagnoses")
     until(page, "section[aria-label=diagnoses]", "It <b>leaks</b>")

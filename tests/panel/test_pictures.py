@@ -2,14 +2,17 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from bench_records.layout import REPORT
+from bench_records.notes import add_note
 
 #: A plan is run first, which takes as long as others keep the machine busy.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
+PHOTO = Path(__file__).parents[2] / "docs" / "gallery" / "panel-lost.png"
 SIZES = {390: 844, 820: 1180, 1400: 900}
 VIEWS = ("live", "runs", "diagnoses", "specimens", "faults", "bus")
 
@@ -55,7 +58,8 @@ def pictures(tmp_path_factory):
 def made(bench_panel, keep):
     """Runs, a diagnosis and a real report in the folder of the panel."""
     for name, value in (("one", 0.004), ("two", 0.005), ("failed_one", 0.012)):
-        keep(bench_panel.out, name, value)
+        keep(bench_panel.out, name, value, more=("width",))
+    add_note(bench_panel.out / "failed_one", "A scratch on the left bellows", "A. Tester", PHOTO)
     diagnosis = bench_panel.out / "found_of_one"
     diagnosis.mkdir()
     (diagnosis / REPORT).write_text("<p>the report</p>")
@@ -99,6 +103,7 @@ def test_a_report_a_trend_and_a_comparison_fit_their_screens(
     for name, path in {
         "report": "report?run=aw0",
         "trend": "trend?run=one&place=0",
+        "trends": "trend?run=aw0&place=0&place=7",
         "compare": "compare?a=one&b=two",
     }.items():
         page.goto(f"{bench_panel.watching}kept/{path}")

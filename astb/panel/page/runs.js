@@ -2,6 +2,7 @@
 
 import { duration, make } from "/page/format.js";
 import { asked, choice, name, repeated, table, when } from "/page/tables.js";
+import { notes } from "/page/notes.js";
 import { help } from "/page/words.js";
 
 const ARCHIVE = "archive/";
@@ -71,7 +72,7 @@ export function show(element, panel) {
       cells: [
         make("label", { class: "mark" }, mark),
         make("b", { class: `verdict-word ${run.verdict}`, title: run.reason }, run.verdict),
-        open,
+        make("span", {}, open, run.notes ? make("small", {}, `${run.notes} ${run.notes > 1 ? "notes" : "note"}`) : null),
         when(run.began),
         make("span", { title: run.title }, name(run.plan), set ? make("small", {}, set) : null),
         make("span", {}, run.serial_number, run.operator ? make("small", {}, run.operator) : null), run.duration ? make("span", { class: "nowrap" }, duration(run.duration)) : "",
@@ -124,7 +125,9 @@ export function show(element, panel) {
     return { link, mark };
   }
 
-  const trend = (run, places) => `/kept/trend?run=${encodeURIComponent(run.directory)}${places.map((one) => `&place=${one}`).join("")}`;
+  function trend(run, places) {
+    return `/kept/trend?run=${encodeURIComponent(run.directory)}${places.map((one) => `&place=${one}`).join("")}`;
+  }
 
   async function told(run) {
     const { found, error } = await asked(`/api/kept/checks?run=${encodeURIComponent(run.directory)}`);
@@ -136,6 +139,7 @@ export function show(element, panel) {
       text,
       run.reason ? make("p", { class: "said" }, run.reason) : "",
       moving(run),
+      notes(panel, run.directory, load),
       error ? make("p", { class: "wrong" }, error) : "",
       found?.length > 1 ? link : "",
       ...(found ?? []).map((one, place) =>
