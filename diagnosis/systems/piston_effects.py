@@ -103,7 +103,7 @@ _EFFECTS: Final = (
         name="stribeck",
         family="friction",
         title="friction falling with speed (Stribeck)",
-        plain="the friction falls with speed (Stribeck)",
+        plain="the friction falls with speed, as by Stribeck",
         amplitude=_force("force", 0.0),
         shapes=(
             Parameter(
@@ -150,7 +150,7 @@ _EFFECTS: Final = (
         name="spring",
         family="geometry",
         title="spring beside the piston (hose, cable)",
-        plain="something pulls like a spring beside the piston (hose, cable)",
+        plain="something pulls like a spring beside the piston, as a hose or a cable",
         amplitude=Parameter("stiffness", "N/m", 0.0, 100.0, step=0.1, display="N/mm", scale=1e3),
         touches=frozenset({"force"}),
         confusers=("area_gradient",),

@@ -38,8 +38,9 @@ def test_hard_sentences_do_not_come_back() -> None:
 def test_every_effect_says_what_is_so() -> None:
     for effect in CATALOGUE.values():
         assert effect.plain and ("{side}" in effect.plain) == bool(effect.places), effect.name
+        assert not effect.plain.endswith(")"), f"{effect.name}: its amount follows in parentheses"
         assert effect.plain[0].islower() and not effect.plain.endswith("."), effect.name
-    assert all(one.plain for one in piston_effects._EFFECTS)
+    assert all(one.plain and not one.plain.endswith(")") for one in piston_effects._EFFECTS)
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ EFFECT: Final = Effect(
     name="leak",
     family="gas",
     title="leak of a bellows (orifice)",
-    plain="the {side} bellows leaks (through an orifice)",
+    plain="the {side} bellows leaks through an orifice",
     amplitude=EffectParameter("area", "m2", "mm2", 1e-6, nominal=0.0, typical=0.1e-6, low=0.0, high=20e-6),
     change=_change,
     places=PLACES,

@@ -23,7 +23,7 @@ EFFECT: Final = Effect(
     name="leak_laminar",
     family="gas",
     title="leak of a bellows (laminar)",
-    plain="the {side} bellows leaks (laminar)",
+    plain="the {side} bellows leaks in laminar flow",
     amplitude=EffectParameter(
         "coefficient",
         "kg/(s*Pa2)",
