@@ -9,6 +9,7 @@ from typing import Final
 import msgspec
 
 from bench_protocol.input_limits import Unfit, read_bounded, read_toml
+from bench_protocol.misfit import misfit
 from bench_records.layout import RecordError
 
 #: The variable of the environment that names the file for every report.
@@ -35,15 +36,16 @@ class Letterhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def read_letterhead(path: Path) -> Letterhead:
     """Return the letterhead in a TOML file. RecordError with the key and what would be right."""
+    content: object = {}
     try:
-        found = msgspec.convert(read_toml(path), Letterhead)
+        content = read_toml(path)
+        found = msgspec.convert(content, Letterhead)
     except OSError as error:
         raise RecordError(f"letterhead {path} cannot be read: {error.strerror}") from None
     except Unfit as error:
         raise RecordError(f"letterhead {path} {error}") from None
     except msgspec.ValidationError as error:
-        keys = ", ".join(Letterhead.__struct_fields__)
-        raise RecordError(f"letterhead {path}: {error}; its keys are {keys}, each a text") from None
+        raise RecordError(f"letterhead {path}: {misfit(error, content, Letterhead)}") from None
     return msgspec.structs.replace(found, logo=_picture(path, found.logo)) if found.logo else found
 
 
