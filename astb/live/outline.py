@@ -1,8 +1,9 @@
 """What comes in a plan: the steps of its last run or rehearsal, since a plan is a program and tells none."""
 
-import re
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
+from stat import S_ISREG
 from typing import Final, NamedTuple
 
 from bench_records.layout import RESULT, Phase, RecordError
@@ -10,6 +11,8 @@ from bench_records.result import Outcome, read_result
 
 #: So many earlier runs are looked at for one with the same parameters.
 _LOOKED_AT: Final = 5
+#: A result begins with the name of its plan (bytes).
+_HEAD: Final = 200
 
 
 class Outline(NamedTuple):
@@ -27,11 +30,13 @@ def kept_outline(out: Path, plan: str, parameters: dict[str, str]) -> Outline:
 
     A run that was blocked knows the beginning only, and counts for nothing.
     """
-    name = re.compile(rf"{re.escape(plan)}(-rehearsal)?(-\d+)?")
     if not out.is_dir():
         return NONE
-    kept = [one / RESULT for one in out.iterdir() if name.fullmatch(one.name) and (one / RESULT).is_file()]
-    for path in sorted(kept, key=lambda one: -one.stat().st_mtime_ns)[:_LOOKED_AT]:
+    results = (one / RESULT for one in out.iterdir())
+    kept = {path: when for path in results if (when := _written(path))}
+    for path in islice(
+        (one for one in sorted(kept, key=kept.__getitem__)[::-1] if _is_of(one, plan)), _LOOKED_AT
+    ):
         try:
             result = read_result(path.parent)
         except RecordError:
@@ -40,6 +45,24 @@ def kept_outline(out: Path, plan: str, parameters: dict[str, str]) -> Outline:
         if same and result.verdict is not Outcome.BLOCKED:
             return Outline(tuple(result.phases), path.parent.name)
     return NONE
+
+
+def _written(path: Path) -> int:
+    """Return when a file was written (ns since 1970), 0 if it is none."""
+    try:
+        told = path.stat()
+    except OSError:
+        return 0
+    return told.st_mtime_ns if S_ISREG(told.st_mode) else 0
+
+
+def _is_of(path: Path, plan: str) -> bool:
+    """Return whether a result is of ``plan``, by its first lines: a run may have been given another name."""
+    try:
+        with path.open("rb") as file:
+            return f'"plan": "{plan}"'.encode() in file.read(_HEAD)
+    except OSError:
+        return False
 
 
 class Follower:

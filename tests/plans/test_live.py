@@ -99,6 +99,9 @@ def test_the_run_before_tells_what_comes(watch, tmp_path):
     watch("walk")
     outline = kept_outline(tmp_path, "walk", {})
     assert outline.source == "walk"
+    (tmp_path / "walk").rename(tmp_path / "a good one")
+    assert kept_outline(tmp_path, "walk", {}).source == "a good one", "whatever it is called"
+    (tmp_path / "a good one").rename(tmp_path / "walk")
     assert kept_outline(tmp_path, "walk", {"amplitude": "1 mm"}) is NONE
     assert kept_outline(tmp_path / "nowhere", "walk", {}) is NONE
     (begin, *_), (there, *_), (back, *_), (end, *_) = watch("walk-2", outline)
