@@ -18,6 +18,8 @@ from bench_protocol.named_files import place_of
 from bench_protocol.units import kN
 from bench_records.disk import kept
 from bench_records.layout import RecordError
+from bench_records.typography import MINUS
+from bench_records.typography import unit as as_written
 from test_plans.loads import SpecimenError
 from test_plans.specimen import ORDINARY, PACKAGE, Specimen, packaged, read_specimen
 
@@ -132,7 +134,11 @@ def _rows(table: Mapping[str, Any], where: str = "") -> Iterator[dict[str, str]]
 
 
 def _says(entry: Mapping[str, Any]) -> str:
-    unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+    return _in_figures(entry).replace("-", MINUS)
+
+
+def _in_figures(entry: Mapping[str, Any]) -> str:
+    unit = "" if entry["unit"] == "1" else f" {as_written(entry['unit'])}"
     if "value" in entry:
         return f"{entry['value']:g}{unit}"
     if "expected" in entry:

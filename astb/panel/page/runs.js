@@ -139,7 +139,6 @@ export function show(element, panel) {
       text,
       run.reason ? make("p", { class: "said" }, run.reason) : "",
       moving(run),
-      notes(panel, run.directory, load),
       error ? make("p", { class: "wrong" }, error) : "",
       found?.length > 1 ? link : "",
       ...(found ?? []).map((one, place) =>
@@ -148,6 +147,7 @@ export function show(element, panel) {
           make("a", { href: trend(run, [one.place]), target: "_blank", title: "This check in all runs that were made as this one, of the same specimen" }, "trend"),
           one.about && one.about !== found[place - 1]?.about ? make("small", {}, one.about) : "")),
       found && !found.length ? make("p", { class: "said" }, "This run judged nothing.") : "",
+      notes(panel, run.directory, load),
     );
     checks.scrollIntoView({ block: "nearest" });
   }
