@@ -46,6 +46,7 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
     page = template("comparison.html.j2").render(
         comparison=comparison,
         rows=[comparison_row(pair) for pair in comparison.checks],
+        bars=any(one.expanded for pair in comparison.curves for one in (pair.a, pair.b)),
         drawings=[
             _overlay(f"curve{number}", pair) for number, pair in enumerate(comparison.curves) if pair.a.xs
         ],
@@ -111,6 +112,9 @@ def _overlay(name: str, pair: CurvePair) -> str:
                 [math.nan if n is None else axis.shown(n) for n in series[::step]]
                 for series, axis in ((one.xs, x), (one.ys, y))
             )
+            if any(one.expanded):
+                reach = [math.nan if n is None else n / y.scale for n in one.expanded]
+                axes.errorbar(xs, ys, reach, fmt="none", ecolor=tone, elinewidth=0.9, capsize=3)
             mark = "o" if one.kind == "sweep" else ""
             axes.plot(xs, ys, color=tone, linewidth=wide, marker=mark, markersize=4, label=label)
         axes.legend(frameon=False, loc="best")
@@ -158,6 +162,8 @@ def trend_words(trend: Trend) -> list[str]:
         return [f"None of {len(trend.checks)} runs gave a value."]
     in_unit = f"{THIN_SPACE}{unit(last.unit)}".rstrip()
     mean, scatter = with_uncertainty(trend.mean / last.scale, (trend.scatter or 0.0) / last.scale)
+    if len(trend.checks) == 1:
+        return [f"One run: {mean}{in_unit}. Another one would tell a scatter, a third a drift."]
     words = [f"{len(trend.checks)} runs; mean {mean}{in_unit}."]
     if trend.scatter is not None:
         told = scatter if trend.scatter else "0"
@@ -227,7 +233,11 @@ def _over_time(trend: Trend, name: str) -> str:
             places = [getattr(one, limit) for one in trend.checks]
             levels = [math.nan if n is None else n / last.scale for n in places]
             # A limit is drawn as it was at each time: somebody may have changed it.
-            axes.step(when, levels, where="post", color=ALARM, linewidth=0.9, linestyle=(0, (4, 2)))
+            drawn: dict[str, Any] = {"color": ALARM, "linewidth": 0.9, "linestyle": (0, (4, 2))}
+            if max(when) > 0.0:
+                axes.step(when, levels, where="post", **drawn)
+            elif not math.isnan(levels[-1]):
+                axes.axhline(levels[-1], **drawn)
             if not math.isnan(levels[-1]):
                 named = f"{limit} limit {number(levels[-1])}"
                 beside: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
@@ -241,6 +251,8 @@ def _over_time(trend: Trend, name: str) -> str:
             line = [(trend.mean + trend.drift.per_day * (day - middle)) / last.scale for day in ends]
             axes.plot([factor * end for end in ends], line, color=PALETTE[1], linewidth=1.2)
         axes.margins(0.06)
+        if not max(when) > 0.0:
+            axes.set_xticks([0.0])  # before the first run there is nothing
         heading(axes, primed(trend.name), unit(last.unit))
         axes.set_xlabel(f"{time} since the first run", loc="right")
         return svg(figure, name)

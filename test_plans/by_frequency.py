@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -28,7 +28,15 @@ from test_plans.poses import COOL, go_home
 from test_plans.readings import BELLOWS_TEMPERATURES
 from test_plans.tables import AMPLITUDE, DAMPING, FREQUENCY, MAGNITUDE, STORAGE, TEMPERATURE, keep
 from test_plans.uncertainty import EVEN
-from test_plans.waves import Sine, lateral_stiffness, measure_sines, shake, vertical_stiffness
+from test_plans.waves import (
+    Known,
+    Sine,
+    know,
+    lateral_stiffness,
+    measure_sines,
+    shake,
+    vertical_stiffness,
+)
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -140,22 +148,23 @@ class FrequencySweep:
     temperatures: list[float] = field(default_factory=list)
     pressure_ratios: list[float] = field(default_factory=list)
     sines: dict[float, Sine] = field(default_factory=dict)  #: the vertical ones, by frequency
+    known: dict[str, list[Known]] = field(default_factory=dict)  #: by the name of the curves
 
     def shake_laterally(self, run: Run, frequencies: Sequence[float]) -> None:
         """Sines of 5 mm, or of what the actuator can do, first harmonic."""
         for frequency in frequencies:
-            self.lateral.append(self._shear(run, frequency, SWEEP_AMPLITUDE))
+            self.lateral.append(self._shear(run, frequency, SWEEP_AMPLITUDE, "Lateral"))
 
     def shake_a_little(self, run: Run) -> None:
         """Lateral sines of one small amplitude at all frequencies."""
         for frequency in SMALL_FREQUENCIES:
-            self.lateral_small.append(self._shear(run, frequency, SMALL))
+            self.lateral_small.append(self._shear(run, frequency, SMALL, "Lateral, 0.9 mm:"))
 
-    @staticmethod
-    def _shear(run: Run, frequency: float, amplitude: float) -> Stiffness:
+    def _shear(self, run: Run, frequency: float, amplitude: float, name: str) -> Stiffness:
         with run.phase(f"lateral sine {frequency:g} Hz, {amplitude / mm:g} mm"):
             command = LATERAL_DRIVE.command(amplitude, frequency, LATERAL_FORCE_MAX)
             times, values = shake(run, "lateral", frequency, command)
+        self._know(run, name, times, values, frequency, lateral_stiffness)
         return lateral_stiffness(times, values, frequency)
 
     def shake_vertically(
@@ -170,6 +179,7 @@ class FrequencySweep:
             with run.phase(f"vertical sine {frequency:g} Hz, {size / mm:g} mm"):
                 times, values = shake(run, "vertical", frequency, amplitude)
             self.sines[frequency] = Sine(times, values, frequency)
+            self._know(run, "Vertical", times, values, frequency, vertical_stiffness)
             self.vertical.append(vertical_stiffness(times, values, frequency))
             self.temperatures.append(float(np.mean([values[name].mean() for name in BELLOWS_TEMPERATURES])))
             bellows, auxiliary = (
@@ -177,6 +187,9 @@ class FrequencySweep:
                 for part in ("bellows", "auxiliary")
             )
             self.pressure_ratios.append(abs(auxiliary / bellows))
+
+    def _know(self, run: Run, name: str, *sine: Any) -> None:
+        self.known.setdefault(name, []).append(know(run, *sine))
 
     def between(
         self, run: Run, one: float, other: float, evaluate: Callable[[list[Stiffness]], float]
@@ -192,10 +205,11 @@ class FrequencySweep:
             frequencies = [K.frequency for K in found]
             if not found:
                 continue
+            known = self.known[direction]
             for quantity, ys in (
-                (MAGNITUDE, [abs(K.value) for K in found]),
-                (STORAGE, [K.storage for K in found]),
-                (DAMPING, [K.damping for K in found]),
+                (MAGNITUDE, [one.size for one in known]),
+                (STORAGE, [one.storage for one in known]),
+                (DAMPING, [one.damping for one in known]),
                 (AMPLITUDE, [K.amplitude for K in found]),
             ):
                 keep(run, name, f"{direction} {quantity[0]} per spring", FREQUENCY, quantity, frequencies, ys)

@@ -29,7 +29,7 @@ from test_plans.tables import (
     VOLUME,
     keep,
 )
-from test_plans.waves import Sine, lateral_stiffness, measure_sines, shake
+from test_plans.waves import Known, Sine, know, lateral_stiffness, measure_sines, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -77,6 +77,7 @@ class LateralOffset:
     stairs: list[PoseReading] = field(default_factory=list)
     lifts: list[PoseReading] = field(default_factory=list)
     sines: list[Sine] = field(default_factory=list)
+    known: list[Known] = field(default_factory=list)  #: of the tangents
 
     def dither(self, run: Run, home: Home) -> None:
         """Shake the springs by 1 mm about each offset, bellows and auxiliary chamber joined as in service."""
@@ -87,6 +88,7 @@ class LateralOffset:
             self.offsets.append(float(shear_of(values).mean()))
             self.sines.append(Sine(times, values, DITHER_FREQUENCY))
             self.tangents.append(lateral_stiffness(times, values, DITHER_FREQUENCY))
+            self.known.append(know(run, times, values, DITHER_FREQUENCY, lateral_stiffness))
 
     def climb(self, run: Run, home: Home) -> None:
         """Shear and lift the springs step by step with nothing but the gas in their bellows."""
@@ -116,7 +118,7 @@ class LateralOffset:
             SHEAR,
             STORAGE,
             self.offsets,
-            [K.storage for K in self.tangents],
+            [one.storage for one in self.known],
         )
         keep(
             run,
@@ -125,9 +127,12 @@ class LateralOffset:
             SHEAR,
             DAMPING,
             self.offsets,
-            [K.damping for K in self.tangents],
+            [one.damping for one in self.known],
         )
-        places, secants = self.secants()
+        places, _ = secants_of(self.stairs)
+        secants = self._of_stairs(run, lambda stairs: tuple(secants_of(stairs)[1]))
+        areas = self._of_stairs(run, lambda stairs: tuple(one.vertical / one.pressure for one in stairs))
+        volumes = self._of_stairs(run, lambda stairs: tuple(_volumes(self.specimen, load, stairs)))
         keep(run, name, "Lateral secant stiffness per spring", SHEAR, SECANT, places, secants)
         own = [one.shear - one.lateral / self.specimen.emergency_stiffness_lateral for one in self.stairs]
         keep(
@@ -137,9 +142,9 @@ class LateralOffset:
             BELLOWS_SHEAR,
             AREA,
             own,
-            [one.vertical / one.pressure for one in self.stairs],
+            areas,
         )
-        keep(run, name, "Volume", BELLOWS_SHEAR, VOLUME, own, _volumes(self.specimen, load, self.stairs))
+        keep(run, name, "Volume", BELLOWS_SHEAR, VOLUME, own, volumes)
         for what, looks in (("sheared", self.stairs), ("lifted", self.lifts)):
             for quantity, ys in (
                 (HEIGHT, [one.height for one in looks]),
@@ -158,16 +163,6 @@ class LateralOffset:
                     range(len(looks)),
                     ys,
                 )
-
-    def secants(self) -> tuple[list[float], list[float]]:
-        """Return |y| and (F(y) − F(−y))/(2y) of the stairs on the way out, friction and all."""
-        places, secants = [], []
-        for size in sorted({abs(y) for y in STAIRS} - {0.0}):
-            plus, minus = (self.stairs[STAIRS.index(sign * size)] for sign in (1, -1))
-            travel = plus.shear - minus.shear
-            places.append(travel / 2)
-            secants.append((plus.lateral - minus.lateral) / travel)
-        return places, secants
 
     def tangent_left(self, run: Run) -> Measured:
         """Return K' of the dither at ±60 mm over that at the centre."""
@@ -203,6 +198,17 @@ class LateralOffset:
         return run.measure(
             lambda *read: evaluate([pose_of(one) for one in read]), *read, averaged=POSE_SAMPLES
         )
+
+
+def secants_of(stairs: Sequence[PoseReading]) -> tuple[list[float], list[float]]:
+    """Return |y| and (F(y) − F(−y))/(2y) of the stairs on the way out, friction and all."""
+    places, secants = [], []
+    for size in sorted({abs(y) for y in STAIRS} - {0.0}):
+        plus, minus = (stairs[STAIRS.index(sign * size)] for sign in (1, -1))
+        travel = plus.shear - minus.shear
+        places.append(travel / 2)
+        secants.append((plus.lateral - minus.lateral) / travel)
+    return places, secants
 
 
 def _volumes(spring: Specimen, load: Load, stairs: Sequence[PoseReading]) -> list[float]:

@@ -16,7 +16,7 @@ from test_plans.fittings import put_down
 from test_plans.loads import Load
 from test_plans.poses import go_home
 from test_plans.tables import AMPLITUDE, DAMPING, PRESSURE, STORAGE, keep
-from test_plans.waves import Sine, Values, lateral_stiffness, measure_sines, pressure_of, shake
+from test_plans.waves import Known, Sine, Values, know, lateral_stiffness, measure_sines, pressure_of, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -45,6 +45,7 @@ class LateralPressure:
     sines: dict[float, list[Sine]] = field(default_factory=lambda: {a: [] for a in AMPLITUDES})
     pressures: dict[float, list[float]] = field(default_factory=lambda: {a: [] for a in AMPLITUDES})
     found: dict[float, list[Stiffness]] = field(default_factory=lambda: {a: [] for a in AMPLITUDES})
+    known: dict[float, list[Known]] = field(default_factory=lambda: {a: [] for a in AMPLITUDES})
 
     def measure(self, run: Run) -> None:
         """Shear the springs by each amplitude at the pressure they have."""
@@ -54,15 +55,16 @@ class LateralPressure:
             self.sines[amplitude].append(Sine(times, values, SLOW))
             self.pressures[amplitude].append(pressure_of(values))
             self.found[amplitude].append(lateral_stiffness(times, values, SLOW))
+            self.known[amplitude].append(know(run, times, values, SLOW, lateral_stiffness))
 
     def keep(self, run: Run, load: Load) -> None:
         """Keep stiffness, damping and amplitude over pressure, for the report and for the identification."""
         for amplitude in sorted(AMPLITUDES):
-            one, at = self.found[amplitude], self.pressures[amplitude]
+            one, known, at = self.found[amplitude], self.known[amplitude], self.pressures[amplitude]
             name = f"{amplitude / mm:g} mm"
             for quantity, ys in (
-                (STORAGE, [K.storage for K in one]),
-                (DAMPING, [K.damping for K in one]),
+                (STORAGE, [each.storage for each in known]),
+                (DAMPING, [each.damping for each in known]),
                 (AMPLITUDE, [K.amplitude for K in one]),
             ):
                 keep(run, name, f"Lateral {quantity[0]} per spring, {load.name}", PRESSURE, quantity, at, ys)

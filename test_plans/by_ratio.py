@@ -19,7 +19,7 @@ from test_plans.loads import Load
 from test_plans.poses import COOL, go_home
 from test_plans.readings import PRESSURES
 from test_plans.tables import AMPLITUDE, DAMPING, RATIO, STORAGE, keep
-from test_plans.waves import Sine, Values, measure_sines, shake, vertical_stiffness
+from test_plans.waves import Known, Sine, Values, know, measure_sines, shake, vertical_stiffness
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -51,6 +51,7 @@ class DampingByRatio:
     ratios: list[float] = field(default_factory=list)
     found: list[Stiffness] = field(default_factory=list)
     sines: list[Sine] = field(default_factory=list)
+    known: list[Known] = field(default_factory=list)
 
     def measure(self, run: Run) -> None:
         """Shake the springs vertically at 1.2 Hz; at rest both pressures are equal, whatever they read."""
@@ -60,6 +61,7 @@ class DampingByRatio:
                 times, values = shake(run, "vertical", NATURAL, amplitude, lead=2 * s)
             self.sines.append(Sine(times, values, NATURAL))
             self.found.append(vertical_stiffness(times, values, NATURAL))
+            self.known.append(know(run, times, values, NATURAL, vertical_stiffness))
             lowest = [self._lowest_ratio(times, values, rest, side) for side in SIDES]
             self.ratios.append(float(np.mean(lowest)))
 
@@ -75,7 +77,7 @@ class DampingByRatio:
     def keep(self, run: Run, load: Load, plate: float) -> None:
         """Keep damping over ratio and over amplitude."""
         name = f"{plate / mm:g} mm"
-        damping = [K.damping for K in self.found]
+        damping = [one.damping for one in self.known]
         keep(
             run,
             name,
@@ -95,7 +97,7 @@ class DampingByRatio:
             amplitudes,
             damping,
         )
-        storage = [K.storage for K in self.found]
+        storage = [one.storage for one in self.known]
         keep(
             run,
             name,

@@ -17,8 +17,8 @@ from test_plans.geometry import roll_of, shear_of
 from test_plans.loads import Load
 from test_plans.poses import COOL, Home, go_home, restore_the_air, take_pose
 from test_plans.readings import PRESSURES, SHEAR_CELLS
-from test_plans.tables import DAMPING, ROLL, SECANT, STORAGE, keep
-from test_plans.waves import LEAD, Sine, Values, lateral_stiffness, shake
+from test_plans.tables import DAMPING, ROLL, SECANT, STORAGE, Quantity, keep
+from test_plans.waves import LEAD, Known, Sine, Values, know, lateral_stiffness, shake
 
 if TYPE_CHECKING:
     from test_plans.run import Run
@@ -60,6 +60,7 @@ class RollAngle:
     found: list[Stiffness] = field(default_factory=list)
     differences: list[float] = field(default_factory=list)
     sines: list[Sine] = field(default_factory=list)
+    known: list[tuple[Measured, Known]] = field(default_factory=list)  #: secant and first harmonic
 
     def measure(self, run: Run, home: Home, angles: Sequence[float]) -> None:
         """Roll by each angle, first to one side and then to the other; sine of 5 mm about y = +20 mm."""
@@ -85,6 +86,8 @@ class RollAngle:
         self.sines.append(Sine(times, values, ROLL_FREQUENCY))
         self.secants.append(_secant(values))
         self.found.append(lateral_stiffness(times, values, ROLL_FREQUENCY))
+        sine = know(run, times, values, ROLL_FREQUENCY, lateral_stiffness)
+        self.known.append((run.measured(_secant, values), sine))
         left, right = (float(values[f"{side}.auxiliary_pressure"].mean()) for side in SIDES)
         self.differences.append(left - right)
 
@@ -93,17 +96,22 @@ class RollAngle:
         order = np.argsort(self.rolls)
         rolls = np.array(self.rolls)[order]
         name = f"{load.name}, valve {valve}"
-        for group, quantity, ys in (
-            ("Lateral secant F/y at +20 mm per spring", SECANT, self.secants),
+        rows: tuple[tuple[str, Quantity, Sequence[float | Measured]], ...] = (
+            ("Lateral secant F/y at +20 mm per spring", SECANT, [secant for secant, _ in self.known]),
             (
                 "Lateral stiffness K' of 5 mm about +20 mm per spring",
                 STORAGE,
-                [K.storage for K in self.found],
+                [sine.storage for _, sine in self.known],
             ),
-            ("Lateral damping c of 5 mm about +20 mm per spring", DAMPING, [K.damping for K in self.found]),
+            (
+                "Lateral damping c of 5 mm about +20 mm per spring",
+                DAMPING,
+                [sine.damping for _, sine in self.known],
+            ),
             ("Pressure left less right", ("pressure difference", "bar"), self.differences),
-        ):
-            keep(run, name, group, ROLL, quantity, rolls.tolist(), np.array(ys)[order].tolist())
+        )
+        for group, quantity, ys in rows:
+            keep(run, name, group, ROLL, quantity, rolls.tolist(), [ys[place] for place in order])
 
     def judge(
         self, run: Run, evaluate: Callable[[list[float], list[float]], tuple[float, ...]], *rolls: float

@@ -90,9 +90,12 @@ class Series:
     computed: list[Found] = field(default_factory=list)
     read: list[Mapping[str, Any]] = field(default_factory=list)
 
-    def values(self, place: int) -> list[float]:
-        """Return one of the numbers that it computes (SI), look by look."""
-        return [of(read)[place] for of, read in zip(self.computed, self.read, strict=True)]
+    def known(self, run: Run, place: int) -> list[Measured]:
+        """Return one of the numbers that it computes, look by look, each as if there were no other."""
+        return [
+            run.measured(partial(_at, of, place), read, averaged=AVERAGED)
+            for of, read in zip(self.computed, self.read, strict=True)
+        ]
 
 
 @dataclass(slots=True)
@@ -124,7 +127,7 @@ class Looks:
             band = run.specimen.limits.band(f"endurance.{limit}", unit)
             place = 1 if quantity is DAMPING else 0
             for where, series in (self.heights if quantity is HEIGHT else self.sines).items():
-                self._keep(run, where, quantity, series.values(place))
+                self._keep(run, where, quantity, series.known(run, place))
                 if len(self.cycles) > 1:
                     change = self._change(run, series, place, unit)
                     check_band(run, name.of(where=where), change, unit, band)
@@ -142,7 +145,7 @@ class Looks:
 
         return run.measured(change, *series.read, averaged=AVERAGED)
 
-    def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[float]) -> None:
+    def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[Measured]) -> None:
         keep(
             run,
             where,
@@ -152,6 +155,10 @@ class Looks:
             self.cycles,
             values,
         )
+
+
+def _at(of: Found, place: int, read: Mapping[str, Any]) -> float:
+    return of(read)[place]
 
 
 def _mean(name: str, read: Mapping[str, Any]) -> tuple[float, ...]:

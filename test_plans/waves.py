@@ -32,10 +32,10 @@ from test_plans.readings import (
     VERTICAL_CELLS,
 )
 from test_plans.steps.shaking import spring_motion
+from test_plans.uncertainty import Measured
 
 if TYPE_CHECKING:
     from test_plans.run import Run
-    from test_plans.uncertainty import Measured
 
 SAMPLE_RATE: Final = 200 * Hz
 #: A wave is measured after so long at full amplitude, and for so long, but never less than whole cycles.
@@ -119,6 +119,30 @@ def lateral_stiffness(times: Samples, values: Values, frequency: float) -> Stiff
         X = centre + CENTRE_HEIGHT * roll
     F = -0.5 * sum(of(cell, LOAD_CELL_LAG) for cell in SHEAR_CELLS)
     return Stiffness(F / X, frequency, abs(X))
+
+
+class Known(NamedTuple):
+    """What a sine tells of a stiffness, each with its uncertainty."""
+
+    size: Measured
+    storage: Measured
+    damping: Measured
+
+
+def know(
+    run: Run,
+    times: Samples,
+    values: Values,
+    frequency: float,
+    stiffness: Callable[[Samples, Values, float], Stiffness],
+) -> Known:
+    """Return what the samples of a sine say of a ``stiffness``, for its curves."""
+
+    def told(read: Values) -> tuple[float, float, float]:
+        K = stiffness(times, read, frequency)
+        return abs(K.value), K.storage, K.damping
+
+    return Known(*run.measure(told, values))
 
 
 def measure_sines(

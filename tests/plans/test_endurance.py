@@ -34,6 +34,8 @@ def test_a_sound_spring_does_not_change(judged, given):
     assert result.duration == pytest.approx(plans()["endurance"].lasts, rel=0.1)
     assert numbers(result)["cycles"] == 300
     assert all(len(curve.xs) == 4 and curve.xs[-1] == 300 for curve in result.curves)
+    for curve in result.curves:  # what does not change stays within its error bars
+        assert max(curve.ys) - min(curve.ys) < 2 * min(curve.expanded), curve
 
 
 @slow

@@ -166,6 +166,20 @@ def test_another_spring_fails_where_it_differs(bench_run, name, changes, broken)
 
 
 @slow
+@pytest.mark.parametrize("name", PAPER)
+def test_curves_of_what_is_computed_have_error_bars(run_of, name):
+    told = ("K' ", "damping c", "|K|", "secant", "Effective area", "Volume")
+    for curve in run_of(name).result.curves:
+        known = [one for one in curve.expanded if one]
+        if any(one in curve.group for one in told):
+            assert len(known) == len(curve.ys), curve.group
+            # An area and a ratio of volumes are good for a few per cent, a stiffness for one or two.
+            assert all(0.0 < one < 0.2 * max(map(abs, curve.ys)) for one in known), (curve.group, curve.name)
+        else:
+            assert not known
+
+
+@slow
 @pytest.mark.parametrize("load", LOADS)
 def test_t1_t2_lateral_stiffness_grows_with_pressure_and_falls_with_amplitude(run_of, load):
     curves = run_of(f"lateral_pressure_{load.lower()}").curves

@@ -20,8 +20,11 @@ def run(directory, checks, **rest):
     return directory
 
 
+HZ, STIFF = Axis("frequency", "Hz"), Axis("K'", "kN/m", 1e3)
+
+
 def sweep(name: str, ys: list[float], xs=(0.0, 1.0, 2.0)):
-    return curve(name, Axis("frequency", "Hz"), Axis("K'", "kN/m", 1e3), xs, ys, kind="sweep")
+    return curve(name, HZ, STIFF, xs, ys, kind="sweep")
 
 
 def test_what_changed_is_told_and_what_did_not_is_not(tmp_path) -> None:
@@ -92,6 +95,21 @@ def test_curves_lie_apart_by_their_root_mean_square(tmp_path) -> None:
     page = (tmp_path / "page.html").read_text()
     assert page.count("<svg") == 1
     assert "alone only in A" in page
+
+
+def test_curves_beside_each_other_have_error_bars_where_they_are_known(tmp_path) -> None:
+    some = [check("K", 1.0, "N", low=0.0)]
+
+    def drawn(*sure: str) -> int:
+        """Count the caps of the error bars that a page has: two of each."""
+        for name in "ab":
+            reach = [100.0, 200.0, 300.0] if name in sure else []
+            one = curve("K'", HZ, STIFF, (0.0, 1.0, 2.0), [3e3, 4e3, 5e3], kind="sweep", expanded=reach)
+            run(tmp_path / name, some, curves=[one])
+        write_comparison(compare_runs(tmp_path / "a", tmp_path / "b"), tmp_path / "page.html")
+        return (tmp_path / "page.html").read_text().count("<use ")
+
+    assert drawn("a") - drawn() == drawn("a", "b") - drawn("a") == 6
 
 
 def kept(day: float, value: float | None, verdict: str = "pass") -> KeptCheck:
