@@ -2,8 +2,12 @@
 
 import gc
 import os
+import pickle
 import signal
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,13 +37,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     room = collection_path.relative_to(HERE).parts[:1] if collection_path.is_relative_to(HERE) else ()
-    if (
-        config.option.markexpr.endswith(TIMED)
-        and collection_path.is_dir()
-        and room
-        and room[0] not in TIMED_ROOMS
-    ):
+    chosen = config.option.markexpr
+    if chosen.endswith(TIMED) and collection_path.is_dir() and room and room[0] not in TIMED_ROOMS:
         return True
+    # Half of the files have no slow test: to read them takes every process longer than many a test.
+    if chosen.startswith("slow") and room and collection_path.suffix == ".py":
+        return b"slow" not in collection_path.read_bytes() or None
     return None
 
 
@@ -65,6 +68,39 @@ def pytest_collection_finish() -> None:
     """Set aside what exists now and stays: a thousand tests and all libraries, 0.2 s in each full collection."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def no_test_hurries_those_after_it(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Take back the priority that a test gave this process: what only computes gives way to what holds deadlines."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    yield
+    if os.getpriority(os.PRIO_PROCESS, 0) < before and not request.node.get_closest_marker("real_time"):
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], Any]], Any]:
+    """Make what several tests need once in a whole run, in whichever process asks first: ``once(name, make)``.
+
+    ``make`` is given a folder that stays. What it returns is pickled: each test file that asks gets a copy of its own.
+    """
+    base = tmp_path_factory.getbasetemp()
+    place = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "once"
+
+    def made(name: str, make: Callable[[Path], Any]) -> Any:
+        from bench_protocol.system.file_locks import hold
+
+        folder, kept = place / name, place / f"{name}.pickle"
+        folder.mkdir(parents=True, exist_ok=True)
+        with (place / f"{name}.lock").open("w") as lock:
+            hold(lock, wait=True)
+            if not kept.exists():
+                kept.write_bytes(pickle.dumps(make(folder)))
+            return pickle.loads(kept.read_bytes())
+
+    return made
 
 
 @pytest.fixture(scope="session")
