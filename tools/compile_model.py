@@ -1,7 +1,8 @@
 """Compile what would be compiled when it is first used: python -m tools.compile_model.
 
-The rig's tick and the beat of a commander take half a minute, what a diagnosis replays as long again. Nothing waits for
-it later: not a rig that has to keep time, nor the first diagnosis. Two processes share the work.
+The rig's tick and the beat of a commander take half a minute, what a diagnosis replays and a bench that is moved
+without a rig as long again. Nothing waits for it later: not a rig that has to keep time, nor the first diagnosis, nor
+two processes of tests, each of which would compile the same. Two processes share the work.
 """
 
 from concurrent.futures import ProcessPoolExecutor
@@ -50,7 +51,19 @@ def compile_diagnosis() -> None:
     diagnose(Dataset(bench.channels, tuple(runs)), bench, Config(effects=("leak.left", "sample_and_hold")))
 
 
+def compile_plant() -> None:
+    """Step a bench and move it, as the study of the paper and many tests do."""
+    from bench_sim.model.experiments import VERTICAL, ImposedMotion, impose
+    from bench_sim.model.plant import STEP, Plant
+    from bench_sim.parameters import load
+
+    plant = Plant.at_rest(load().record)
+    plant.step()
+    plant.measure()
+    impose(plant, [ImposedMotion(VERTICAL, 1e-3, 1.0)], STEP)
+
+
 if __name__ == "__main__":
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
-        for part in [processes.submit(compile_rig), processes.submit(compile_diagnosis)]:
+        for part in [processes.submit(one) for one in (compile_diagnosis, compile_rig, compile_plant)]:
             part.result()

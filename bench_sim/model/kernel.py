@@ -48,7 +48,7 @@ def begin_step(
     follow(mem, par, values, dt)
 
 
-@compiled
+@compiled_within
 def step(
     x: Any,
     mem: Any,
@@ -69,23 +69,6 @@ def step(
     mem.step += 1
 
 
-@compiled_entry
-def advance_many(x: Any, mem: Any, u: Any, par: Any, dt: float, steps: int) -> None:
-    """``steps`` fixed steps in place with the inputs held; a fitted pipe divides what is integrated (`pipe_steps`)."""
-    work = np.empty((5, STATES))
-    out = np.empty(ALGEBRAICS)
-    values = np.empty(SENSORS)
-    scheme = step_scheme(par, dt)
-    for _ in range(steps):
-        step(x, mem, u, par, dt, scheme, work, out, values)
-
-
-@compiled_entry
-def advance(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
-    """One fixed step in place with the inputs held."""
-    advance_many(x, mem, u, par, dt, 1)
-
-
 @compiled_once
 def observe(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
     """Slope, algebraic quantities and ideal readings of the present state; changes nothing else."""
@@ -103,8 +86,17 @@ def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> 
 
 @compiled_entry
 def advance_plant(x: Any, memory: Any, u: Any, parameters: Any, dt: float, steps: int) -> None:
-    """`advance_many` with both records in arrays of one, which cross from Python ten times faster than records do."""
-    advance_many(x, memory[0], u, parameters[0], dt, steps)
+    """``steps`` fixed steps in place with the inputs held; a fitted pipe divides what is integrated (`pipe_steps`).
+
+    Both records lie in arrays of one, which cross from Python ten times faster than records do.
+    """
+    mem, par = memory[0], parameters[0]
+    work = np.empty((5, STATES))
+    out = np.empty(ALGEBRAICS)
+    values = np.empty(SENSORS)
+    scheme = step_scheme(par, dt)
+    for _ in range(steps):
+        step(x, mem, u, par, dt, scheme, work, out, values)
 
 
 @compiled_entry
