@@ -55,14 +55,19 @@ def test_a_faint_rig_has_a_fifth_of_a_near_miss():
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("plan", ["isolated_reservoirs", "leveling_on", "fast_vertical_sines"])
-def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_springs_are_fed_or_all_is_fast(plan, tmp_path):
+def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_springs_are_fed_or_all_is_fast(
+    plan, tmp_path, once
+):
     """What begins otherwise there, or is fed by what has a zero of its own, was an unknown heat."""
     truth = GroundTruth(seed=7, kind="null", condition="white")
     simulator = AirSpring(load(), effects=CATALOGUE)
-    records = [tmp_path / "screening", tmp_path / plan]
-    for record, what in zip(records, (None, programme_plan(MENU[plan])), strict=True):
-        measure(truth, record, what)
-    data = with_roles(read_records(records, simulator))
+
+    def screened(record):
+        measure(truth, record)
+        return record
+
+    measure(truth, tmp_path, programme_plan(MENU[plan]))
+    data = with_roles(read_records([once("screening of a sound bench", screened), tmp_path], simulator))
     tried = ("heat", "pressure_gain", "auxiliary_volume", "leveling_deadband", "frame_compliance")
     finding = diagnose(data, simulator, Config(seed=7, workers=2, with_panel=False, effects=tried))
     assert finding.verdict is Verdict.NO_EFFECT, finding.sentence
@@ -80,25 +85,27 @@ def test_a_sound_bench_stays_sound_where_chambers_are_shut_off_springs_are_fed_o
     ],
 )
 def test_a_lag_and_a_latency_are_told_apart_by_fast_sines(hidden, parameter, size, rival, plan, tmp_path):
-    """A screening cannot: they differ by ω²τ²/2 in gain, a thousandth of a per cent of its forces."""
+    """A screening cannot: they differ by ω²τ²/2 in gain, a thousandth of a per cent of its forces.
+
+    The sines are diagnosed without it: what else is seen owes it nothing.
+    """
     truth = GroundTruth(seed=7, kind="single", condition="white", effects={hidden: {parameter: size}})
     simulator = AirSpring(load(), effects=CATALOGUE)
-    records = [tmp_path / "screening", tmp_path / plan]
-    for record, what in zip(records, (None, programme_plan(MENU[plan])), strict=True):
-        measure(truth, record, what)
 
-    def found(*these):
-        data = with_roles(read_records(these, simulator))
+    def found(what=None):
+        record = tmp_path / f"of {what and what.name}"
+        measure(truth, record, what)
+        data = with_roles(read_records([record], simulator))
         return diagnose(
             data, simulator, Config(seed=7, workers=2, with_panel=False, effects=(hidden, rival, "friction"))
         )
 
     if hidden.endswith("lag"):  # what a screening cannot tell from one side it cannot from the other
-        screened = found(records[0])
+        screened = found()
         assert screened.verdict is Verdict.AMBIGUOUS, screened.sentence
-    both = found(*records)
-    assert both.verdict is Verdict.NAMED, both.sentence
-    (cause,) = both.causes
+    shaken = found(programme_plan(MENU[plan]))
+    assert shaken.verdict is Verdict.NAMED, shaken.sentence
+    (cause,) = shaken.causes
     assert cause.effect == hidden
     (estimate,) = (one for one in cause.parameters if one.name == parameter)
     assert abs(estimate.value - size / ms) < 3.0 * estimate.sd
