@@ -5,6 +5,7 @@ has once been engaged keeps its grip, whatever becomes of commander, wires and p
 by their springs, the exhausts of the springs open by theirs, and the orifice of a lowering valve does the rest.
 """
 
+import math
 from enum import IntEnum
 from typing import Any, Final
 
@@ -56,6 +57,9 @@ def keep_grip(c: Any, values: Any) -> None:
             c.grip = Grip.SHUT.value
         else:
             # Each by itself: one that stands on its spring already would press it down by the way of the other.
-            c.lowering[0] = values[Sensor.VERTICAL_LEFT_FORCE] < -SET_DOWN
-            c.lowering[1] = values[Sensor.VERTICAL_RIGHT_FORCE] < -SET_DOWN
+            left, right = values[Sensor.VERTICAL_LEFT_FORCE], values[Sensor.VERTICAL_RIGHT_FORCE]
+            lead = values[Sensor.VERTICAL_LEFT_DISPLACEMENT] - values[Sensor.VERTICAL_RIGHT_DISPLACEMENT]
+            # One of which nobody can read what hangs on it goes along with the other, and not below it.
+            c.lowering[0] = left < -SET_DOWN or (math.isnan(left) and right < -SET_DOWN and lead > 0.0)
+            c.lowering[1] = right < -SET_DOWN or (math.isnan(right) and left < -SET_DOWN and lead < 0.0)
             c.grip = Grip.LOWERING.value if c.lowering[0] or c.lowering[1] else Grip.OPEN.value

@@ -76,6 +76,25 @@ def test_a_bolster_that_hangs_on_the_actuators_is_set_down(armed) -> None:
     assert -np.diff(heights).min() / 0.1 < 300 * mm, "mm/s: it sinks, and does not fall"
 
 
+def test_a_side_whose_force_nobody_can_read_is_set_down_with_the_other(armed) -> None:
+    """It was let go when the other side was down: it fell by 46 mm and threw the bolster 25 mm aside."""
+    armed.hold_height()
+    up = armed.read("vertical_left.displacement") + 110 * mm
+    for _ in range(100):
+        armed.beat(1, **{f"{name}_displacement_setpoint": up for name in VERTICAL})
+    armed.beat(50)
+    armed.rig.faults.on("broken_wire", {"sensor": "vertical_right.force", "reads": "nothing"})
+    lose_can(armed)
+    armed.wait(600)
+    heights = []
+    for _ in range(60):
+        armed.wait(100)
+        heights.append([armed.read(f"{side}.height") for side in SIDES])
+    assert heights[0][0] > 40 * mm > 0 > heights[-1][0], "it was up, and is down"
+    assert np.abs(np.diff(heights, axis=1)).max() < 10 * mm, "it stays level"
+    assert -np.diff(heights, axis=0).min() / 0.1 < 300 * mm, "mm/s: it sinks, and does not fall"
+
+
 @pytest.mark.parametrize("force", [-10 * kN, -20 * kN, -60 * kN])
 @pytest.mark.parametrize("beats", [32, 45, 200])
 def test_a_bolster_that_is_lifted_by_force_is_caught_at_its_limit(armed, force, beats) -> None:
