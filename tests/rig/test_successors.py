@@ -160,7 +160,7 @@ def truth(commander: WatchedCommander) -> Truth:
 
 
 def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[Truth, Truth]]) -> None:
-    """Check that nothing moves but what moves anyway; ``alone``: where the bench is if nobody arms, and its steps.
+    """Check that nothing moves but what moves anyway; ``alone``: where the bench was if nobody armed, and its steps.
 
     What moves already, as a bolster that is being set down, has a way to stop, and presses its springs by as much.
     """
@@ -168,8 +168,8 @@ def look(successor: WatchedCommander, before: Truth, alone: Callable[[], tuple[T
     moved, breathed = np.abs(now - before)[PLACES].max(), now[CHAMBERS] - before[CHAMBERS]
     if moved <= STILL and breathed.max() <= TIGHT and breathed.min() >= -TIGHT:
         return
-    other, steps = alone()
-    low, high = np.minimum(before, other), np.maximum(before, other)
+    passed, steps = alone()
+    other, low, high = passed[-1], passed.min(axis=0), passed.max(axis=0)
     beyond = np.maximum(now - high, low - now)
     beyond[PLACES] -= WAY_TO_STOP * steps[PLACES]
     place = max(PLACES, key=lambda sensor: beyond[sensor])
@@ -216,7 +216,7 @@ def arm(successor: WatchedCommander) -> None:
     start, course = int(successor.rig._controls["tick"]), list[Truth]()
 
     def alone() -> tuple[Truth, Truth]:
-        """What would be there by now if nobody armed, and the longest steps until then from beat to beat."""
+        """Where all would have been until now if nobody armed, and the longest steps from beat to beat."""
         if not course:
             now = Bookmark(successor.rig)
             here.restore()
@@ -225,7 +225,7 @@ def arm(successor: WatchedCommander) -> None:
                 successor.rig.run(BEAT)
             now.restore()
         beat = (int(successor.rig._controls["tick"]) - start) // BEAT
-        return course[beat], np.abs(np.diff(course[: beat + 2], axis=0)).max(axis=0)
+        return np.array(course[: beat + 1]), np.abs(np.diff(course[: beat + 2], axis=0)).max(axis=0)
 
     def beat(count: int, **bits: float) -> None:
         for _ in range(count):
