@@ -16,6 +16,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SHIM = str(ROOT / "tests" / "not_linux.py")
 SYSTEMS = ("win32", "darwin")
+#: The shortest plan of all that are made for a diagnosis.
+SINES = "small_fast_sines"
 LEAKS = ("--effects", "leak.left,leak.right")
 Cli = Callable[..., str]
 
@@ -48,14 +50,17 @@ def _answered(address: str) -> bytes:
     raise AssertionError(f"nobody answers at {address}")
 
 
-@pytest.fixture(scope="module")
-def linux(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of aw0 and one of screening on this Linux, and what is found in that."""
-    out = tmp_path_factory.mktemp("linux")
-    here = _cli("-m", "astb")
-    here("run", "aw0", "screening", "--virtual", "--seed", "3", "--out", out)
-    here("diagnose", out / "screening", *LEAKS, "--out", out / "finding")
-    return out
+@pytest.fixture(scope="session")
+def linux(once) -> Path:
+    """A run of aw0 and one of small fast sines on this Linux, and what is found in that."""
+
+    def made(out: Path) -> Path:
+        here = _cli("-m", "astb")
+        here("run", "aw0", SINES, "--virtual", "--seed", "3", "--out", out)
+        here("diagnose", out / SINES, *LEAKS, "--out", out / "finding")
+        return out
+
+    return once("linux", made)
 
 
 @pytest.mark.slow
@@ -74,7 +79,7 @@ def test_a_run_its_report_and_its_diagnosis_are_the_same(system: str, linux: Pat
         told, told_there = here(*what), there(*what)
         assert told == told_there and told.strip()
 
-    there("diagnose", linux / "screening", *LEAKS, "--out", tmp_path / "finding")
+    there("diagnose", linux / SINES, *LEAKS, "--out", tmp_path / "finding")
     findings = [
         msgspec.json.decode((out / "finding" / "finding.json").read_bytes()) for out in (linux, tmp_path)
     ]
