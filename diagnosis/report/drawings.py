@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench_records.plots import ALARM, HAIR, INK, PALETTE, SHADE, SOFT, heading, panel, style, svg
+from bench_records.typography import fixed
 from diagnosis.contracts import Array
 from diagnosis.finding import Confusability, Figure, Gain, PanelRow, Score, Series, Trace
 
@@ -227,7 +228,12 @@ def panel_figure(name: str, title: str, figure: Figure) -> str:
     """What a test of the panel, or a surface, drew."""
     with style():
         drawing, axes = panel(
-            2.75, width=4.72, left=0.72, right=0.55 if figure.kind == "map" else 0.18, bottom=0.62, top=0.30
+            2.75,
+            width=4.72,
+            left=0.95 if figure.kind == "map" else 0.72,
+            right=0.55 if figure.kind == "map" else 0.18,
+            bottom=0.62,
+            top=0.30,
         )
         for index, series in enumerate(figure.series):
             _series(axes, figure, series, PALETTE[index % len(PALETTE)])
@@ -260,7 +266,7 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
         axes.plot(x, y, ".", color=color, markersize=2.2, alpha=0.5, markeredgewidth=0)
     elif figure.kind == "map":
         z = values(series.z)
-        x, y = _even(axes.xaxis, x), _even(axes.yaxis, y)
+        x, y = _even(axes.xaxis, x, 4), _even(axes.yaxis, y, 6)
         reach = float(np.nanmax(np.abs(z))) if z.size else 1.0
         shown = axes.scatter(
             x,
@@ -281,12 +287,20 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
         axes.plot(x, y, "o", color=color, markersize=4.5, markeredgecolor="white", label=series.name)
 
 
-def _even(axis: Axis, places: Array) -> Array:
+def _even(axis: Axis, places: Array, ticks: int) -> Array:
     """Places of a map one beside the other, with their values at the ticks: those of a speed are not equidistant."""
     known = np.unique(places[np.isfinite(places)])
-    step = max(1, known.size // 6)
-    axis.set_ticks(np.arange(known.size)[::step], [f"{n:.3g}".replace("-", "\u2212") for n in known[::step]])
+    step = max(1, -(-known.size // ticks))
+    axis.set_ticks(np.arange(known.size)[::step], _told(known)[::step])
     return np.searchsorted(known, places).astype(np.float64)
+
+
+def _told(numbers: Array) -> list[str]:
+    """Numbers with the digits that their range is worth: what is next to nothing beside it is 0."""
+    reach = float(np.ptp(numbers)) if numbers.size else 0.0
+    decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3
+    rounded = [round(float(n), decimals) for n in numbers]
+    return [fixed(n, decimals) if n else "0" for n in rounded]
 
 
 def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
