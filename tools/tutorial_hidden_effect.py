@@ -14,11 +14,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from bench_records.result import Check
+
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "tutorials" / "find-a-hidden-effect.md"
 
 #: The JSON files that the commands leave, by the name under which `FIGURES` speaks of them.
 RESULTS = {
+    "screen": "runs/hunt/screening/result.json",
     "found": "runs/found/finding.json",
     "again": "runs/hunt-again/finding.json",
     "log": "runs/hunt-again/investigation.json",
@@ -107,6 +112,10 @@ def _smallest(finding: Any, effect: str) -> str:
     return f"{next(one['smallest'] for one in finding['not_seen'] if one['effect'] == effect):.5f}"
 
 
+def _last_check(result: Any) -> str:
+    return str(msgspec.convert(result["checks"][-1], Check))
+
+
 def _lost(result: Any) -> tuple[str, str]:
     """Loss of air in a minute, left and right, in percent."""
     lost = [100 * c["value"] for c in result["checks"] if c["name"].startswith("air lost")]
@@ -115,6 +124,7 @@ def _lost(result: Any) -> tuple[str, str]:
 
 #: A place in the page, with a group for each figure, and what the program says there.
 FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
+    (r"```text\n  (screening 6 [^\n]*)\n", lambda r: (_last_check(r["screen"]),)),
     (r"All (\d+) candidates of the catalogue", lambda r: (_candidates(r["found"]),)),
     (r"```text\n([^\n]*, which the model did not have\.[^\n]*)\n```", lambda r: (r["found"]["sentence"],)),
     (r"95 % interval: ([\d.]+) to ([\d.]+) mm²", lambda r: _area(r["found"], "low", "high", digits=5)),

@@ -1,7 +1,10 @@
 """The tutorial of the hidden effect shows its files, types commands that exist, and counts the candidates rightly."""
 
 import importlib.util
+import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -36,6 +39,27 @@ def test_every_command_can_be_typed(arguments):
 @pytest.mark.parametrize("pattern", [pattern for pattern, _ in tutorial.FIGURES])
 def test_every_figure_has_its_place(pattern):
     assert len(re.findall(pattern, PAGE)) == 1
+
+
+@pytest.mark.slow
+def test_what_the_rig_loses_is_what_the_page_says(tmp_path):
+    """Of the runs that the page types the quick ones; the tool that writes all figures carries out the rest, too."""
+    for name, text in tutorial.files(PAGE).items():
+        (tmp_path / name).write_text(text)
+    for name, row in (("rig", r"\| the rig"), ("before", r"\| the model before")):
+        (typed,) = (one for one in tutorial.commands(PAGE) if one[-1] == f"runs/{name}")
+        command = [sys.executable, "-m", "astb", *typed]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+        assert done.returncode in {0, 1}, done.stderr
+        result = json.loads((tmp_path / tutorial.RESULTS[name]).read_text())
+        ((pattern, of),) = (one for one in tutorial.FIGURES if one[0].startswith(row))
+        (told,) = re.findall(pattern, PAGE)
+        found = [number(one) for one in of({name: result})]
+        assert [number(one) for one in told] == pytest.approx(found, abs=0.011)
+
+
+def number(text: str) -> float:
+    return float(text.replace("\u2212", "-"))
 
 
 def test_the_page_counts_the_candidates_that_there_are():

@@ -20,6 +20,20 @@ ROOT = Path(__file__).parents[2]
 TUTORIALS = ROOT / "docs" / "tutorials"
 DEMOS = ROOT / "demos"
 SEALS = ("NAPN", "O-ring", "PK")
+PAGE = (TUTORIALS / "diagnose-measured-data.md").read_text(encoding="utf-8")
+#: What the page calls the effects, and where it says how strong a seal's friction is at 4 bar, with its interval.
+TOLD = {"seal_presliding": "seal friction with presliding", "force_lag": "force lag"}
+SEALED = {
+    "NAPN": r"friction is ([\d.]+) N for NAPN \(95 %: ([\d.]+) to ([\d.]+)\)",
+    "O-ring": r"([\d.]+) N for the O-ring \(([\d.]+) to ([\d.]+)\)",
+    "PK": r"([\d.]+) N for PK \(([\d.]+) to ([\d.]+)\)",
+}
+
+
+def row_of(seal: str) -> list[str]:
+    """What the table of the tutorial says of a seal: its friction by the loops, what was named, and three errors."""
+    (row,) = re.findall(rf"^\| {seal} \|(.*)\|$", PAGE, flags=re.MULTILINE)
+    return [cell.strip().removesuffix(" N") for cell in row.split("|")]
 
 
 def actuator(seal: str) -> tuple[Simulator, Dataset]:
@@ -79,6 +93,8 @@ def test_pressure_times_area_leaves_a_friction_that_grows_with_the_pressure(seal
     assert explained > 0.97  # affine in the pressure
     assert 1.0 < line.coef[0] < 4.0  # N, at no pressure
     assert 0.5 < line.coef[1] < 2.0  # N/bar
+    # So the tutorial tells it, to the digit that it gives.
+    assert [float(n) for n in row_of(seal)[0].split(" / ")] == pytest.approx(half, abs=0.051)
 
 
 @pytest.mark.parametrize(
@@ -212,6 +228,20 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
     assert gain.rmse_before < 1.02 * textbook(dataset)
     share = next(one for one in finding.causes[0].parameters if one.name == "pressure_share")
     assert 0.0 <= share.low < share.value < share.high <= 100.0  # no seal drives its piston
+    # The tutorial says the same, to the last digit that it gives or one beside it.
+    _, names, *told = row_of(seal)
+    assert names.split(", ") == [TOLD[one] for one in finding.names]
+    assert [float(n) for n in told] == pytest.approx(
+        [gain.rmse_before, gain.rmse_after, gain.floor], abs=0.011
+    )
+    (said,) = re.findall(SEALED[seal], PAGE)
+    friction = next(one for one in finding.causes[0].parameters if one.name == "force_at_4_bar")
+    known = [friction.value, friction.low, friction.high]
+    assert [float(n) for n in said] == pytest.approx(known, abs=0.51 if seal == "NAPN" else 0.11)
+    if seal == "PK":
+        (ratios,) = re.findall(r"error falls from ([\d.]+) to ([\d.]+) times the noise \(not", PAGE)
+        found = finding.gains[0].noise_ratio_before, finding.gains[0].noise_ratio
+        assert [float(n) for n in ratios] == pytest.approx(found, rel=0.02)
 
 
 def textbook(dataset: Dataset) -> float:
