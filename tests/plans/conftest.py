@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from astb.rig_in_memory import RigInMemory
@@ -48,6 +49,31 @@ def composed(seed=0, faults=None, latency=0.0, **changes):
 def bench_composed():
     """A virtual rig with a connected bench: ``with bench_composed(seed, **changes) as made``."""
     return composed
+
+
+@pytest.fixture(scope="session")
+def sound_run(once):
+    """Run a plan on a sound virtual rig, once for all tests: its result, curves by group and name, what it left."""
+
+    def run(name, seed=0):
+        def make(folder):
+            with composed(seed) as made:
+                before = made.rig.plant.parameters.copy()
+                result = execute(plans()[name], made.bench, folder, rig="virtual", seed=seed)
+                return SimpleNamespace(
+                    result=result,
+                    curves={
+                        (one.group, one.name): (np.array(one.xs), np.array(one.ys)) for one in result.curves
+                    },
+                    directory=folder,
+                    state=made.rig.state.name,
+                    before=before,
+                    after=made.rig.plant.parameters.copy(),
+                )
+
+        return once(f"{name} {seed}", make)
+
+    return run
 
 
 class After:
