@@ -33,6 +33,8 @@ from test_plans.comfort import (
 )
 
 WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
+#: Seeds of the winds in which each ride is repeated.
+REALISATIONS: Final = tuple(range(1, 11))
 
 #: The connecting pipe of the bench, and a plate that lets it surge.
 PIPE: Final = {"orifice_diameter": 30 * mm, "pipe_length": 1.5, "pipe_diameter": 50 * mm}
@@ -164,7 +166,7 @@ def lateral_p95(acceleration: Samples, rate: float) -> float:
 @remembered
 def plant_ride(subject: Subject) -> dict[tuple[str, float], Cell]:
     """Five minutes on the plant's springs by load case and wind speed (m/s): 10 realisations, 1 if quick."""
-    seeds = (1,) if subject.quick else tuple(range(1, 11))
+    seeds = (1,) if subject.quick else REALISATIONS
     return {
         (load, speed): ride_cell(
             load,

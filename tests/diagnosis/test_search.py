@@ -1,5 +1,6 @@
 """Effects hidden in the motion of an oscillator, and what the search says of them."""
 
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -262,21 +263,32 @@ def test_intervals_cover_and_amplitudes_are_right_at_twelve(laboratory):
     assert np.mean(errors) < 0.10
 
 
+#: Sound laboratories per condition. A hundred see, in nineteen of twenty cases, that more than 6 % (white noise) or 8 %
+#: are accused; three hundred (ASTB_NULLS=300) see 4 % and 5 %. `make benchmark-diagnosis` counts 1300.
+NULLS = int(os.environ.get("ASTB_NULLS", "100"))
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("conditions", "most"),
-    [({}, 6), ({"colour": 0.6}, 9), ({"colour": 0.9}, 9), ({"quantised": True}, 9), ({"dropped": 0.1}, 9)],
+    [
+        ({}, 0.02),
+        ({"colour": 0.6}, 0.03),
+        ({"colour": 0.9}, 0.03),
+        ({"quantised": True}, 0.03),
+        ({"dropped": 0.1}, 0.03),
+    ],
     ids=str,
 )
 def test_false_alarms(laboratory, conditions, most):
-    """Targets of 1 % for white noise and 3 % otherwise in 300 nulls, with what chance may add to 1 %."""
+    """Targets of 1 % for white noise, with what chance may add to it, and of 3 % otherwise."""
     lab = laboratory(samples=1000)
     alarms = 0
-    for seed in range(300):
+    for seed in range(NULLS):
         result = search(lab, lab.measure(5000 + seed, **conditions))
         alarms += bool(result.accepted) or bool(result.state.current.screening.exceeding)
-    assert alarms <= most
+    assert alarms <= most * NULLS
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import pytest
 
+from bench_protocol.clock import RealClock
 from bench_sim.parameters.paper import load_paper
 
 
@@ -18,3 +19,20 @@ def aw3():
 @pytest.fixture(scope="session")
 def wind():
     return load_paper().wind
+
+
+@pytest.fixture(scope="session")
+def quick_study(once):
+    """What `astb paper --quick` writes, once for all tests: its page, in a folder with all the rest."""
+    return once("paper --quick", made_quickly)
+
+
+def made_quickly(folder):
+    from paper_study.make import make
+
+    clock = RealClock()
+    start = clock.now()
+    written = make(folder, quick=True, seed=0)
+    # The aim is a minute; what a machine that does other things makes of it is not the product's fault.
+    print(f"astb paper --quick took {(clock.now() - start) / 1e9:.0f} s (aim: 60 s)")
+    return written
