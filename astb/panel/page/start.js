@@ -10,6 +10,7 @@ export function starting(panel, order, told) {
   const about = make("p", { class: "said", id: "about" });
   const instruction = make("p", { class: "instruction" });
   const checked = make("dl", { class: "meanings" });
+  const why = make("details", {}, make("summary", {}, "What it checks, and why"), checked);
   const fields = make("div");
   const specimen = make("select", { "aria-label": "specimen" });
   const [operator, ambient] = [remembered("operator", "who runs it"), remembered("ambient", "such as 21 °C, 1013 hPa")];
@@ -36,6 +37,7 @@ export function starting(panel, order, told) {
     const plan = plans.get(choice.value);
     about.textContent = plan.title + (plan.lasts ? ` About ${duration(plan.lasts)}.` : "");
     instruction.textContent = plan.instruction;
+    why.hidden = !plan.checks.length; // a plan of one's own may declare none
     checked.replaceChildren(...plan.checks.flatMap((one) => [make("dt", {}, one.name), make("dd", {}, one.about)]));
   }
   function choose() {
@@ -87,7 +89,7 @@ export function starting(panel, order, told) {
   vent.addEventListener("click", () => order("/api/vent"));
 
   return {
-    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), make("details", {}, make("summary", {}, "What it checks, and why"), checked), fields,
+    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), why, fields,
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
       make("div", { class: "buttons" }, begin, rehearse), rehearsed, make("div", { class: "buttons" }, reset, vent)),
