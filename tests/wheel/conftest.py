@@ -4,12 +4,15 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+#: Compiles a part of what is installed.
+COMPILE = "import runpy; runpy.run_path({tool!r})[{part!r}]()"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -30,6 +33,13 @@ def sure(done: subprocess.CompletedProcess) -> str:
     """Return what a command printed that ended well."""
     assert done.returncode == 0, f"{done.args}\n{done.stdout[-4000:]}\n{done.stderr[-4000:]}"
     return done.stdout
+
+
+def at_once(*commands: tuple[list[str], Path, dict[str, str] | None]) -> None:
+    """Carry out commands side by side, each in its directory and environment; all must end well."""
+    with ThreadPoolExecutor() as threads:
+        for done in threads.map(lambda one: carried_out(*one[0], cwd=one[1], env=one[2]), commands):
+            sure(done)
 
 
 class Built(NamedTuple):
@@ -56,9 +66,13 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
     for name in (tracked := [name for name in tracked if (ROOT / name).exists()]):
         (source / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, source / name)
-    # One after the other: the second one makes an sdist, and a wheel of that.
-    for target, what in (("tree", ("--wheel",)), ("sdist", ())):
-        sure(carried_out(sys.executable, "-m", "build", *what, "--outdir", place / target, cwd=source))
+    # Side by side, each where the other one leaves nothing: the second one makes an sdist, and a wheel of that.
+    second = shutil.copytree(source, place / "second")
+    command = [sys.executable, "-m", "build"]
+    at_once(
+        ([*command, "--wheel", "--outdir", str(place / "tree")], source, None),
+        ([*command, "--outdir", str(place / "sdist")], second, None),
+    )
     (of_sources,) = (place / "tree").glob("*.whl")
     (of_sdist,) = (place / "sdist").glob("*.whl")
     (sdist,) = (place / "sdist").glob("*.tar.gz")
@@ -111,4 +125,16 @@ def elsewhere(built: Built, tmp_path_factory: pytest.TempPathFactory) -> Elsewhe
     sure(carried_out(sys.executable, "-m", "venv", place / "environment", cwd=place))
     there = Elsewhere(place)
     there.install(str(built.of_sources))
+    # Side by side; the first commands would compile the same, one after the other.
+    tool = str(ROOT / "tools" / "compile_model.py")
+    at_once(
+        *(
+            (
+                [str(there.bin / "python"), "-P", "-c", COMPILE.format(tool=tool, part=part)],
+                there.here,
+                there.env,
+            )
+            for part in ("compile_rig", "compile_diagnosis")
+        )
+    )
     return there
