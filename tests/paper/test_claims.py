@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from bench_protocol.units import bar, mm
+from paper_study import experiments
 from paper_study.checks import catalogue, evaluation
 from paper_study.checks.catalogue import CHECKS
 from paper_study.checks.check import CheckOutcome
@@ -74,7 +75,9 @@ def test_what_holds_and_what_does_not(entries):
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_ten_realisations_say_the_same_as_one_on_the_ride():
+def test_more_realisations_say_the_same_as_one_on_the_ride(monkeypatch):
+    """Three; `astb paper` takes ten. What is judged lies far from its limits for either."""
+    monkeypatch.setattr(experiments, "REALISATIONS", (1, 2, 3))
     entries = evaluate_all({"A27", "T11"}, workers=1)
     assert failing(entries) == {one for one in DOES_NOT_HOLD if one[0] in {"A27", "T11"}}
     numbers = next(entry for entry in entries if (entry["id"], entry["layer"]) == ("A27", "plant"))["numbers"]
