@@ -195,6 +195,7 @@ MUTATIONS = {
 
 SLOW = {
     "lossy pipe",
+    "leak",
     "no restriction",
     "warm hall",
     "wider orifice over frequency",
