@@ -29,6 +29,7 @@ from astb.commands.lists import (
 )
 from astb.commands.named import (
     demos_command,
+    dimensions_command,
     instruments_command,
     parameters_command,
     rigs_command,
@@ -119,6 +120,7 @@ for _command in (
     rigs_command,
     specimens_command,
     instruments_command,
+    dimensions_command,
     wirings_command,
     parameters_command,
     demos_command,

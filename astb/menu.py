@@ -10,6 +10,7 @@ from bench_protocol.units import ATMOSPHERE, Hz, minutes
 from bench_protocol.words import SIDES
 from diagnosis.contracts import Array, Experiment
 from diagnosis.finding import Finding
+from test_plans.description import Description, ours
 from test_plans.motions import Programme, Stretch
 from test_plans.perform import lasts
 from test_plans.specimen import Specimen, ordinary
@@ -30,13 +31,15 @@ class Offer:
     bic_gap: float
 
 
-def experiments(menu: Mapping[str, Programme], specimen: Specimen | None = None) -> tuple[Experiment, ...]:
-    """Return every run of every plan on a ``specimen`` (the bench's own), named as its record will name it.
+def experiments(
+    menu: Mapping[str, Programme], specimen: Specimen | None = None, rig: Description | None = None
+) -> tuple[Experiment, ...]:
+    """Return every run of every plan on a ``specimen`` and a ``rig`` (the bench's own), as its record will name it.
 
     Each costs its share of the plan's time.
     """
-    spring = specimen or ordinary()
-    return tuple(run for programme in menu.values() for run in _runs(programme, spring))
+    spring, built = specimen or ordinary(), rig or ours()
+    return tuple(run for programme in menu.values() for run in _runs(programme, spring, built))
 
 
 def offers(finding: Finding, menu: Mapping[str, Programme]) -> list[Offer]:
@@ -53,15 +56,17 @@ def offers(finding: Finding, menu: Mapping[str, Programme]) -> list[Offer]:
     return sorted(found, key=lambda one: (-one.bic_gap / one.minutes, one.plan))
 
 
-def _runs(programme: Programme, spring: Specimen) -> Iterator[Experiment]:
+def _runs(programme: Programme, spring: Specimen, rig: Description) -> Iterator[Experiment]:
     runs = [(part.load, stretch) for part in programme.parts for stretch in part.stretches]
     share = lasts(programme) / minutes / len(runs)
     for number, (load, stretch) in enumerate(runs, 1):
-        yield _experiment(f"{programme.name} {number} {load}", spring, load, stretch, share)
+        yield _experiment(f"{programme.name} {number} {load}", spring, rig, load, stretch, share)
 
 
-def _experiment(name: str, spring: Specimen, load: str, stretch: Stretch, cost: float) -> Experiment:
-    asked = trajectory(stretch)
+def _experiment(
+    name: str, spring: Specimen, rig: Description, load: str, stretch: Stretch, cost: float
+) -> Experiment:
+    asked = trajectory(stretch, rig)
     still = np.zeros_like(asked.time)
     heights = {side: _band_limited(height) for side, height in asked.heights.items()}
     settings = {"nominal_preload": spring.load(load).preload, "conditioned": asked.conditioned}

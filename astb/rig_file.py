@@ -86,6 +86,7 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     modbus: Modbus = Modbus()
     simulation: Simulation | None = None
     instruments: str = ""  #: path of the file of its instruments, seen from this one, or their name
+    dimensions: str = ""  #: path of the file of its dimensions, seen from this one, or their name
     wiring: str | dict[str, Any] = (
         ""  #: of a rig that speaks otherwise: path of its file, its name, or its keys
     )

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from bench_protocol.clock import VirtualClock
+from bench_protocol.dimensions import ordinary
 from bench_protocol.frames import Block
 from bench_protocol.units import NS
 from bench_sim.rig.can_bus import CanBus
@@ -68,7 +69,9 @@ class RigInMemory:
         """
         port = self.can()
         can = port if faults is None else FaultyCan(port, faults, seed, outward=outward)
-        return Bench(OwnWiring(can, self.modbus(latency)), self.clock)
+        bench = Bench(OwnWiring(can, self.modbus(latency)), self.clock)
+        bench.dimensions = ordinary()
+        return bench
 
     def cut(self, reason: str) -> None:
         """Cut the CAN bus, as a hub that dies would; Modbus goes on."""

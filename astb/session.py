@@ -18,6 +18,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
 
 if TYPE_CHECKING:
+    from bench_protocol.dimensions import Dimensions
     from bench_protocol.frames import Block
     from bench_sim.parameters import Parameters
     from bench_sim.rig.can_bus import Stage
@@ -130,13 +131,13 @@ def open_session(
                 f"rig file {path}: without a [simulation] table there is nothing to run in virtual time"
             )
         with virtual_session(build_rig(rig.simulation, seed), rig.simulation, seed) as session:
-            session.bench.instruments = instruments_of(rig, path)
+            describe_rig(session.bench, rig, path)
             yield session
         return
     require_linux("a rig in real time")
     if rig.wiring:
         with wired_session(rig, path) as session:
-            session.bench.instruments = instruments_of(rig, path)
+            describe_rig(session.bench, rig, path)
             yield session
         return
     with contextlib.ExitStack() as stack:
@@ -151,7 +152,7 @@ def open_session(
         elif rig.simulation and seed is not None:
             say("the rig is running already: it keeps its own seed")
         session = stack.enter_context(real_session(rig, seed))
-        session.bench.instruments = instruments_of(rig, path)
+        describe_rig(session.bench, rig, path)
         yield session
 
 
@@ -241,6 +242,31 @@ def wired_session(rig: RigFile, path: Path) -> Iterator[Session]:
         yield Session(bench, clock, False, None, None, description)
     finally:
         bench.close()
+
+
+def describe_rig(bench: "Bench", rig: RigFile, path: Path) -> None:
+    """Tell a bench what the rig file at ``path`` knows of its rig: instruments and dimensions."""
+    bench.instruments, bench.dimensions = instruments_of(rig, path), dimensions_of(rig, path)
+
+
+def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
+    """Return the dimensions of ``rig``, whose file is ``path``.
+
+    RigFileError for a file of dimensions that is none. A simulated rig that names no such file has those that it is
+    simulated with; of a real one nobody knows any.
+    """
+    from bench_protocol.dimensions import UNKNOWN, DimensionsError, ordinary, read_dimensions
+
+    if rig.dimensions:
+        try:
+            return read_dimensions(rig.dimensions, path.parent)
+        except DimensionsError as error:
+            raise RigFileError(f"rig file {path}: {error}") from None
+    if rig.simulation is None:
+        return UNKNOWN
+    from bench_sim.parameters.dimensions import dimensions_of as simulated
+
+    return ordinary().built(simulated(simulated_parameters(rig.simulation)))
 
 
 def instruments_of(rig: RigFile, path: Path) -> "Instruments":

@@ -55,6 +55,7 @@ class Bench(Link):
         "closing": "What else ends with this bench: a context stack that `close` closes.",
         "control": "The bits of the Control message.",
         "devices": "All devices.",
+        "dimensions": "Masses, spacings and lags of the rig, where somebody has said.",
         "emergency": "The last CANopen emergency of the rig.",
         "generator": "The function generator.",
         "hand": "Who does by hand what a plan asks for, on a rig that can be told to.",
@@ -97,6 +98,7 @@ class Bench(Link):
         self.waveform = Waveform(self, "waveform")
         self.about: Mapping[str, Any] = {}
         self.hand: Any = None
+        self.dimensions: Any = None
         self.instruments: Any = None
         self.last_run: int | None = None
         self.closing = ExitStack()

@@ -12,10 +12,11 @@ from test_plans import steps
 from test_plans.analysis import straight_line
 from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
+from test_plans.geometry import CELLS, LASERS, Rig, height_of_spring, load_on
 from test_plans.plan import plan
 from test_plans.poses import COOL, Home, go_home, restore_the_air
 from test_plans.preconditions import on_the_bench
-from test_plans.readings import CELLS_UNDER, PRESSURES, VERTICAL_CELLS
+from test_plans.readings import PRESSURES, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.air import AVERAGED
 from test_plans.steps.shaking import check_band
@@ -34,7 +35,15 @@ STAIR_WAIT: Final = 3 * s
 
 @plan(
     setup=steps.carry_load,
-    needs=(*steps.CARRYING, *VERTICAL_CELLS, *PRESSURES, "air.left_reservoir", "air.right_reservoir"),
+    needs=(
+        *steps.CARRYING,
+        *VERTICAL_CELLS,
+        *PRESSURES,
+        "air.left_reservoir",
+        "air.right_reservoir",
+        *CELLS,
+        *LASERS,
+    ),
     teardown=leave_connected,
     lasts=140 * s,
     requires=on_the_bench("load"),
@@ -82,14 +91,17 @@ def _isobaric(run: Run, home: Home) -> dict[str, Measured]:
         restore_the_air(run, rest)
         means.append(run.bench.averages(*names, *VERTICAL_CELLS, over=steps.AVERAGE_OVER))
     area = run.specimen.effective_area
-    return {side: run.measured(partial(_slope, side, area), *means, averaged=AVERAGED) for side in SIDES}
+    return {
+        side: run.measured(partial(_slope, side, area), run.rig, *means, averaged=AVERAGED) for side in SIDES
+    }
 
 
-def _slope(side: str, area: float, rest: Mapping[str, float], *stairs: Mapping[str, float]) -> float:
+def _slope(
+    side: str, area: float, rig: Rig, rest: Mapping[str, float], *stairs: Mapping[str, float]
+) -> float:
     """Return the slope of force over compression (N/m), each from the means on one stair."""
     # The valves bring the pressure back within some mbar: what is missing weighs as much as its area.
     away = [mean[f"{side}.bellows_pressure"] - rest[f"{side}.bellows_pressure"] for mean in stairs]
-    force = np.array([sum(mean[cell] for cell in CELLS_UNDER[side]) for mean in stairs]) - area * np.array(
-        away
-    )
-    return straight_line(np.array([-mean[f"{side}.height"] for mean in stairs]), force)[1]
+    means = [{name: np.asarray(value) for name, value in mean.items()} for mean in stairs]
+    force = np.array([load_on(mean, rig, side) for mean in means]) - area * np.array(away)
+    return straight_line(np.array([-height_of_spring(mean, rig, side) for mean in means]), force)[1]

@@ -8,21 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from bench_protocol.units import Hz, kN, mm
+from bench_protocol.units import MN, Hz, kN, m, mm
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness, first_harmonic
 from test_plans.check_names import CheckName
 from test_plans.fittings import fit_pipe, fit_plate, put_down
-from test_plans.geometry import (
-    BOLSTER_MASS,
-    LATERAL_DRIVE,
-    LATERAL_FORCE_MAX,
-    VERTICAL_FORCE_MAX,
-    VERTICAL_FRAME,
-    VERTICAL_FRAME_DAMPING,
-    Drive,
-)
+from test_plans.geometry import drive
 from test_plans.loads import Load
 from test_plans.poses import COOL, go_home
 from test_plans.readings import BELLOWS_TEMPERATURES
@@ -136,6 +128,8 @@ SURGE_FREQUENCIES: Final = (
 )
 #: Closed bellows, and what the surge of the pipe adds: bounds for the force that a vertical actuator needs.
 CLOSED_STIFFNESS: Final = 2.4e6 / (145 * kN)
+#: Of both springs sideways, a bound as well.
+SHEAR_STIFFNESS: Final = 0.6 * MN / m
 
 
 @dataclass(slots=True)
@@ -162,25 +156,25 @@ class FrequencySweep:
 
     def _shear(self, run: Run, frequency: float, amplitude: float, name: str) -> Stiffness:
         with run.phase(f"lateral sine {frequency:g} Hz, {amplitude / mm:g} mm"):
-            command = LATERAL_DRIVE.command(amplitude, frequency, LATERAL_FORCE_MAX)
+            driven = drive(run.rig, "lateral", SHEAR_STIFFNESS)
+            command = driven.command(amplitude, frequency, run.rig["lateral_force_max"])
             times, values = shake(run, "lateral", frequency, command)
         self._know(run, name, times, values, frequency, lateral_stiffness)
-        return lateral_stiffness(times, values, frequency)
+        return lateral_stiffness(times, run.rig, values, frequency)
 
     def shake_vertically(
         self, run: Run, load: Load, frequencies: Sequence[float], size: float = SWEEP_AMPLITUDE
     ) -> None:
         """Sines of ``size`` (m), or of what the actuators can do, first harmonic."""
-        drive = Drive(
-            BOLSTER_MASS / 2, VERTICAL_FRAME, VERTICAL_FRAME_DAMPING, CLOSED_STIFFNESS * load.preload
-        )
+        driven = drive(run.rig, "vertical", CLOSED_STIFFNESS * load.preload)
+        left = run.rig["vertical_force_max"] - load.actuator_force(run.rig)
         for frequency in frequencies:
-            amplitude = drive.command(size, frequency, VERTICAL_FORCE_MAX - load.actuator_force)
+            amplitude = driven.command(size, frequency, left)
             with run.phase(f"vertical sine {frequency:g} Hz, {size / mm:g} mm"):
                 times, values = shake(run, "vertical", frequency, amplitude)
             self.sines[frequency] = Sine(times, values, frequency)
             self._know(run, "Vertical", times, values, frequency, vertical_stiffness)
-            self.vertical.append(vertical_stiffness(times, values, frequency))
+            self.vertical.append(vertical_stiffness(times, run.rig, values, frequency))
             self.temperatures.append(float(np.mean([values[name].mean() for name in BELLOWS_TEMPERATURES])))
             bellows, auxiliary = (
                 sum(first_harmonic(times, values[f"{side}.{part}_pressure"], frequency) for side in SIDES)

@@ -12,7 +12,7 @@ from bench_protocol.units import ATMOSPHERE, Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.check_names import CheckName
-from test_plans.geometry import BUMP_STOP_GAP, shear_of
+from test_plans.geometry import shear_of
 from test_plans.loads import Load
 from test_plans.poses import POSE_SAMPLES, Home, PoseReading, go_home, pose_of, read_pose, take_pose
 from test_plans.tables import (
@@ -85,9 +85,9 @@ class LateralOffset:
             with run.phase(f"dither at {offset / mm:g} mm"):
                 take_pose(run, home, shear=offset)
                 times, values = shake(run, "lateral", DITHER_FREQUENCY, DITHER, lead=DITHER_LEAD)
-            self.offsets.append(float(shear_of(values).mean()))
+            self.offsets.append(float(shear_of(values, run.rig).mean()))
             self.sines.append(Sine(times, values, DITHER_FREQUENCY))
-            self.tangents.append(lateral_stiffness(times, values, DITHER_FREQUENCY))
+            self.tangents.append(lateral_stiffness(times, run.rig, values, DITHER_FREQUENCY))
             self.known.append(know(run, times, values, DITHER_FREQUENCY, lateral_stiffness))
 
     def climb(self, run: Run, home: Home) -> None:
@@ -196,7 +196,10 @@ class LateralOffset:
     ) -> tuple[Measured, ...]:
         read = [one.read for one in self.stairs]
         return run.measure(
-            lambda *read: evaluate([pose_of(one) for one in read]), *read, averaged=POSE_SAMPLES
+            lambda rig, *read: evaluate([pose_of(one, rig) for one in read]),
+            run.rig,
+            *read,
+            averaged=POSE_SAMPLES,
         )
 
 
@@ -238,7 +241,7 @@ def lateral_offsets(run: Run, load: Load) -> None:
         take_pose(run, home)
     found.keep(run, load)
 
-    run.check(TRAVEL.of(load=load.name), found.travel(run), "mm", high=BUMP_STOP_GAP)
+    run.check(TRAVEL.of(load=load.name), found.travel(run), "mm", high=run.rig["bump_stop_gap"])
     run.check(
         LEFT_OF_STIFFNESS.of(load=load.name),
         found.tangent_left(run),

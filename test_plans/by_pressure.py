@@ -13,6 +13,7 @@ from test_plans import steps
 from test_plans.analysis import Stiffness, straight_line
 from test_plans.check_names import CheckName
 from test_plans.fittings import put_down
+from test_plans.geometry import Rig
 from test_plans.loads import Load
 from test_plans.poses import go_home
 from test_plans.tables import AMPLITUDE, DAMPING, PRESSURE, STORAGE, keep
@@ -54,7 +55,7 @@ class LateralPressure:
                 times, values = shake(run, "lateral", SLOW, amplitude, lead=SLOW_LEAD)
             self.sines[amplitude].append(Sine(times, values, SLOW))
             self.pressures[amplitude].append(pressure_of(values))
-            self.found[amplitude].append(lateral_stiffness(times, values, SLOW))
+            self.found[amplitude].append(lateral_stiffness(times, run.rig, values, SLOW))
             self.known[amplitude].append(know(run, times, values, SLOW, lateral_stiffness))
 
     def keep(self, run: Run, load: Load) -> None:
@@ -73,14 +74,15 @@ class LateralPressure:
         """Return dK'/dp (m) of the straight line through what was found at one amplitude."""
         sines = self.sines[amplitude]
 
-        def evaluate(*read: Values) -> float:
+        def evaluate(rig: Rig, *read: Values) -> float:
             found = [
-                lateral_stiffness(one.times, values, SLOW) for one, values in zip(sines, read, strict=True)
+                lateral_stiffness(one.times, rig, values, SLOW)
+                for one, values in zip(sines, read, strict=True)
             ]
             at = np.array([pressure_of(values) for values in read])
             return straight_line(at, np.array([K.storage for K in found]))[1]
 
-        return run.measured(evaluate, *(one.values for one in sines))
+        return run.measured(evaluate, run.rig, *(one.values for one in sines))
 
     def softening(self, run: Run, small: float, large: float) -> Measured:
         """Return how much stiffer the spring is at amplitude ``small`` than at ``large``, the mean over the loads."""

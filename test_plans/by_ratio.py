@@ -60,7 +60,7 @@ class DampingByRatio:
             with run.phase(f"vertical sine {amplitude / mm:g} mm"):
                 times, values = shake(run, "vertical", NATURAL, amplitude, lead=2 * s)
             self.sines.append(Sine(times, values, NATURAL))
-            self.found.append(vertical_stiffness(times, values, NATURAL))
+            self.found.append(vertical_stiffness(times, run.rig, values, NATURAL))
             self.known.append(know(run, times, values, NATURAL, vertical_stiffness))
             lowest = [self._lowest_ratio(times, values, rest, side) for side in SIDES]
             self.ratios.append(float(np.mean(lowest)))

@@ -13,7 +13,7 @@ from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.check_names import CheckName
-from test_plans.geometry import roll_of, shear_of
+from test_plans.geometry import Rig, roll_of, shear_of
 from test_plans.loads import Load
 from test_plans.poses import COOL, Home, go_home, restore_the_air, take_pose
 from test_plans.readings import PRESSURES, SHEAR_CELLS
@@ -82,12 +82,12 @@ class RollAngle:
         with run.phase(f"roll {roll:+.3g} rad"):
             take_pose(run, home, shear=ROLL_SHEAR, roll=roll)
             times, values = shake(run, "lateral", ROLL_FREQUENCY, ROLL_AMPLITUDE, lead=lead)
-        self.rolls.append(float(roll_of(values).mean()))
+        self.rolls.append(float(roll_of(values, run.rig).mean()))
         self.sines.append(Sine(times, values, ROLL_FREQUENCY))
-        self.secants.append(_secant(values))
-        self.found.append(lateral_stiffness(times, values, ROLL_FREQUENCY))
+        self.secants.append(_secant(values, run.rig))
+        self.found.append(lateral_stiffness(times, run.rig, values, ROLL_FREQUENCY))
         sine = know(run, times, values, ROLL_FREQUENCY, lateral_stiffness)
-        self.known.append((run.measured(_secant, values), sine))
+        self.known.append((run.measured(_secant, values, run.rig), sine))
         left, right = (float(values[f"{side}.auxiliary_pressure"].mean()) for side in SIDES)
         self.differences.append(left - right)
 
@@ -123,11 +123,11 @@ class RollAngle:
         near = [self._near(roll) for roll in rolls]
         used = sorted({place for places in near for place in places})
 
-        def computed(*read: Values) -> tuple[float, ...]:
+        def computed(rig: Rig, *read: Values) -> tuple[float, ...]:
             values = dict(zip(used, read, strict=True))
-            secant = {place: _secant(values[place]) for place in used}
+            secant = {place: _secant(values[place], rig) for place in used}
             storage = {
-                place: lateral_stiffness(self.sines[place].times, values[place], ROLL_FREQUENCY).storage
+                place: lateral_stiffness(self.sines[place].times, rig, values[place], ROLL_FREQUENCY).storage
                 for place in used
             }
             secants, storages = (
@@ -136,17 +136,17 @@ class RollAngle:
             )
             return evaluate(secants, storages)
 
-        return run.measure(computed, *(self.sines[place].values for place in used))
+        return run.measure(computed, run.rig, *(self.sines[place].values for place in used))
 
     def _near(self, roll: float) -> list[int]:
         away = np.abs(np.array(self.rolls) - roll)
         return [int(place) for place in np.flatnonzero(away < away.min() + SAME_ROLL)]
 
 
-def _secant(values: Values) -> float:
+def _secant(values: Values, rig: Rig) -> float:
     """Return F/y (N/m) of one spring, of the means of both."""
     force = -0.5 * sum(float(values[cell].mean()) for cell in SHEAR_CELLS)
-    return force / float(shear_of(values).mean())
+    return force / float(shear_of(values, rig).mean())
 
 
 def _coupling(secants: list[float], storages: list[float]) -> tuple[float, float, float, float]:

@@ -1,6 +1,7 @@
 """Crosswind gust: how far one gust moves and rolls the bolster on its springs, and whether it comes back."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -11,13 +12,14 @@ from test_plans import steps
 from test_plans.analysis import NotMeasured, Samples
 from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
-from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, roll_of, shear_of
+from test_plans.geometry import ACTUATORS, POSE_SIGNALS, SEEING, Rig, roll_of, shear_of
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
 from test_plans.readings import SHEAR_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS
+from test_plans.steps.of_the_bench import unlike
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
 from test_plans.uncertainty import EVEN, SAMPLING
 from test_plans.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
@@ -29,6 +31,7 @@ BEFORE: Final = 2 * s
 #: The mean wind alone, before the gust and after it; and no wind at all, after that.
 MEAN: Final = 4 * s
 AFTER: Final = 3 * s
+SETTLING: Final = ("time to settle", "s")
 MIDDLE: Final = RISE + MEAN
 LASTS: Final = 2 * MIDDLE + 2 * s
 #: What is averaged to see where the bolster stands, how many samples against noise, and every how many is kept.
@@ -130,6 +133,9 @@ def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
         *FREE_SIDEWAYS,
         "vertical_left.force_setpoint",
         "vertical_right.force_setpoint",
+        *SEEING,
+        *ACTUATORS,
+        "spring_half_spacing",
     ),
     teardown=leave_connected,
     lasts=51 * s,
@@ -159,7 +165,7 @@ def crosswind_gust(
     with run.phase("gust"):
         with run.bench.capture(*READ) as capture:
             run.bench.wait(BEFORE)
-            run.bench.waveform.run(times, on_the_bolster(force))
+            run.bench.waveform.run(times, on_the_bolster(force, run.rig))
             run.bench.wait(AFTER)
         at, values = capture.aligned(SAMPLE_RATE)
     _judge(run, load, at - BEFORE, values)
@@ -171,19 +177,22 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
 
     limits = run.specimen.load(load).limits
     area = run.specimen.effective_area
-    y, roll, pushed, parted = _answer(at, values)
+    y, roll, pushed, parted = _answer(at, run.rig, values)
     if not np.isfinite([y, roll, pushed, parted]).all():
         raise NotMeasured("samples of the gust are missing")
-    stiffness, *found, settling = run.measure(lambda read: _numbers(at, _answer(at, read), area), values)
+    stiffness, *found, settling = run.measure(partial(_numbers, at, area), run.rig, values)
     # Beyond the places of the file the displacement fails anyway.
     places = limits.curve("crosswind_gust.stiffness", "kN/m")
     place = float(np.clip(y.max(), min(places), max(places)))
     low, high = limits.curve_at("crosswind_gust.stiffness", place, "kN/m")
     run.check(STIFF, stiffness, "kN/m", low=low, high=high)
-    for (limit, (name, unit)), value in zip(JUDGED.items(), found, strict=True):
-        check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))
     settling = settling.beside(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
-    check_band(run, SETTLES, settling, "s", limits.band("crosswind_gust.settling", "s"))
+    judged = {**JUDGED, "settling": (SETTLES, "s")}
+    if other := unlike(run):
+        run.lack([name for name, _ in judged.values()], other)
+    else:
+        for (limit, (name, unit)), value in zip(judged.items(), (*found, settling), strict=True):
+            check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))
     for what, x, y_axis, xs, ys in (
         ("force over displacement", Axis("displacement", "mm", mm), Axis("force", "kN", kN), y, pushed),
         (
@@ -197,21 +206,21 @@ def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> N
         run.loop(load, x, y_axis, xs[::KEPT], ys[::KEPT], group=f"Gust: {what}")
 
 
-def _answer(at: Samples, values: Mapping[str, Samples]) -> tuple[Samples, ...]:
+def _answer(at: Samples, rig: Rig, values: Mapping[str, Samples]) -> tuple[Samples, ...]:
     """Return shear (m), roll (rad), lateral force (N) and pressure difference (Pa) of the springs, 0 at rest."""
     calm = _during(at, -SMOOTH)
     series = (
-        shear_of(values),
-        roll_of(values),
+        shear_of(values, rig),
+        roll_of(values, rig),
         -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0),
         values[PRESSURES[0]] - values[PRESSURES[1]],
     )
     return tuple(_smooth(one - one[calm].mean()) for one in series)
 
 
-def _numbers(at: Samples, answer: tuple[Samples, ...], area: float) -> tuple[float, ...]:
+def _numbers(at: Samples, area: float, rig: Rig, values: Mapping[str, Samples]) -> tuple[float, ...]:
     """Return what is judged: the lateral stiffness, the others in the order of their names, and the time to settle."""
-    y, roll, pushed, parted = answer
+    y, roll, pushed, parted = _answer(at, rig, values)
     peak, calmed = int(np.argmax(y)), _during(at, LASTS + AFTER - SMOOTH)
     moment = pushed[peak] * CAR.pressure_height
     return (
@@ -220,7 +229,7 @@ def _numbers(at: Samples, answer: tuple[Samples, ...], area: float) -> tuple[flo
         np.abs(roll).max(),
         moment / abs(roll[peak]),
         parted.max(),
-        parted[peak] * area * SPRING_HALF_SPACING / moment,
+        parted[peak] * area * rig["spring_half_spacing"] / moment,
         abs(y[calmed].mean()),
         abs(parted[calmed].mean()),
         _settling(at, y),

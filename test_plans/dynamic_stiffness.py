@@ -9,16 +9,16 @@ from test_plans import steps
 from test_plans.analysis import Stiffness
 from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
+from test_plans.geometry import Rig
 from test_plans.loads import Band, Load
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
 from test_plans.preconditions import on_the_bench
-from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.shaking import check_band
 from test_plans.tables import AMPLITUDE, FREQUENCY, LOSS, STORAGE, TANGENT, Quantity, keep
 from test_plans.uncertainty import Measured
-from test_plans.waves import Values, shake, vertical_stiffness
+from test_plans.waves import VERTICAL_WAVES, Values, shake, vertical_stiffness
 
 #: Limits over frequency are those of one amplitude, limits over amplitude those of one frequency.
 OF_FREQUENCIES: Final = 5 * mm
@@ -49,7 +49,7 @@ ANGLE: Final = ("loss angle", "deg")
 
 @plan(
     setup=steps.carry_load,
-    needs=(*steps.CARRYING, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES),
+    needs=(*steps.CARRYING, *VERTICAL_WAVES),
     teardown=leave_connected,
     lasts=86 * s,
     requires=on_the_bench("load"),
@@ -104,11 +104,11 @@ def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Sti
     with run.phase(what):
         times, values = shake(run, "vertical", frequency, amplitude, lead=LEAD)
 
-    def found(values: Values) -> tuple[float, float, float]:
-        K = vertical_stiffness(times, values, frequency)
+    def found(rig: Rig, values: Values) -> tuple[float, float, float]:
+        K = vertical_stiffness(times, rig, values, frequency)
         return K.storage, K.damping, phase(K.value)
 
-    return vertical_stiffness(times, values, frequency), run.measure(found, values)
+    return vertical_stiffness(times, run.rig, values, frequency), run.measure(found, run.rig, values)
 
 
 def _keep(

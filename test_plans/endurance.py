@@ -15,6 +15,7 @@ from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, straight_line
 from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
+from test_plans.geometry import Rig
 from test_plans.loads import Load
 from test_plans.parameters import Range
 from test_plans.plan import plan
@@ -27,7 +28,7 @@ from test_plans.steps.carrying import PRELOAD_WITHIN
 from test_plans.steps.shaking import check_band
 from test_plans.tables import DAMPING, HEIGHT, STORAGE, Quantity, keep
 from test_plans.uncertainty import Measured, counted
-from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake, stiffness_of_side
+from test_plans.waves import SLOW_LATERAL_WAVES, VERTICAL_WAVES, lateral_stiffness, shake, stiffness_of_side
 
 #: The generator counts no further in one program.
 PROGRAM: Final = 1000
@@ -80,7 +81,7 @@ JUDGED: Final = (
     ),
 )
 #: What a look finds, K' and c of a sine or one height, and what was read for it.
-Found = Callable[[Mapping[str, Any]], tuple[float, ...]]
+Found = Callable[[Rig, Mapping[str, Any]], tuple[float, ...]]
 
 
 @dataclass(slots=True)
@@ -93,7 +94,7 @@ class Series:
     def known(self, run: Run, place: int) -> list[Measured]:
         """Return one of the numbers that it computes, look by look, each as if there were no other."""
         return [
-            run.measured(partial(_at, of, place), read, averaged=AVERAGED)
+            run.measured(partial(_at, of, place), run.rig, read, averaged=AVERAGED)
             for of, read in zip(self.computed, self.read, strict=True)
         ]
 
@@ -138,12 +139,12 @@ class Looks:
         Every look has the same pieces: offsets fall out of what changes, gains out of a ratio.
         """
 
-        def change(*read: Mapping[str, Any]) -> float:
-            values = np.array([of(one)[place] for of, one in zip(series.computed, read, strict=True)])
+        def change(rig: Rig, *read: Mapping[str, Any]) -> float:
+            values = np.array([of(rig, one)[place] for of, one in zip(series.computed, read, strict=True)])
             slope = A_THOUSAND * straight_line(np.array(self.cycles), values)[1]
             return slope / float(values[0]) if unit == "%" else slope
 
-        return run.measured(change, *series.read, averaged=AVERAGED)
+        return run.measured(change, run.rig, *series.read, averaged=AVERAGED)
 
     def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[Measured]) -> None:
         keep(
@@ -157,24 +158,24 @@ class Looks:
         )
 
 
-def _at(of: Found, place: int, read: Mapping[str, Any]) -> float:
-    return of(read)[place]
+def _at(of: Found, place: int, rig: Rig, read: Mapping[str, Any]) -> float:
+    return of(rig, read)[place]
 
 
-def _mean(name: str, read: Mapping[str, Any]) -> tuple[float, ...]:
+def _mean(name: str, rig: Rig, read: Mapping[str, Any]) -> tuple[float, ...]:
     return (float(read[name]),)
 
 
 def _sine(
-    stiffness: Callable[[Samples, Any], Stiffness], times: Samples, read: Mapping[str, Any]
+    stiffness: Callable[[Samples, Rig, Any], Stiffness], times: Samples, rig: Rig, read: Mapping[str, Any]
 ) -> tuple[float, ...]:
-    K = stiffness(times, read)
+    K = stiffness(times, rig, read)
     return K.storage, K.damping
 
 
 @plan(
     setup=steps.carry_load,
-    needs=(*steps.CARRYING, *VERTICAL_WAVES, *LATERAL_WAVES, *steps.WEIGHED_BY),
+    needs=(*steps.CARRYING, *VERTICAL_WAVES, *SLOW_LATERAL_WAVES, *steps.WEIGHED_BY),
     teardown=leave_connected,
     lasts=665 * s,
     requires=on_the_bench("load"),
@@ -258,12 +259,12 @@ def _look(
         run.bench.wait(REST)
         air = steps.weigh_the_air(run)
         times, values = shake(run, axis, LOOK_FREQUENCY, LOOK_AMPLITUDE, lead=LOOK_LEAD, measured=LOOK_OVER)
-        ways: dict[str, Callable[[Samples, Any], Stiffness]] = (
+        ways: dict[str, Callable[[Samples, Rig, Any], Stiffness]] = (
             {"lateral": partial(lateral_stiffness, frequency=LOOK_FREQUENCY)}
             if axis == "lateral"
             else {side: partial(stiffness_of_side, frequency=LOOK_FREQUENCY, side=side) for side in SIDES}
         )
-        force = load.actuator_force
+        force = load.actuator_force(run.rig)
         run.bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
         run.bench.wait(STAND)
         heights = run.bench.averages(*HEIGHTS, over=steps.AVERAGE_OVER)

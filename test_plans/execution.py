@@ -10,6 +10,8 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bench_protocol.dimensions import UNKNOWN as NO_DIMENSIONS
+from bench_protocol.dimensions import Dimensions
 from bench_protocol.table_signals import MEASUREMENTS
 from drivers.black_box import incident_since, last_incident
 from drivers.errors import BenchError
@@ -72,8 +74,9 @@ def execute(
     ``bench_records.report``.
     """
     spring, instruments = specimen or ordinary(), bench.instruments or UNKNOWN
+    dimensions = bench.dimensions or NO_DIMENSIONS
     plan = plan.on(spring)
-    facts = _facts(plan, spring, instruments) | _clocks(bench) | dict(meta or {})
+    facts = _facts(plan, spring, instruments, dimensions) | _clocks(bench) | dict(meta or {})
     recording = begin_recording(bench.table, bench.clock, directory, facts)
     asked = operator or bench.hand or NoOperator()
     run = Run(
@@ -84,6 +87,7 @@ def execute(
         spring,
         asked,
         instruments,
+        dimensions,
         suspension or Suspension(),
         plan.values,
         plan.judges,
@@ -136,16 +140,16 @@ def blocked_by_the_link(result: Result) -> bool:
     return any(part.startswith(f"{WHOSE['link']}: ") for part in parts)
 
 
-def _facts(plan: Plan, spring: Specimen, instruments: Instruments) -> dict[str, Any]:
+def _facts(plan: Plan, spring: Specimen, instruments: Instruments, dimensions: Dimensions) -> dict[str, Any]:
     """Return what a record says of a run before it begins."""
-    told = {"instruments": instruments.facts} if instruments.file else {}
+    told = {"instruments": instruments.facts, "dimensions": dimensions.facts}
     return {
         "plan": plan.name,
         "title": plan.title,
         "instruction": plan.instruction,
         "set": plan.written,
         "specimen": spring.facts,
-        **told,
+        **{name: facts for name, facts in told.items() if facts},
     }
 
 
@@ -181,7 +185,7 @@ def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool
 
     On a rig that cannot do what the plan needs, nothing is moved at all.
     """
-    if lacking := run.bench.lacks(*plan.needs):
+    if lacking := run.lacks(*plan.needs):
         trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot do without"
         run.keep("error", trouble)
         return trouble, "", False

@@ -4,6 +4,7 @@ from bench_protocol.units import s
 from test_plans import steps
 from test_plans.by_frequency import SWEEP_CHECKS, frequency_sweep
 from test_plans.fittings import PLATES_AND_PIPE, leave_as_built
+from test_plans.geometry import DRIVEN
 from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
@@ -15,7 +16,7 @@ from test_plans.waves import LATERAL_WAVES, VERTICAL_WAVES
     setup=steps.carry(AW0),
     teardown=leave_as_built,
     lasts=370 * s,
-    needs=(*steps.CARRYING, *LATERAL_WAVES, *VERTICAL_WAVES, *PLATES_AND_PIPE),
+    needs=(*steps.CARRYING, *LATERAL_WAVES, *VERTICAL_WAVES, *PLATES_AND_PIPE, *DRIVEN),
     requires=on_the_bench(AW0),
     checks=SWEEP_CHECKS,
 )

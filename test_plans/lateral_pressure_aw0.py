@@ -9,7 +9,7 @@ from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
-from test_plans.waves import LATERAL_WAVES
+from test_plans.waves import SLOW_LATERAL_WAVES
 
 #: Of the empty car's preload.
 PARTS: Final = (0.8, 0.9, 1.0, 1.1, 1.2)
@@ -18,7 +18,7 @@ PARTS: Final = (0.8, 0.9, 1.0, 1.1, 1.2)
 @plan(
     setup=carry_first(AW0, PARTS),
     lasts=320 * s,
-    needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
+    needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, "rig.nominal_preload"),
     requires=on_the_bench(AW0),
     checks=(BY_PRESSURE, SOFTENING),
 )

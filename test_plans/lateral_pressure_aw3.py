@@ -9,7 +9,7 @@ from test_plans.loads import AW3
 from test_plans.plan import plan
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
-from test_plans.waves import LATERAL_WAVES
+from test_plans.waves import SLOW_LATERAL_WAVES
 
 #: Of the full car's preload: the shims end at 160 kN.
 PARTS: Final = (0.897, 0.949, 1.0, 1.051, 1.103)
@@ -18,7 +18,7 @@ PARTS: Final = (0.897, 0.949, 1.0, 1.051, 1.103)
 @plan(
     setup=carry_first(AW3, PARTS),
     lasts=370 * s,
-    needs=(*steps.CARRYING, *LATERAL_WAVES, "rig.nominal_preload"),
+    needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, "rig.nominal_preload"),
     requires=on_the_bench(AW3),
     checks=(BY_PRESSURE, SOFTENING),
 )

@@ -6,17 +6,16 @@ from bench_protocol.units import Hz, mm, s
 from test_plans import steps
 from test_plans.check_names import CheckName
 from test_plans.fittings import leave_connected
-from test_plans.geometry import BUMP_STOP_GAP, POSE_SIGNALS, STOP_TRAVEL_MAX
+from test_plans.geometry import PLACING, stop_travel_max
 from test_plans.loads import Band
 from test_plans.parameters import ParameterRefused, Range
 from test_plans.plan import plan
 from test_plans.poses import go_home, take_pose
 from test_plans.preconditions import on_the_bench
-from test_plans.readings import SHEAR_CELLS
 from test_plans.run import Run
 from test_plans.steps.shaking import check_stiffness
+from test_plans.waves import SLOW_LATERAL_WAVES, shake
 from test_plans.waves import lateral_stiffness as stiffness_of
-from test_plans.waves import shake
 
 #: Slow enough for a quasi-static spring; friction forgets the way to the offset within the lead.
 FREQUENCY: Final = 0.5 * Hz
@@ -33,11 +32,12 @@ DAMPED: Final = CheckName(
 
 def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
     """Refuse what would meet the bump stop; then let the springs carry the load."""
-    travel = min(abs(offset), STOP_TRAVEL_MAX) + amplitude
-    if travel > BUMP_STOP_GAP:
+    gap = run.rig["bump_stop_gap"]
+    travel = min(abs(offset), stop_travel_max(run.rig)) + amplitude
+    if travel > gap:
         raise ParameterRefused(
             f"amplitude = {amplitude / mm:g} mm about offset = {offset / mm:g} mm takes the bolster "
-            f"{travel / mm:.3g} mm to the side; its stop begins at {BUMP_STOP_GAP / mm:g} mm, and less of either "
+            f"{travel / mm:.3g} mm to the side; its stop begins at {gap / mm:g} mm, and less of either "
             "would be right"
         )
     steps.carry_load(run, load)
@@ -45,7 +45,7 @@ def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
 
 @plan(
     setup=take_up,
-    needs=(*steps.CARRYING, *POSE_SIGNALS, *SHEAR_CELLS),
+    needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, *PLACING),
     teardown=leave_connected,
     lasts=50 * s,
     requires=on_the_bench("load"),
@@ -79,7 +79,7 @@ def lateral_stiffness(
     low, high = (end * share for end, share in zip(stiffness, left, strict=True))
     check_stiffness(
         run,
-        lambda values: stiffness_of(times, values, FREQUENCY),
+        lambda rig, values: stiffness_of(times, rig, values, FREQUENCY),
         values,
         {STIFF: Band(low, high)},
         {DAMPED: Band(*damping)},

@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from bench_protocol.units import UNITS
-from test_plans.geometry import BOLSTER_WEIGHT
+from test_plans.geometry import bolster_weight
 
 #: The load cases that the plans ask a specimen for: the empty and the full car.
 AW0: Final = "AW0"
@@ -36,6 +36,10 @@ class Band:
         """Return this band with limits that lie further out by the fraction ``by`` of them."""
         low = None if self.low is None else self.low - by * abs(self.low)
         return Band(low, None if self.high is None else self.high + by * abs(self.high))
+
+    def times(self, factor: float) -> Band:
+        """Return this band with both limits times a positive ``factor``."""
+        return Band(*(None if end is None else factor * end for end in (self.low, self.high)))
 
     def told(self, unit: str) -> str:
         """Say the limits in ``unit``."""
@@ -107,10 +111,9 @@ class Load:
     roll_load: float  #: N more on one side and less on the other
     limits: Limits
 
-    @property
-    def actuator_force(self) -> float:
-        """What each vertical actuator adds to its half of the bolster's weight (N)."""
-        return self.preload - BOLSTER_WEIGHT / 2
+    def actuator_force(self, rig: Mapping[str, float]) -> float:
+        """Return what each vertical actuator adds to its half of the bolster's weight (N)."""
+        return self.preload - bolster_weight(rig) / 2
 
     def sweep(self, direction: str) -> Iterator[tuple[float, Band, Band]]:
         """Yield frequency (Hz) and limits of K' and c in ``direction``, vertical or lateral."""

@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 
+from bench_protocol.dimensions import across
 from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import MN, K, N, kg, kN, m, mbar, minutes, mm, s
@@ -15,12 +16,22 @@ from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
 from test_plans.analysis import Samples, straight_line
 from test_plans.check_names import CheckName
-from test_plans.geometry import BOLSTER_WEIGHT, GRAVITY, VERTICAL_FRAME
+from test_plans.geometry import (
+    ACTUATORS,
+    CELLS,
+    LASERS,
+    Rig,
+    height_at,
+    height_of_spring,
+    load_on,
+    pressed_on,
+    rest_load,
+)
 from test_plans.loads import Band, within
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.preconditions import COLD_FROM_BEFORE, HALL, gas
-from test_plans.readings import CELLS_UNDER, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, VENT_WITHIN
 from test_plans.steps.shaking import check_band
@@ -59,7 +70,7 @@ LATERAL_GAIN: Final = within(1.0, 0.02)
 NONLINEAR: Final = Band(high=0.005)
 #: What a cell across may read of a vertical force.
 CROSSTALK: Final = Band(-0.002, 0.002)
-FRAME: Final = within(VERTICAL_FRAME, 0.10)
+FRAME_WITHIN: Final = 0.10
 #: So much stiffer than any spring that a spring's stiffness is right within 1 %.
 BLOCK: Final = Band(low=200 * MN / m)
 #: Beyond this a way is too small to be told from none.
@@ -170,7 +181,7 @@ def without_air(run: Run) -> None:
 
 @plan(
     setup=without_air,
-    needs=(*steps.CARRYING, *VERTICAL_CELLS),
+    needs=(*steps.CARRYING, *VERTICAL_CELLS, *CELLS, *ACTUATORS, *LASERS),
     lasts=110 * s,
     requires=[gas(*HALL)],
     checks=(
@@ -198,8 +209,8 @@ def measuring_chain(
 
     The springs are without air and the actuators without force. Then every pressure, force and acceleration is zero,
     the thermometers agree, lasers and pistons are at one height, and the four load cells carry nothing but the bolster,
-    whose weight is known: 1200 kg. If there is a known `mass`, the operator puts it on the bolster and takes it off
-    again: it alone tells a scale that cells and actuators have wrong together.
+    whose mass the dimensions of the rig state. If there is a known `mass`, the operator puts it on the bolster and
+    takes it off again: it alone tells a scale that cells and actuators have wrong together.
 
     Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: pressed
     alike, cells or lasers that are plugged in crosswise would not show. What they press, the cells must read, and those
@@ -212,7 +223,8 @@ def measuring_chain(
 
     Good are zeros within the data sheets of the transducers, a mass that the cells weigh within 1 %, forces that agree
     within 1 % (2 % sideways) on a line that is straight within 0.5 %, cells across that feel less than 0.2 % of a
-    vertical force, a frame of 100 MN/m within 10 %, and blocks that are stiffer than 200 MN/m.
+    vertical force, a frame as stiff as the dimensions of the rig state within 10 %, and blocks that are stiffer than
+    200 MN/m.
     """
     stop = run.specimen.limits.band("measuring_chain.stop_stiffness", "MN/m")
     with run.phase("zero"):
@@ -244,14 +256,13 @@ def measuring_chain(
         _check_line(run, names, pushed, _sideways, LATERAL_GAIN)
 
 
-def _zeros() -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
+def _zeros(rig: Rig) -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
     """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit."""
     for group, (tolerance, unit) in ZEROS.items():
         for name in BY_GROUP[group]:
             yield READS_ZERO[group].of(of=name), {name: 1.0}, 0.0, tolerance, unit
     for cell in VERTICAL_CELLS:
-        share = BOLSTER_WEIGHT / len(VERTICAL_CELLS)
-        yield CELL_OF_BOLSTER.of(of=cell), {cell: 1.0}, share, CELL_ZERO, "N"
+        yield CELL_OF_BOLSTER.of(of=cell), {cell: 1.0}, rest_load(rig, cell), CELL_ZERO, "N"
     for height, piston in zip(HEIGHTS, PISTONS, strict=True):
         title = LASER_LESS_PISTON.of(of=f"{height} less {piston}")
         yield title, {height: 1.0, piston: -1.0}, 0.0, 2 * PLACE_ZERO, "mm"
@@ -263,17 +274,22 @@ def _zeros() -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
 
 def _check_zeros(run: Run) -> None:
     """Check what each transducer reads where its quantity is known."""
-    asked = [zero for zero in _zeros() if run.can(zero[0], needs=zero[1])]
+    asked = [zero for zero in _zeros(run.rig) if run.can(zero[0], needs=zero[1])]
     mean = run.bench.averages(
         *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
     )
     for title, sum_of, expected, tolerance, unit in asked:
-
-        def value(read: Mapping[str, float], sum_of: Mapping[str, float] = sum_of) -> float:
-            return sum(share * read[name] for name, share in sum_of.items())
-
-        zero = run.measured(value, mean, over=READ_OVER, themselves=True)
+        value = partial(_zero, sum_of, (title, expected) if title in VERTICAL_CELLS else None)
+        zero = run.measured(value, run.rig, mean, over=READ_OVER, themselves=True)
         check_band(run, title, zero, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))
+
+
+def _zero(
+    sum_of: Mapping[str, float], cell: tuple[str, float] | None, rig: Rig, read: Mapping[str, float]
+) -> float:
+    """Return a sum of readings; of a ``cell`` that carries the bolster, as if that weighed what is expected."""
+    more = rest_load(rig, cell[0]) - cell[1] if cell else 0.0
+    return sum(share * read[name] for name, share in sum_of.items()) - more
 
 
 def _weigh(run: Run, mass: float) -> None:
@@ -284,10 +300,10 @@ def _weigh(run: Run, mass: float) -> None:
             run.bench.wait(STEP_WAIT)
             after = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
 
-            def over_mass(before: Mapping[str, float], after: Mapping[str, float]) -> float:
-                return sum(after[cell] - before[cell] for cell in VERTICAL_CELLS) / (mass * GRAVITY)
+            def over_mass(rig: Rig, before: Mapping[str, float], after: Mapping[str, float]) -> float:
+                return sum(after[cell] - before[cell] for cell in VERTICAL_CELLS) / (mass * rig["gravity"])
 
-            found = run.measured(over_mass, before, after, over=READ_OVER, themselves=True)
+            found = run.measured(over_mass, run.rig, before, after, over=READ_OVER, themselves=True)
             check_band(run, OVER_MASS, found, "1", GAIN)
             if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
                 raise RigFault(
@@ -319,11 +335,14 @@ def _check_side(run: Run, side: str, read: Steps, dummy: Band) -> None:
     """Check one side: its cells against its actuator, what the dummy gives way, and what the frame."""
     names = OVER_ACTUATOR.of(side=side), OFF_THE_LINE.of(side=side)
     _check_line(run, names, read, partial(_downward, side), GAIN)
-    for name, way, band in ((GIVES_WAY, _dummy, dummy), (FRAME_GIVES_WAY, _frame, FRAME)):
-        stiffness = run.measured(partial(_stiffness, way, side), *read, over=READ_OVER, themselves=True)
+    frame = within(run.rig["vertical_frame_stiffness"], FRAME_WITHIN)
+    for name, way, band in ((GIVES_WAY, _dummy, dummy), (FRAME_GIVES_WAY, _frame, frame)):
+        stiffness = run.measured(
+            partial(_stiffness, way, side), run.rig, *read, over=READ_OVER, themselves=True
+        )
         check_band(run, name.of(side=side), stiffness, "MN/m", band)
-    _, pressed = _downward(side, read)
-    down = _dummy(side, read)
+    _, pressed = _downward(side, run.rig, read)
+    down = _dummy(side, run.rig, read)
     keep(run, side, "Dummy: way over force", ("force", "kN"), ("way", "mm"), pressed.tolist(), down.tolist())
 
 
@@ -331,18 +350,18 @@ def _check_line(
     run: Run,
     names: tuple[CheckName, CheckName],
     read: Steps,
-    forces: Callable[[Steps], Forces],
+    forces: Callable[[Rig, Steps], Forces],
     gain: Band,
 ) -> None:
     """Check the slope of what the cells read over what was applied, and how far it bends from a straight line."""
 
-    def line(*means: Mapping[str, float]) -> tuple[float, float]:
-        applied, cells = forces(means)
+    def line(rig: Rig, *means: Mapping[str, float]) -> tuple[float, float]:
+        applied, cells = forces(rig, means)
         level, slope = straight_line(applied, cells)
         away = cells - level - slope * (applied - applied.mean())
         return slope, float(np.abs(away).max() / np.ptp(applied))
 
-    slope, bent = run.measure(line, *read, over=READ_OVER, themselves=True)
+    slope, bent = run.measure(line, run.rig, *read, over=READ_OVER, themselves=True)
     for name, found, unit, band in zip(names, (slope, bent), ("1", "%"), (gain, NONLINEAR), strict=True):
         check_band(run, name, found, unit, band)
 
@@ -351,12 +370,18 @@ def _sum(read: Steps, *names: str) -> Samples:
     return np.array([sum(one[name] for name in names) for one in read])
 
 
-def _downward(side: str, read: Steps) -> Forces:
-    """Return what an actuator and the cells of its side say (N)."""
-    return _sum(read, f"vertical_{side}.force"), _sum(read, *CELLS_UNDER[side])
+def _series(read: Steps) -> dict[str, Samples]:
+    """Return what was read on all steps, by signal."""
+    return {name: _sum(read, name) for name in read[0]}
 
 
-def _sideways(read: Steps) -> Forces:
+def _downward(side: str, rig: Rig, read: Steps) -> Forces:
+    """Return what actuators and cells say of the force on one side (N)."""
+    values = _series(read)
+    return pressed_on(values, rig, side), load_on(values, rig, side)
+
+
+def _sideways(rig: Rig, read: Steps) -> Forces:
     """Return what the lateral actuator and the cells across say (N)."""
     return _sum(read, "lateral.force"), -_sum(read, *SHEAR_CELLS)
 
@@ -366,18 +391,22 @@ def _crosstalk(cell: str, *read: Mapping[str, float]) -> float:
     return straight_line(_sum(read, *VERTICAL_CELLS), _sum(read, cell))[1]
 
 
-def _dummy(side: str, read: Steps) -> Samples:
+def _dummy(side: str, rig: Rig, read: Steps) -> Samples:
     """Return how far the dummy gives way (m)."""
-    return -_sum(read, f"{side}.height")
+    return -height_of_spring(_series(read), rig, side)
 
 
-def _frame(side: str, read: Steps) -> Samples:
+def _frame(side: str, rig: Rig, read: Steps) -> Samples:
     """Return how far the frame gives way (m)."""
-    return -_sum(read, f"vertical_{side}.displacement") - _dummy(side, read)
+    values = _series(read)
+    bolster = height_at(values, rig, side, rig[across(f"vertical_{side}")])
+    return bolster - values[f"vertical_{side}.displacement"]
 
 
-def _stiffness(way: Callable[[str, Steps], Samples], side: str, *read: Mapping[str, float]) -> float:
+def _stiffness(
+    way: Callable[[str, Rig, Steps], Samples], side: str, rig: Rig, *read: Mapping[str, float]
+) -> float:
     """Return force over way (N/m) of one side, by what its cells read."""
-    _, pressed = _downward(side, read)
-    compliance = straight_line(pressed, way(side, read))[1]
+    _, pressed = _downward(side, rig, read)
+    compliance = straight_line(pressed, way(side, rig, read))[1]
     return min(1 / compliance if compliance > 0.0 else inf, STIFFEST)

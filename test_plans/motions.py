@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from bench_protocol.units import Hz, mm, mrad, s
-from test_plans.geometry import SPRING_HALF_SPACING, pose
+from test_plans.geometry import Rig, lifted, pose
 
 Axis = Literal["vertical", "lateral", "roll"]
 Form = Literal["sine", "triangle"]
@@ -66,19 +66,18 @@ class Stand:
         )
         return f"go to {', '.join(places) or 'design height'}"
 
-    def targets(self) -> dict[str, float]:
-        """Where the bench's set-points are for it (m, rad), seen from design height."""
-        to = pose(self.shear, self.roll)
+    def targets(self, rig: Rig) -> dict[str, float]:
+        """Return where the set-points of a ``rig`` are for it (m, rad), seen from design height."""
+        to = pose(rig, self.shear, self.roll)
         return {
-            "vertical_left": self.height + SPRING_HALF_SPACING * to.bolster_roll,
-            "vertical_right": self.height - SPRING_HALF_SPACING * to.bolster_roll,
+            **{actuator: self.height + way for actuator, way in lifted(rig, to.bolster_roll).items()},
             "lateral": to.lateral,
             "platform_roll": to.platform_roll,
         }
 
-    def duration_from(self, place: Mapping[str, float]) -> float:
+    def duration_from(self, place: Mapping[str, float], rig: Rig) -> float:
         """Return how long it takes to come here from set-points ``place`` (s); a radian counts as a metre."""
-        return max(abs(to - place[axis]) for axis, to in self.targets().items()) / self.rate
+        return max(abs(to - place[axis]) for axis, to in self.targets(rig).items()) / self.rate
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import cleandoc
-from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -14,8 +13,9 @@ from bench_protocol.units import Hz, s
 from test_plans import steps
 from test_plans.analysis import Samples
 from test_plans.check_names import CheckName
+from test_plans.description import ours
 from test_plans.fittings import CONNECTIONS, leave_connected, put_down
-from test_plans.geometry import POSE_SIGNALS, shear_of
+from test_plans.geometry import PLACING, POSE_SIGNALS, Rig, shear_of
 from test_plans.loads import AW0, AW3, Band
 from test_plans.motions import (
     CONDITION,
@@ -52,6 +52,7 @@ SETTLE: Final = 10 * s
 BETWEEN: Final = SETTLE + 1 * s
 #: Of the frames that the bench sends; the rest may be lost on the way.
 RECEIVED: Final = 0.8
+FEW: Final = 10
 SAMPLES: Final = CheckName(
     "{name}: samples of the lasers",
     "How many of the lasers' samples came: a record with holes cannot be replayed by a model.",
@@ -68,10 +69,10 @@ TAKE_UP: Final = {AW0: 40 * s, AW3: 52 * s}
 
 
 def lasts(programme: Programme) -> float:
-    """Return how long the bench is busy with it (s)."""
+    """Return how long the virtual bench is busy with it (s); one of other dimensions hardly longer."""
     return sum(
         TAKE_UP[part.load]
-        + sum(float(trajectory(stretch, COARSE).time[-1]) + BETWEEN for stretch in part.stretches)
+        + sum(float(trajectory(stretch, ours(), COARSE).time[-1]) + BETWEEN for stretch in part.stretches)
         for part in programme.parts
     )
 
@@ -96,6 +97,7 @@ def programme_plan(programme: Programme) -> Plan:
             "platform.roll_setpoint",
             *GENERATOR,
             *CONNECTIONS,
+            *PLACING,
         ),
     )
 
@@ -130,26 +132,39 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
 
     A gap on the way takes nothing from how far they went.
     """
-    asked = trajectory(stretch)
-    came = min(capture.times(height).size for height in HEIGHTS)
-    run.check(SAMPLES.of(name=name), counted(came / (RATE * asked.time[-1])), "%", low=RECEIVED)
+    asked = trajectory(stretch, run.rig)
+    came = min(_received(capture.times(height), asked.time[-1]) for height in HEIGHTS)
+    run.check(SAMPLES.of(name=name), counted(came), "%", low=RECEIVED)
     _, values = capture.aligned(RATE)
-    ways: dict[str, tuple[Callable[[Mapping[str, Samples]], Samples], Samples]] = {
-        **{
-            f"{side} spring, up and down": (itemgetter(f"{side}.height"), z)
-            for side, z in asked.heights.items()
-        },
+    ways: dict[str, tuple[Callable[[Mapping[str, Samples], Rig], Samples], Samples]] = {
+        **{f"{side} spring, up and down": (partial(_height, side), z) for side, z in asked.heights.items()},
         "springs, sideways": (shear_of, asked.shear),
     }
     for what, (of, wanted) in ways.items():
         if (way := float(np.ptp(wanted))) > 0.0:
-            went = run.measured(partial(_went, of, way), values, rate=RATE)
+            went = run.measured(partial(_went, of, way), run.rig, values, rate=RATE)
             run.check(WENT.of(name=name, what=what), went, "1", low=WAY.low, high=WAY.high)
 
 
-def _went(of: Callable[[Mapping[str, Samples]], Samples], way: float, values: Mapping[str, Samples]) -> float:
+def _received(times: Samples, duration: float) -> float:
+    """Return which share of its samples a signal had in ``duration`` (s): it comes as often as it mostly does.
+
+    A quarter of the steps are shorter than this one, even where every second sample is lost.
+    """
+    if times.size < FEW:
+        return 0.0
+    return float(times.size * np.quantile(np.diff(times), 0.25) / duration)
+
+
+def _height(side: str, values: Mapping[str, Samples], rig: Rig) -> Samples:
+    return values[f"{side}.height"]
+
+
+def _went(
+    of: Callable[[Mapping[str, Samples], Rig], Samples], way: float, rig: Rig, values: Mapping[str, Samples]
+) -> float:
     """Return how far something went, over the ``way`` (m) that was asked for; NaN if nothing was seen."""
-    motion = of(values)
+    motion = of(values, rig)
     seen = motion[np.isfinite(motion)]
     return float(np.ptp(seen)) / way if seen.size else float("nan")
 
@@ -205,10 +220,12 @@ def _go(run: Run, home: Home, stand: Stand) -> None:
     """Bring all axes there at the same time: the one with the longest way has the stand's rate."""
     commander = run.bench.commander
     offsets = {"vertical_left": home.left, "vertical_right": home.right}
-    targets = {axis: to + offsets.get(axis, 0.0) for axis, to in stand.targets().items()}
+    targets = {axis: to + offsets.get(axis, 0.0) for axis, to in stand.targets(run.rig).items()}
     setpoints = {axis: _setpoint(axis) for axis in targets}
     present = {axis: commander.value(name) for axis, name in setpoints.items()}
-    duration = stand.duration_from({axis: at - offsets.get(axis, 0.0) for axis, at in present.items()})
+    duration = stand.duration_from(
+        {axis: at - offsets.get(axis, 0.0) for axis, at in present.items()}, run.rig
+    )
     for axis, to in targets.items():
         if (way := abs(to - present[axis])) > 0.0:
             commander.ramp(setpoints[axis], to, way / duration)

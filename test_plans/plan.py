@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, overload
 
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN
+from test_plans.description import is_dimension
 from test_plans.parameters import Parameter, Value, declared_parameters, read_all
 from test_plans.preconditions import Precondition
 from test_plans.run import PlanError, Run
@@ -128,8 +129,10 @@ def _plan(main: Part, setup: Part, teardown: Part, needs: tuple[str, ...]) -> Pl
     if not instruction:
         raise PlanError(f"plan {main.__name__} has no docstring; it must say what is tested and what is good")
     for name in needs:
-        if name not in TABLE.index:
-            raise PlanError(f"plan {main.__name__} needs {name!r}, which is no signal of the table")
+        if name not in TABLE.index and not is_dimension(name):
+            raise PlanError(
+                f"plan {main.__name__} needs {name!r}, which is no signal of the table, and no dimension"
+            )
     try:
         parameters = declared_parameters(main)
     except (TypeError, NameError) as error:

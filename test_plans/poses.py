@@ -12,8 +12,18 @@ from bench_protocol.units import mbar, mm, rad, s
 from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import straight_line
-from test_plans.geometry import POSE_SIGNALS, SPRING_HALF_SPACING, pose, roll_of, shear_of, stop_travel_of
-from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, THERMOMETER_LAG, VERTICAL_CELLS
+from test_plans.description import lag_of, lags
+from test_plans.geometry import (
+    PLACING,
+    POSE_SIGNALS,
+    Rig,
+    lifted,
+    pose,
+    roll_of,
+    shear_of,
+    stop_travel_of,
+)
+from test_plans.readings import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.steps.carrying import FILL_WITHIN, HELD_SIDEWAYS
 from test_plans.waves import pressure_of
 
@@ -54,10 +64,11 @@ def go_home(run: Run) -> Home:
 def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, height: float = 0.0) -> None:
     """Shear, roll and lift both springs (m, rad, m), bolster and platform together; wait until they are there."""
     commander = run.bench.commander
-    to = pose(shear, roll)
+    to = pose(run.rig, shear, roll)
+    up = lifted(run.rig, to.bolster_roll)
     targets = {
-        "vertical_left.displacement_setpoint": home.left + height + SPRING_HALF_SPACING * to.bolster_roll,
-        "vertical_right.displacement_setpoint": home.right + height - SPRING_HALF_SPACING * to.bolster_roll,
+        "vertical_left.displacement_setpoint": home.left + height + up["vertical_left"],
+        "vertical_right.displacement_setpoint": home.right + height + up["vertical_right"],
         "lateral.displacement_setpoint": to.lateral,
         "platform.roll_setpoint": to.platform_roll,
     }
@@ -77,7 +88,7 @@ def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, he
 
 _READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
 #: What it takes to come to a pose and to read it.
-POSING: Final = (*_READ, *HELD_SIDEWAYS, "platform.roll_setpoint")
+POSING: Final = (*_READ, *HELD_SIDEWAYS, "platform.roll_setpoint", *PLACING, *lags(BELLOWS_TEMPERATURES))
 READ_OVER: Final = 2 * s
 #: So many samples such a mean has at least.
 POSE_SAMPLES: Final = 20
@@ -106,18 +117,18 @@ def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
     for name in _READ:
         mean[name], slope[name] = straight_line(capture.times(name), capture.values(name))
     for name in BELLOWS_TEMPERATURES:  # a thermometer that follows with first order reads what was
-        mean[name] += THERMOMETER_LAG * slope[name]
-    return pose_of(mean)
+        mean[name] += lag_of(run.rig, name) * slope[name]
+    return pose_of(mean, run.rig)
 
 
-def pose_of(mean: Mapping[str, float]) -> PoseReading:
+def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
     """Return how the springs stand and what they carry, of the mean of each reading (SI)."""
     values = {name: np.array([mean[name]]) for name in (*POSE_SIGNALS, *PRESSURES)}
     return PoseReading(
-        shear=float(shear_of(values)[0]),
+        shear=float(shear_of(values, rig)[0]),
         height=0.5 * (mean["left.height"] + mean["right.height"]),
-        roll=float(roll_of(values)[0]),
-        stop_travel=float(stop_travel_of(values)[0]),
+        roll=float(roll_of(values, rig)[0]),
+        stop_travel=float(stop_travel_of(values, rig)[0]),
         pressure=pressure_of(values),
         temperature=float(np.mean([mean[name] for name in BELLOWS_TEMPERATURES])),
         vertical=0.5 * sum(mean[cell] for cell in VERTICAL_CELLS),

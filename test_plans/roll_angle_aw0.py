@@ -11,7 +11,7 @@ from test_plans.plan import plan
 from test_plans.poses import POSING
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
-from test_plans.waves import LATERAL_WAVES
+from test_plans.waves import SLOW_LATERAL_WAVES
 
 ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 9))
 
@@ -20,7 +20,7 @@ ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 9))
     setup=steps.carry(AW0),
     teardown=leave_connected,
     lasts=360 * s,
-    needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
+    needs=(*steps.CARRYING, *POSING, *SLOW_LATERAL_WAVES, *CONNECTIONS),
     requires=on_the_bench(AW0),
     checks=ROLL_CHECKS,
 )

@@ -11,7 +11,7 @@ from test_plans.plan import plan
 from test_plans.poses import POSING
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
-from test_plans.waves import LATERAL_WAVES
+from test_plans.waves import SLOW_LATERAL_WAVES
 
 ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 7))
 
@@ -20,7 +20,7 @@ ANGLES: Final = tuple(k * 0.01 * rad for k in range(1, 7))
     setup=steps.carry(AW3),
     teardown=leave_connected,
     lasts=330 * s,
-    needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, *CONNECTIONS),
+    needs=(*steps.CARRYING, *POSING, *SLOW_LATERAL_WAVES, *CONNECTIONS),
     requires=on_the_bench(AW3),
     checks=ROLL_CHECKS,
 )

@@ -2,25 +2,24 @@
 
 from typing import Annotated, Final, Literal
 
-import numpy as np
-
 from bench_protocol.units import Hz, mrad, s
-from bench_protocol.words import SIDES
 from test_plans import steps
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness
 from test_plans.by_roll import ROLL_SHEAR, RollAngle
 from test_plans.check_names import CheckName
+from test_plans.description import lag_of, lags
 from test_plans.fittings import leave_connected
-from test_plans.geometry import SPRING_HALF_SPACING, roll_of
+from test_plans.geometry import CELLS, Rig, cell_moment, roll_of
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.poses import COOL, POSING, go_home, take_pose
 from test_plans.preconditions import on_the_bench
-from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, LASER_LAG, LOAD_CELL_LAG, VERTICAL_CELLS
+from test_plans.readings import GENERATOR, HEIGHTS, VERTICAL_CELLS
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
+from test_plans.steps.of_the_bench import check_roll_stiffness
 from test_plans.steps.shaking import SAMPLE_RATE, Values, check_band, generator_cycles
-from test_plans.waves import LATERAL_WAVES
+from test_plans.waves import SLOW_LATERAL_WAVES
 
 #: Slow, and as far as the load of `aw0` and `aw3` rolls the bolster; friction forgets where it came from in the lead.
 SWING: Final = 10 * mrad
@@ -40,12 +39,20 @@ ROLLED: Final = CheckName(
     "How much of the lateral stiffness is left while the car leans: it must not give way where it is needed most.",
 )
 #: What the roll stiffness needs beside the lateral ones.
-ROLLING: Final = (*HEIGHTS, *VERTICAL_CELLS, *GENERATOR, "generator.axis", "generator.roll_amplitude")
+ROLLING: Final = (
+    *HEIGHTS,
+    *VERTICAL_CELLS,
+    *GENERATOR,
+    "generator.axis",
+    "generator.roll_amplitude",
+    *CELLS,
+    *lags(VERTICAL_CELLS),
+)
 
 
 @plan(
     setup=steps.carry_load,
-    needs=(*steps.CARRYING, *POSING, *LATERAL_WAVES, "air.dpv"),
+    needs=(*steps.CARRYING, *POSING, *SLOW_LATERAL_WAVES, "air.dpv"),
     teardown=leave_connected,
     lasts=170 * s,
     requires=on_the_bench("load"),
@@ -80,10 +87,10 @@ def roll_coupling(
     if run.can(STIFF, needs=(*ROLLING, *FREE_SIDEWAYS)):
         with run.phase("roll"):
             times, values = _swing(run)
-        found = _roll_stiffness(times, values)
+        found = _roll_stiffness(times, run.rig, values)
         lost = f"{found.loss / found.storage:.3f} of it lost, at {found.amplitude / mrad:.2f} mrad"
-        storage = run.measured(lambda read: _roll_stiffness(times, read).storage, values)
-        run.check(STIFF, storage, "kN*m/rad", low=stiffness.low, high=stiffness.high, note=lost)
+        storage = run.measured(lambda *read: _roll_stiffness(times, *read).storage, run.rig, values)
+        check_roll_stiffness(run, STIFF, storage, stiffness, note=lost)
         take_pose(run, home)
     if run.hold_point("before the coupling"):
         home = steps.stand_again(run, run.specimen.load(load), go_home, COOL)
@@ -119,9 +126,8 @@ def _swing(run: Run) -> tuple[Samples, Values]:
     return times[steady], {name: series[steady] for name, series in values.items()}
 
 
-def _roll_stiffness(times: Samples, values: Values) -> Stiffness:
-    """Moment over angle (N·m/rad), first harmonic; the cells stand as far from the middle as the springs."""
-    left, right = (np.sum([values[cell] for cell in CELLS_UNDER[side]], axis=0) for side in SIDES)
-    moment = SPRING_HALF_SPACING * (right - left)
-    lag = LASER_LAG - LOAD_CELL_LAG
-    return dynamic_stiffness(times, roll_of(values), moment, SWING_FREQUENCY, motion_lag=lag)
+def _roll_stiffness(times: Samples, rig: Rig, values: Values) -> Stiffness:
+    """Moment over angle (N·m/rad), first harmonic."""
+    lag = lag_of(rig, *HEIGHTS) - lag_of(rig, *VERTICAL_CELLS)
+    angle, moment = roll_of(values, rig), cell_moment(values, rig)
+    return dynamic_stiffness(times, angle, moment, SWING_FREQUENCY, motion_lag=lag)

@@ -7,9 +7,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from bench_protocol.dimensions import UNKNOWN as NO_DIMENSIONS
+from bench_protocol.dimensions import Dimensions
 from bench_protocol.units import FACTORS, NS, minutes
 from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.check_names import about
+from test_plans.description import Description, is_dimension
 from test_plans.instruments import UNKNOWN, Instruments
 from test_plans.operator import DONE, NOT_POSSIBLE, NoOperator, Operator, Question, Unanswered
 from test_plans.parameters import Value
@@ -109,6 +112,7 @@ class Run:
     specimen: Specimen = field(default_factory=ordinary)
     operator: Operator = field(default_factory=NoOperator)
     instruments: Instruments = UNKNOWN
+    dimensions: Dimensions = NO_DIMENSIONS
     suspension: Suspension = field(default_factory=Suspension)
     values: Mapping[str, Value] = field(default_factory=dict)  #: of the plan's parameters (SI)
     judges: bool = True  #: as the plan
@@ -121,9 +125,11 @@ class Run:
     _told: str = ""
     _open: list[str] = field(default_factory=list)
     start: int = field(init=False)  #: ns of the bench's clock
+    rig: Description = field(init=False)  #: its dimensions by name (SI)
 
     def __post_init__(self) -> None:
         self.start = self.now
+        self.rig = Description(self.bench.wiring.rig, self.dimensions)
 
     def check(
         self,
@@ -180,7 +186,8 @@ class Run:
     def measured(self, evaluate: Evaluation, *captures: Readings, **how: Any) -> Measured:
         """Return what ``evaluate(*captures)`` computes from readings, with its uncertainty.
 
-        See `uncertainty.measured`, of which this is the one value; the instruments are those of the rig.
+        See `uncertainty.measured`, of which this is the one value; the instruments are those of the rig. What needs
+        its dimensions is given ``run.rig`` among the captures: they are uncertain, too.
         """
         (one,) = self.measure(evaluate, *captures, **how)
         return one
@@ -199,14 +206,22 @@ class Run:
         return measured(evaluate, *captures, instruments=self.instruments, came=came, stamps=stamps, **how)
 
     def can(self, *checks: str, needs: Iterable[str]) -> bool:
-        """Return whether the rig has all signals that ``checks`` need; if not, these are *not available*, and why.
+        """Return whether the rig has all that ``checks`` need; if not, these are *not available*, and why.
 
-        Ask before anything moves for the sake of these checks alone, and leave them out if the answer is no.
+        Needed are signals, and dimensions by name. Ask before anything moves for the sake of these checks alone, and
+        leave them out if the answer is no.
         """
-        lacking = self.bench.lacks(*needs)
-        if lacking:
+        if lacking := self.lacks(*needs):
             self.lack(checks, lacking)
         return not lacking
+
+    def lacks(self, *needs: str) -> str:
+        """Return in words which of the signals and dimensions the rig does not have; "" if it has them all."""
+        told = (
+            self.bench.lacks(*(name for name in needs if not is_dimension(name))),
+            self.rig.lacks(*filter(is_dimension, needs)),
+        )
+        return "; ".join(filter(None, told))
 
     def hold_point(self, where: str) -> bool:
         """Say that the run can be held here, between two measurements; return whether it was.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cache
 from math import isfinite
@@ -37,6 +37,8 @@ DRAWING: Final = {
 }
 #: Which part of a preload shell and rubber bear at most, or press on the air: the rest is pressure times area.
 BORNE_OTHERWISE: Final = 0.05
+#: Of which bench the limits of roll, of the track and of the gust are stated, each with its SI unit.
+BENCH: Final = {"spring_half_spacing": "m", "bolster_mass": "kg"}
 LOAD: Final = {"preload": "N", "fill_pressure": "Pa", "roll_load": "N"}
 #: What may be limited under any load, each with its SI unit. What one plan alone asks for stands beside these, in a
 #: table with its name.
@@ -121,6 +123,9 @@ class Specimen:
     emergency_stiffness_lateral: float  #: N/m
     limits: Limits
     loads: Mapping[str, Load]
+    bench: Mapping[str, float] = field(
+        default_factory=dict
+    )  #: what limits of its own motion hold for; may be empty
 
     def load(self, name: str) -> Load:
         """Return a load case. SpecimenError if the file does not have it."""
@@ -186,7 +191,7 @@ class _Unfit(ValueError):
 
 
 def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
-    _refuse_unknown("", content, (*_NAMES, "properties", "limits", "load_case"))
+    _refuse_unknown("", content, (*_NAMES, "properties", "bench", "limits", "load_case"))
     cases = _table("load_case", content.get("load_case", {}))
     if not cases:
         raise _Unfit(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
@@ -199,6 +204,7 @@ def _specimen(file: str, sha256: str, content: Mapping[str, Any]) -> Specimen:
         **_values("properties", content.get("properties", {}), DRAWING),
         limits=_limits(file, "limits", content.get("limits", {}), LIMITS),
         loads={name: _load(file, name, case) for name, case in cases.items()},
+        bench=_values("bench", content["bench"], BENCH) if "bench" in content else {},
     )
     if found := list(_contradictions(specimen)):
         raise _Unfit("; ".join(found))

@@ -2,6 +2,7 @@
 
 from cmath import phase
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -11,18 +12,17 @@ from bench_protocol.units import FACTORS, Hz, s
 from test_plans import steps
 from test_plans.analysis import Samples
 from test_plans.check_names import CheckName
+from test_plans.description import lag_of, lags
 from test_plans.fittings import leave_connected
-from test_plans.geometry import POSE_SIGNALS, shear_of
+from test_plans.geometry import POSE_SIGNALS, SEEING, Rig, shear_of
 from test_plans.parameters import Range
 from test_plans.plan import plan
 from test_plans.poses import COOL, go_home
 from test_plans.preconditions import on_the_bench
 from test_plans.readings import (
-    LASER_LAG,
-    LOAD_CELL_LAG,
+    HEIGHTS,
     PRESSURES,
     SHEAR_CELLS,
-    TRANSDUCER_LAG,
     VERTICAL_CELLS,
 )
 from test_plans.run import Run
@@ -108,7 +108,14 @@ def take_up(run: Run, load: str) -> None:
 
 @plan(
     setup=take_up,
-    needs=(*steps.CARRYING, *READ, *FREE_SIDEWAYS, *(f"{axis}_setpoint" for axis in TRACK)),
+    needs=(
+        *steps.CARRYING,
+        *READ,
+        *FREE_SIDEWAYS,
+        *(f"{axis}_setpoint" for axis in TRACK),
+        *SEEING,
+        *lags(("lateral.displacement", *HEIGHTS, *SHEAR_CELLS, *VERTICAL_CELLS)),
+    ),
     teardown=leave_connected,
     lasts=121 * s,
     requires=on_the_bench("load"),
@@ -144,35 +151,37 @@ def stochastic_crosswind(
             run.bench.waveform.run(times, moves)
         at, values = capture.aligned(RATE)
     steady = (at >= BEFORE + RISE) & (at < BEFORE + RISE + duration)
-    found = run.measure(lambda read: _swings(read, at < BEFORE, steady), values, rate=RATE)
+    found = run.measure(partial(_swings, at < BEFORE, steady), run.rig, values, rate=RATE)
     for (name, limit, unit), value in zip(SWINGS, found, strict=True):
         check_band(run, name, value, unit, limits.band(f"stochastic_crosswind.{limit}", unit))
-    _check_stiffness(run, load, "lateral", values, lambda read: _sideways(read, steady))
-    _check_stiffness(run, load, "vertical", values, lambda read: _upright(read, steady))
+    _check_stiffness(run, load, "lateral", values, partial(_sideways, steady))
+    _check_stiffness(run, load, "vertical", values, partial(_upright, steady))
 
 
 def _swings(
-    values: Values, calm: npt.NDArray[np.bool_], steady: npt.NDArray[np.bool_]
+    calm: npt.NDArray[np.bool_], steady: npt.NDArray[np.bool_], rig: Rig, values: Values
 ) -> tuple[float, float, float]:
     """Return the rms of the displacement (m), what it exceeds in 1 % of the time, and the rms of the pressures (Pa)."""
-    y = shear_of(values) - values["platform.lateral"]
+    y = shear_of(values, rig) - values["platform.lateral"]
     y = (y - y[calm].mean())[steady]
     swing = float(np.max([values[name][steady].std() for name in PRESSURES]))  # NaN if one is
     return float(y.std()), float(np.percentile(np.abs(y), 99.0)), swing
 
 
-def _sideways(values: Values, steady: npt.NDArray[np.bool_]) -> Spectra:
+def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
     """Return the spectra of the springs' shear and of the force that they oppose to it."""
-    y = shear_of(values) - values["platform.lateral"]
+    y = shear_of(values, rig) - values["platform.lateral"]
     force = -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0)
-    return spectra(y[steady], force[steady], RATE, segment=SEGMENT, x_lag=TRANSDUCER_LAG, y_lag=LOAD_CELL_LAG)
+    late = lag_of(rig, "lateral.displacement"), lag_of(rig, *SHEAR_CELLS)
+    return spectra(y[steady], force[steady], RATE, segment=SEGMENT, x_lag=late[0], y_lag=late[1])
 
 
-def _upright(values: Values, steady: npt.NDArray[np.bool_]) -> Spectra:
+def _upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
     """Return the spectra of the springs' compression, the mean of both, and of the load on one."""
     down = -0.5 * (values["left.height"] + values["right.height"])
     force = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
-    return spectra(down[steady], force[steady], RATE, segment=SEGMENT, x_lag=LASER_LAG, y_lag=LOAD_CELL_LAG)
+    late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)
+    return spectra(down[steady], force[steady], RATE, segment=SEGMENT, x_lag=late[0], y_lag=late[1])
 
 
 def excitation(times: Samples, wind: float, draw: int) -> dict[str, Samples]:
@@ -200,15 +209,15 @@ def irregularity(f: Samples, level: float, train_speed: float) -> Samples:
 
 
 def _check_stiffness(
-    run: Run, load: str, direction: str, values: Values, of: Callable[[Values], Spectra]
+    run: Run, load: str, direction: str, values: Values, of: Callable[[Rig, Values], Spectra]
 ) -> None:
     """Check K' over the band, upright the loss angle too, and keep |K| over frequency with its uncertainty."""
     limits = run.specimen.load(load).limits
-    found = of(values)
+    found = of(run.rig, values)
     K = found.between(*BAND)
 
-    def numbers(read: Values) -> tuple[float, float]:
-        moved = of(read).between(*BAND).value
+    def numbers(rig: Rig, read: Values) -> tuple[float, float]:
+        moved = of(rig, read).between(*BAND).value
         return moved.real, phase(moved)
 
     # What the instruments make uncertain, and what is not coherent.

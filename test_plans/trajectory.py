@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from bench_protocol.units import Hz, s
+from bench_protocol.words import SIDES
 from test_plans.analysis import Samples
-from test_plans.geometry import CENTRE_HEIGHT, COLUMN_HEIGHT, LATERAL_ACTUATOR_HEIGHT, SPRING_HALF_SPACING
+from test_plans.geometry import ACTUATORS, LASERS, Rig
 from test_plans.motions import (
     REST_AFTER,
     REST_BEFORE,
@@ -43,24 +44,31 @@ class Trajectory:
     dpv: Samples
     conditioned: float  #: s, from when on friction has forgotten what was before
     marks: tuple[tuple[str, float], ...]  #: name and beginning (s) of each segment
+    rig: Rig  #: its dimensions
 
     @property
     def heights(self) -> dict[str, Samples]:
         """What the lasers see, by side."""
-        tilt = SPRING_HALF_SPACING * self.platform_roll
-        return {"left": self.vertical_left - tilt, "right": self.vertical_right + tilt}
+        left, right = (self.rig[one] for one in ACTUATORS)
+        middle = (right * self.vertical_left - left * self.vertical_right) / (right - left)
+        roll = self._bolster_roll - self.platform_roll
+        return {side: middle + self.rig[place] * roll for side, place in zip(SIDES, LASERS, strict=True)}
+
+    @property
+    def _bolster_roll(self) -> Samples:
+        left, right = (self.rig[one] for one in ACTUATORS)
+        return (self.vertical_left - self.vertical_right) / (left - right)
 
     @property
     def shear(self) -> Samples:
         """Lateral displacement of the top plates against the platform, of a bench that does not give way."""
-        bolster_roll = (self.vertical_left - self.vertical_right) / (2 * SPRING_HALF_SPACING)
-        above = CENTRE_HEIGHT + LATERAL_ACTUATOR_HEIGHT
-        return self.lateral + above * bolster_roll + COLUMN_HEIGHT * self.platform_roll
+        above = self.rig["centre_height"] + self.rig["lateral_actuator_height"]
+        return self.lateral + above * self._bolster_roll + self.rig["column_height"] * self.platform_roll
 
 
-def trajectory(stretch: Stretch, rate: float = RATE) -> Trajectory:
-    """Return what ``stretch`` asks the bench to do, sampled with ``rate`` (Hz)."""
-    walk = _Walk(rate, stretch.start.targets(), stretch.valves)
+def trajectory(stretch: Stretch, rig: Rig, rate: float = RATE) -> Trajectory:
+    """Return what ``stretch`` asks a ``rig`` of these dimensions to do, sampled with ``rate`` (Hz)."""
+    walk = _Walk(rate, rig, stretch.start, stretch.valves)
     walk.rest(REST_BEFORE)
     for wave in stretch.condition:
         walk.add(wave)
@@ -82,6 +90,7 @@ def trajectory(stretch: Stretch, rate: float = RATE) -> Trajectory:
         dpv,
         conditioned,
         tuple(walk.marks),
+        rig,
     )
 
 
@@ -98,8 +107,9 @@ def unit_wave(wave: Wave, time: Samples) -> Samples:
 class _Walk:
     """Goes through a stretch, piece by piece, and remembers where everything stands."""
 
-    def __init__(self, rate: float, place: dict[str, float], valves: Valves) -> None:
-        self.rate = rate
+    def __init__(self, rate: float, rig: Rig, start: Stand, valves: Valves) -> None:
+        self.rate, self.rig = rate, rig
+        place = start.targets(rig)
         self.place = np.array([place[axis] for axis in AXES])
         self.valves = valves
         self.samples = 0
@@ -131,15 +141,15 @@ class _Walk:
     def _wave(self, wave: Wave) -> None:
         time = np.arange(ceil(wave.duration * self.rate)) / self.rate
         value = wave.amplitude * unit_wave(wave, time)
-        b = SPRING_HALF_SPACING
-        share = {"vertical": (1.0, 1.0, 0.0, 0.0), "lateral": (0.0, 0.0, 1.0, 0.0), "roll": (b, -b, 0.0, 0.0)}
+        tilted = (*(self.rig[one] for one in ACTUATORS), 0.0, 0.0)
+        share = {"vertical": (1.0, 1.0, 0.0, 0.0), "lateral": (0.0, 0.0, 1.0, 0.0), "roll": tilted}
         self._append(self.place[:, None] + np.outer(share[wave.axis], value))
         self.rest(GENERATOR_LATE)
 
     def _go(self, stand: Stand) -> None:
-        targets = stand.targets()
+        targets = stand.targets(self.rig)
         end = np.array([targets[axis] for axis in AXES])
-        duration = stand.duration_from(dict(zip(AXES, self.place.tolist(), strict=True)))
+        duration = stand.duration_from(dict(zip(AXES, self.place.tolist(), strict=True)), self.rig)
         count = ceil(duration * self.rate)
         way = np.arange(count) / max(count, 1)
         self._append(self.place[:, None] + np.outer(end - self.place, way))

@@ -8,8 +8,9 @@ correlated; pieces are independent of one another. Noise and resolution are draw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import hypot, isfinite, sqrt
 from typing import Any, Final
 
@@ -20,6 +21,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import Hz
 from bench_records.conformity import coverage_factor
 from drivers.wiring.contract import Stamp
+from test_plans.description import Description
 from test_plans.instruments import Instruments, Piece
 
 Samples = npt.NDArray[np.float64]
@@ -108,8 +110,7 @@ class _Watched(Mapping[str, Any]):
         self.used: dict[str, None] = {}
 
     def __getitem__(self, name: str) -> Any:
-        if name in TABLE.index:
-            self.used[name] = None
+        self.used[name] = None
         return self._readings[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -132,18 +133,20 @@ def measured(
     """Return what ``evaluate(*captures)`` gives, a number or several, each with its uncertainty.
 
     ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate``, one or by signal, or means over
-    ``averaged`` samples, of all or by signal. ``came`` is how often (Hz) a signal came from the rig: what was slower
-    than ``rate`` lies on lines between few samples, and so does its noise. ``stamps`` are of the clocks that say when
-    signals came: those that share one are late together. Where the instruments ``themselves`` are
-    what is measured, their errors are the value and not its uncertainty: what is left is noise and resolution.
+    ``averaged`` samples, of all or by signal. The `Description` of the rig is one, too: its dimensions are uncertain.
+    ``came`` is how often (Hz) a signal came from the rig: what was slower than ``rate`` lies on lines between few
+    samples, and so does its noise. ``stamps`` are of the clocks that say when signals came: those that share one are
+    late together. Where the instruments ``themselves`` are what is measured, their errors are the value and not its
+    uncertainty: what is left is noise and resolution, and what the dimensions may be off by.
     Readings without an instrument leave the value without an uncertainty, except statuses and choices, which have no
     error. A value that is no number has none either, nor one that was computed of none of the readings.
     """
     watched = [_Watched(one) for one in captures]
     best = np.atleast_1d(np.asarray(evaluate(*watched), float))
-    used = list(dict.fromkeys(name for one in watched for name in one.used if _can_err(name)))
+    asked = dict.fromkeys(name for one in watched for name in one.used)
+    used = [name for name in asked if name in TABLE.index and _can_err(name)]
     lacking = [name for name in used if name not in instruments.pieces]
-    if lacking or not any(one.used for one in watched):
+    if lacking or not any(name in TABLE.index for name in asked):
         why = (
             f"no instrument is known for {', '.join(lacking)}" if lacking else "it was computed of no reading"
         )
@@ -151,7 +154,8 @@ def measured(
     rates = rate if isinstance(rate, Mapping) else dict.fromkeys(used, rate)
     parts: dict[str, Samples] = {}
     even = np.zeros_like(best)
-    for key, moves in () if themselves else _all_ways(used, instruments, rates, stamps or {}):
+    ways = () if themselves else _all_ways(used, instruments, rates, stamps or {})
+    for key, moves in (*ways, *_dimensions(asked, captures)):
         up, down = (
             np.atleast_1d(np.asarray(evaluate(*_changed(captures, moves, way)), float)) for way in (1.0, -1.0)
         )
@@ -201,6 +205,23 @@ def _all_ways(
         yield f"time stamps by the {one.clock}", late
 
 
+def _dimensions(
+    asked: Iterable[str], captures: Sequence[Readings]
+) -> Iterator[tuple[str, Mapping[str, Move]]]:
+    """Yield each dimension that was asked for, with how it moves."""
+    for rig in captures:
+        if not isinstance(rig, Description):
+            continue
+        for name in asked:
+            one = rig.stated(name)
+            if one and one.uncertainty:
+                yield name.replace("_", " "), {name: partial(_off, one.uncertainty * EVEN)}
+
+
+def _off(by: float, value: Any) -> Any:
+    return by + 0.0 * value
+
+
 def _late(by: float, rate: float) -> Move:
     """Return what one standard deviation of a time that may be off ``by`` so much (s) does to samples."""
     return lambda values: -by * EVEN * np.gradient(values) * rate if np.size(values) > 1 else 0.0
@@ -220,16 +241,16 @@ def _ways(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
         yield "lag", _late(one.lag, rate)
 
 
-def _changed(captures: Sequence[Readings], moves: Mapping[str, Move], way: float) -> list[dict[str, Any]]:
-    return [
-        dict(one)
-        | {
-            name: one[name] + way * moved(np.asarray(one[name], float))
-            for name, moved in moves.items()
+def _changed(captures: Sequence[Readings], moves: Mapping[str, Move], way: float) -> list[Readings]:
+    changed: list[Readings] = []
+    for one in captures:
+        moved = {
+            name: one[name] + way * move(np.asarray(one[name], float))
+            for name, move in moves.items()
             if name in one
         }
-        for one in captures
-    ]
+        changed.append({**one, **moved} if moved else one)
+    return changed
 
 
 def _noise(
@@ -247,8 +268,11 @@ def _noise(
     generator = np.random.default_rng(1)
     away = np.zeros_like(best)
     for _ in range(NOISE_DRAWS):
-        drawn = []
+        drawn: list[Readings] = []
         for one in captures:
+            if isinstance(one, Description):
+                drawn.append(one)
+                continue
             changed = dict(one)
             for piece in pieces:
                 if piece.signal in one:

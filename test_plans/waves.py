@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
 
+from bench_protocol.dimensions import lag
 from bench_protocol.units import Hz, s
 from bench_protocol.words import PROGRAM_STATES, SIDES
 from test_plans.analysis import (
@@ -18,17 +19,14 @@ from test_plans.analysis import (
     whole_cycles,
     without_lag,
 )
-from test_plans.geometry import CENTRE_HEIGHT, LATERAL_ACTUATOR_HEIGHT, LATERAL_FRAME, POSE_SIGNALS, roll_of
+from test_plans.description import lag_of, lags
+from test_plans.geometry import CELLS, LASERS, POSE_SIGNALS, SEEING, Rig, cells_under, roll_of
 from test_plans.readings import (
-    ACCELEROMETER_LAG,
     BELLOWS_TEMPERATURES,
     GENERATOR,
     HEIGHTS,
-    LASER_LAG,
-    LOAD_CELL_LAG,
     PRESSURES,
     SHEAR_CELLS,
-    TRANSDUCER_LAG,
     VERTICAL_CELLS,
 )
 from test_plans.steps.shaking import spring_motion
@@ -46,11 +44,20 @@ COUNT_LATE: Final = 0.04 * s
 #: From here on the accelerometer tells more of the bolster than the piston behind oil and frame.
 SEISMIC: Final = 3 * Hz
 
-_LATERAL: Final = (*POSE_SIGNALS, *SHEAR_CELLS, "lateral.acceleration", *PRESSURES)
+_ACCELEROMETER: Final = "lateral.acceleration"
+_LATERAL: Final = (*POSE_SIGNALS, *SHEAR_CELLS, _ACCELEROMETER, *PRESSURES)
 _VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
 #: What sines on one axis need.
-LATERAL_WAVES: Final = (*_LATERAL, *GENERATOR, "lateral.control", "lateral.displacement_setpoint")
-VERTICAL_WAVES: Final = (*_VERTICAL, *GENERATOR)
+SLOW_LATERAL_WAVES: Final = (  #: below `SEISMIC`
+    *(name for name in _LATERAL if name != _ACCELEROMETER),
+    *GENERATOR,
+    "lateral.control",
+    "lateral.displacement_setpoint",
+    *SEEING,
+    *lags((*HEIGHTS, "lateral.displacement", "lateral.force", *SHEAR_CELLS)),
+)
+LATERAL_WAVES: Final = (*SLOW_LATERAL_WAVES, _ACCELEROMETER, lag(_ACCELEROMETER))
+VERTICAL_WAVES: Final = (*_VERTICAL, *GENERATOR, *CELLS, *LASERS, *lags((*HEIGHTS, *VERTICAL_CELLS)))
 
 Values = dict[str, Samples]
 
@@ -78,7 +85,7 @@ def shake(
     cycles = before + count + ceil(COUNT_LATE * frequency)
     cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
     names = _VERTICAL if axis == "vertical" else _LATERAL
-    with run.bench.capture(*names, *GENERATOR) as capture:
+    with run.bench.capture(*(name for name in names if run.bench.has(name)), *GENERATOR) as capture:
         run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=cycles)
     times, values = capture.aligned(SAMPLE_RATE)
     running = values["rig.program"] == PROGRAM_STATES.index("RUN")
@@ -88,36 +95,38 @@ def shake(
     return times[steady], {name: series[steady] for name, series in values.items()}
 
 
-def vertical_stiffness(times: Samples, values: Values, frequency: float) -> Stiffness:
+def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
     """Complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
     heights = 0.5 * (values["left.height"] + values["right.height"])
     loads = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
-    X = -without_lag(first_harmonic(times, heights, frequency), LASER_LAG, frequency)
-    F = without_lag(first_harmonic(times, loads, frequency), LOAD_CELL_LAG, frequency)
+    X = -without_lag(first_harmonic(times, heights, frequency), lag_of(rig, *HEIGHTS), frequency)
+    F = without_lag(first_harmonic(times, loads, frequency), lag_of(rig, *VERTICAL_CELLS), frequency)
     return Stiffness(F / X, frequency, abs(X))
 
 
-def stiffness_of_side(times: Samples, values: Values, frequency: float, side: str) -> Stiffness:
+def stiffness_of_side(times: Samples, rig: Rig, values: Values, frequency: float, side: str) -> Stiffness:
     """Complex vertical stiffness of one spring."""
-    lag = LASER_LAG - LOAD_CELL_LAG
-    return dynamic_stiffness(times, *spring_motion(values, side), frequency, motion_lag=lag)
+    lag = lag_of(rig, f"{side}.height") - lag_of(rig, *cells_under(rig, side))
+    return dynamic_stiffness(times, *spring_motion(values, rig, side), frequency, motion_lag=lag)
 
 
-def lateral_stiffness(times: Samples, values: Values, frequency: float) -> Stiffness:
+def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
     """Complex lateral stiffness per spring (half of the pair's), free of what frame and bolster give way."""
 
-    def of(name: str, lag: float) -> complex:
-        return without_lag(first_harmonic(times, values[name], frequency), lag, frequency)
+    def of(name: str) -> complex:
+        return without_lag(first_harmonic(times, values[name], frequency), lag_of(rig, name), frequency)
 
-    roll = without_lag(first_harmonic(times, roll_of(values), frequency), LASER_LAG, frequency)
+    roll = without_lag(
+        first_harmonic(times, roll_of(values, rig), frequency), lag_of(rig, *HEIGHTS), frequency
+    )
     if frequency < SEISMIC:
-        pinned = of("lateral.displacement", TRANSDUCER_LAG)
-        pinned -= of("lateral.force", TRANSDUCER_LAG) / LATERAL_FRAME
-        X = pinned + (CENTRE_HEIGHT + LATERAL_ACTUATOR_HEIGHT) * roll
+        pinned = of("lateral.displacement")
+        pinned -= of("lateral.force") / rig["lateral_frame_stiffness"]
+        X = pinned + (rig["centre_height"] + rig["lateral_actuator_height"]) * roll
     else:
-        centre = -of("lateral.acceleration", ACCELEROMETER_LAG) / (tau * frequency) ** 2
-        X = centre + CENTRE_HEIGHT * roll
-    F = -0.5 * sum(of(cell, LOAD_CELL_LAG) for cell in SHEAR_CELLS)
+        centre = -of(_ACCELEROMETER) / (tau * frequency) ** 2
+        X = centre + rig["centre_height"] * roll
+    F = -0.5 * sum(of(cell) for cell in SHEAR_CELLS)
     return Stiffness(F / X, frequency, abs(X))
 
 
@@ -134,21 +143,21 @@ def know(
     times: Samples,
     values: Values,
     frequency: float,
-    stiffness: Callable[[Samples, Values, float], Stiffness],
+    stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
 ) -> Known:
     """Return what the samples of a sine say of a ``stiffness``, for its curves."""
 
-    def told(read: Values) -> tuple[float, float, float]:
-        K = stiffness(times, read, frequency)
+    def told(rig: Rig, read: Values) -> tuple[float, float, float]:
+        K = stiffness(times, rig, read, frequency)
         return abs(K.value), K.storage, K.damping
 
-    return Known(*run.measure(told, values))
+    return Known(*run.measure(told, run.rig, values))
 
 
 def measure_sines(
     run: Run,
     sines: Sequence[Sine],
-    stiffness: Callable[[Samples, Values, float], Stiffness],
+    stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
     evaluate: Callable[[list[Stiffness]], float],
 ) -> Measured:
     """Return what ``evaluate`` makes of the ``stiffness`` of several sines, with its uncertainty.
@@ -156,12 +165,15 @@ def measure_sines(
     A piece is wrong in all of them alike: what that does to a ratio falls out.
     """
 
-    def computed(*read: Values) -> float:
+    def computed(rig: Rig, *read: Values) -> float:
         return evaluate(
-            [stiffness(one.times, values, one.frequency) for one, values in zip(sines, read, strict=True)]
+            [
+                stiffness(one.times, rig, values, one.frequency)
+                for one, values in zip(sines, read, strict=True)
+            ]
         )
 
-    return run.measured(computed, *(one.values for one in sines))
+    return run.measured(computed, run.rig, *(one.values for one in sines))
 
 
 def pressure_of(values: Mapping[str, Samples]) -> float:

@@ -4,6 +4,7 @@ The train runs with V_t square to a wind W. All of it is assumed, after the lite
 the shape of Baker's correlations, a gust with that of EN 14067-6, von Kármán's spectrum seen from a moving train.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
 from typing import Final
@@ -12,7 +13,7 @@ import numpy as np
 
 from bench_protocol.units import m, s
 from test_plans.analysis import Samples
-from test_plans.geometry import CENTRE_HEIGHT, LATERAL_ACTUATOR_HEIGHT, SPRING_HALF_SPACING
+from test_plans.geometry import ACTUATORS
 
 AIR_DENSITY: Final = 1.225  # kg/m³, ISO 2533
 
@@ -97,11 +98,12 @@ def fade(times: Samples, rise: float = RISE) -> Samples:
     return np.asarray(0.5 * (1.0 - np.cos(pi * edge)))
 
 
-def on_the_bolster(force: Samples, car: Car = CAR) -> dict[str, Samples]:
+def on_the_bolster(force: Samples, rig: Mapping[str, float], car: Car = CAR) -> dict[str, Samples]:
     """Return what the actuators add for a wind of ``force`` (N) on the bogie, by the reading that follows.
 
     The lateral actuator pushes lower than the wind: what its moment lacks the vertical ones make, one more, one less.
     """
-    arm = car.pressure_height - (CENTRE_HEIGHT + LATERAL_ACTUATOR_HEIGHT)
-    more = force * arm / (2 * SPRING_HALF_SPACING)
+    arm = car.pressure_height - (rig["centre_height"] + rig["lateral_actuator_height"])
+    left, right = (rig[one] for one in ACTUATORS)
+    more = force * arm / (left - right)
     return {"lateral.force": force, "vertical_left.force": more, "vertical_right.force": -more}

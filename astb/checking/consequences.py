@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from bench_protocol.words import SIDES
+
 
 def plans_without(absent: Mapping[str, str]) -> dict[str, str]:
     """Return the plans that need one of the signals ``absent``, each with what it lacks."""
@@ -16,11 +18,11 @@ def plans_without(absent: Mapping[str, str]) -> dict[str, str]:
 def checks_without(absent: Mapping[str, str]) -> dict[str, str]:
     """Return what aw0 and aw3 cannot measure without the signals ``absent``, each with what it lacks."""
     from test_plans.steps import carrying
-    from test_plans.steps.shaking import LATERAL_NEEDS, VERTICAL_NEEDS
+    from test_plans.steps.shaking import LATERAL_NEEDS, vertical_needs
 
     needs = {
         "standing without being held sideways": carrying.FREE_SIDEWAYS,
-        **{f"{side} vertical stiffness": names for side, names in VERTICAL_NEEDS.items()},
+        **{f"{side} vertical stiffness": vertical_needs({}, side) for side in SIDES},
         "lateral stiffness": LATERAL_NEEDS,
     }
     found = {what: _lacking(names, absent) for what, names in needs.items()}

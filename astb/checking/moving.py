@@ -18,7 +18,7 @@ from bench_protocol.units import N, bar, kN, mm, mrad, ms, s
 from bench_protocol.words import PLATFORM_AXES, SIDES
 from drivers.bench import Bench
 from drivers.errors import BenchError, NotAvailable, RigFault
-from test_plans.readings import CELLS_UNDER, SHEAR_CELLS
+from test_plans.readings import SHEAR_CELLS, VERTICAL_CELLS
 
 LIFT: Final = 5 * mm
 STEP: Final = 2 * mm
@@ -34,7 +34,6 @@ _EMPTY: Final = 0.3 * bar
 _BAND: Final = 0.2
 _NOISE: Final = {"m": 0.3 * mm, "rad": 0.3 * mrad, "N": 0.15 * kN}
 _LATENCY_MAX: Final = 500 * ms
-_VERTICAL_CELLS: Final = tuple(cell for cells in CELLS_UNDER.values() for cell in cells)
 
 
 def move_each(bench: Bench) -> list[MoveLine]:
@@ -182,19 +181,19 @@ def _lift(bench: Bench, book: _Moves) -> None:
     pistons = {f"vertical_{side}.displacement": LIFT for side in SIDES}
     forces = tuple(f"vertical_{side}.force" for side in SIDES)
     heights = tuple(f"{side}.height" for side in SIDES)
-    changes = book.by(pistons, RATE, *heights, *forces, *_VERTICAL_CELLS)
+    changes = book.by(pistons, RATE, *heights, *forces, *VERTICAL_CELLS)
     for side in SIDES:
         if f"{side}.height" in changes:
             piston = changes[f"vertical_{side}.displacement"]
             book.compare(
                 f"{side}.height goes with the actuator", f"{side}.height", changes[f"{side}.height"], piston
             )
-    force, cells = _sum(changes, forces), _sum(changes, _VERTICAL_CELLS)
+    force, cells = _sum(changes, forces), _sum(changes, VERTICAL_CELLS)
     if force is not None and cells is not None:
         book.compare(
-            "load cells 1 to 4 lose what the vertical forces take up", _VERTICAL_CELLS[0], cells, force
+            "load cells 1 to 4 lose what the vertical forces take up", VERTICAL_CELLS[0], cells, force
         )
-        for cell in _VERTICAL_CELLS:
+        for cell in VERTICAL_CELLS:
             book.compare(f"{cell} has its share", cell, changes[cell], force / 4)
 
 

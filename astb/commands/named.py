@@ -129,6 +129,18 @@ def _read_instruments(name: str) -> "Instruments":
         misuse(error)
 
 
+def _dimensions(name: str) -> Listed:
+    from bench_protocol.dimensions import NAMES, DimensionsError, read_dimensions
+
+    try:
+        one = read_dimensions(name)
+    except DimensionsError as error:
+        misuse(error)
+    missing = [wanted for wanted in NAMES if wanted not in one.known]
+    lacking = f"; not stated: {', '.join(missing)}" if missing else ""
+    return Listed(f"{len(one.known)} of {len(NAMES)} dimensions{lacking}", {**one.facts, "missing": missing})
+
+
 def _wiring(name: str) -> Listed:
     from bench_protocol.named_files import place_of
     from bench_protocol.table import TABLE
@@ -202,6 +214,12 @@ instruments_command = _listing(
     _named("instruments"),
     _instruments,
     """List the instruments that come with the bench, or those of each NAME, for a rig file.""",
+)
+dimensions_command = _listing(
+    "dimensions",
+    _named("dimensions"),
+    _dimensions,
+    """List the files of dimensions that come with the bench, or what each NAME states, for a rig file.""",
 )
 wirings_command = _listing(
     "wirings",

@@ -13,7 +13,7 @@ from astb.rehearsal.watch import Closest, LimitWatch, Trip
 from astb.rig_file import RigFile, Simulation
 from astb.rig_limits import KnownLimit, known_limits
 from astb.run import describe, new_directory, undisturbed
-from astb.session import Session, build_rig, instruments_of, virtual_session, wiring_of
+from astb.session import Session, build_rig, describe_rig, virtual_session, wiring_of
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
@@ -126,7 +126,7 @@ def rehearse(
     directory = new_directory(out, f"{plan.name}-rehearsal")
     with virtual_session(simulated, simulation, seed, watch.run) as session:
         _leave_out(session, absent)
-        session.bench.instruments = instruments_of(rig, path)
+        describe_rig(session.bench, rig, path)
         session.bench.connect()
         meta = describe(session, replace(rig, simulation=simulation)) | {"rehearsal": True}
         begin(meta)

@@ -108,7 +108,7 @@ def _needed_by() -> dict[str, str]:
 
     found: dict[str, int] = {}
     for plan in plans().values():
-        for name in plan.needs:
+        for name in filter(TABLE.index.__contains__, plan.needs):
             found[name] = found.get(name, 0) + 1
     return {name: f"{count} plans need it" for name, count in found.items()}
 

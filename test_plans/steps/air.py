@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
 
 from bench_protocol.units import ATMOSPHERE, NS, minutes
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, straight_line
 from test_plans.check_names import CheckName
+from test_plans.description import lag_of, lags
+from test_plans.geometry import CELLS, LASERS, Rig, cells_under, height_of_spring, load_on
 from test_plans.loads import Load
-from test_plans.readings import CELLS_UNDER, CHAMBERS, HEIGHTS, THERMOMETER_LAG, VERTICAL_CELLS
+from test_plans.readings import CHAMBERS, HEIGHTS, VERTICAL_CELLS
 from test_plans.steps.carrying import AVERAGE_OVER
 from test_plans.steps.shaking import Values, check_band
 from test_plans.uncertainty import Measured
@@ -43,9 +48,16 @@ TIGHT: Final = CheckName(
 _GAS: Final = tuple(
     f"{side}.{part}_{what}" for side in SIDES for part in CHAMBERS for what in ("pressure", "temperature")
 )
-WEIGHED_BY: Final = (*_GAS, *HEIGHTS, *VERTICAL_CELLS)
+_READ: Final = (*_GAS, *HEIGHTS, *VERTICAL_CELLS)
+WEIGHED_BY: Final = (
+    *_READ,
+    *CELLS,
+    *LASERS,
+    *lags(name for name in _GAS if name.endswith("temperature")),
+)
 #: So many samples a mean over a second has at least.
 AVERAGED: Final = 10
+_OTHER: Final = {"left": "right", "right": "left"}
 
 
 class Weighing(NamedTuple):
@@ -73,8 +85,8 @@ def check_air(run: Run, load: Load) -> None:
         mean = run.bench.averages(*cells, *states, over=AVERAGE_OVER)
         for side in SIDES:
             name = LOAD.of(side=side)
-            if run.can(name, needs=CELLS_UNDER[side]):
-                carried = _read(run, mean, *CELLS_UNDER[side])
+            if run.can(name, needs=(*_cells(run, side), *CELLS)):
+                carried = run.measured(partial(load_on, side=side), mean, run.rig, averaged=AVERAGED)
                 check_band(run, name, carried, "kN", load.limits.band("carried"))
             rest = run.specimen.limits.band("rest_height")
             check_band(run, REST_HEIGHT.of(side=side), _read(run, mean, f"{side}.height"), "mm", rest)
@@ -82,9 +94,14 @@ def check_air(run: Run, load: Load) -> None:
             check_band(run, PRESSURE.of(side=side), found, "bar", load.limits.band("pressure"))
 
 
-def _read(run: Run, mean: Mapping[str, float], *names: str) -> Measured:
-    """Return the sum of some means, with its uncertainty."""
-    return run.measured(lambda read: sum(read[name] for name in names), mean, averaged=AVERAGED)
+def _cells(run: Run, side: str) -> tuple[str, ...]:
+    """Return the cells that tell the load on one spring; all, where nobody knows which stands where."""
+    return cells_under(run.rig, side) if all(name in run.rig for name in CELLS) else VERTICAL_CELLS
+
+
+def _read(run: Run, mean: Mapping[str, float], name: str) -> Measured:
+    """Return a mean with its uncertainty."""
+    return run.measured(lambda read: read[name], mean, averaged=AVERAGED)
 
 
 def weigh_the_air(run: Run) -> Weighing:
@@ -92,12 +109,12 @@ def weigh_the_air(run: Run) -> Weighing:
 
     On a rig that cannot tell there is nothing to read.
     """
-    if not run.bench.has(*WEIGHED_BY):
+    if run.lacks(*WEIGHED_BY):
         return Weighing(0.0, {}, {})
     with run.phase("weigh the air"):
-        with run.bench.capture(*WEIGHED_BY) as capture:
+        with run.bench.capture(*_READ) as capture:
             run.bench.wait(AVERAGE_OVER)
-        values, times = ({name: of(name) for name in WEIGHED_BY} for of in (capture.values, capture.times))
+        values, times = ({name: of(name) for name in _READ} for of in (capture.values, capture.times))
         return Weighing(run.now / NS, values, times)
 
 
@@ -113,33 +130,35 @@ def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> Non
     elapsed = after.time - before.time
     for side in SIDES:
 
-        def lost(earlier: Values, later: Values, side: str = side) -> float:
-            was = _air(run.specimen, earlier, before.times, load, side)
-            return (1 - _air(run.specimen, later, after.times, load, side) / was) * minutes / elapsed
+        def lost(rig: Rig, earlier: Values, later: Values, side: str = side) -> float:
+            was = _air(run.specimen, rig, earlier, before.times, load, side)
+            return (1 - _air(run.specimen, rig, later, after.times, load, side) / was) * minutes / elapsed
 
-        found = run.measured(lost, before.values, after.values, rate=after.rates)
+        found = run.measured(lost, run.rig, before.values, after.values, rate=after.rates)
         limit = run.specimen.limits.band("air_loss_per_minute")
         run.check(names[side], found, "%", low=limit.low, high=limit.high, since=round(before.time * NS))
 
 
-def _air(specimen: Specimen, values: Values, times: Values, load: Load, side: str) -> float:
+def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load, side: str) -> float:
     """Mass of air in both chambers of a spring, times R.
 
     The bellows is higher than the stack of both by what the emergency spring gives way beyond the preload.
     """
-    used = [name for name in WEIGHED_BY if name.startswith(side) or name in CELLS_UNDER[side]]
-    state = {name: _settled(name, times[name], values[name]) for name in used}
-    carried = sum(state[cell] for cell in CELLS_UNDER[side])
-    height = state[f"{side}.height"] + (carried - load.preload) / specimen.emergency_stiffness_vertical
+    used = [name for name in _READ if not name.startswith(_OTHER[side]) or name in HEIGHTS]
+    state = {name: np.asarray(_settled(rig, name, times[name], values[name])) for name in used}
+    beyond = load_on(state, rig, side) - load.preload
+    height = float(height_of_spring(state, rig, side) + beyond / specimen.emergency_stiffness_vertical)
     area, slope = specimen.effective_area, specimen.effective_area_slope
     bellows = specimen.bellows_volume + area * height + 0.5 * slope * height**2
     return sum(
-        (state[f"{side}.{part}_pressure"] + ATMOSPHERE) * volume / state[f"{side}.{part}_temperature"]
+        float(state[f"{side}.{part}_pressure"] + ATMOSPHERE)
+        * volume
+        / float(state[f"{side}.{part}_temperature"])
         for part, volume in zip(CHAMBERS, (bellows, specimen.auxiliary_volume), strict=True)
     )
 
 
-def _settled(name: str, times: Samples, values: Samples) -> float:
+def _settled(rig: Rig, name: str, times: Samples, values: Samples) -> float:
     """What a reading was: a thermometer that follows with first order reads what was, T = T_read + τ dT_read/dt."""
     level, slope = straight_line(times, values)
-    return level + THERMOMETER_LAG * slope if name.endswith("temperature") else level
+    return level + lag_of(rig, name) * slope if name.endswith("temperature") else level

@@ -12,6 +12,7 @@ from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
 from drivers.errors import BenchTimeout, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty
+from test_plans.geometry import WEIGHT
 from test_plans.loads import Load
 from test_plans.preconditions import HEADROOM
 from test_plans.readings import CHAMBERS, HEIGHTS
@@ -29,6 +30,7 @@ CARRYING: Final = (
     "vertical.control",
     *(f"vertical_{side}.{quantity}" for side in SIDES for quantity in ("force", "displacement")),
     *(f"vertical_{side}.{quantity}_setpoint" for side in SIDES for quantity in ("force", "displacement")),
+    *WEIGHT,
 )
 #: What holds the bolster sideways, and what lets it go where the springs want it.
 HELD_SIDEWAYS: Final = ("lateral.control", "lateral.displacement", "lateral.displacement_setpoint")
@@ -168,7 +170,7 @@ def level_to_the_preload(run: Run, load: Load) -> None:
     bench = run.bench
     with run.phase("level to the preload"):
         bench.air.level()
-        force = load.actuator_force
+        force = load.actuator_force(run.rig)
         with _reached(run):
             bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
         rest = run.specimen.limits.band("rest_height")

@@ -21,8 +21,10 @@ from test_plans.analysis import (
     whole_cycles,
     without_drift,
 )
+from test_plans.description import lags
+from test_plans.geometry import CELLS, LASERS, Rig, cells_under, height_of_spring, load_on
 from test_plans.loads import Band
-from test_plans.readings import CELLS_UNDER, GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.readings import GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.tables import DAMPING, FREQUENCY, LOSS, STORAGE, TANGENT, keep
 from test_plans.uncertainty import Measured
 
@@ -48,11 +50,21 @@ VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *(f"vertical_{side}.force" for sid
 LATERAL: Final = ("lateral.displacement", *SHEAR_CELLS, *GENERATOR)
 #: What moves with an axis.
 MOTION: Final = {"vertical": HEIGHTS, "lateral": ("lateral.displacement",)}
-#: What a lateral stiffness needs, and a vertical one of each spring.
-LATERAL_NEEDS: Final = (*LATERAL, "lateral.control", "lateral.displacement_setpoint", "generator.axis")
-VERTICAL_NEEDS: Final = {
-    side: (f"{side}.height", *cells, *GENERATOR, "generator.axis") for side, cells in CELLS_UNDER.items()
-}
+#: What a lateral stiffness needs.
+LATERAL_NEEDS: Final = (
+    *LATERAL,
+    "lateral.control",
+    "lateral.displacement_setpoint",
+    "generator.axis",
+    *lags(("lateral.displacement", *SHEAR_CELLS)),
+)
+
+
+def vertical_needs(rig: Rig, side: str) -> tuple[str, ...]:
+    """Return what the vertical stiffness of one spring needs."""
+    cells = cells_under(rig, side) if all(name in rig for name in CELLS) else VERTICAL_CELLS
+    seen = (f"{side}.height", *cells)
+    return (*seen, *GENERATOR, "generator.axis", *CELLS, *LASERS, *lags(seen))
 
 
 def shake(
@@ -115,13 +127,12 @@ def generator_cycles(
     )
 
 
-def spring_motion(values: dict[str, Samples], side: str) -> tuple[Samples, Samples]:
+def spring_motion(values: Values, rig: Rig, side: str) -> tuple[Samples, Samples]:
     """Compression of a spring (m) and the force on it (N), both growing downward."""
-    first, second = CELLS_UNDER[side]
-    return -values[f"{side}.height"], values[first] + values[second]
+    return -height_of_spring(values, rig, side), load_on(values, rig, side)
 
 
-def lateral_motion(values: dict[str, Samples]) -> tuple[Samples, Samples]:
+def lateral_motion(values: Values, rig: Rig) -> tuple[Samples, Samples]:
     """Displacement of the bolster (m) and the force that the springs oppose to it (N)."""
     return values["lateral.displacement"], -(values["load_cell.5"] + values["load_cell.6"])
 
@@ -132,35 +143,39 @@ def check_band(run: Run, name: str, value: float | Measured, unit: str, band: Ba
 
 
 def check_secant(
-    run: Run, name: str, values: Values, motion_of: Callable[[Values], tuple[Samples, Samples]], band: Band
+    run: Run,
+    name: str,
+    values: Values,
+    motion_of: Callable[[Values, Rig], tuple[Samples, Samples]],
+    band: Band,
 ) -> None:
     """Check the slope (N/m) of a slow loop from end to end; ``motion_of`` makes motion and force of the readings."""
 
-    def secant(values: Values) -> float:
-        motion, force = motion_of(values)
+    def secant(rig: Rig, values: Values) -> float:
+        motion, force = motion_of(values, rig)
         # The gas cools while a slow loop lasts.
         return secant_stiffness(motion, without_drift(motion, force))
 
-    motion, force = motion_of(values)
+    motion, force = motion_of(values, run.rig)
     lost = f"{loop_energy(motion, without_drift(motion, force)):.2f} J lost in the loop"
-    slope = run.measured(secant, values)
+    slope = run.measured(secant, run.rig, values)
     run.check(name, slope, "kN/m", low=band.low, high=band.high, note=lost)
 
 
 def check_stiffness(
     run: Run,
-    stiffness: Callable[[Values], Stiffness],
+    stiffness: Callable[[Rig, Values], Stiffness],
     values: Values,
     storage: Mapping[str, Band] | None = None,
     damping: Mapping[str, Band] | None = None,
 ) -> tuple[Measured, Measured]:
     """Check K' and c of what ``stiffness`` makes of readings, by name of the check with its limits; return both."""
 
-    def both(values: Values) -> tuple[float, float]:
-        K = stiffness(values)
+    def both(rig: Rig, values: Values) -> tuple[float, float]:
+        K = stiffness(rig, values)
         return K.storage, K.damping
 
-    stored, damped = run.measure(both, values)
+    stored, damped = run.measure(both, run.rig, values)
     for found, unit, bands in ((stored, "kN/m", storage), (damped, "kN*s/m", damping)):
         for name, band in (bands or {}).items():
             check_band(run, name, found, unit, band)

@@ -12,16 +12,16 @@ import numpy as np
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_harmonic, without_inertia
 from test_plans.check_names import CheckName
-from test_plans.geometry import BOLSTER_MASS
+from test_plans.description import lag_of, lags
+from test_plans.geometry import Rig, cells_under
 from test_plans.loads import Band, Load
-from test_plans.readings import LASER_LAG, LOAD_CELL_LAG, TRANSDUCER_LAG, VERTICAL_CELLS
+from test_plans.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.steps.carrying import hold_the_height, stand_again
 from test_plans.steps.shaking import (
     LATERAL,
     LATERAL_NEEDS,
     LOOP_FREQUENCY,
     VERTICAL,
-    VERTICAL_NEEDS,
     Values,
     check_secant,
     check_stiffness,
@@ -30,6 +30,7 @@ from test_plans.steps.shaking import (
     lateral_motion,
     shake,
     spring_motion,
+    vertical_needs,
 )
 from test_plans.uncertainty import Measured
 
@@ -88,6 +89,8 @@ STIFFNESS: Final = (
 
 #: Chain of measurement: load cells against actuators, each good for 1 % of the force that a shaken spring makes.
 BALANCE_TOLERANCE: Final = 0.04
+ACTUATORS: Final = tuple(f"vertical_{side}.force" for side in SIDES)
+BALANCED_BY: Final = (*VERTICAL, "bolster_mass", *lags((*HEIGHTS, *ACTUATORS, *VERTICAL_CELLS)))
 
 
 def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] = "slow") -> None:
@@ -96,7 +99,7 @@ def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] =
     ``closed``: with the auxiliary volumes shut off, which is somebody else's doing.
     """
     names = {side: VERTICAL_SECANT[way].of(side=side) for side in SIDES}
-    sides = [side for side in SIDES if run.can(names[side], needs=VERTICAL_NEEDS[side])]
+    sides = [side for side in SIDES if run.can(names[side], needs=vertical_needs(run.rig, side))]
     if not sides:
         return
     with run.phase("vertical triangle"):
@@ -104,7 +107,7 @@ def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] =
         _, values = shake(run, "vertical", LOOP_FREQUENCY, VERTICAL, "triangle")
         for side in sides:
             check_secant(run, names[side], values, partial(spring_motion, side=side), secant)
-            motion, force = spring_motion(values, side)
+            motion, force = spring_motion(values, run.rig, side)
             keep_loop(run, way, f"{side} spring", motion, force)
 
 
@@ -112,11 +115,13 @@ def vertical_sweep(run: Run, load: Load) -> None:
     """Measure vertical stiffness and damping of each spring, first harmonic, 5 mm."""
     sweep = list(load.sweep("vertical"))
     sides = [
-        side for side in SIDES if run.can(*_names(VERTICAL_SINES, sweep, side), needs=VERTICAL_NEEDS[side])
+        side
+        for side in SIDES
+        if run.can(*_names(VERTICAL_SINES, sweep, side), needs=vertical_needs(run.rig, side))
     ]
     highest = max(one for one, *_ in sweep)
     balance = BALANCE.of(frequency=highest)
-    balanced = run.can(balance, needs=VERTICAL)
+    balanced = run.can(balance, needs=BALANCED_BY)
     if not sides:
         return
     found: dict[str, list[Stiffness]] = {side: [] for side in sides}
@@ -128,11 +133,11 @@ def vertical_sweep(run: Run, load: Load) -> None:
             times, values = shake(run, "vertical", frequency, VERTICAL)
             for side in sides:
                 stiffness = partial(_vertical, times, frequency, side)
-                found[side].append(stiffness(values))
+                found[side].append(stiffness(run.rig, values))
                 stiff, damped = (one.of(side=side, frequency=frequency) for one in VERTICAL_SINES)
                 judged = check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping})
                 known[side].append(judged)
-                motion, force = spring_motion(values, side)
+                motion, force = spring_motion(values, run.rig, side)
                 one = times < times[0] + 1 / frequency
                 keep_loop(run, f"{frequency:g} Hz", f"{side} spring", motion[one], force[one])
             if balanced and frequency == highest:
@@ -148,30 +153,32 @@ def _names(
     return [one.of(side=side, frequency=frequency) for frequency, *_ in sweep for one in names]
 
 
-def _vertical(times: Samples, frequency: float, side: str, values: Values) -> Stiffness:
-    motion, force = spring_motion(values, side)
-    return dynamic_stiffness(times, motion, force, frequency, motion_lag=LASER_LAG - LOAD_CELL_LAG)
+def _vertical(times: Samples, frequency: float, side: str, rig: Rig, values: Values) -> Stiffness:
+    motion, force = spring_motion(values, rig, side)
+    lag = lag_of(rig, f"{side}.height") - lag_of(rig, *cells_under(rig, side))
+    return dynamic_stiffness(times, motion, force, frequency, motion_lag=lag)
 
 
-def _lateral(times: Samples, frequency: float, values: Values) -> Stiffness:
-    motion, force = lateral_motion(values)
-    return dynamic_stiffness(times, motion, force, frequency, motion_lag=TRANSDUCER_LAG - LOAD_CELL_LAG)
+def _lateral(times: Samples, frequency: float, rig: Rig, values: Values) -> Stiffness:
+    motion, force = lateral_motion(values, rig)
+    lag = lag_of(rig, "lateral.displacement") - lag_of(rig, *SHEAR_CELLS)
+    return dynamic_stiffness(times, motion, force, frequency, motion_lag=lag)
 
 
 def _check_balance(run: Run, name: str, times: Samples, values: Values, frequency: float) -> None:
-    ratio = run.measured(partial(_balance, times, frequency), values)
+    ratio = run.measured(partial(_balance, times, frequency), run.rig, values)
     run.check(name, ratio, "1", low=1 - BALANCE_TOLERANCE, high=1 + BALANCE_TOLERANCE)
 
 
-def _balance(times: Samples, frequency: float, values: Values) -> float:
+def _balance(times: Samples, frequency: float, rig: Rig, values: Values) -> float:
     """Compare load cells with actuators, which also move the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
     cells = np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
-    x = first_harmonic(times, motion, frequency) * (1 + 1j * tau * frequency * LASER_LAG)
-    F = first_harmonic(times, actuators, frequency) * (1 + 1j * tau * frequency * TRANSDUCER_LAG)
-    S = first_harmonic(times, cells, frequency) * (1 + 1j * tau * frequency * LOAD_CELL_LAG)
-    return abs(without_inertia(F, x, BOLSTER_MASS, frequency) / S)
+    x = first_harmonic(times, motion, frequency) * (1 + 1j * tau * frequency * lag_of(rig, *HEIGHTS))
+    F = first_harmonic(times, actuators, frequency) * (1 + 1j * tau * frequency * lag_of(rig, *ACTUATORS))
+    S = first_harmonic(times, cells, frequency) * (1 + 1j * tau * frequency * lag_of(rig, *VERTICAL_CELLS))
+    return abs(without_inertia(F, x, rig["bolster_mass"], frequency) / S)
 
 
 def lateral_loop(run: Run, load: Load) -> None:
@@ -182,7 +189,7 @@ def lateral_loop(run: Run, load: Load) -> None:
         secant = load.limits.band("lateral_secant")
         _, values = shake(run, "lateral", LOOP_FREQUENCY, LATERAL, "triangle")
         check_secant(run, LATERAL_SECANT, values, lateral_motion, secant)
-        motion, force = lateral_motion(values)
+        motion, force = lateral_motion(values, run.rig)
         keep_loop(run, "slow", "lateral", motion, force)
 
 
@@ -199,10 +206,10 @@ def lateral_sweep(run: Run, load: Load) -> None:
         with run.phase(f"lateral sine {frequency:g} Hz"):
             times, values = shake(run, "lateral", frequency, LATERAL)
             stiffness = partial(_lateral, times, frequency)
-            found.append(stiffness(values))
+            found.append(stiffness(run.rig, values))
             stiff, damped = (one.of(frequency=frequency) for one in LATERAL_SINES)
             known.append(check_stiffness(run, stiffness, values, {stiff: storage}, {damped: damping}))
-            motion, force = lateral_motion(values)
+            motion, force = lateral_motion(values, run.rig)
             one = times < times[0] + 1 / frequency
             keep_loop(run, f"{frequency:g} Hz", "lateral", motion[one], force[one])
     keep_sweep(run, "pair", "lateral", found, known, sweep)

@@ -13,10 +13,11 @@ from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, first_harmonic
 from test_plans.check_names import CheckName
-from test_plans.geometry import SPRING_HALF_SPACING
+from test_plans.geometry import ACTUATORS, LASERS, Rig, actuator_moment, roll_of
 from test_plans.loads import Load
 from test_plans.readings import GENERATOR
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN
+from test_plans.steps.of_the_bench import MASS, check_roll_stiffness, of_the_stated_mass, stated
 from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, Values, check_band, generator_cycles
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def track_excitation(run: Run) -> None:
     bench = run.bench
     if not run.can(
         PASSED_ON, PEAK, needs=(*_TRACK, *GENERATOR, "platform.vertical_setpoint", "generator.axis")
-    ):
+    ) or not stated(run, MASS, PASSED_ON, PEAK):
         return
     with run.phase("unilateral cosine"):
         with bench.capture(*_TRACK, *GENERATOR) as capture:
@@ -69,53 +70,59 @@ def track_excitation(run: Run) -> None:
             )
         times, values = capture.aligned(SAMPLE_RATE)
         steady = generator_cycles(times, values, 1, TRACK_CYCLES - 1, TRACK_FREQUENCY)
-        ratio, highest = run.measure(partial(_answer, times, steady), values)
+        ratio, highest = run.measure(
+            partial(_answer, times, steady, run.specimen.bench[MASS]), run.rig, values
+        )
         limits = run.specimen.limits
         check_band(run, PASSED_ON, ratio, "1", limits.band("track_transmissibility"))
         check_band(run, PEAK, highest, "mm", limits.band("track_peak"))
 
 
-def _answer(times: Samples, steady: npt.NDArray[np.bool_], values: Values) -> tuple[float, float]:
-    """Return the motion of the bolster over that of the platform, first harmonic, and its peak (m)."""
+def _answer(
+    times: Samples, steady: npt.NDArray[np.bool_], mass: float, rig: Rig, values: Values
+) -> tuple[float, float]:
+    """Return the motion of the bolster over that of the platform, first harmonic, and its peak (m).
+
+    Both as a bolster of ``mass`` (kg) would move: the peak is half the way of the platform and half of its own.
+    """
     platform = values["platform.vertical"] - values["platform.vertical"][0]
     spring = 0.5 * (values["left.height"] + values["right.height"])
     bolster = platform + spring - spring[0]
     response, excitation = (
         first_harmonic(times[steady], motion[steady], TRACK_FREQUENCY) for motion in (bolster, platform)
     )
-    return abs(response / excitation), float(bolster.max())
+    ratio = response / excitation
+    alike = of_the_stated_mass(ratio, rig, mass)
+    return abs(alike), float(bolster.max()) * (1 + abs(alike)) / (1 + abs(ratio))
 
 
 def roll_by_unequal_preload(run: Run, load: Load) -> None:
     """Load the two sides unequally, first the left more, then the right; the air stays locked."""
     bench = run.bench
     # A bolster that is held sideways rolls about another axis: a quarter to a third stiffer.
-    if not run.can(ROLL_STIFFNESS, PARTED, needs=FREE_SIDEWAYS):
+    if not run.can(ROLL_STIFFNESS, PARTED, needs=(*FREE_SIDEWAYS, *ACTUATORS, *LASERS)):
         return
     with run.phase("roll"):
         names = [f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure")]
         names += [f"vertical_{side}.force" for side in SIDES]
         rolled = []
+        force = load.actuator_force(run.rig)
         for more in (load.roll_load, -load.roll_load):
-            force = load.actuator_force
             bench.vertical.preload(force + more, force - more, rate=ROLL_RATE, within=PRELOAD_WITHIN)
             bench.wait(ROLL_WAIT)
             rolled.append(bench.averages(*names, over=ROLL_AVERAGE))
-        bench.vertical.preload(
-            load.actuator_force, load.actuator_force, rate=ROLL_RATE, within=PRELOAD_WITHIN
-        )
-        stiffness, swing = run.measure(_between, *rolled, averaged=AVERAGED)
-        check_band(run, ROLL_STIFFNESS, stiffness, "kN*m/rad", load.limits.band("roll_stiffness"))
+        bench.vertical.preload(force, force, rate=ROLL_RATE, within=PRELOAD_WITHIN)
+        stiffness, swing = run.measure(_between, run.rig, *rolled, averaged=AVERAGED)
+        check_roll_stiffness(run, ROLL_STIFFNESS, stiffness, load.limits.band("roll_stiffness"))
         limit = run.specimen.limits.band("roll_pressure_difference")
         check_band(run, PARTED, swing, "bar", limit)
 
 
-def _between(one: Mapping[str, float], other: Mapping[str, float]) -> tuple[float, float]:
+def _between(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> tuple[float, float]:
     """Return roll stiffness (N·m/rad) and half the swing of the pressures (Pa) between two rolls.
 
     What a transducer is off by falls out of the differences.
     """
-    more = {name: other[name] - one[name] for name in one}
-    moment = SPRING_HALF_SPACING * (more["vertical_right.force"] - more["vertical_left.force"])
-    angle = (more["left.height"] - more["right.height"]) / (2 * SPRING_HALF_SPACING)
-    return moment / angle, 0.5 * (more["right.bellows_pressure"] - more["left.bellows_pressure"])
+    more = {name: np.asarray(other[name] - one[name]) for name in one}
+    stiffness = float(actuator_moment(more, rig) / roll_of(more, rig))
+    return stiffness, 0.5 * float(more["right.bellows_pressure"] - more["left.bellows_pressure"])

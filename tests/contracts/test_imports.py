@@ -35,7 +35,7 @@ DASK = "dask belongs to the campaigns"
 OPCUA = "asyncua belongs to drivers.wiring.opcua"
 
 #: What is packaged and holds no module.
-FILES_ONLY = {"demos", "instruments", "rigs", "specimens", "wirings"}
+FILES_ONLY = {"demos", "dimensions", "instruments", "rigs", "specimens", "wirings"}
 
 HIDDEN = "def hidden():\n    {}\n"
 """An import inside a function is an import all the same."""

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from tests.foreign.can_gateway import serve
-from tests.foreign.machine import AXES, DRIVES, Drive, Machine, Power, Valve
+from tests.foreign.machine import AXES, DRIVES, Drive, Machine, Power, Valve, late
 
 CYCLE: Final = 10  # ms
 SETPOINTS: Final = 20  # ms: how often they come, and how long an axis takes to the next
@@ -72,6 +72,18 @@ class Fault(IntEnum):
     STOPPED = 9
 
 
+#: How it is built (SI), as its file of dimensions says: wider and heavier than our bench, and its transducers slower.
+BUILT: Final = {
+    "spring_half_spacing": 1.23,
+    "actuator_half_spacing": 1.23,
+    "load_cell_y": 1.05,
+    "bolster_mass": 2400.0,
+    "bolster_inertia": 2500.0,
+    "centre_height": 0.3,
+    "lateral_actuator_height": 0.2,
+    "frame_stiffness": (120e6, 120e6, 60e6),
+    "sensor_lag": late("height", "load_cell", by=0.004),
+}
 _POWER: Final = {State.AWAKE: Power.ON, State.OPERATE: Power.ON, State.HALT: Power.HALTED}
 #: Requests: from which states they lead where.
 _REQUESTS: Final = {
@@ -96,7 +108,7 @@ class CanRig:
     """The rig without a bus or clock: frames in, frames out, cycle by cycle."""
 
     def __init__(self, seed: int = 0, **changes: float) -> None:
-        self.machine = Machine(seed, **changes)
+        self.machine = Machine(seed, **BUILT | changes)
         self.state, self.fault = State.SLEEP, Fault.NONE
         self.estop = False
         self.ignored = 0  # frames that somebody garbled or repeated

@@ -39,7 +39,7 @@ def running(name, *arguments):
 def write_files(name, address, directory):
     """Write the files of a rig, found at ``address``, into ``directory``; return its rig file."""
     host, _, port = address.removeprefix("socketcand://").partition(":")
-    for file in ("hall_b.dbc", "strangers.py"):
+    for file in ("hall_b.dbc", "strangers.py", f"{name}_dimensions.toml"):
         shutil.copy(HERE / file, directory)
     wiring = wiring_file(name).read_text()
     if name == "plant_a":

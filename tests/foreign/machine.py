@@ -1,7 +1,7 @@
 """What two foreign rigs are built around: the plant with its servo-valves and air valves, and nothing that speaks."""
 
 from enum import Enum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -32,6 +32,11 @@ _MODES: Final = slice(Input.VERTICAL_LEFT_MODE, Input.VERTICAL_LEFT_MODE + DRIVE
 _FORCES: Final = slice(Sensor.VERTICAL_LEFT_FORCE, Sensor.VERTICAL_LEFT_FORCE + DRIVES)
 _PLACES: Final = slice(Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_LEFT_DISPLACEMENT + DRIVES)
 _CHAMBERS: Final = slice(Sensor.LEFT_BELLOWS_PRESSURE, Sensor.SUPPLY_PRESSURE)
+
+
+def late(*kinds: str, by: float) -> dict[Sensor, float]:
+    """Return the lags (s) of transducers that are all late ``by`` as much, for `Machine`."""
+    return {sensor: by for sensor in Sensor if any(kind in sensor.name.lower() for kind in kinds)}
 
 
 class Drive(Enum):
@@ -65,7 +70,7 @@ class Machine:
     ``present`` (SI, `AXES`) is what the axes are told; ``readings`` are the sensors' (SI, `SENSOR`).
     """
 
-    def __init__(self, seed: int = 0, **changes: float) -> None:
+    def __init__(self, seed: int = 0, **changes: Any) -> None:
         parameters = load("astb").with_values(**changes).as_built(seed)
         self.plant = Plant.depressurised(parameters.record, seed=seed)
         self.readings = self.plant.measure()

@@ -12,6 +12,7 @@ from astb.rig_file import read
 from astb.session import open_session
 from bench_protocol.units import bar, mm
 from drivers.can_port import has_interface
+from tests.foreign import AT_REST
 from tests.foreign.conftest import ROOT
 
 INTERFACE = "vcan0"
@@ -29,7 +30,7 @@ def test_rig_b_is_led_over_socketcan(started):
         assert address == INTERFACE
         with open_session(read(rig_file), rig_file) as session, session.bench as bench:
             assert bench.rig.state == "DISABLED"
-            assert bench.left.height == pytest.approx(-52.2 * mm, abs=0.2 * mm)
+            assert bench.left.height == pytest.approx(AT_REST["hall_b"] * mm, abs=0.2 * mm)
             bench.arm()
             bench.vertical.move_to(0.0, 0.0, rate=40 * mm)
             bench.air.fill(to=0.5 * bar)

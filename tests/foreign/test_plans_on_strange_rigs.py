@@ -112,7 +112,8 @@ def test_a_sine_whose_set_points_came_late_is_run_again(disturbed):
         bench.wait(1.0)
         told = without_set_points(made.rig, disturbed)
         said = []
-        run = Run(bench, SimpleNamespace(event=lambda time, kind, text, **data: said.append(text)))
+        log = SimpleNamespace(event=lambda time, kind, text, **data: said.append(text))
+        run = Run(bench, log, dimensions=bench.dimensions)
         times, values = shake(run, "lateral", 3.0, LATERAL)
     assert told.sines == min(disturbed + 1, TRIES)
     assert sum("no sine of 3 Hz" in one for one in said) == min(disturbed, TRIES - 1)

@@ -10,7 +10,7 @@ from bench_protocol.units import NS
 from drivers.errors import Refused
 from drivers.wiring.description import read_description
 from drivers.wiring.transports import open_transport
-from tests.foreign import wiring_file
+from tests.foreign import AT_REST, wiring_file
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
 pytestmark = pytest.mark.timeout(300)  # who comes first compiles the model
@@ -59,8 +59,8 @@ def test_the_registers_of_rig_a_over_modbus():
 
     seen = wait(1.0)
     assert len(heard) == 20
-    assert 400 - seen["laser_left"] == pytest.approx(-52.2, abs=0.2)
-    assert seen["cell_1"] == pytest.approx(2900, abs=100)
+    assert 400 - seen["laser_left"] == pytest.approx(AT_REST["plant_a"], abs=0.2)
+    assert seen["cell_1"] == pytest.approx(900 * 9.80665 / 4, abs=250)
     wait(transport.begin())  # it lets nobody in who does not live
     transport.write({"request": 2})
     assert wait(0.6)["state"] == 2
@@ -95,8 +95,8 @@ def test_the_frames_of_rig_b_over_can():
     # What is sampled at once comes one frame after the other, and has one time all the same.
     assert len(times) > 7 * len(set(times))
     assert len(set(times)) == pytest.approx(100 * (1 - start / NS), abs=1)
-    assert heard["Heights.HeightLeft"] == pytest.approx(-52.2, abs=0.2)
-    assert heard["CellsB.Cell4"] == pytest.approx(-3000 / 9.80665, abs=30)
+    assert heard["Heights.HeightLeft"] == pytest.approx(AT_REST["hall_b"], abs=0.2)
+    assert heard["CellsB.Cell4"] == pytest.approx(-2400 / 4, abs=30)
     assert heard["Air.ChamberRight"] == pytest.approx(101.325, abs=3)
     virtual.clock.sleep_until(
         virtual.clock.now() + round(transport.begin() * NS)

@@ -1,8 +1,11 @@
 """The rigs of strangers in virtual time: their bytes and frames cross the memory of one process."""
 
+from pathlib import Path
+
 import numpy as np
 
 from bench_protocol.clock import VirtualClock
+from bench_protocol.dimensions import read_dimensions
 from bench_protocol.frames import FRAME, Block
 from bench_protocol.socketcand import iterate
 from bench_protocol.table import TABLE
@@ -46,7 +49,9 @@ class _Paced:
     def bench(self) -> Bench:
         """Return a bench on a port of its own and the wiring file of the rig, not yet connected."""
         description = read_description(wiring_file(self.name), TABLE)
-        return Bench(open_described(self.name, description, {self.transport: self.port}), self.clock)
+        bench = Bench(open_described(self.name, description, {self.transport: self.port}), self.clock)
+        bench.dimensions = read_dimensions(f"{self.name}_dimensions.toml", Path(__file__).parent)
+        return bench
 
     def port(self):
         raise NotImplementedError

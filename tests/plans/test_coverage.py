@@ -12,10 +12,11 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from test_plans import steps
 from test_plans.analysis import Stiffness, dynamic_stiffness
+from test_plans.description import lag_of
+from test_plans.geometry import cells_under
 from test_plans.instruments import ordinary
 from test_plans.leveling import _took
 from test_plans.loads import AW0
-from test_plans.readings import LASER_LAG, LOAD_CELL_LAG
 from test_plans.run import Run
 from test_plans.steps.shaking import SAMPLE_RATE, VERTICAL, generator_cycles, spring_motion
 
@@ -59,7 +60,7 @@ class Rigs:
 
     def begin(self) -> None:
         self.bench.connect()
-        self.run = Run(self.bench, Unrecorded(), instruments=ordinary())
+        self.run = Run(self.bench, Unrecorded(), instruments=ordinary(), dimensions=self.bench.dimensions)
         steps.carry(AW0)(self.run)
         steps.hold_the_height(self.run)
         steps.lock_the_air(self.run)
@@ -89,8 +90,10 @@ class Rigs:
             )
         times, values, exact = self._sine()
 
-        def stiffness(values, times=times, lag=LASER_LAG - LOAD_CELL_LAG) -> Stiffness:
-            motion, force = spring_motion(values, "left")
+        late = lag_of(run.rig, "left.height") - lag_of(run.rig, *cells_under(run.rig, "left"))
+
+        def stiffness(values, times=times, lag=late) -> Stiffness:
+            motion, force = spring_motion(values, run.rig, "left")
             return dynamic_stiffness(times, motion, force, FREQUENCY, motion_lag=lag)
 
         K, c = run.measure(lambda m: (stiffness(m).storage, stiffness(m).damping), values)

@@ -12,6 +12,7 @@ from bench_sim.model import wind as oracle
 from bench_sim.parameters.paper import load_paper
 from test_plans.analysis import NotMeasured
 from test_plans.crosswind_gust import READ, _judge, blow
+from test_plans.description import ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import UNKNOWN
@@ -33,6 +34,7 @@ from test_plans.wind import (
 from tests.foreign.virtual import VirtualPlc
 
 slow = pytest.mark.slow
+OURS = ours()
 KMH = FACTORS["km/h"]
 TRAIN = 100 * KMH
 
@@ -58,7 +60,7 @@ def test_the_gust_is_the_mean_wind_with_a_peak_that_the_car_averages():
 
 
 def test_the_moment_of_the_actuators_is_that_of_the_wind():
-    added = {name: float(F) for name, F in on_the_bolster(np.array(1000.0)).items()}
+    added = {name: float(F) for name, F in on_the_bolster(np.array(1000.0), OURS).items()}
     assert added["lateral.force"] == 1000.0
     assert added["vertical_left.force"] == -added["vertical_right.force"]
     roll = 0.6 * added["lateral.force"] + 1.0 * (added["vertical_left.force"] - added["vertical_right.force"])
@@ -92,10 +94,10 @@ def test_spectra_are_those_of_scipy(segment):
     x, noise = np.random.default_rng(1).normal(size=(2, 3000))
     x = x.cumsum()
     found = spectra(x, y := 3.0 * x + noise, 25.0, segment=segment)
-    for ours, one, other in ((found.xx, x, x), (found.yy, y, y), (found.xy, x, y)):
+    for mine, one, other in ((found.xx, x, x), (found.yy, y, y), (found.xy, x, y)):
         f, theirs = csd(one, other, fs=25.0, nperseg=round(25.0 * segment), detrend="linear")
         np.testing.assert_allclose(found.frequency, f)
-        np.testing.assert_allclose(ours, theirs, rtol=1e-9)
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9)
 
 
 def test_wind_and_track_are_those_of_their_spectra_and_of_their_seed():
@@ -226,4 +228,4 @@ def test_a_gust_with_gaps_is_not_blamed_on_the_specimens_file():
     at = np.arange(-2.0, 23.0, 1 / SAMPLE_RATE)
     values = dict.fromkeys(READ, np.zeros_like(at)) | {"left.height": np.full_like(at, np.nan)}
     with pytest.raises(NotMeasured, match="samples of the gust are missing"):
-        _judge(SimpleNamespace(specimen=ordinary(), instruments=UNKNOWN), "AW0", at, values)
+        _judge(SimpleNamespace(specimen=ordinary(), instruments=UNKNOWN, rig=OURS), "AW0", at, values)

@@ -36,10 +36,12 @@ class FakeBench:
         self.receiver = SimpleNamespace(sink=None)
         self.settings = SimpleNamespace(readings=self.account, in_force=dict)
         conduct = SimpleNamespace(air=AIR_BY_STATE)
-        self.wiring = SimpleNamespace(read_file=self.read_file, capabilities=Capabilities(), conduct=conduct)
+        self.wiring = SimpleNamespace(
+            rig="fake", read_file=self.read_file, capabilities=Capabilities(), conduct=conduct
+        )
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
-        self.hand = self.instruments = None
+        self.hand = self.instruments = self.dimensions = None
         self.strangers = lambda: ""
         self.state = "DISABLED"
         self.pressures = dict.fromkeys(SPRINGS, 0.0) | {"rig.state": STATES.index("DISABLED")}

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from astb.commands.run import run_command
 from astb.rig_in_memory import RigInMemory
+from bench_protocol.dimensions import ordinary
 from bench_protocol.table import TABLE
 from bench_records.record import read
 from bench_records.report import write_report
@@ -38,10 +39,11 @@ class Short(OwnWiring):
 def run_without(tmp_path):
     """Run a plan on a rig without some signals: a dictionary of reasons."""
 
-    def run(name, absent):
+    def run(name, absent, dimensions=None):
         memory = RigInMemory(Rig(load("astb"), seed=0))
         states = []
         with Bench(Short(memory.can(), memory.modbus(), absent), memory.clock) as bench:
+            bench.dimensions = ordinary() if dimensions is None else dimensions
             memory.clock.every(100_000_000, lambda: states.append(memory.rig.state.name))
             result = execute(plans()[name], bench, tmp_path / "out", rig="short")
         said = [event.text for event in read(tmp_path / "out").events if event.kind == "note"]

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from astb.rig_in_memory import RigInMemory
+from bench_protocol.dimensions import ordinary
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm
 from bench_records.record import read
@@ -53,6 +54,7 @@ def plates_by_hand(tmp_path):
 
         replies = {f"*of {plate} mm*": fit(plate) if plate in at_hand else "not possible" for plate in PLATES}
         with Bench(WithoutPlates(memory.can(), memory.modbus()), memory.clock) as bench:
+            bench.dimensions = ordinary()
             one = plans()["orifice_plates"]
             result = execute(one, bench, tmp_path / "out", rig="short", operator=Script(replies, by="Ada"))
         return result, fitted, read(tmp_path / "out")

@@ -10,22 +10,17 @@ from bench_protocol.units import mm
 from bench_records.result import Outcome
 from bench_sim.model.layout import State
 from test_plans import steps
+from test_plans.description import ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.geometry import (
-    BUMP_STOP_GAP,
-    CENTRE_HEIGHT,
-    COLUMN_HEIGHT,
-    LATERAL_ACTUATOR_HEIGHT,
-    LATERAL_DRIVE,
-    pose,
-)
+from test_plans.geometry import drive, pose
 from test_plans.loads import AW0
 from test_plans.plan import plan
 from test_plans.poses import go_home, read_pose, take_pose
 from test_plans.waves import lateral_stiffness, shake
 
 slow = pytest.mark.slow
+OURS = ours()
 
 PAPER = (
     "lateral_pressure_aw0",
@@ -60,14 +55,19 @@ def falling(values):
 @pytest.mark.parametrize("roll", [-0.08, 0.0, 0.05])
 @pytest.mark.parametrize("shear", [-0.06, -0.02, 0.0, 0.06])
 def test_a_pose_shears_and_rolls_the_springs_as_asked_clear_of_the_bump_stop(shear, roll):
-    at = pose(shear, roll)
+    at = pose(OURS, shear, roll)
     centre = (
-        at.lateral + LATERAL_ACTUATOR_HEIGHT * at.bolster_roll
+        at.lateral + OURS["lateral_actuator_height"] * at.bolster_roll
     )  # where the bolster's centre of gravity is
-    assert abs(centre) < BUMP_STOP_GAP - 5 * mm
-    y = centre + CENTRE_HEIGHT * at.bolster_roll + COLUMN_HEIGHT * at.platform_roll
+    assert abs(centre) < OURS["bump_stop_gap"] - 5 * mm
+    y = centre + OURS["centre_height"] * at.bolster_roll + OURS["column_height"] * at.platform_roll
     assert y == pytest.approx(shear, abs=1e-12)
     assert at.bolster_roll - at.platform_roll == pytest.approx(roll, abs=1e-12)
+
+
+def stiffness_in(run, frequency, command):
+    times, values = shake(run, "lateral", frequency, command, lead=1.0)
+    return lateral_stiffness(times, run.rig, values, frequency)
 
 
 def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion_agree(
@@ -85,20 +85,17 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
         seen["far"] = far
         seen["y"] = (
             x[State.BOLSTER_LATERAL]
-            + CENTRE_HEIGHT * x[State.BOLSTER_ROLL]
+            + OURS["centre_height"] * x[State.BOLSTER_ROLL]
             - x[State.PLATFORM_LATERAL]
-            + COLUMN_HEIGHT * x[State.PLATFORM_ROLL]
+            + OURS["column_height"] * x[State.PLATFORM_ROLL]
         )
         take_pose(run, home, shear=20 * mm, roll=0.04)
         seen["roll"] = read_pose(run, 0.5).roll
         take_pose(run, home)
         for frequency in (2.9, 3.1):
-            command = LATERAL_DRIVE.command(5 * mm, frequency, 25e3)
+            command = drive(OURS, "lateral", 0.6e6).command(5 * mm, frequency, 25e3)
             # One second tells the loss by 2 %; four of them tell whether the two ways agree.
-            seen[frequency] = [
-                lateral_stiffness(*shake(run, "lateral", frequency, command, lead=1.0), frequency)
-                for _ in range(4)
-            ]
+            seen[frequency] = [stiffness_in(run, frequency, command) for _ in range(4)]
         run.check("done", 1.0, "1", low=0.0)
 
     with bench_composed() as made:
@@ -106,7 +103,7 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
     assert result.verdict is Outcome.PASS, result.reason
     assert seen["y"] == pytest.approx(60 * mm, abs=0.5 * mm)
     assert seen["far"].shear == pytest.approx(seen["y"], abs=0.15 * mm)  # the transducers' zeros
-    assert abs(seen["far"].stop_travel) < BUMP_STOP_GAP
+    assert abs(seen["far"].stop_travel) < OURS["bump_stop_gap"]
     assert abs(seen["far"].height) < 0.2 * mm
     assert seen["roll"] == pytest.approx(0.04, abs=5e-4)
     for what, rel in (("amplitude", 0.01), ("storage", 0.01), ("loss", 0.05)):

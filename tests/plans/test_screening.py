@@ -13,8 +13,9 @@ from bench_sim.rig.limits import LIMITS
 from bench_sim.rig.tick import waveform
 from drivers.memory import Faults
 from test_plans import perform
+from test_plans.description import ours
 from test_plans.discovery import plans
-from test_plans.geometry import LATERAL_FORCE_MAX, POSE_SIGNALS, pose, shear_of
+from test_plans.geometry import POSE_SIGNALS, pose, shear_of
 from test_plans.loads import AW0, AW3
 from test_plans.motions import REPLAY, Part, Programme, Stand, Stretch, Valves, Wave
 from test_plans.perform import programme_plan
@@ -24,6 +25,7 @@ from test_plans.specimen import ordinary
 from test_plans.trajectory import RATE, trajectory, unit_wave
 
 slow = pytest.mark.slow
+OURS = ours()
 #: What prediction and bench may differ by (mm, rms), once the bench's lateness is taken out: zeros of transducers by
 #: 0.05 mm, and 30 kN that a rolled spring carries more than at home give a frame of 100 MN/m by 0.3 mm.
 AGREES = 0.35
@@ -88,10 +90,12 @@ def assert_as_predicted(programme, directory):
     record = read(directory)
     frame = record.frame(POSE_SIGNALS, RATE)
     values = {name: frame[name].to_numpy() for name in POSE_SIGNALS}
-    measured = {side: values[f"{side}.height"] for side in ("left", "right")} | {"shear": shear_of(values)}
+    measured = {side: values[f"{side}.height"] for side in ("left", "right")} | {
+        "shear": shear_of(values, OURS)
+    }
     stretches = [stretch for part in programme.parts for stretch in part.stretches]
     for stretch, phase in zip(stretches, replays(record), strict=True):
-        asked = trajectory(stretch)
+        asked = trajectory(stretch, OURS)
         assert phase.duration == pytest.approx(asked.time[-1], abs=0.5)
         predicted = {**asked.heights, "shear": asked.shear}
         marks = asked.marks[len(stretch.condition) :]
@@ -121,16 +125,16 @@ def test_the_predicted_wave_is_the_generators(form, frequency, cycles, places):
 @given(st.floats(-0.03, 0.03), st.floats(-0.04, 0.04), st.floats(-0.05, 0.05))
 def test_standing_somewhere_shears_and_rolls_the_springs_as_asked(height, shear, roll):
     stretch = Stretch((), Stand(height, shear, roll), condition=())
-    asked = trajectory(stretch)
+    asked = trajectory(stretch, OURS)
     assert np.allclose(asked.shear, shear, atol=1e-12)
     assert np.allclose(asked.heights["left"] - asked.heights["right"], 2 * roll, atol=1e-12)
     assert np.allclose(asked.heights["left"] + asked.heights["right"], 2 * height, atol=1e-12)
-    assert pose(shear, roll).platform_roll == pytest.approx(asked.platform_roll[0])
+    assert pose(OURS, shear, roll).platform_roll == pytest.approx(asked.platform_roll[0])
 
 
 def test_a_stretch_ends_where_its_last_stand_was_and_rests_first():
     stretch = Stretch((Stand(7 * mm, rest=2 * s),), Stand(-2 * mm))
-    asked = trajectory(stretch)
+    asked = trajectory(stretch, OURS)
     left = asked.heights["left"]
     assert left[0] == pytest.approx(-2 * mm)
     assert left[-1] == pytest.approx(7 * mm)
@@ -225,12 +229,12 @@ def test_no_programme_asks_for_more_than_the_bench_can(programme):
     stiffness = {AW0: 340e3, AW3: 600e3}  # N/m of the pair, sideways
     for part in programme.parts:
         for stretch in part.stretches:
-            asked = trajectory(stretch)
+            asked = trajectory(stretch, OURS)
             for series in asked.heights.values():
                 assert lowest + 20 * mm < series.min()
                 assert series.max() < highest - 20 * mm
             assert np.abs(asked.lateral).max() < 0.7 * sideways
-            assert np.abs(asked.shear).max() * stiffness[part.load] < LATERAL_FORCE_MAX
+            assert np.abs(asked.shear).max() * stiffness[part.load] < OURS["lateral_force_max"]
             speeds = np.abs(np.diff([asked.vertical_left, asked.lateral])) * RATE
             assert speeds.max() < 0.4
 

@@ -306,7 +306,7 @@ offset = { value = 0.05, unit = "mm", provenance = "data sheet", source = "x" }
 
 
 def test_a_checks_probability_decides_between_pass_marginal_and_fail():
-    bench = SimpleNamespace(clock=VirtualClock())
+    bench = SimpleNamespace(clock=VirtualClock(), wiring=SimpleNamespace(rig="fake"))
     run = Run(bench, SimpleNamespace(event=lambda *args, **data: None))
     for value, verdict, conforms in ((5.3, "pass", 0.9987), (5.1, "marginal", 0.8413), (4.9, "fail", 0.1587)):
         run.check("pressure", Measured(value * bar, 0.1 * bar), "bar", low=5.0 * bar)

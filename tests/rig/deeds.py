@@ -11,6 +11,7 @@ from bench_protocol.units import bar, kN, mm
 from bench_protocol.words import AIR_MODES, AXES, CONTROL_MODES, SIDES
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
+from test_plans.description import ours
 from test_plans.loads import Load
 from test_plans.specimen import ordinary
 from tests.rig.bookmark import Bookmark
@@ -20,6 +21,7 @@ FORCE, DISPLACEMENT = CONTROL_MODES.index("force"), CONTROL_MODES.index("displac
 LEVEL, FILL = AIR_MODES.index("level"), AIR_MODES.index("fill")
 
 
+OURS = ours()
 AW0, AW3 = (ordinary().load(name) for name in ("AW0", "AW3"))
 
 # --- where stories start --------------------------------------------------------------------------------------------
@@ -51,7 +53,7 @@ def on_the_valves(commander: WatchedCommander, load: Load) -> None:
     commander.beat(600)
     commander.beat(2, **{f"{name}_force_setpoint": commander.read(f"{name}.force") for name in VERTICAL})
     commander.apply(vertical_control=FORCE, **both("air", mode=LEVEL))
-    go(commander, load.actuator_force, "force", 20 * kN)
+    go(commander, load.actuator_force(OURS), "force", 20 * kN)
     commander.beat(300)
     assert abs(commander.read("left.height")) < 15 * mm
     assert commander.read("left.bellows_pressure") > 0.9 * load.fill_pressure

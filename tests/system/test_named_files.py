@@ -7,6 +7,7 @@ import pytest
 
 from astb.exit_codes import MISUSE, PASS
 from astb.rig_file import RigFileError, find_rig, read
+from bench_protocol.dimensions import read_dimensions
 from bench_protocol.named_files import named_files
 from bench_protocol.table import TABLE
 from bench_sim.parameters import load
@@ -19,6 +20,7 @@ KINDS = {
     "rigs": read,
     "specimens": read_specimen,
     "instruments": read_instruments,
+    "dimensions": read_dimensions,
     "wirings": lambda path: read_description(path, TABLE),
     "parameters": load,
 }
@@ -54,7 +56,7 @@ def test_what_a_list_names_can_be_asked_for_copied_and_read_as_ones_own(kind, cl
 
 def test_all_files_of_rigs_specimens_instruments_and_wirings_have_names():
     root = Path(__file__).parents[2]
-    for package in ("rigs", "specimens", "instruments", "wirings"):
+    for package in ("rigs", "specimens", "instruments", "dimensions", "wirings"):
         assert named_files(package) == {path.stem: path for path in (root / package).glob("*.toml")}
         assert named_files(package)
 

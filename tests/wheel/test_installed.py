@@ -96,7 +96,7 @@ def test_every_module_is_imported_and_every_command_explains_itself(elsewhere: E
 
 
 def test_names_are_those_of_a_checkout(elsewhere: Elsewhere) -> None:
-    for kind in ("rigs", "specimens", "instruments", "wirings"):
+    for kind in ("rigs", "specimens", "instruments", "dimensions", "wirings"):
         told = json.loads(elsewhere.astb(kind, "--json"))
         assert [one["name"] for one in told] == sorted(path.stem for path in (ROOT / kind).glob("*.toml"))
     elsewhere.astb("signals", "--dbc", "astb.dbc", "--csv", "map.csv", "--eds", "astb.eds")

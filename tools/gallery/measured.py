@@ -14,6 +14,7 @@ from bench_records.plots import ALARM, INK, PALETTE, SHADE, heading, style
 from bench_records.record import Record, read
 from bench_records.result import Check, read_result
 from test_plans.analysis import Samples
+from test_plans.description import ours
 from test_plans.geometry import POSE_SIGNALS, shear_of
 from tools.gallery.drawing import LEGEND, SIDE, figure_of, save
 
@@ -122,7 +123,7 @@ def gust(runs: Path, path: Path) -> None:
     with style():
         figure, ((way, first), (parted, second)) = figure_of(4.4, 2, 2, sharex="col", width_ratios=(1, 1.3))
         times, pose = _during(read(blown), "gust", *POSE_SIGNALS)
-        y = shear_of(dict(zip(POSE_SIGNALS, pose, strict=True)))
+        y = shear_of(dict(zip(POSE_SIGNALS, pose, strict=True)), ours())
         way.plot(times, (y - y[0]) / mm, color=PALETTE[2])
         _limit(way, (most.high or 0.0) / mm, "at most")
         heading(way, "Gust: the springs, sideways", "mm")

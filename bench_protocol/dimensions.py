@@ -1,0 +1,233 @@
+"""The dimensions of a rig: masses, spacings, heights, frames and lags, from a TOML file, each with its uncertainty.
+
+A dimension that a file does not state is not known: what needs it cannot be measured on that rig.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final
+
+from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
+from bench_protocol.named_files import named_files, place_of
+from bench_protocol.signals import Group
+from bench_protocol.suggestion import meant
+from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.units import WRITTEN_UNITS
+from bench_protocol.words import PROVENANCES, SIDES
+
+#: The package with the files of dimensions that come with the bench.
+PACKAGE: Final = "dimensions"
+#: Those of the virtual bench.
+ORDINARY: Final = "astb"
+
+#: Table ``dimension``: what a rig has one of, with its SI unit.
+DIMENSIONS: Final = {
+    "bolster_mass": "kg",
+    "gravity": "m/s2",
+    "spring_half_spacing": "m",
+    "centre_height": "m",
+    "lateral_actuator_height": "m",
+    "column_height": "m",
+    "bump_stop_gap": "m",
+    "vertical_frame_stiffness": "N/m",
+    "vertical_frame_damping": "N*s/m",
+    "lateral_frame_stiffness": "N/m",
+    "lateral_frame_damping": "N*s/m",
+    "actuator_frequency": "Hz",
+    "actuator_damping": "1",
+    "actuator_speed": "m/s",
+    "vertical_force_max": "N",
+    "lateral_force_max": "N",
+}
+#: Those that may be negative: heights above a point may lie below it.
+_SIGNED: Final = ("centre_height", "lateral_actuator_height")
+#: Table ``across``: how far to the left of the middle a transducer or an actuator stands (m).
+ACROSS: Final = (
+    *(f"{side}.height" for side in SIDES),
+    *(f"vertical_{side}" for side in SIDES),
+    *BY_GROUP[Group.VERTICAL_LOAD_CELL],
+)
+#: Table ``lag``: how late a transducer's readings are (s), of first order.
+LAGS: Final = tuple(
+    signal
+    for group in (
+        Group.HEIGHT,
+        Group.TEMPERATURE,
+        Group.VERTICAL_FORCE,
+        Group.LATERAL_FORCE,
+        Group.DISPLACEMENT,
+        Group.VERTICAL_LOAD_CELL,
+        Group.LATERAL_LOAD_CELL,
+        Group.ACCELERATION,
+    )
+    for signal in BY_GROUP[group]
+)
+_ENTRY: Final = ("value", "uncertainty", "unit", "provenance", "source")
+
+
+class DimensionsError(ValueError):
+    """A file of dimensions does not say what is needed, or says what nobody understands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """A value (SI) with the half-width of what it may be off by, all in between being as likely."""
+
+    value: float
+    uncertainty: float
+    provenance: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Dimensions:
+    """What is known of a rig's dimensions, by name: ``bolster_mass``, `across` and `lag` of a place or a signal."""
+
+    file: str = ""
+    sha256: str = ""
+    known: Mapping[str, Dimension] = field(default_factory=dict)
+
+    def built(self, values: Mapping[str, float]) -> Dimensions:
+        """Return those of a rig that is built with other ``values`` (SI): a file's uncertainties stay."""
+        known = dict(self.known)
+        changed = {
+            name: value
+            for name, value in values.items()
+            if name not in known or abs(known[name].value - value) > 1e-12 * abs(value)
+        }
+        for name, value in changed.items():
+            before = known.get(name)
+            known[name] = Dimension(
+                value, before.uncertainty if before else 0.0, "assumed", "as the simulated rig is built"
+            )
+        return replace(self, known=known)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What a record says of them: the file, and each with its uncertainty (SI) and where it is from."""
+        if not self.known:
+            return {}
+        return {
+            "file": self.file,
+            "sha256": self.sha256,
+            "known": {
+                name: {"value": one.value, "uncertainty": one.uncertainty, "provenance": one.provenance}
+                for name, one in self.known.items()
+            },
+        }
+
+
+def across(place: str) -> str:
+    """Return the name of how far to the left of the middle (m) a transducer or an actuator stands."""
+    return f"{place} across"
+
+
+def lag(signal: str) -> str:
+    """Return the name of how late the readings of a ``signal`` are (s)."""
+    return f"{signal} lag"
+
+
+#: All names that a file can state, with the SI unit.
+NAMES: Final[Mapping[str, str]] = {
+    **DIMENSIONS,
+    **{across(place): "m" for place in ACROSS},
+    **{lag(signal): "s" for signal in LAGS},
+}
+#: Those of a rig of which nobody has said any.
+UNKNOWN: Final = Dimensions()
+
+
+@cache
+def ordinary() -> Dimensions:
+    """Return the dimensions of the virtual bench."""
+    return read_dimensions(ORDINARY)
+
+
+def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
+    """Return the dimensions of a TOML file, seen from ``home``, or those that come with the bench under this name.
+
+    DimensionsError, with file, key, value and unit, if it cannot be read or says what nobody understands.
+    """
+    path = place_of(PACKAGE, name, home)
+    try:
+        text = read_bounded(path)
+        content = parse_toml(text)
+    except OSError as error:
+        raise DimensionsError(
+            f"dimensions {path} cannot be read: {error.strerror}; there is {', '.join(named_files(PACKAGE))}, "
+            "and any path that ends in .toml would do"
+        ) from None
+    except Unfit as error:
+        raise DimensionsError(f"dimensions {path} {error}") from None
+    wrong: list[str] = []
+    known = _known(content, wrong)
+    if wrong:
+        raise DimensionsError(f"dimensions {path}: {'; '.join(wrong)}")
+    return Dimensions(path.name, hashlib.sha256(text).hexdigest(), known)
+
+
+def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]:
+    """Return what a file states, by name; ``wrong`` gets everything that cannot be, not the first of it alone."""
+    tables = {
+        "dimension": {name: (name, si) for name, si in DIMENSIONS.items()},
+        "across": {place: (across(place), "m") for place in ACROSS},
+        "lag": {signal: (lag(signal), "s") for signal in LAGS},
+    }
+    known: dict[str, Dimension] = {}
+    wrong += [
+        f"{key} is no key of a file of dimensions; {meant(key, tables)}"
+        for key in content
+        if key not in tables
+    ]
+    for table, names in tables.items():
+        entries = content.get(table, {})
+        if not isinstance(entries, dict):
+            wrong.append(f"{table} = {entries!r} is not a table")
+            continue
+        for key, entry in entries.items():
+            where = f"{table}.{key}" if "." not in key else f'{table}."{key}"'
+            if key not in names:
+                wrong.append(f"{where} is no dimension of a rig; {meant(key, names)}")
+                continue
+            name, si = names[key]
+            told = _misfit(where, entry, si, signed=table == "across" or key in _SIGNED)
+            if told:
+                wrong.append(told)
+            else:
+                factor = WRITTEN_UNITS[entry["unit"]].factor
+                known[name] = Dimension(
+                    entry["value"] * factor,
+                    entry.get("uncertainty", 0.0) * factor,
+                    entry["provenance"],
+                    entry["source"],
+                )
+    for side, place in zip(SIDES * 2, ACROSS[:4], strict=True):
+        if (one := known.get(across(place))) and (one.value > 0.0) is not (side == "left"):
+            wrong.append(f"across.{place} = {one.value:g} m is not on the {side}: the left is positive")
+    return known
+
+
+def _misfit(where: str, entry: Any, si: str, *, signed: bool) -> str:
+    """Return what is wrong with an entry, "" for nothing."""
+    if not isinstance(entry, dict) or not {*_ENTRY} - {"uncertainty"} <= set(entry) <= set(_ENTRY):
+        return f"{where} = {entry!r}; it needs value, unit, provenance and source, and takes an uncertainty"
+    value, unit = entry["value"], WRITTEN_UNITS.get(str(entry["unit"]))
+    if unit is None or unit.si != si:
+        fitting = " or ".join(name for name, known in WRITTEN_UNITS.items() if known.si == si)
+        return f"{where} = {value} {entry['unit']} is not in {fitting}"
+    for name, number in (("value", value), ("uncertainty", entry.get("uncertainty", 0.0))):
+        if isinstance(number, bool) or not isinstance(number, int | float) or not isfinite(number):
+            return f"{where}.{name} = {number!r} is no number"
+    if value <= 0 and not signed and si != "s":
+        return f"{where} = {value:g} {entry['unit']} is not above 0"
+    if (value < 0 and not signed) or entry.get("uncertainty", 0.0) < 0:
+        return f"{where}: neither a value of {value:g} nor an uncertainty below 0 can be"
+    if entry["provenance"] not in PROVENANCES or not str(entry["source"]).strip():
+        return f"{where} needs a provenance, one of {', '.join(PROVENANCES)}, and a source"
+    return ""

@@ -1,0 +1,70 @@
+"""What a plan knows of the rig that it runs on: its dimensions by name, and what it lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+
+from bench_protocol.dimensions import NAMES, ORDINARY, UNKNOWN, Dimension, Dimensions, lag, ordinary
+from drivers.errors import NotAvailable
+
+
+class Description(Mapping[str, float]):
+    """The dimensions of a rig (SI), by the names of `bench_protocol.dimensions`.
+
+    NotAvailable, with its name, for one that nobody has stated: there is no default.
+    """
+
+    __slots__ = ("dimensions", "rig")
+
+    def __init__(self, rig: str, dimensions: Dimensions = UNKNOWN) -> None:
+        self.rig, self.dimensions = rig, dimensions
+
+    def __getitem__(self, name: str) -> float:
+        if name not in NAMES:
+            raise KeyError(name)
+        if lacking := self.lacks(name):
+            raise NotAvailable(lacking)
+        return self.dimensions.known[name].value
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.dimensions.known
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.dimensions.known)
+
+    def __len__(self) -> int:
+        return len(self.dimensions.known)
+
+    def stated(self, name: str) -> Dimension | None:
+        """Return a dimension with its uncertainty, None for what is none or not known."""
+        return self.dimensions.known.get(name)
+
+    def lacks(self, *names: str) -> str:
+        """Return in words which of the dimensions ``names`` nobody has stated; "" if all are known."""
+        missing = [name for name in dict.fromkeys(names) if name not in self.dimensions.known]
+        if not missing:
+            return ""
+        where = self.dimensions.file or "its rig file names no dimensions"
+        return f"{self.rig} has no {', '.join(missing)}: nobody has stated it ({where})"
+
+
+def is_dimension(need: str) -> bool:
+    """Return whether what a plan needs is a dimension, and not a signal."""
+    return need in NAMES
+
+
+def lag_of(rig: Mapping[str, float], *signals: str) -> float:
+    """Return how late the readings of some signals are (s), the mean of them."""
+    return sum(rig[lag(one)] for one in signals) / len(signals)
+
+
+def lags(signals: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the lags of some signals, as a plan needs them."""
+    return tuple(lag(one) for one in signals)
+
+
+@cache
+def ours() -> Description:
+    """Return what is known of the virtual bench, for what is computed without any rig."""
+    return Description(ORDINARY, ordinary())

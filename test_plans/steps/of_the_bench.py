@@ -1,0 +1,64 @@
+"""Limits that go with the bench: of roll with the spacing of its springs, of the track with the mass of its bolster."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from bench_protocol.dimensions import DIMENSIONS
+from test_plans.loads import Band
+from test_plans.uncertainty import EVEN, Measured
+
+if TYPE_CHECKING:
+    from test_plans.geometry import Rig
+    from test_plans.run import Run
+
+SPACING: Final = "spring_half_spacing"
+MASS: Final = "bolster_mass"
+#: As far as springs may stand, and the bolster weigh, otherwise than where limits are stated that nobody can convert.
+ALIKE: Final = {SPACING: 0.02, MASS: 0.05}
+
+
+def stated(run: Run, name: str, *checks: str) -> bool:
+    """Return whether specimen and rig both state a dimension; if not, the ``checks`` are *not available*, and why."""
+    if name not in run.specimen.bench:
+        run.lack(
+            checks,
+            f"specimen {run.specimen.file} does not state for which bench.{name} its limits hold",
+        )
+        return False
+    return run.can(*checks, needs=(name,))
+
+
+def check_roll_stiffness(run: Run, name: str, value: Measured, band: Band, note: str = "") -> None:
+    """Check a roll stiffness (N·m/rad) of the pair against what the specimen states of it.
+
+    The springs' part is 2 b² k: limits go with the square of the spacing. What does not (2 K_φ, 3 % of it) is far
+    within them.
+    """
+    if not stated(run, SPACING, name):
+        return
+    b, known = run.rig[SPACING], run.rig.stated(SPACING)
+    wide = band.times((b / run.specimen.bench[SPACING]) ** 2)
+    off = known.uncertainty if known else 0.0
+    found = value.beside(SPACING.replace("_", " "), 2 * abs(float(value)) * EVEN * off / b)
+    run.check(name, found, "kN*m/rad", low=wide.low, high=wide.high, note=note)
+
+
+def of_the_stated_mass(ratio: complex, rig: Rig, mass: float) -> complex:
+    """Return bolster over platform for a bolster of ``mass`` (kg), from the ``ratio`` with that of the rig.
+
+    Under constant preload it is K/(K − m ω²/2): m ω²/(2K) = 1 − 1/ratio goes with the mass.
+    """
+    return 1 / (1 - mass / rig[MASS] * (1 - 1 / ratio))
+
+
+def unlike(run: Run) -> str:
+    """Return in words how the rig differs from the bench that limits are stated for, "" if it hardly does."""
+    told = []
+    for name, within in ALIKE.items():
+        here, there = run.rig[name], run.specimen.bench.get(name)
+        if there is None or abs(here / there - 1) > within:
+            unit = DIMENSIONS[name]
+            of = "what nobody states" if there is None else f"{there:g} {unit}"
+            told.append(f"{name.replace('_', ' ')} {here:g} {unit} instead of {of}")
+    return f"its limit holds for another bench: {', '.join(told)}" if told else ""

@@ -1,0 +1,268 @@
+"""Dimensions of a rig: what a file may say, that ours are the simulated ones, and what readings tell by them."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from astb.rig_in_memory import RigInMemory
+from bench_protocol.dimensions import (
+    NAMES,
+    UNKNOWN,
+    Dimensions,
+    DimensionsError,
+    across,
+    lag,
+    ordinary,
+    read_dimensions,
+)
+from bench_protocol.named_files import named_files
+from bench_protocol.units import mm
+from bench_protocol.words import SIDES
+from bench_records.result import CheckVerdict, Outcome
+from bench_sim.parameters import load
+from bench_sim.parameters.dimensions import dimensions_of
+from bench_sim.rig.rig import Rig
+from drivers.errors import NotAvailable
+from test_plans import geometry
+from test_plans.description import Description, ours
+from test_plans.discovery import plans
+from test_plans.execution import execute
+from test_plans.instruments import ordinary as ordinary_instruments
+from test_plans.readings import VERTICAL_CELLS
+from test_plans.uncertainty import EVEN, measured
+
+slow = pytest.mark.slow
+metres = st.floats(0.3, 2.5)
+
+
+def test_ours_are_those_that_the_bench_is_simulated_with():
+    built = dimensions_of(load("astb"))
+    stated = {name: one.value for name, one in ordinary().known.items()}
+    assert stated.keys() == NAMES.keys()
+    assert {name: stated[name] for name in built} == built
+    assert ordinary().built(built) == ordinary()
+
+
+def test_a_simulated_rig_has_the_dimensions_that_it_is_simulated_with():
+    wide = dimensions_of(load("astb").with_values(spring_half_spacing=1.23, bolster_mass=2400.0))
+    found = ordinary().built(wide).known
+    assert found["spring_half_spacing"].value == found[across("left.height")].value == 1.23
+    assert found[across("right.height")].value == -1.23
+    assert found[across("vertical_left")].value == 1.0
+    assert found["bolster_mass"].value == 2400.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({r'unit = "kg"': 'unit = "m"'}, ["dimension.bolster_mass = 1200.0 m is not in kg"]),
+        (
+            {"bolster_mass": "boster_mass"},
+            ["dimension.boster_mass is no dimension of a rig; did you mean", "bolster_mass"],
+        ),
+        (
+            {r"^bolster_mass = \{ value = 1200.0": "bolster_mass = { value = -3"},
+            ["bolster_mass = -3 kg is not above 0"],
+        ),
+        (
+            {r"uncertainty = 1.0,": "uncertainty = -1.0,"},
+            ["dimension.bolster_mass: neither", "an uncertainty below 0"],
+        ),
+        ({r"\[across\]": "[acros]"}, ["acros is no key of a file of dimensions; did you mean 'across'?"]),
+        (
+            {r"^vertical_left = \{ value = 1.0": "vertical_left = { value = -1.0"},
+            ["across.vertical_left = -1 m is not on the left: the left is positive"],
+        ),
+        (
+            {r'provenance = "data sheet"': 'provenance = "hearsay"', "value = 1200.0": 'value = "heavy"'},
+            [
+                "needs a provenance, one of measured, data sheet, assumed",
+                "bolster_mass.value = 'heavy' is no number",
+            ],
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_all_of_it_at_once(tmp_path, changes, told):
+    text = named_files("dimensions")["astb"].read_text(encoding="utf-8")
+    for old, new in changes.items():
+        text, count = re.subn(old, new, text, flags=re.MULTILINE)
+        assert count
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(DimensionsError) as error:
+        read_dimensions("mine.toml", tmp_path)
+    for words in ("mine.toml", *told):
+        assert words in str(error.value)
+
+
+def test_what_nobody_states_has_no_default():
+    rig = Description("hall", UNKNOWN)
+    with pytest.raises(NotAvailable, match="hall has no bolster_mass: nobody has stated it"):
+        rig["bolster_mass"]
+    assert rig.lacks("bolster_mass", "gravity") and not ours().lacks(*NAMES)
+    with pytest.raises(KeyError):
+        ours()["boster_mass"]
+
+
+# -- what readings tell --------------------------------------------------------------------------------------
+
+
+@st.composite
+def rigs(draw):
+    """A rig of any dimensions: springs, lasers, actuators and cells wherever they stand."""
+    rig = dict(ours())
+    for name in ("spring_half_spacing", "centre_height", "lateral_actuator_height", "column_height"):
+        rig[name] = draw(metres)
+    for place in ("left.height", "vertical_left", "load_cell.1", "load_cell.3"):
+        rig[across(place)] = draw(metres)
+    for place in ("right.height", "vertical_right", "load_cell.2", "load_cell.4"):
+        rig[across(place)] = -draw(metres)
+    return rig
+
+
+small = st.floats(-0.05, 0.05)
+
+
+@given(rigs(), small, small, small, small)
+def test_rigid_bodies_are_seen_as_they_stand(rig, middle, bolster, platform, centre):
+    """The truth from the bodies' own motion: bolster up, both rolls, and the bolster's centre to the left."""
+    springs = {side: (1 if side == "left" else -1) * rig["spring_half_spacing"] for side in SIDES}
+    values = {
+        f"{side}.height": np.array(middle + rig[across(f"{side}.height")] * (bolster - platform))
+        for side in SIDES
+    }
+    values |= {
+        "platform.roll": np.array(platform),
+        "lateral.displacement": np.array(centre - rig["lateral_actuator_height"] * bolster),
+        "lateral.force": np.array(0.0),
+    }
+    shear = centre + rig["centre_height"] * bolster + rig["column_height"] * platform
+    assert geometry.roll_of(values, rig) == pytest.approx(bolster - platform, abs=1e-12)
+    assert geometry.shear_of(values, rig) == pytest.approx(shear, abs=1e-12)
+    for side, place in springs.items():
+        height = geometry.height_of_spring(values, rig, side)
+        assert height == pytest.approx(middle + place * (bolster - platform), abs=1e-12)
+
+
+@given(rigs(), st.floats(-2e5, 2e5), st.floats(-2e5, 2e5), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_cells_anywhere_tell_the_load_on_each_spring(rig, left, right, front, share):
+    """Any forces in the cells that balance those of the springs, in force and moment."""
+    b = rig["spring_half_spacing"]
+    y = np.array([rig[across(cell)] for cell in VERTICAL_CELLS])
+    balanced = np.linalg.lstsq(
+        np.stack([np.ones(4), y]), np.array([left + right, b * (left - right)]), rcond=None
+    )[0]
+    # What the platform's own stiffness adds makes neither force nor moment.
+    free = np.linalg.svd(np.stack([np.ones(4), y]))[2][2:]
+    forces = balanced + 1e4 * (front * free[0] + share * free[1])
+    values = dict(zip(VERTICAL_CELLS, forces, strict=True))
+    for side, load_of in zip(SIDES, (left, right), strict=True):
+        assert geometry.load_on(values, rig, side) == pytest.approx(load_of, abs=1e-6 * 4e5)
+
+
+def test_a_pose_is_what_the_readings_then_say():
+    rig = dict(ours()) | {across("vertical_left"): 1.4, "centre_height": 0.5, "column_height": 0.3}
+    at = geometry.pose(rig, 40 * mm, 0.03)
+    assert geometry.lifted(rig, at.bolster_roll)["vertical_left"] == pytest.approx(1.4 * at.bolster_roll)
+    assert at.bolster_roll - at.platform_roll == pytest.approx(0.03)
+
+
+def test_a_dimension_is_uncertain_as_a_reading_is():
+    """Moment over roll of two lasers, one of whose places is known to 2 cm: u_K/K = u_y/(2 b)."""
+    place, off = across("left.height"), 0.02
+    known = dict(ordinary().known)
+    known[place] = replace(known[place], uncertainty=off)
+    rig = Description("vague", Dimensions("mine.toml", "", known))
+    values = {f"{side}.height": np.full(400, s * 10e-3) for side, s in (("left", 1), ("right", -1))}
+    values |= {cell: np.full(400, s * 50e3) for cell, s in zip(VERTICAL_CELLS, (-1, 1, -1, 1), strict=True)}
+
+    def stiffness(rig, read):
+        return float(geometry.cell_moment(read, rig).mean() / geometry.roll_of(read, rig).mean())
+
+    (one,) = measured(stiffness, rig, values, instruments=ordinary_instruments())
+    assert one.value == pytest.approx(4 * 50e3 / 10e-3)
+    assert one.parts[place] == pytest.approx(one.value * 0.5 * off * EVEN, rel=1e-3)
+    assert one.u == pytest.approx(np.sqrt(sum(part**2 for part in one.parts.values())), rel=0.01)
+    assert "bolster mass" not in one.parts  # which it was not computed of
+
+
+# -- runs ----------------------------------------------------------------------------------------------------
+
+
+def ran(tmp_path, plan, dimensions=None, **changes):
+    memory = RigInMemory(Rig(load("astb").with_values(**changes), seed=0))
+    with memory.bench() as bench:
+        bench.instruments = ordinary_instruments()
+        bench.dimensions = ordinary() if dimensions is None else dimensions
+        return execute(plans()[plan], bench, tmp_path / plan, rig="virtual", seed=0)
+
+
+def without(*names):
+    known = {name: one for name, one in ordinary().known.items() if name not in names}
+    return Dimensions("mine.toml", "", known)
+
+
+def test_without_the_weight_of_the_bolster_nothing_is_carried(tmp_path):
+    result = ran(tmp_path, "aw0", without("bolster_mass"))
+    assert result.verdict is Outcome.BLOCKED
+    assert "has no bolster_mass: nobody has stated it (mine.toml)" in result.reason
+
+
+def test_what_a_description_lacks_is_not_available_and_the_rest_is_judged(tmp_path):
+    lacking = (lag("left.height"), across("vertical_left"))
+    result = ran(tmp_path, "aw0", without(*lacking))
+    assert result.verdict is Outcome.INCOMPLETE
+    absent = {one.name: one.note for one in result.checks if one.verdict is CheckVerdict.NOT_AVAILABLE}
+    assert {name for name in absent if "left vertical K'" in name or "roll" in name} <= absent.keys()
+    assert "roll stiffness" in absent and across("vertical_left") in absent["roll stiffness"]
+    assert any(name.startswith("left vertical K'") for name in absent)
+    assert not any(name.startswith("right vertical K'") for name in absent)
+    assert all(any(name in why for name in lacking) for why in absent.values())
+    assert all(one.passed for one in result.checks if one.name not in absent)
+
+
+WIDE = {
+    "spring_half_spacing": 1.23,
+    "actuator_half_spacing": 1.23,
+    "load_cell_y": 1.23,
+    "bolster_mass": 2400.0,
+}
+
+
+def test_a_wide_and_heavy_bench_is_judged_by_its_own_dimensions(tmp_path):
+    """b² of roll, and a bolster twice as heavy: with dimensions of ours it cannot pass."""
+    described = ordinary().built(dimensions_of(load("astb").with_values(**WIDE)))
+    own = ran(tmp_path, "aw0")
+    right = ran(tmp_path / "right", "aw0", described, **WIDE)
+    wrong = ran(tmp_path / "wrong", "aw0", **WIDE)
+    assert (own.verdict, right.verdict, wrong.verdict) == (Outcome.PASS, Outcome.PASS, Outcome.FAIL)
+    roll = {
+        what: next(one for one in result.checks if one.name == "roll stiffness").number
+        for what, result in (("own", own), ("right", right), ("wrong", wrong))
+    }
+    assert roll["right"] == pytest.approx(1.23**2 * roll["own"], rel=0.02)
+
+
+@slow
+@pytest.mark.parametrize(
+    "plan",
+    [
+        "leak_down",
+        "axial_stiffness",
+        "dynamic_stiffness",
+        "lateral_stiffness",
+        "roll_coupling",
+        "measuring_chain",
+        "crosswind_gust",
+    ],
+)
+def test_a_plan_asks_for_what_it_needs_and_for_nothing_else(tmp_path, plan):
+    """With nothing known but what it says it needs, its checks are as with all."""
+    needs = set(plans()[plan].needs)
+    only = ran(tmp_path / "only", plan, without(*(name for name in NAMES if name not in needs)))
+    assert only.verdict in {Outcome.PASS, Outcome.INCOMPLETE}, only.reason
+    assert all(one.passed or one.verdict is CheckVerdict.NOT_AVAILABLE for one in only.checks)
+    assert sum(one.passed for one in only.checks) > 0.4 * len(only.checks)
