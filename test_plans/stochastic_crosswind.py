@@ -221,7 +221,7 @@ def _check_stiffness(
         return moved.real, phase(moved)
 
     # What the instruments make uncertain, and what is not coherent.
-    stiffness, angle = run.measure(numbers, values, rate=RATE)
+    stiffness, angle = run.measure(numbers, run.rig, values, rate=RATE)
     band = limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
     note = f"coherence {K.coherence:.4f}, {K.averages:.0f} averages"
     one = stiffness.beside(INCOHERENT, K.uncertainty)
