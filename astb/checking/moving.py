@@ -1,8 +1,9 @@
 """One small move of each axis, without air: what it is measured by, with which sign and scale, and how soon.
 
-The bolster is first lifted by 5 mm, off what it rests on; then each axis goes 2 mm (2 mrad) and back, and the lateral
-actuator pushes with 500 N where it can. Each axis is first tried with a tenth of it. Whatever happens, the bench is
-brought to rest at the end.
+The bolster is first lifted by 5 mm, off what it rests on, and shaken there; then each axis goes 2 mm (2 mrad) and
+back, and the lateral actuator pushes with 500 N where it can. Each axis is first tried with a tenth of it. At last the
+bolster is pressed on what it rests on with 12 kN on each side, and shaken by 1 mm. Whatever happens, the bench is
+brought to rest at the end. What the moves tell of the rig's dimensions is compared with what is stated.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from astb.checking.measuring import Measuring
 from astb.checking.report import MoveLine, Verdict
 from bench_protocol.units import N, bar, kN, mm, mrad, ms, s
 from bench_protocol.words import PLATFORM_AXES, SIDES
@@ -47,7 +49,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
         book.note(
             "the way up", bench.state == "ACTIVE", f"from rest to {bench.state}", "ACTIVE by the conduct"
         )
-        for part in (_lift, _sides, _platform, _sideways, _push):
+        for part in (_lift, _hanging, _sides, _platform, _sideways, _push, _pressed):
             try:
                 part(bench, book)
             except NotAvailable as error:
@@ -84,6 +86,9 @@ class _Moves:
         self._bench = bench
         self._known: set[str] = set()  #: axes that have been felt
         self.lines: list[MoveLine] = []
+        self.dimensions = Measuring(bench, self.lines)
+        #: What changed when one side was lifted: it tells where actuators stand once it is known where lasers do.
+        self.lifts: dict[str, dict[str, float]] = {}
 
     def note(self, what: str, good: bool, found: str, right: str = "") -> None:
         verdict = Verdict.FINE if good else Verdict.DOUBTFUL
@@ -213,7 +218,20 @@ def _sides(bench: Bench, book: _Moves) -> None:
                 + (": are the sides swapped?" if swapped else ""),
                 signal.show(STEP),
             )
+        book.lifts[side] = changes
         book.by({name: -STEP}, RATE)
+
+
+def _hanging(bench: Bench, book: _Moves) -> None:
+    """Shake what hangs on the actuators: its mass."""
+    book.dimensions.hanging()
+
+
+def _pressed(bench: Bench, book: _Moves) -> None:
+    """Shake the bolster on what it rests on: how far apart that stands, and how late transducers are."""
+    for side, changes in book.lifts.items():
+        book.dimensions.lifted(side, dict.fromkeys(changes, 0.0), changes)
+    book.dimensions.pressed()
 
 
 def _platform(bench: Bench, book: _Moves) -> None:
@@ -224,10 +242,12 @@ def _platform(bench: Bench, book: _Moves) -> None:
             book.skip(name, lacking)
             continue
         step = TILT if axis == "roll" else STEP
-        also = tuple(f"{side}.height" for side in SIDES) if axis == "vertical" else ()
+        also = () if axis == "lateral" else tuple(f"{side}.height" for side in SIDES)
         changes = book.by({name: step}, step / STEP * RATE, *also)
+        if axis == "roll":
+            book.dimensions.tilted(dict.fromkeys(changes, 0.0), changes)
         for one in also:
-            if one in changes:
+            if one in changes and axis == "vertical":
                 book.compare(f"{one} falls as the platform rises", one, changes[one], -changes[name])
         book.by({name: -step}, step / STEP * RATE)
 
