@@ -150,8 +150,41 @@ def read_data(
     from diagnosis.systems.air_spring import AirSpring
     from diagnosis.systems.records import read_records
 
-    simulator = AirSpring(parameters, effects=CATALOGUE)
+    simulator = AirSpring(_built(parameters, paths), effects=CATALOGUE)
     return simulator, with_roles(read_records(paths, simulator))
+
+
+def _built(parameters: "Parameters", paths: Sequence[Path]) -> "Parameters":
+    """Return the set of the rig on which the runs were made, by the dimensions that their records state.
+
+    DiagnosisError for runs on rigs that are built otherwise from one another.
+    """
+    from bench_records.record import read
+    from bench_sim.parameters import ParameterError
+    from bench_sim.parameters.dimensions import built_as
+
+    told = {
+        path: {
+            name: one["value"] for name, one in read(path).meta.get("dimensions", {}).get("known", {}).items()
+        }
+        for path in paths
+    }
+    first, *others = told
+    for other in others:
+        if told[other] != told[first]:
+            differ = [
+                name
+                for name in {**told[first], **told[other]}
+                if told[first].get(name) != told[other].get(name)
+            ]
+            raise DiagnosisError(
+                f"{other} is of a rig that is built otherwise than that of {first}: {', '.join(differ)}; diagnose them "
+                "one by one"
+            )
+    try:
+        return built_as(parameters, told[first])
+    except ParameterError as error:
+        raise DiagnosisError(f"{first}: {error}") from None
 
 
 def with_roles(dataset: Dataset) -> Dataset:

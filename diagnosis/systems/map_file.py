@@ -8,10 +8,12 @@ from typing import Any, Final, Literal
 
 import msgspec
 
+from bench_protocol.dimensions import DimensionsError, read_dimensions
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
 from bench_records.tables.keys import FileKeys, Source, TimeSource
 from bench_sim.parameters import ParameterError, load
+from bench_sim.parameters.dimensions import described
 from bench_sim.parameters.model_file import read_changes, with_changes
 from diagnosis.contracts import Channel, DiagnosisError, Role
 from diagnosis.systems.chamber import CHAMBER
@@ -87,6 +89,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     system: str | None = None
     simulator: str | None = None  #: of the user's own, "package.module:factory", which may lie beside the map
     parameters: str = "astb"  #: set of the air springs: a name, or a file beside the map
+    dimensions: str = ""  #: of the rig that was measured on: a name, or a file beside the map
     change: dict[str, Any] = {}  #: what is different in this set, as in a model file
     columns: dict[str, Column]
     time: TimeColumn = TimeColumn()
@@ -154,14 +157,20 @@ def _system(mapping: Map, where: Path) -> System:
             parameters = load(where.parent / name if name.endswith(".toml") else name)
         except ParameterError as error:
             raise DiagnosisError(f"{where}: parameters: {error}") from None
+        if mapping.dimensions:
+            try:
+                parameters = described(parameters, read_dimensions(mapping.dimensions, where.parent))
+            except (DimensionsError, ParameterError) as error:
+                raise DiagnosisError(f"{where}: {error}") from None
         try:
             return air_spring_system(with_changes(parameters, read_changes(mapping.change)))
         except ParameterError as error:
             raise DiagnosisError(f"{where}: change: {error}") from None
-    if mapping.change:
-        raise DiagnosisError(
-            f"{where}: change: only air_spring has a set of parameters; a {mapping.system} has settings"
-        )
+    for key in ("change", "dimensions"):
+        if getattr(mapping, key):
+            raise DiagnosisError(
+                f"{where}: {key}: only air_spring has a set of parameters; a {mapping.system} has settings"
+            )
     if mapping.system not in known:
         raise DiagnosisError(
             f'{where}: system = "{mapping.system}" is unknown; right would be one of {_SYSTEMS}'

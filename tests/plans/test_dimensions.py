@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from astb.diagnose import read_data
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import (
     NAMES,
@@ -23,9 +24,12 @@ from bench_protocol.named_files import named_files
 from bench_protocol.units import mm
 from bench_protocol.words import SIDES
 from bench_records.result import CheckVerdict, Outcome
-from bench_sim.parameters import load
-from bench_sim.parameters.dimensions import dimensions_of
+from bench_sim.model.layout import Sensor
+from bench_sim.parameters import ParameterError, load
+from bench_sim.parameters.dimensions import built_as, dimensions_of
 from bench_sim.rig.rig import Rig
+from diagnosis.contracts import DiagnosisError
+from diagnosis.systems.map_file import read_map
 from drivers.errors import NotAvailable
 from test_plans import geometry
 from test_plans.description import Description, ours
@@ -266,3 +270,49 @@ def test_a_plan_asks_for_what_it_needs_and_for_nothing_else(tmp_path, plan):
     assert only.verdict in {Outcome.PASS, Outcome.INCOMPLETE}, only.reason
     assert all(one.passed or one.verdict is CheckVerdict.NOT_AVAILABLE for one in only.checks)
     assert sum(one.passed for one in only.checks) > 0.4 * len(only.checks)
+
+
+# -- and the other way round -----------------------------------------------------------------------------------
+
+
+OTHERS = {
+    **WIDE,
+    "centre_height": 0.4,
+    "frame_stiffness": (120e6, 120e6, 60e6),
+    "sensor_lag": {Sensor.LEFT_HEIGHT: 0.004, Sensor.LOAD_CELL_3: 0.003},
+}
+
+
+def test_a_described_rig_is_simulated_as_it_is_built():
+    ours_, theirs = load("astb"), load("astb").with_values(**OTHERS)
+    assert built_as(ours_, dimensions_of(theirs)).digest() == theirs.digest()
+    assert built_as(ours_, dimensions_of(ours_)).digest() == ours_.digest()
+    further = built_as(ours_, {"bump_stop_gap": 0.03}).entries["bump_stop_travel"].value
+    assert further - ours_.entries["bump_stop_travel"].value == pytest.approx(np.full(further.shape, 0.005))
+    for wrong in ({across("left.height"): 1.1}, {across("load_cell.3"): 1.2}):
+        with pytest.raises(ParameterError, match="both sides alike, and lasers at the springs"):
+            built_as(ours_, wrong)
+
+
+def test_a_map_names_the_dimensions_of_the_rig_that_was_measured_on(tmp_path):
+    text = named_files("dimensions")["astb"].read_text(encoding="utf-8")
+    (tmp_path / "theirs.toml").write_text(text.replace("value = 1200.0", "value = 2400.0"), encoding="utf-8")
+    (tmp_path / "map.toml").write_text('system = "air_spring"\ndimensions = "theirs.toml"\ncolumns = {}\n')
+    _, system = read_map(tmp_path / "map.toml")
+    theirs = load("astb").with_values(bolster_mass=2400.0)
+    assert system.simulator({"ambient_pressure": 101_325.0}, ()).parameters.digest() == theirs.digest()
+    (tmp_path / "map.toml").write_text('system = "air_spring"\ndimensions = "nobodys.toml"\ncolumns = {}\n')
+    with pytest.raises(DiagnosisError, match=r"nobodys\.toml cannot be read"):
+        read_map(tmp_path / "map.toml")
+
+
+def test_a_record_brings_the_dimensions_of_its_rig(tmp_path):
+    described = ordinary().built(dimensions_of(load("astb").with_values(**WIDE)))
+    ran(tmp_path / "wide", "small_fast_sines", described, **WIDE)
+    ran(tmp_path, "small_fast_sines")
+    wide, own = tmp_path / "wide" / "small_fast_sines", tmp_path / "small_fast_sines"
+    simulator, _ = read_data([wide], None, load("astb"))
+    assert simulator.parameters.digest() == load("astb").with_values(**WIDE).digest()
+    assert read_data([own], None, load("astb"))[0].parameters.digest() == load("astb").digest()
+    with pytest.raises(DiagnosisError, match=r"is of a rig that is built otherwise .*: bolster_mass"):
+        read_data([own, wide], None, load("astb"))
