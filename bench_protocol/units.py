@@ -127,8 +127,13 @@ UNITS: Final[dict[str, Unit]] = WRITTEN_UNITS | {
     "kPa": Unit("Pa", 1e3),
     "MPa": Unit("Pa", 1e6),
     "psi": Unit("Pa", 6894.757293168361),
+    "daN": Unit("N", 10.0),
+    "lbf": Unit("N", 4.4482216152605),
+    "in": Unit("m", 25.4e-3),
+    "urad": Unit("rad", 1e-6),
     "J": Unit("J", 1.0),
     "degC": Unit("K", 1.0, 273.15),
+    "degF": Unit("K", 5 / 9, 459.67 * 5 / 9),
 }
 #: Units whose 0 is nothing: a number of one is only multiplied.
 FACTORS: Final = {name: unit.factor for name, unit in UNITS.items() if unit.zero == 0.0}

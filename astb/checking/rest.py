@@ -51,7 +51,7 @@ def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest
         signal = signals[name]
         if math.isnan(value):
             found[name] = "the rig has no value"
-        elif not signal.low <= value <= signal.high and not signal.choices:
+        elif not signal.low - signal.step <= value <= signal.high + signal.step and not signal.choices:
             found[name] = f"out of its range, {signal.range_text()}{_guess(signal, value)}"
         elif at_rest and signal.group is not None and not _fits(signal.group, value):
             band = _AT_REST[signal.group]

@@ -23,7 +23,7 @@ from drivers.wiring.contract import Capabilities, Conduct, Order, Step
 from drivers.wiring.conversion import Choices, Conversion, Line, conversion, quantity
 from drivers.wiring.expression import Combine, expression
 from drivers.wiring.file_keys import SignalEntry, StepTable, WiringFile
-from drivers.wiring.keys import convert, duration, meant
+from drivers.wiring.keys import AllAtOnce, convert, duration, meant
 from drivers.wiring.lines import PLAYED, Description, Greetings, PlayerLimits, Reading, SettingTarget, Target
 from drivers.wiring.user_functions import functions_file, user_function
 
@@ -115,8 +115,10 @@ class _Reader:
                 raise WiringError(f"{head}transports.{name}: a name is one word of letters, digits and _")
         entries = self._entries()
         player = None if keys.capabilities.generator else self._player()
-        for name, (where, given) in entries.items():
-            self._signal(where, self._table[name], convert(where, given, SignalEntry))
+        with AllAtOnce() as wrong:
+            for name, (where, given) in entries.items():
+                with wrong.next():
+                    self._signal(where, self._table[name], convert(where, given, SignalEntry))
         for signal in self._table.signals:
             if signal.name not in entries and not (player and signal.name.startswith(PLAYED)):
                 self._absent[signal.name] = _NOT_MENTIONED

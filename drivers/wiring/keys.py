@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from typing import Any, Final, TypeVar, get_args
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, Final, Self, TypeVar, get_args
 
 import msgspec
 
@@ -14,6 +15,8 @@ from bench_protocol.units import UNITS
 from drivers.errors import WiringError
 
 T = TypeVar("T", bound=msgspec.Struct)
+#: Between what is wrong with one line and with the next.
+LINE_BREAK: Final = "\n  "
 _DURATION: Final = re.compile(r"([0-9.eE+-]+) *(min|[num]?s|h)")
 
 
@@ -22,6 +25,35 @@ class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     point: str
     every: str
+
+
+class AllAtOnce:
+    """Gathers what is wrong with many lines, so that whoever mends a file hears it all in one run::
+
+    with AllAtOnce() as wrong:
+        for line in lines:
+            with wrong.next():
+                read(line)
+    """
+
+    def __init__(self) -> None:
+        self._told: list[str] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None and self._told:
+            more = f"{LINE_BREAK}({len(self._told)} lines are wrong)" if len(self._told) > 1 else ""
+            raise WiringError(LINE_BREAK.join(self._told) + more) from None
+
+    @contextmanager
+    def next(self) -> Iterator[None]:
+        """Let the lines after one that is wrong be read, too."""
+        try:
+            yield
+        except WiringError as error:
+            self._told.append(str(error))
 
 
 def meant(word: str, words: Iterable[str]) -> str:

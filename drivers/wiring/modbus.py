@@ -40,6 +40,7 @@
     left_height = { table = "input", address = 100, type = "int16", scale = 0.01, null = -32768, group = "fast" }
     mode        = { table = "holding", address = 0 }
     ready       = { table = "input", address = 5, bit = 3 }
+    phase       = { table = "input", address = 5, bit = 4, bits = 3 }   # a number of bits 4 to 6
     valve_open  = { table = "coil", address = 3 }
     serial      = { table = "input", address = 900, type = "string", length = 8 }
 

@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from bench_protocol.modbus import BITS_READ_MAX, REGISTERS_READ_MAX
 from drivers.errors import WiringError
-from drivers.wiring.keys import convert, meant
+from drivers.wiring.keys import AllAtOnce, convert, meant
 
 TableName = Literal["input", "holding", "coil", "discrete"]
 TypeName = Literal[
@@ -51,6 +51,7 @@ class PointKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     address: Annotated[int, Meta(ge=0, le=0xFFFF)]  #: of the first register, 0-based
     type: TypeName | None = None  #: uint16, and bit for coils and discrete inputs, where nothing is said
     bit: Annotated[int, Meta(ge=0, le=15)] | None = None  #: of a word, 0 is the lowest
+    bits: Annotated[int, Meta(ge=1, le=16)] = 1  #: so many from there on, as one number
     length: Annotated[int, Meta(ge=1, le=REGISTERS_READ_MAX)] | None = None  #: of a text, in registers
     scale: float = 1.0
     offset: float = 0.0
@@ -76,6 +77,7 @@ class RegisterPoint:
     group: str
     low_word_first: bool
     swapped: bool  #: the low byte of each register comes first
+    bits: int = 1  #: of a register, from ``bit`` on
 
     @property
     def end(self) -> int:
@@ -89,7 +91,7 @@ class RegisterPoint:
 
     @property
     def in_word(self) -> bool:
-        """Whether it is one bit of a register."""
+        """Whether it is one bit of a register, or a field of some."""
         return self.type == "bit" and self.table not in _BITS
 
     def decode(self, words: Sequence[int]) -> float:
@@ -97,7 +99,7 @@ class RegisterPoint:
         if self.table in _BITS:
             return float(bool(words[0]))
         if self.type == "bit":
-            return float(int.from_bytes(self._bytes(words), "big") >> self.bit & 1)
+            return float(int.from_bytes(self._bytes(words), "big") >> self.bit & self._mask)
         raw = float(struct.unpack(f">{_FORMATS[self.type][0]}", self._bytes(words))[0])
         return math.nan if raw in self.null else self.scale * raw + self.offset
 
@@ -108,8 +110,9 @@ class RegisterPoint:
     def encode(self, value: float) -> list[int]:
         """Return the words for ``value``; ValueError, in words, if they cannot carry it."""
         if self.type == "bit":
-            if value not in (0.0, 1.0):
-                raise ValueError(f"{self.name} = {value:g} is not a bit (0 or 1)")
+            if not (0.0 <= value <= self._mask and value == int(value)):
+                right = "a bit (0 or 1)" if self.bits == 1 else f"{self.bits} bits (0 to {self._mask})"
+                raise ValueError(f"{self.name} = {value:g} is not {right}")
             return [int(value)]
         letter, _ = _FORMATS[self.type]
         if math.isnan(value) and self.null:
@@ -134,7 +137,7 @@ class RegisterPoint:
             raw_high = _SINGLE_MAX if self.type == "float32" else sys.float_info.max
             raw_low = -raw_high
         else:
-            bits = 1 if self.type == "bit" else 16 * self.size
+            bits = self.bits if self.type == "bit" else 16 * self.size
             signed = self.type.startswith("int")
             raw_low, raw_high = (
                 (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if signed else (0.0, 2.0**bits - 1)
@@ -143,9 +146,14 @@ class RegisterPoint:
         return ends[0], ends[1]
 
     def with_bit(self, word: int, value: float) -> int:
-        """Return a register that held ``word`` with this point's bit in it."""
-        place = self.bit ^ 8 if self.swapped else self.bit
-        return word & ~(1 << place) | self.encode(value)[0] << place
+        """Return a register that held ``word`` with this point's bits in it."""
+        held = int.from_bytes(self._bytes([word]), "big")
+        held = held & ~(self._mask << self.bit) | self.encode(value)[0] << self.bit
+        return self._words(held.to_bytes(2, "big"))[0]
+
+    @property
+    def _mask(self) -> int:
+        return (1 << self.bits) - 1
 
     def _bytes(self, words: Sequence[int]) -> bytes:
         ordered = reversed(words) if self.low_word_first else words
@@ -168,17 +176,26 @@ def read_points(
             ' height = { table = "input", address = 100, type = "int16", scale = 0.01 }'
         )
     known = list(groups)
-    found = {}
-    for name, table in points.items():
-        place = f"{where}: {name}"
-        if not _NAME.fullmatch(name):
-            raise WiringError(f"{place} is not a name of letters, digits, _ and . that begins with a letter")
-        found[name] = _point(place, name, convert(place, table, PointKeys), word_order, byte_order)
-        if found[name].group and found[name].group not in known:
-            group = found[name].group
-            raise WiringError(f"{place}: group = {group!r} is not among [groups]; {meant(group, known)}")
+    found: dict[str, RegisterPoint] = {}
+    with AllAtOnce() as wrong:
+        for name, table in points.items():
+            with wrong.next():
+                found[name] = _named(f"{where}: {name}", name, table, known, word_order, byte_order)
     _check_overlaps(where, found.values())
     return found
+
+
+def _named(
+    place: str, name: str, table: object, groups: list[str], word_order: WordOrder, byte_order: ByteOrder
+) -> RegisterPoint:
+    if not _NAME.fullmatch(name):
+        raise WiringError(f"{place} is not a name of letters, digits, _ and . that begins with a letter")
+    point = _point(place, name, convert(place, table, PointKeys), word_order, byte_order)
+    if point.group and point.group not in groups:
+        raise WiringError(
+            f"{place}: group = {point.group!r} is not among [groups]; {meant(point.group, groups)}"
+        )
+    return point
 
 
 def _point(
@@ -210,6 +227,14 @@ def _point(
         )
     if kind in ("bit", "string") and (keys.scale, keys.offset, keys.null) != (1.0, 0.0, None):
         raise WiringError(f"{place}: scale, offset and null are for numbers, not for a {kind}")
+    if keys.bits > 1 and (bits or kind != "bit"):
+        raise WiringError(
+            f"{place}: bits = {keys.bits} is for bits of a register, with bit = the lowest of them"
+        )
+    if (keys.bit or 0) + keys.bits > BITS_PER_REGISTER:
+        raise WiringError(
+            f"{place}: bits = {keys.bits} from bit = {keys.bit} on end behind bit 15, the highest of a register"
+        )
     size = keys.length or _FORMATS[kind][1]
     if keys.address + size > 0x1_0000:
         raise WiringError(
@@ -229,6 +254,7 @@ def _point(
         keys.group,
         (keys.word_order or word_order) == "low" and kind != "string",
         (keys.byte_order or byte_order) == "little",
+        keys.bits,
     )
     return replace(point, null=tuple(_held(place, point, code) for code in null))
 
@@ -267,14 +293,15 @@ def _check_overlaps(where: str, points: Iterable[RegisterPoint]) -> None:
 
 def _compatible(one: RegisterPoint, other: RegisterPoint) -> bool:
     if one.in_word and other.in_word:
-        return one.bit != other.bit
+        return one.bit + one.bits <= other.bit or other.bit + other.bits <= one.bit
     words = {one.type, other.type} - {"bit"}
     return (one.in_word or other.in_word) and words <= {"int16", "uint16"}
 
 
 def _place(point: RegisterPoint) -> str:
     if point.in_word:
-        return f"bit {point.bit} of {point.table} {point.address}"
+        last = f" to {point.bit + point.bits - 1}" if point.bits > 1 else ""
+        return f"bit {point.bit}{last} of {point.table} {point.address}"
     last = f" to {point.end - 1}" if point.size > 1 else ""
     return f"{point.type} in {point.table} {point.address}{last}"
 

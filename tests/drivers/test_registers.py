@@ -81,6 +81,23 @@ def test_a_bit_changes_nothing_else_in_its_word(swapped: str, word: int, bit: in
         assert ours.decode([word]) == (word >> bit & 1)
 
 
+@pytest.mark.parametrize("swapped", ["big", "little"])
+@given(data=st.data())
+def test_a_field_of_bits_is_a_number_and_leaves_the_rest_of_its_word(
+    swapped: str, data: st.DataObject
+) -> None:
+    bits = data.draw(st.integers(1, 16))
+    bit = data.draw(st.integers(0, 16 - bits))
+    word, value = data.draw(st.integers(0, 0xFFFF)), data.draw(st.integers(0, 2**bits - 1))
+    ours = point(bit=bit, bits=bits, byte_order=swapped)
+    changed = ours.with_bit(word, float(value))
+    assert ours.decode([changed]) == value
+    assert ours.with_bit(changed, ours.decode([word])) == word  # nothing else was changed
+    held = word if swapped == "big" else (word & 0xFF) << 8 | word >> 8
+    assert ours.decode([word]) == held >> bit & (2**bits - 1)
+    assert ours.range() == (0, 2**bits - 1)
+
+
 def test_no_value_is_nan_and_back() -> None:
     ours = point(type="int16", scale=0.1, null=[-32768, 32767])
     assert math.isnan(ours.decode([0x8000]))
@@ -108,6 +125,7 @@ def test_a_text(order: str) -> None:
         ({"type": "int16"}, math.nan, "height = nan is not a number to write"),
         ({"type": "float64"}, math.inf, "height = inf is not a number"),
         ({"bit": 3}, 2.0, r"height = 2 is not a bit \(0 or 1\)"),
+        ({"bit": 3, "bits": 4}, 16.0, r"height = 16 is not 4 bits \(0 to 15\)"),
     ],
 )
 def test_what_does_not_fit(keys: dict, value: float, words: str) -> None:
@@ -126,6 +144,9 @@ def test_what_does_not_fit(keys: dict, value: float, words: str) -> None:
         ({"type": "int24"}, "height: type = 'int24'"),
         ({"type": "bit"}, r"type = 'bit' in a register needs bit = 0 \(the lowest\) to 15"),
         ({"bit": 16}, "height: bit = 16"),
+        ({"bit": 12, "bits": 5}, "bits = 5 from bit = 12 on end behind bit 15"),
+        ({"type": "int16", "bits": 3}, "bits = 3 is for bits of a register"),
+        ({"table": "coil", "bits": 3}, "bits = 3 is for bits of a register"),
         ({"bit": 3, "type": "int16"}, "bit = 3 has no meaning for type = 'int16'"),
         ({"table": "coil", "type": "int16"}, "type = 'int16' does not fit in a coil, which is one bit"),
         ({"table": "discrete", "bit": 2}, "bit = 2 has no meaning in a discrete"),
