@@ -5,7 +5,6 @@ A dimension that a file does not state is not known: what needs it cannot be mea
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -13,8 +12,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
-from bench_protocol.named_files import named_files, place_of
+from bench_protocol.named_files import read_named
 from bench_protocol.signals import Group
 from bench_protocol.suggestion import meant
 from bench_protocol.table_signals import BY_GROUP
@@ -154,22 +152,12 @@ def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
 
     DimensionsError, with file, key, value and unit, if it cannot be read or says what nobody understands.
     """
-    path = place_of(PACKAGE, name, home)
-    try:
-        text = read_bounded(path)
-        content = parse_toml(text)
-    except OSError as error:
-        raise DimensionsError(
-            f"dimensions {path} cannot be read: {error.strerror}; there is {', '.join(named_files(PACKAGE))}, "
-            "and any path that ends in .toml would do"
-        ) from None
-    except Unfit as error:
-        raise DimensionsError(f"dimensions {path} {error}") from None
+    path, sha256, content = read_named(PACKAGE, name, home, DimensionsError)
     wrong: list[str] = []
     known = _known(content, wrong)
     if wrong:
         raise DimensionsError(f"dimensions {path}: {'; '.join(wrong)}")
-    return Dimensions(path.name, hashlib.sha256(text).hexdigest(), known)
+    return Dimensions(path.name, sha256, known)
 
 
 def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]:

@@ -6,7 +6,6 @@ one of which nobody knows how good it is: what is computed from it has no uncert
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import date, timedelta
@@ -15,8 +14,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
-from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
-from bench_protocol.named_files import named_files, place_of
+from bench_protocol.named_files import read_named
 from bench_protocol.suggestion import meant
 from bench_protocol.table import TABLE
 from bench_protocol.units import WRITTEN_UNITS
@@ -156,19 +154,9 @@ def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
 
     InstrumentsError, with file, key, value and unit, if it cannot be read or says what nobody understands.
     """
-    path = place_of(PACKAGE, name, home)
+    path, sha256, content = read_named(PACKAGE, name, home, InstrumentsError)
     try:
-        text = read_bounded(path)
-        content = parse_toml(text)
-    except OSError as error:
-        raise InstrumentsError(
-            f"instruments {path} cannot be read: {error.strerror}; there is {', '.join(named_files(PACKAGE))}, "
-            "and any path that ends in .toml would do"
-        ) from None
-    except Unfit as error:
-        raise InstrumentsError(f"instruments {path} {error}") from None
-    try:
-        return Instruments(path.name, hashlib.sha256(text).hexdigest(), _pieces(content))
+        return Instruments(path.name, sha256, _pieces(content))
     except _Unfit as error:
         raise InstrumentsError(f"instruments {path}: {error}") from None
 
