@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from bench_sim.parameters import Parameters
     from diagnosis.engine.config import Config
+    from test_plans.description import Description
 
 FINDING: Final = "finding.json"
 REPORT: Final = "report.html"
@@ -88,12 +89,22 @@ def conclude(
     from diagnosis.systems.air_spring import AirSpring
 
     bench = isinstance(simulator, AirSpring)
-    finding = diagnose(dataset, simulator, config, progress, experiments(MENU) if bench else ())
+    further = experiments(MENU, rig=_rig_of(simulator.parameters)) if isinstance(simulator, AirSpring) else ()
+    finding = diagnose(dataset, simulator, config, progress, further)
     (out / FINDING).write_bytes(finding.to_json())
     write_report(finding, out / REPORT)
     if bench and finding.models.effects:
         write_extended(out / EXTENDED, finding, model)
     return finding
+
+
+def _rig_of(parameters: "Parameters") -> "Description":
+    """Return what plans would know of a rig that is built with a set of parameters."""
+    from bench_protocol.dimensions import ordinary
+    from bench_sim.parameters.dimensions import dimensions_of
+    from test_plans.description import Description
+
+    return Description("the rig", ordinary().built(dimensions_of(parameters)))
 
 
 def clear_results(out: Path) -> None:

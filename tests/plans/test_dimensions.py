@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from astb.diagnose import read_data
+from astb.menu import experiments
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import (
     NAMES,
@@ -36,7 +37,10 @@ from test_plans.description import Description, ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary as ordinary_instruments
+from test_plans.motions import Stand, Stretch
 from test_plans.readings import VERTICAL_CELLS
+from test_plans.separating import MENU
+from test_plans.trajectory import trajectory
 from test_plans.uncertainty import EVEN, measured
 
 slow = pytest.mark.slow
@@ -316,3 +320,17 @@ def test_a_record_brings_the_dimensions_of_its_rig(tmp_path):
     assert read_data([own], None, load("astb"))[0].parameters.digest() == load("astb").digest()
     with pytest.raises(DiagnosisError, match=r"is of a rig that is built otherwise .*: bolster_mass"):
         read_data([own, wide], None, load("astb"))
+
+
+def test_further_runs_are_foretold_for_the_rig_that_was_measured_on():
+    menu = {"leveling_on": MENU["leveling_on"]}
+    wide = Description("wide", ordinary().built(dimensions_of(load("astb").with_values(**WIDE))))
+    ours_, theirs = experiments(menu), experiments(menu, rig=wide)
+    assert all(one.inputs.keys() == other.inputs.keys() for one, other in zip(ours_, theirs, strict=True))
+    again = experiments(menu, rig=ours())
+    for one, other in zip(ours_, again, strict=True):
+        for name, series in one.inputs.items():
+            np.testing.assert_array_equal(series, other.inputs[name])
+    rolls = Stretch((), Stand(roll=0.02), condition=())
+    (at,) = {float(np.ptp([one[0] for one in trajectory(rolls, wide).heights.values()]))}
+    assert at == pytest.approx(2 * 1.23 * 0.02)
