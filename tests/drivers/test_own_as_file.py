@@ -10,6 +10,7 @@ from astb.rig_file import Simulation
 from astb.rig_in_memory import RigInMemory
 from astb.session import build_rig
 from bench_protocol.signals import Kind
+from bench_protocol.dimensions import ordinary
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 from drivers.bench import Bench
@@ -30,7 +31,9 @@ def _described(memory: RigInMemory, directory: Path, *, generator: bool = True) 
     keys = own_description(directory, generator=generator)
     description = describe(keys, directory / "own.toml", TABLE)
     wiring = open_described("own", description, {"bus": memory.can, "plc": memory.modbus})
-    return Bench(wiring, memory.clock)
+    bench = Bench(wiring, memory.clock)
+    bench.dimensions = ordinary()
+    return bench
 
 
 @pytest.fixture
