@@ -9,8 +9,8 @@ from astb.commands.lists import known_plans
 from astb.rig_file import Simulation
 from astb.rig_in_memory import RigInMemory
 from astb.session import build_rig
-from bench_protocol.signals import Kind
 from bench_protocol.dimensions import ordinary
+from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 from drivers.bench import Bench

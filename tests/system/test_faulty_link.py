@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bench_protocol.dimensions import ordinary
 from bench_protocol.units import Hz, kN, mm, ms, s
 from bench_records.result import Outcome
 from drivers.bench import Bench
@@ -68,6 +69,7 @@ def test_procedures_work_through_a_bad_link(site, through):
 def test_a_whole_plan_gives_its_verdict_through_a_bad_link(memory_site, tmp_path):
     site = memory_site()
     with Bench(OwnWiring(FaultyCan(site.can(), BAD, seed=1), site.modbus()), site.clock) as bench:
+        bench.dimensions = ordinary()
         result = execute(plans()["aw0"], bench, tmp_path)
     assert result.verdict is Outcome.PASS, [str(c) for c in result.checks if c.verdict != "pass"]
 

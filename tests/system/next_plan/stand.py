@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from astb.operators import SimulatedHand
 from astb.rig_in_memory import RigInMemory
+from bench_protocol.dimensions import ordinary as dimensions
 from bench_protocol.units import NS, s
 from bench_sim.parameters import load
 from bench_sim.rig.faults.orders import obey
@@ -65,7 +66,7 @@ class First:
 
 def bench_on(memory: RigInMemory, can, modbus) -> Bench:
     bench = Bench(OwnWiring(can, modbus), memory.clock)
-    bench.instruments = ordinary()
+    bench.instruments, bench.dimensions = ordinary(), dimensions()
     bench.hand = SimulatedHand(
         lambda order: json.loads(obey(memory.rig.faults, json.dumps(order).encode(), nullcontext()))
     )
