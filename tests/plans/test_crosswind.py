@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import csd
 
+from bench_protocol.dimensions import ordinary as ordinary_dimensions
 from bench_protocol.units import FACTORS, Hz, mm
-from bench_records.result import Outcome
+from bench_records.result import CheckVerdict, Outcome
 from bench_sim.model import wind as oracle
+from bench_sim.parameters import load
 from bench_sim.parameters.paper import load_paper
 from test_plans.analysis import NotMeasured
 from test_plans.crosswind_gust import READ, _judge, blow
@@ -31,6 +33,7 @@ from test_plans.wind import (
     side_force,
     spectrum,
 )
+from tests.foreign.plc_rig import BUILT
 from tests.foreign.virtual import VirtualPlc
 
 slow = pytest.mark.slow
@@ -158,10 +161,23 @@ def test_sound_springs_pass(judged, name, load, seed):
 @slow
 @pytest.mark.parametrize("name", ["crosswind_gust", "stochastic_crosswind"])
 def test_sound_springs_pass_on_a_rig_that_speaks_otherwise(tmp_path, name):
-    """The waveform goes by way of Python and registers there."""
-    with VirtualPlc(seed=1).bench() as bench:
+    """The waveform goes by way of Python and registers there; built as ours, for limits of the gust hold for that."""
+    par = load("astb")
+    ours_ = {one: par.entries[one].value for one in BUILT}
+    with VirtualPlc(seed=1, **ours_).bench() as bench:
+        bench.dimensions = ordinary_dimensions()
         result = execute(plans()[name], bench, tmp_path / "out", rig="plant_a")
     assert result.verdict is Outcome.PASS, result.reason
+
+
+@slow
+def test_limits_of_the_gust_are_not_used_on_a_bench_that_is_built_otherwise(tmp_path):
+    with VirtualPlc(seed=1).bench() as bench:
+        result = execute(plans()["crosswind_gust"], bench, tmp_path / "out", rig="plant_a")
+    assert result.verdict is Outcome.INCOMPLETE, result.reason
+    judged = {one.name for one in result.checks if one.verdict is not CheckVerdict.NOT_AVAILABLE}
+    assert judged == {"lateral stiffness"}
+    assert all(one.passed or "another bench" in one.note for one in result.checks)
 
 
 #: A fault, and all that must fail of it.
