@@ -32,7 +32,7 @@ DIMENSIONS: Final = {
     "centre_height": "m",
     "lateral_actuator_height": "m",
     "column_height": "m",
-    "bump_stop_gap": "m",
+    "stop_gap": "m",
     "vertical_frame_stiffness": "N/m",
     "vertical_frame_damping": "N*s/m",
     "lateral_frame_stiffness": "N/m",

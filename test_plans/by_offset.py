@@ -241,7 +241,7 @@ def lateral_offsets(run: Run, load: Load) -> None:
         take_pose(run, home)
     found.keep(run, load)
 
-    run.check(TRAVEL.of(load=load.name), found.travel(run), "mm", high=run.rig["bump_stop_gap"])
+    run.check(TRAVEL.of(load=load.name), found.travel(run), "mm", high=run.rig["stop_gap"])
     run.check(
         LEFT_OF_STIFFNESS.of(load=load.name),
         found.tangent_left(run),

@@ -33,7 +33,7 @@ CELLS: Final = (*map(across, VERTICAL_CELLS), "spring_half_spacing")
 HEIGHTS_ABOVE: Final = ("centre_height", "lateral_actuator_height", "column_height")
 #: To see how the springs stand, and to put them there.
 SEEING: Final = (*LASERS, *HEIGHTS_ABOVE, "lateral_frame_stiffness")
-PLACING: Final = (*SEEING, *ACTUATORS, "bump_stop_gap")
+PLACING: Final = (*SEEING, *ACTUATORS, "stop_gap")
 
 
 def bolster_weight(rig: Rig) -> float:
@@ -43,7 +43,7 @@ def bolster_weight(rig: Rig) -> float:
 
 def stop_travel_max(rig: Rig) -> float:
     """Return how far (m) the bolster goes toward the bump stop in a pose."""
-    return rig["bump_stop_gap"] - STOP_ROOM
+    return rig["stop_gap"] - STOP_ROOM
 
 
 @dataclass(frozen=True, slots=True)

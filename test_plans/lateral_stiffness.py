@@ -32,7 +32,7 @@ DAMPED: Final = CheckName(
 
 def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
     """Refuse what would meet the bump stop; then let the springs carry the load."""
-    gap = run.rig["bump_stop_gap"]
+    gap = run.rig["stop_gap"]
     travel = min(abs(offset), stop_travel_max(run.rig)) + amplitude
     if travel > gap:
         raise ParameterRefused(

@@ -26,7 +26,7 @@ _PARAMETERS: Final = {
         )
     },
     "actuator_speed": ("actuator_speed_limit", _ALL),
-    "bump_stop_gap": ("bump_stop_travel", slice(0, 1)),
+    "stop_gap": ("bump_stop_travel", slice(0, 1)),
     "vertical_frame_stiffness": ("frame_stiffness", _VERTICAL),
     "vertical_frame_damping": ("frame_damping", _VERTICAL),
     "lateral_frame_stiffness": ("frame_stiffness", _LATERAL),
@@ -78,7 +78,7 @@ def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Paramet
     for name in differ.keys() & _PARAMETERS.keys():
         parameter, elements = _PARAMETERS[name]
         values = changes.setdefault(parameter, np.array(parameters.entries[parameter].value))
-        if name == "bump_stop_gap":  # its force over travel begins elsewhere
+        if name == "stop_gap":  # its force over travel begins elsewhere
             values += differ[name] - now[name]
         else:
             values.flat[elements] = differ[name]

@@ -291,7 +291,7 @@ def test_a_described_rig_is_simulated_as_it_is_built():
     ours_, theirs = load("astb"), load("astb").with_values(**OTHERS)
     assert built_as(ours_, dimensions_of(theirs)).digest() == theirs.digest()
     assert built_as(ours_, dimensions_of(ours_)).digest() == ours_.digest()
-    further = built_as(ours_, {"bump_stop_gap": 0.03}).entries["bump_stop_travel"].value
+    further = built_as(ours_, {"stop_gap": 0.03}).entries["bump_stop_travel"].value
     assert further - ours_.entries["bump_stop_travel"].value == pytest.approx(np.full(further.shape, 0.005))
     for wrong in ({across("left.height"): 1.1}, {across("load_cell.3"): 1.2}):
         with pytest.raises(ParameterError, match="both sides alike, and lasers at the springs"):

@@ -59,7 +59,7 @@ def test_a_pose_shears_and_rolls_the_springs_as_asked_clear_of_the_bump_stop(she
     centre = (
         at.lateral + OURS["lateral_actuator_height"] * at.bolster_roll
     )  # where the bolster's centre of gravity is
-    assert abs(centre) < OURS["bump_stop_gap"] - 5 * mm
+    assert abs(centre) < OURS["stop_gap"] - 5 * mm
     y = centre + OURS["centre_height"] * at.bolster_roll + OURS["column_height"] * at.platform_roll
     assert y == pytest.approx(shear, abs=1e-12)
     assert at.bolster_roll - at.platform_roll == pytest.approx(roll, abs=1e-12)
@@ -103,7 +103,7 @@ def test_the_bench_stands_where_its_readings_say_and_both_ways_to_measure_motion
     assert result.verdict is Outcome.PASS, result.reason
     assert seen["y"] == pytest.approx(60 * mm, abs=0.5 * mm)
     assert seen["far"].shear == pytest.approx(seen["y"], abs=0.15 * mm)  # the transducers' zeros
-    assert abs(seen["far"].stop_travel) < OURS["bump_stop_gap"]
+    assert abs(seen["far"].stop_travel) < OURS["stop_gap"]
     assert abs(seen["far"].height) < 0.2 * mm
     assert seen["roll"] == pytest.approx(0.04, abs=5e-4)
     for what, rel in (("amplitude", 0.01), ("storage", 0.01), ("loss", 0.05)):
