@@ -16,6 +16,7 @@ from test_plans.separating import MENU
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bench_records.record import Record
     from bench_sim.parameters import Parameters
     from diagnosis.engine.config import Config
     from test_plans.description import Description
@@ -157,45 +158,41 @@ def read_data(
                 f"{path} is no directory of a run on the bench; files of other origin need --map FILE, which says "
                 "what their columns are"
             )
+    from bench_records.record import read
     from bench_sim.model.effects import CATALOGUE
     from diagnosis.systems.air_spring import AirSpring
-    from diagnosis.systems.records import read_records
+    from diagnosis.systems.records import dataset_of
 
-    simulator = AirSpring(_built(parameters, paths), effects=CATALOGUE)
-    return simulator, with_roles(read_records(paths, simulator))
+    records = [read(path) for path in paths]
+    simulator = AirSpring(_built(parameters, records), effects=CATALOGUE)
+    return simulator, with_roles(dataset_of(paths, records, simulator))
 
 
-def _built(parameters: "Parameters", paths: Sequence[Path]) -> "Parameters":
+def _built(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters":
     """Return the set of the rig on which the runs were made, by the dimensions that their records state.
 
     DiagnosisError for runs on rigs that are built otherwise from one another.
     """
-    from bench_records.record import read
     from bench_sim.parameters import ParameterError
     from bench_sim.parameters.dimensions import built_as
 
-    told = {
-        path: {
-            name: one["value"] for name, one in read(path).meta.get("dimensions", {}).get("known", {}).items()
-        }
-        for path in paths
-    }
-    first, *others = told
-    for other in others:
-        if told[other] != told[first]:
-            differ = [
-                name
-                for name in {**told[first], **told[other]}
-                if told[first].get(name) != told[other].get(name)
-            ]
+    first, *others = ((one.path.parent, _stated_in(one)) for one in records)
+    for where, stated in others:
+        differ = [name for name in {**first[1], **stated} if first[1].get(name) != stated.get(name)]
+        if differ:
             raise DiagnosisError(
-                f"{other} is of a rig that is built otherwise than that of {first}: {', '.join(differ)}; diagnose them "
-                "one by one"
+                f"{where} is of a rig that is built otherwise than that of {first[0]}: {', '.join(differ)}; diagnose "
+                "them one by one"
             )
     try:
-        return built_as(parameters, told[first])
+        return built_as(parameters, first[1])
     except ParameterError as error:
-        raise DiagnosisError(f"{first}: {error}") from None
+        raise DiagnosisError(f"{first[0]}: {error}") from None
+
+
+def _stated_in(record: "Record") -> dict[str, float]:
+    known = record.meta.get("dimensions", {}).get("known", {})
+    return {name: one["value"] for name, one in known.items()}
 
 
 def with_roles(dataset: Dataset) -> Dataset:

@@ -51,13 +51,17 @@ _FIRST: Final = 1.0
 
 
 def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
-    """Return every run in records of the bench, in SI on the grid of their samples; all of role ``fit``.
+    """Return every run in records of the bench, as `dataset_of`. Raises RecordError where one is none."""
+    return dataset_of(directories, [read(directory) for directory in directories], simulator)
 
-    Raises DiagnosisError where a record holds nothing to be replayed, RecordError where it is none.
+
+def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator: AirSpring) -> Dataset:
+    """Return every run in ``records`` of these directories, in SI on the grid of their samples; all of role ``fit``.
+
+    Raises DiagnosisError where a record holds nothing to be replayed.
     """
     digest = hashlib.sha256()
     runs: list[tuple[Path, MeasuredRun]] = []
-    records = [read(directory) for directory in directories]
     channels = _as_read(simulator.channels, records)
     for directory, record in zip(directories, records, strict=True):
         digest.update(record.path.read_bytes())
