@@ -172,8 +172,7 @@ class Measuring:
             def late(
                 rig: Mapping[str, float], read: Mapping[str, Samples], at: str = piston, seen: str = height
             ) -> float:
-                both = (first_harmonic(times, read[one], FAST) for one in (seen, at))
-                laser, moved = both
+                laser, moved = (first_harmonic(times, read[one], FAST) for one in (seen, at))
                 return float(rig[lag(at)] - phase(laser / moved) / (tau * FAST))
 
             def frame(
@@ -222,7 +221,7 @@ class Measuring:
         )
 
     def _has(self, name: str, signals: tuple[str, ...], dimensions: tuple[str, ...]) -> bool:
-        lacking = self._bench.lacks(*signals) or (self._rig.lacks(*dimensions) if dimensions else "")
+        lacking = self._bench.lacks(*signals) or self._rig.lacks(*dimensions)
         if lacking:
             self._lines.append(
                 MoveLine(what=_words(name), verdict=Verdict.UNTOLD, found=f"cannot be measured: {lacking}")

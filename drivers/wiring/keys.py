@@ -28,7 +28,7 @@ class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class AllAtOnce:
-    """Gathers what is wrong with many lines, so that whoever mends a file hears it all in one run::
+    """Gathers what is wrong with many lines, so that whoever mends a file hears it all in one run:
 
     with AllAtOnce() as wrong:
         for line in lines:

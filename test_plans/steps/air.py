@@ -85,18 +85,13 @@ def check_air(run: Run, load: Load) -> None:
         mean = run.bench.averages(*cells, *states, over=AVERAGE_OVER)
         for side in SIDES:
             name = LOAD.of(side=side)
-            if run.can(name, needs=(*_cells(run, side), *CELLS)):
+            if run.can(name, needs=(*cells_under(run.rig, side), *CELLS)):
                 carried = run.measured(partial(load_on, side=side), mean, run.rig, averaged=AVERAGED)
                 check_band(run, name, carried, "kN", load.limits.band("carried"))
             rest = run.specimen.limits.band("rest_height")
             check_band(run, REST_HEIGHT.of(side=side), _read(run, mean, f"{side}.height"), "mm", rest)
             found = _read(run, mean, f"{side}.bellows_pressure")
             check_band(run, PRESSURE.of(side=side), found, "bar", load.limits.band("pressure"))
-
-
-def _cells(run: Run, side: str) -> tuple[str, ...]:
-    """Return the cells that tell the load on one spring; all, where nobody knows which stands where."""
-    return cells_under(run.rig, side) if all(name in run.rig for name in CELLS) else VERTICAL_CELLS
 
 
 def _read(run: Run, mean: Mapping[str, float], name: str) -> Measured:

@@ -62,8 +62,7 @@ LATERAL_NEEDS: Final = (
 
 def vertical_needs(rig: Rig, side: str) -> tuple[str, ...]:
     """Return what the vertical stiffness of one spring needs."""
-    cells = cells_under(rig, side) if all(name in rig for name in CELLS) else VERTICAL_CELLS
-    seen = (f"{side}.height", *cells)
+    seen = (f"{side}.height", *cells_under(rig, side))
     return (*seen, *GENERATOR, "generator.axis", *CELLS, *LASERS, *lags(seen))
 
 
