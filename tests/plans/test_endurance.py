@@ -10,6 +10,7 @@ from drivers.errors import Refused
 from test_plans.discovery import plans
 from test_plans.endurance import Looks, _cycle
 from test_plans.execution import execute
+from test_plans.instruments import ordinary
 
 slow = pytest.mark.slow
 SIDES = ("left", "right")
@@ -29,7 +30,7 @@ def numbers(result):
 @slow
 @pytest.mark.parametrize("given", [{}, {"axis": "lateral"}])
 def test_a_sound_spring_does_not_change(judged, given):
-    result, failed = judged("endurance", given=given)
+    result, failed = judged("endurance", given=given, instruments=ordinary())
     assert result.verdict is Outcome.PASS, result.reason or failed
     assert result.duration == pytest.approx(plans()["endurance"].lasts, rel=0.1)
     assert numbers(result)["cycles"] == 300
