@@ -268,12 +268,13 @@ def test_a_wide_and_heavy_bench_is_judged_by_its_own_dimensions(tmp_path):
     ],
 )
 def test_a_plan_asks_for_what_it_needs_and_for_nothing_else(tmp_path, plan):
-    """With nothing known but what it says it needs, its checks are as with all."""
+    """With nothing known but what it says it needs, something is judged, and nothing falsely."""
     needs = set(plans()[plan].needs)
     only = ran(tmp_path / "only", plan, without(*(name for name in NAMES if name not in needs)))
     assert only.verdict in {Outcome.PASS, Outcome.INCOMPLETE}, only.reason
     assert all(one.passed or one.verdict is CheckVerdict.NOT_AVAILABLE for one in only.checks)
-    assert sum(one.passed for one in only.checks) > 0.4 * len(only.checks)
+    assert any(one.passed for one in only.checks)
+    assert all("the rig has no " in one.note for one in only.checks if not one.passed)
 
 
 # -- and the other way round -----------------------------------------------------------------------------------
