@@ -181,7 +181,7 @@ def _built(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters
         differ = [name for name in {**first[1], **stated} if first[1].get(name) != stated.get(name)]
         if differ:
             raise DiagnosisError(
-                f"{where} is of a rig that is built otherwise than that of {first[0]}: {', '.join(differ)}; diagnose "
+                f"{where} is of a rig that is built differently from that of {first[0]}: {', '.join(differ)}; diagnose "
                 "them one by one"
             )
     try:
@@ -240,8 +240,8 @@ def chosen_effects(
         found = [one for one in simulator.catalogue if name in {one, one.partition(".")[0]}]
         if not found and (already := [one for one in held if name in {one, one.partition(".")[0]}]):
             raise DiagnosisError(
-                f"--effects: {already[0]} is in the model already and stays as it is there; what is looked for is what "
-                "the model lacks"
+                f"--effects: {already[0]} is in the model already and stays as it is there; only effects that the "
+                "model does not have are looked for"
             )
         if not found:
             near = get_close_matches(name, simulator.catalogue, n=1)
@@ -268,7 +268,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     for rival in finding.ambiguous_with:
         line(f"  or, instead of {rival.instead_of}: {rival.effect} ({rival.title})")
     for suspect in finding.suspects:
-        line(f"  near, but not named: {suspect.effect}")
+        line(f"  candidate, but not accepted: {suspect.effect}")
     for unknown in finding.unknowns:
         if unknown.kept:
             line(f"  {unknown.sentence}")

@@ -158,7 +158,7 @@ def choose(
         near = " and ".join(suspect.effect for suspect in finding.suspects)
         return None, (
             "no cause passes every test: there is nothing to decide between"
-            + (f"; {near} came nearest" if near else "")
+            + (f"; best candidates: {near}" if near else "")
         )
     ranked, made = offers(finding, menu), Counter(done)
     alone = [offer for offer in ranked if offer.bic_gap >= LEAST_GAP and offer.plan not in done]
@@ -173,7 +173,7 @@ def choose(
                 "such runs"
             )
     if not alone:
-        why = f"no run that is left on the menu would decide between {_causes_left(finding)}"
+        why = f"no further run on the menu would decide between {_causes_left(finding)}"
         if ranked:
             best = ranked[0]
             why += (
@@ -251,7 +251,7 @@ def _decide(
 
     records: list[Path] = []
     attempts = 0
-    programme, why = first, "to see what the model gets wrong"
+    programme, why = first, "to see where the model is wrong"
     while True:
         display.say(f"{programme.name}: {why}")
         name = f"{len(log.steps) + 1:02d}-{programme.name}"
@@ -275,7 +275,7 @@ def _decide(
                 return f"{blocked} ({attempts} times in a row)"
             if lasts(programme) / minutes > log.budget - log.spent:
                 return f"{blocked}; the budget is spent: {log.budget - log.spent:.1f} min are left"
-            why = "once more, the link or this machine was what blocked it"
+            why = "repeated, because the link or this machine blocked it"
             continue
         attempts = 0
         records.append(directory)

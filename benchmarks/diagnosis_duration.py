@@ -37,7 +37,7 @@ PURPOSES: Final = {
     "fitting the base model": "base fit and first scores",
     "fitting what stands out": "trials, and scores beside what entered",
     "weighing": "each cause left out",
-    "looking for what has no name": "surfaces",
+    "looking for unknown effects": "surfaces",
     "measuring the gain": "panel and gain",
 }
 

@@ -84,7 +84,7 @@ class Rival(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Suspect(msgspec.Struct, frozen=True, kw_only=True):
-    """An effect that comes near where nothing may be named: no cause.  ``why`` ends "it comes near but …".
+    """An effect that comes near where nothing may be named: no cause.  ``why`` ends "it is a candidate, but …".
 
     ``strength`` is the λ that it had in the model that it left; null where it never entered one.
     """

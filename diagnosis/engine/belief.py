@@ -23,8 +23,8 @@ def contradicted(model: FittedModel) -> list[str]:
             for one in (coordinate.to_value(number), parameter.nominal, parameter.spread)
         )
         sentences.append(
-            f"{coordinate.label} has become {value:.4g} {parameter.display or parameter.unit}, {sigmas:.0f} σ from "
-            f"what is believed, {nominal:.4g} ± {spread:.2g}: look at the units, signs and settings with which the "
+            f"{coordinate.label} was fitted as {value:.4g} {parameter.display or parameter.unit}, {sigmas:.0f} σ from "
+            f"its expected value, {nominal:.4g} ± {spread:.2g}: check the units, signs and settings with which the "
             "data were read"
         )
     return sentences

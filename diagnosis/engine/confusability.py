@@ -92,14 +92,14 @@ def _unseen(screening: Screening, linearisation: Linearisation, place: int) -> U
     )
     unit = _unit(amplitude)
     if raw == 0.0:
-        sentence = "leaves no trace in these runs"
+        sentence = "has no influence on these runs"
     elif smallest > most:
         sentence = f"is not visible in these runs{f': {hidden_by} imitates it' if hidden_by else ''}"
     else:
         at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
-        sentence = f"would have been found from {smallest / amplitude.scale:.3g} {unit}".rstrip()
+        sentence = f"would have been found from a size of {smallest / amplitude.scale:.3g} {unit}".rstrip()
         sentence += (f" (at {at})" if at else "") + (
-            f", though {hidden_by} hides most of it" if hidden_by else ""
+            f", although {hidden_by} imitates most of it" if hidden_by else ""
         )
     return Unseen(
         effect=effect.name,

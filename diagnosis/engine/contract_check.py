@@ -138,7 +138,7 @@ class _Trial:
             raise DiagnosisError(
                 f"{self.simulator.name} gave other outputs when it was run again with the same arguments, "
                 f"{described(self.simulator, self.nominal, {})}: by up to {np.nanmax(np.abs(again - self.base)):.3g}; "
-                "it must remember nothing from one run to the next and draw nothing by chance"
+                "it must keep nothing from one run to the next and use no random numbers"
             )
 
     def check_effect(self, effect: Hypothesis) -> None:
@@ -179,8 +179,8 @@ class _Trial:
             if np.any(bent > CURVED * np.maximum(size, bent) + 3.0 * rounding):
                 raise DiagnosisError(
                     f"{told(0.5 * step, step)} is not proportional to its amplitude: twice the first change is off by "
-                    f"{_share(bent, size)} of the second; right is a derivative at 0, such as that of a friction "
-                    "a·tanh(v/v_0) or of a lag that is linear in its time constant"
+                    f"{_share(bent, size)} of the second; right would be an effect with a derivative at 0, such as a "
+                    "friction a·tanh(v/v_0) or a lag that is linear in its time constant"
                 )
             if amplitude.low <= -step <= amplitude.high:
                 kink = np.linalg.norm(change(-step) + whole, axis=0)
@@ -193,8 +193,8 @@ class _Trial:
         elif np.any(np.linalg.norm(change(ordinary), axis=0) > rounding):
             raise DiagnosisError(
                 f"{told(step)} changes nothing, but at {amplitude.name} = {ordinary:.6g} {amplitude.unit} it does: it "
-                "has no derivative at 0, and nothing to be found by; right is, for a lag, the answer to a straight "
-                "line between two samples"
+                "has no derivative at 0, so no search can find it; right would be, for a lag, the exact response to a "
+                "straight line between two samples"
             )
 
     def outputs(self, parameters: Mapping[str, float], effects: Effects) -> Array:
@@ -211,7 +211,7 @@ class _Trial:
                 f"{self.simulator.name}: {self.simulator.channels[column].name} is {outputs[row, column]} at "
                 f"{self.experiment.time[row]:.6g} s of the run {self.experiment.name}, at "
                 f"{described(self.simulator, parameters, effects)}; it must be finite wherever its parameters may be: "
-                "narrow their range, or mend the equation"
+                "narrow their range, or correct the equation"
             )
 
 

@@ -82,7 +82,7 @@ def diagnose(
     problem = Problem(replay, data.of("select"), hypotheses, config)
 
     found = search(problem, tell)  # steps 2 to 6
-    tell("looking for what has no name", 0.91)
+    tell("looking for unknown effects", 0.91)
     judgement = judge(problem, found)  # steps 7 and 8
     del found  # The columns of all candidates are large, and no more is asked of them.
     tell("measuring the gain", 0.92)
@@ -195,29 +195,28 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
     """Return sentences on what is still not explained, or could not be checked."""
     screening = judgement.screened.screening
     sentences = [
-        f"{screening.candidates[i].effect.title} still scores {screening.z[i]:.1f}, "
-        f"above {screening.threshold:.1f}."
+        f"{screening.candidates[i].effect.title} still has a score of {screening.z[i]:.1f}, "
+        f"above the threshold of {screening.threshold:.1f}."
         for i in screening.exceeding
     ]
     sentences += [
-        f"{trial.effect} was seen but not accepted: {trial.failed}."
+        f"{trial.effect} was tried but not accepted: {trial.failed}."
         for trial in judgement.found.steps[-1].trials
         if trial.failed
     ]
     if not judgement.model.converged:
-        sentences.append(
-            "The fit of the last model did not come to rest; its intervals are not to be trusted."
-        )
+        sentences.append("The fit of the last model did not converge; its intervals are not reliable.")
     if left.after > NOISE_RATIO_TOLD:
         sentences.append(
-            f"On the {left.role} runs {left.after:.2g} times the noise is left: not all that is wrong there was found."
+            f"On the {left.role} runs the remaining error is {left.after:.2g} times the noise: not every cause of it "
+            "was found."
         )
     if not data.of("select"):
         sentences.append(
-            "There is no run to select on: no cause was tested on data that it was not fitted to."
+            "No run has the role 'select': no cause was tested on data that were not used to fit it."
         )
     if not data.of("report"):
-        sentences.append("There is no run to report on: the gain on unseen data is not known.")
+        sentences.append("No run has the role 'report': the gain on unseen data is not known.")
     return sentences
 
 

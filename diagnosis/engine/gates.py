@@ -45,7 +45,7 @@ def unfit(model: FittedModel, base: FittedModel) -> str:
     """Return why the fit of a model with one more effect is no explanation, as a sentence; "" if it may be one."""
     gap = model.bic - base.bic
     if not gap < 0.0:
-        return f"BIC is worse by {gap:.1f}" if model.converged else "comes nowhere near another cause"
+        return f"BIC is worse by {gap:.1f}" if model.converged else "another candidate is far better"
     return unphysical(model, base)
 
 
@@ -62,7 +62,7 @@ def useless(
     ``after`` and ``before`` are predictions of the select runs; None where there are none.
     """
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
-        return f"predicts the select runs worse: log density falls by {before.lpd - after.lpd:.1f}"
+        return f"it predicts the select runs worse: their log density falls by {before.lpd - after.lpd:.1f}"
     return explains_too_little(model, after, base, before, floors, config)
 
 
@@ -78,7 +78,7 @@ def unphysical(model: FittedModel, base: FittedModel) -> str:
             STRAINED_PRIOR, strained.get(coordinate, 0.0) + FURTHER_STRAIN
         ):
             value = _shown(coordinate, number)
-            return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from what is believed"
+            return f"{coordinate.label} would have to be {value}, {abs(number):.1f} σ from its expected value"
     before = out_of_range(base)
     return next((why for which, why in out_of_range(model).items() if which not in before), "")
 
@@ -99,7 +99,7 @@ def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
             and push**2 > RANGE_CHI2 * model.noise.dispersion * fitted.information[i, i]
         ):
             value = _shown(coordinate, number)
-            found[coordinate] = f"{coordinate.label} runs into the end of its range, {value}"
+            found[coordinate] = f"{coordinate.label} reaches the limit of its range, {value}"
     return found
 
 
@@ -119,7 +119,7 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"leaves {100.0 * part:.2g} % of the trace of what was found before, which may be rough by as much"
+    return f"it adds {100.0 * part:.2g} % to the misfit explained, and what was found before may be inexact by as much"
 
 
 def explains_too_little(
@@ -150,7 +150,9 @@ def explains_too_little(
     if gained >= config.gain:
         return ""
     name = replay.simulator.channels[channel].name
-    return f"explains only {100.0 * gained:.2g} % of the misfit in {name}, where it acts most"
+    return (
+        f"it explains only {100.0 * gained:.2g} % of the misfit in {name}, the channel that it affects most"
+    )
 
 
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:

@@ -41,7 +41,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         trials: tuple[Trial, ...] = ()
         if done < 1.0:
             model = " + ".join(("the base model", *state.current.effects))
-            progress(f"fitting what stands out against {model}", 0.1 + 0.8 * done)
+            progress(f"fitting candidates in addition to {model}", 0.1 + 0.8 * done)
             trials = fit_trials(problem, state)
         state = state.after(trials)
         chosen = choose(problem, state, trials) or choose_pair(problem, state, trials)
@@ -51,7 +51,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         state = state.without_columns()
         state = admit(problem, state, chosen, trials)
         state = swap(problem, state)
-    progress("weighing what was found", 0.9)
+    progress("checking the causes that were found", 0.9)
     return weigh(problem, state)
 
 

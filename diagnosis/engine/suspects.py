@@ -23,8 +23,8 @@ from diagnosis.engine.search_state import Accepted, SearchResult, Trial
 from diagnosis.engine.wording import estimates
 from diagnosis.finding import Cause, Estimate, Suspect, number
 
-INSTEAD: Final = "is no clearer in the place of {other}"
-MOST_LEFT: Final = "leaves most of the error"
+INSTEAD: Final = "its evidence is no stronger than that of {other}"
+MOST_LEFT: Final = "most of the error remains with it"
 
 
 class Dismissed(NamedTuple):

@@ -160,11 +160,12 @@ def _sentence(surface: Surface, regions: Sequence[Region], nearest: Sequence[Nea
     parts = [surface.title[:1].upper() + surface.title[1:] + (f", at {', '.join(acts)}" if acts else "")]
     if nearest:
         parts.append(
-            "nearest named: " + ", ".join(f"{n.effect} (cosine {n.cosine or 0.0:.2f})" for n in nearest)
+            "most similar known effects: "
+            + ", ".join(f"{n.effect} (cosine {n.cosine or 0.0:.2f})" for n in nearest)
         )
-    parts.append("valid only inside " + (", ".join(seen) if seen else "what the runs visited"))
+    parts.append("valid only for " + (", ".join(seen) if seen else "the range of these runs"))
     if not kept:
-        parts.append("not kept: it does not predict the select runs better")
+        parts.append("not kept, because it does not predict the select runs better")
     return "; ".join(parts) + "."
 
 

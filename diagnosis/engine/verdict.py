@@ -51,7 +51,7 @@ from diagnosis.engine.unknown import clear_surfaces, explain
 from diagnosis.finding import Unknown, Verdict
 
 #: Why a cause leaves that the form of the model may have made.
-OWED: Final = "is no clearer than what the form of the model owes"
+OWED: Final = "its evidence does not exceed the model's structural error"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,10 +119,12 @@ def _leaving(
         least = min(found.accepted, key=lambda one: one.bic_gain)
         return {least.effect: next(iter(impossible.values()))}
     if clear and (likenesses := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
-        return dict.fromkeys(likenesses, f"is not needed beside {clear[0].surface.title}")
+        return dict.fromkeys(
+            likenesses, f"it is not needed beside a fitted surface ({clear[0].surface.title})"
+        )
     unsure = vague(model, screened.tests, found.accepted) if clear else ()
     if unsure and not _foretold(problem, found, model, unsure[0]):
-        return {unsure[0]: f"may be nothing beside {clear[0].surface.title}"}
+        return {unsure[0]: f"it may be zero beside a fitted surface ({clear[0].surface.title})"}
     owed = owed_to_form(model, found.accepted)
     if owed and clear:  # what has no name may be all that is wrong with the form
         beside, _ = explain(model, clear[0], screened.screening, problem.select)
@@ -135,7 +137,7 @@ def _below_samples(problem: Problem, found: SearchResult, model: FittedModel) ->
     """Return the accepted effects whose amplitude is less than the samples resolve, with that as the reason."""
     amplitudes = {one.effect: problem.hypotheses[one.effect].amplitude.name for one in found.accepted}
     return {
-        effect: "is less than the samples resolve"
+        effect: "it is smaller than the samples can resolve"
         for effect, name in amplitudes.items()
         if name in below_resolution(model, problem.hypotheses[effect])
     }

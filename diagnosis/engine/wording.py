@@ -30,13 +30,13 @@ from diagnosis.finding import (
 )
 
 SENTENCES: Final = {
-    Verdict.NO_EFFECT: "Nothing in these runs speaks against the simulation.",
+    Verdict.NO_EFFECT: "Nothing was found in these runs that contradicts the simulation.",
     Verdict.NAMED: "{causes}, which the model did not have.",
-    Verdict.AMBIGUOUS: "{causes}, which the model did not have; by these runs it may as well be {rivals}.",
+    Verdict.AMBIGUOUS: "{causes}, which the model did not have; {rivals} would explain these runs as well.",
     Verdict.UNRESOLVED: "The simulation is wrong somewhere, but no cause passes every test. {near}",
     Verdict.UNKNOWN: "The simulation is wrong in a way that no known cause explains. {unknown}",
-    Verdict.REMAINDER: "{causes}, which the model did not have; something else is wrong, too, and has no name yet. "
-    "{unknown}",
+    Verdict.REMAINDER: "{causes}, which the model did not have; something else is wrong as well and was not "
+    "identified. {unknown}",
 }
 
 
@@ -115,7 +115,7 @@ def scores(found: SearchResult) -> list[Score]:
         elif reason := found.state.left.get(name) or gates.get(name):
             outcome = reason
         elif first.z[i] > first.threshold:
-            outcome = "another explains it better"
+            outcome = "another candidate explains it better"
         else:
             outcome = "below the threshold"
         rows.append(
@@ -172,18 +172,18 @@ def _begun(text: str) -> str:
 
 
 def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
-    """Say what comes nearest where nothing is named: a relative of the cause, or what does not pass a test."""
+    """Say which candidates are best where nothing is named: one similar to the cause, or what does not pass a test."""
     if causes:
         names = " and ".join(f"{c.title} ({_size(c.parameters)})" for c in causes)
         many = len(causes) > 1
         return (
-            f"Nearest {'come' if many else 'comes'} {names}, but most of the error is left: the cause may be a "
-            f"relative of {'theirs' if many else 'it'} that was not looked for."
+            f"The best {'candidates are' if many else 'candidate is'} {names}, but most of the error remains: the "
+            f"cause may be an effect similar to {'these' if many else 'it'} that was not looked for."
         )
     told = []
-    for place, one in zip(chain(["nearest"], repeat("next")), suspects, strict=False):
+    for place, one in zip(chain(["best"], repeat("next")), suspects, strict=False):
         title = _begun(one.title)
-        told.append(f"{title} ({_size(one.parameters)}) comes {place} but {one.why}.")
+        told.append(f"{title} ({_size(one.parameters)}) is the {place} candidate, but {one.why}.")
     return " ".join(told)
 
 
@@ -192,14 +192,14 @@ def _gained(left: Remainder) -> str:
     if not left.after > 0.0:
         return ""
     what = {
-        "report": "On runs that nothing was fitted to",
-        "select": "On the runs that chose it",
-        "fit": "On the runs that were fitted",
+        "report": "On unseen runs",
+        "select": "On the runs used for selection",
+        "fit": "On the runs used for fitting",
     }[left.role]
     change = f"the error falls from {left.before:.3g} to {left.after:.3g} times the noise"
     if left.after > 0.995 * left.before:
         change = f"the error stays at {left.after:.3g} times the noise"
-    return f"{what}, {change}{': not all that is wrong was found' if left.large else ''}."
+    return f"{what}, {change}{': not every cause of it was found' if left.large else ''}."
 
 
 def _worth(one: Cause) -> str:
@@ -208,7 +208,7 @@ def _worth(one: Cause) -> str:
         return ""
     title = _begun(one.title)
     if one.gained < GAINS_NOTHING:
-        return f"{title} gains nothing there."
+        return f"{title} does not reduce it noticeably."
     return f"{title} explains only {100.0 * one.gained:.2g} % of it."
 
 

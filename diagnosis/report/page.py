@@ -21,9 +21,9 @@ TONES: Final = {
     Verdict.UNKNOWN: "alarm",
 }
 HEADLINES: Final = {
-    Verdict.NO_EFFECT: "Nothing found that the model does not have",
+    Verdict.NO_EFFECT: "No effect found that the model does not have",
     Verdict.NAMED: "The cause is found",
-    Verdict.REMAINDER: "A cause is found, but it does not explain all",
+    Verdict.REMAINDER: "A cause is found, but it does not explain everything",
     Verdict.AMBIGUOUS: "More than one cause explains these runs",
     Verdict.UNRESOLVED: "Something is wrong, and no cause passes every test",
     Verdict.UNKNOWN: "Something is wrong that no known cause explains",

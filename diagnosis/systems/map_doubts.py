@@ -108,8 +108,8 @@ def _told(
     c = int(np.argmin(shares))
     text = [f'"{one.reading}"' if key == "reading" else f"{one.sign}" for one in (columns[name], changed)]
     return (
-        f"{keys} = {text[0]} may be wrong: with {text[1]} the simulation would miss {channels[c]} by "
-        f"{shares[c]:.2g} of what it misses it by now"
+        f"{keys} = {text[0]} may be wrong: with {text[1]} the error of the simulation in "
+        f"{channels[c]} would be {shares[c]:.2g} times what it is now"
     )
 
 
@@ -119,7 +119,7 @@ def _empty_columns(runs: Sequence[MeasuredRun], channels: Sequence[str]) -> Iter
             run.experiment.record for run in runs if not np.isfinite(run.outputs[:, c]).any()
         )
         if empty:
-            yield f"columns.{name} has no number in {', '.join(empty)}: nothing is compared with it there"
+            yield f"columns.{name} has no number in {', '.join(empty)}: the simulation is not compared with it there"
 
 
 def _below_ambient(
@@ -135,8 +135,8 @@ def _below_ambient(
         lowest = float(np.quantile(known, 0.01)) + (0.0 if signal.gauge else -ambient)
         if lowest < -_BELOW * ambient:
             yield (
-                f"columns.{name}.reading may be wrong: it goes {-lowest / 1e5:.3g} bar below the pressure of the air "
-                f"around, {ambient / 1e5:.4g} bar"
+                f"columns.{name}.reading may be wrong: its lowest pressure lies {-lowest / 1e5:.3g} bar below the "
+                f"ambient pressure, {ambient / 1e5:.4g} bar"
             )
 
 
@@ -149,8 +149,8 @@ def _loop_work(runs: Sequence[MeasuredRun], system: System, channels: Sequence[s
                 loops += _loops(f[run.scored], x[run.scored])
         if len(loops) >= _LOOPS and np.mean(np.array(loops) < 0.0) >= _GIVING:
             yield (
-                f"columns.{force}.sign or columns.{way}.sign may be wrong: a loop gives {-np.mean(loops):.3g} J of "
-                "work on average, where whatever is passive takes some"
+                f"columns.{force}.sign or columns.{way}.sign may be wrong: a loop delivers {-np.mean(loops):.3g} J of "
+                "work on average, but a passive system can only absorb work"
             )
 
 

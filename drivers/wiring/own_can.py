@@ -53,7 +53,7 @@ class OwnEar:
 
     ``epoch`` (ns) is subtracted from the time stamps of the frames to make them times of ``clock``. With an epoch the
     stamps come from somebody else's clock, so the age of a reading counts from its arrival instead. ``absent`` are
-    signals that this rig has elsewhere: what our table would read in their place is none of them.
+    signals that this rig has elsewhere: the rows of our table that stand in their place are ignored.
     """
 
     def __init__(

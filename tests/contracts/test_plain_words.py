@@ -66,7 +66,7 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
         cosine=0.9,
     )
     asked = sentence(Verdict.AMBIGUOUS, [one], [rival], [], [], left)
-    assert "may as well be heat (0.200 ± 0.020 mm2) instead of dry friction." in asked
+    assert "heat (0.200 ± 0.020 mm2) instead of dry friction would explain these runs as well." in asked
 
 
 @pytest.mark.parametrize(

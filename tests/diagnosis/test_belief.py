@@ -36,8 +36,8 @@ def fitted(laboratory, **nominal):
 def test_a_parameter_far_from_what_is_believed_is_told_and_no_other(laboratory):
     assert contradicted(fitted(laboratory)) == []
     (told,) = contradicted(fitted(laboratory, stiffness=2400.0))
-    assert told.startswith("stiffness has become ")
-    assert "20 σ from what is believed, 2400 ± 80: look at the units" in told
+    assert told.startswith("stiffness was fitted as ")
+    assert "20 σ from its expected value, 2400 ± 80: check the units" in told
 
 
 @pytest.mark.slow
@@ -47,11 +47,11 @@ def test_doubts_and_what_was_left_out_stand_before_the_verdict_on_the_terminal_a
     data = replace(lab.measure(1), doubts=(said,), readings=(told,))
     finding = diagnose(data, believed(lab.simulator, stiffness=2400.0))
     assert finding.doubts[0] == said and finding.readings == [told]
-    assert finding.doubts[1].startswith("stiffness has become")
+    assert finding.doubts[1].startswith("stiffness was fitted as")
     out = io.StringIO()
     show(finding, Path("out"), Console(file=out, width=400))
     lines = out.getvalue().splitlines()
     assert lines[:2] == [told, f"doubtful: {said}"]
-    assert lines[2].startswith("doubtful: stiffness has become")
+    assert lines[2].startswith("doubtful: stiffness was fitted as")
     page = render(finding)
     assert page.index(said) < page.index(told) < page.index('class="banner')

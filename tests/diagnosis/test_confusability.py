@@ -112,7 +112,7 @@ def test_what_hides_an_effect_is_named(laboratory):
     model, screen = bench.screen()
     (one,) = unseen(screen, model.linearisation)
     # The oscillator knows no effect of this name: it leaves no trace, and that is said.
-    assert one.smallest is None and one.sentence == "leaves no trace in these runs"
+    assert one.smallest is None and one.sentence == "has no influence on these runs"
 
 
 def test_typical_lambda_is_that_of_a_prior_spread(laboratory):

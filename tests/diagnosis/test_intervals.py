@@ -137,8 +137,8 @@ def test_a_lag_below_the_sampling_period_is_no_cause_and_a_longer_one_is():
     (told,) = findings[25e-3].causes[0].parameters
     assert told.low < 25.0 < told.high
     (suspect,) = findings[4e-3].suspects
-    assert (suspect.effect, suspect.why) == ("force_lag", "is less than the samples resolve")
-    assert "comes nearest but is less than the samples resolve" in findings[4e-3].sentence
+    assert (suspect.effect, suspect.why) == ("force_lag", "it is smaller than the samples can resolve")
+    assert "is the best candidate, but it is smaller than the samples can resolve" in findings[4e-3].sentence
     assert findings[25e-3].suspects == []
 
 

@@ -14,10 +14,8 @@ TURN_X = ('displacement = { column = 5, unit = "mm"', 'displacement = { column =
 TURN_F = ('force = { column = 7, unit = "N"', 'force = { column = 7, unit = "N", sign = -1')
 ABSOLUTE = ('reading = "gauge"', 'reading = "absolute"')
 WORK = "columns.force.sign or columns.displacement.sign may be wrong: a loop gives"
-FORCE = "columns.force.sign = -1 may be wrong: with 1 the simulation would miss force by 0.0"
-PRESSURE = (
-    'columns.pressure.reading = "absolute" may be wrong: with "gauge" the simulation would miss force by 0.1'
-)
+FORCE = "columns.force.sign = -1 may be wrong: with 1 the error of the simulation in force would be 0.0"
+PRESSURE = 'columns.pressure.reading = "absolute" may be wrong: with "gauge" the error of the simulation in force would be 0.1'
 BELOW = "columns.pressure.reading may be wrong: it goes 0.92"
 
 
@@ -65,6 +63,8 @@ def test_a_column_without_numbers_is_doubted_in_one_file_and_refused_in_all(tmp_
     )
     paths = [tmp_path / "a.csv", tmp_path / "b.csv"]
     _, dataset = read_mapped(paths, mapping)
-    assert dataset.doubts == ("columns.temperature has no number in b: nothing is compared with it there",)
+    assert dataset.doubts == (
+        "columns.temperature has no number in b: the simulation is not compared with it there",
+    )
     with pytest.raises(DiagnosisError, match=r"columns.temperature holds no number in any run; leave it out"):
         read_mapped(paths[1:], mapping)

@@ -71,13 +71,13 @@ def test_the_page_tells_suspects_with_the_test_that_they_do_not_pass(found):
         family=first.family,
         parameters=first.parameters,
         strength=first.strength,
-        why="explains only 3 % of the misfit in force",
+        why="it explains only 3 % of the misfit in force",
     )
     unresolved = msgspec.structs.replace(
         found, verdict=Verdict.UNRESOLVED, causes=[], ambiguous_with=[], suspects=[suspect]
     )
     text = text_of(render(unresolved))
-    assert "Where to look first" in text and f"It {typeset(suspect.why)}." in text
+    assert "Where to look first" in text and f"Not accepted: {typeset(suspect.why)}." in text
     assert first.title in text and shown(first.parameters[0].value, 4) in text
     assert "Where to look first" not in text_of(render(found))
 

@@ -46,7 +46,7 @@ def test_a_stop_that_no_catalogue_knows_is_seen_fitted_and_located(laboratory, f
     extended, unknown = explain(model, test, screen, data.of("select"))
     assert unknown.kept and unknown.lpd_gain > 10
     assert extended.effects == ("force",)
-    assert "not kept" not in unknown.sentence and "valid only inside" in unknown.sentence
+    assert "not kept" not in unknown.sentence and "valid only for" in unknown.sentence
 
 
 def test_what_depends_on_one_state_is_clearest_along_it(laboratory, force_surface):

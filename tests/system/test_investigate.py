@@ -116,7 +116,7 @@ def test_a_run_that_would_not_decide_is_not_run():
     once = 1.5 * lasts(QUICK) / minutes
     offer, why = choose(ambiguous(("quick 1 AW0", LEAST_GAP - 0.1)), SMALL_MENU, once, set())
     assert offer is None
-    assert "no run that is left on the menu would decide between leak.left and heat.left" in why
+    assert "no further run on the menu would decide between leak.left and heat.left" in why
     assert "promises a BIC gap of 9.9" in why
     assert choose(ambiguous(("quick 1 AW0", LEAST_GAP)), SMALL_MENU, once, set())[0].plan == "quick"
 
@@ -313,14 +313,14 @@ def test_the_report_tells_how_it_was_found_out(tmp_path):
     log, _, _ = loop(tmp_path, [ambiguous(("quick 1 AW0", 50.0)), NAMED])
     page = write_report(NAMED, tmp_path / "report.html", history(log)).read_text()
     for words in (
-        "How it was found out",
-        "To see what the model gets wrong",
+        "How this was found",
+        "To see where the model is wrong",
         "To decide between leak.left and heat.left: a BIC gap of 50 is expected",
         "The finding is ambiguous",
-        "of 20.0 minutes of the bench. It ended here: a verdict was reached: named",
+        "of 20.0 minutes on the bench were used. Why it ended: a verdict was reached: named",
     ):
         assert words in page, words
-    assert "How it was found out" not in write_report(NAMED, tmp_path / "alone.html").read_text()
+    assert "How this was found" not in write_report(NAMED, tmp_path / "alone.html").read_text()
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         return NotApplicable("the channel is neither a force nor a pressure")
     swings = _followed(residuals, c)
     if not swings:
-        return NotApplicable("no input swings evenly")
+        return NotApplicable("no input oscillates regularly")
     found = [(swing, _losses(residuals, c, swing)) for swing in swings]
     tests = [(_against_zero(values), swing, float(values.mean())) for swing, values in found]
     (p, t), swing, mean = min(tests, key=lambda one: one[0])
@@ -35,7 +35,7 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=abs(t),
         p=bonferroni(p, len(tests)),
-        sentence=f"{channel.name} loses {mean / channel.scale:+.3g} {unit} a cycle beyond the model at "
+        sentence=f"{channel.name}: the loss per cycle differs from the model by {mean / channel.scale:+.3g} {unit} at "
         f"{swing.frequency:.3g} Hz{law}",
         points_to=points_to,
         draw=lambda: Figure(
@@ -109,7 +109,7 @@ def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
 def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """The width of the error's loop at two low speeds: the same at both for friction, growing for a Maxwell branch."""
     if residuals.channels[c].kind != "force":
-        return NotApplicable("the channel is no force")
+        return NotApplicable("the channel is not a force")
     slow = sorted(
         (s for s in _followed(residuals, c) if s.frequency <= QUASI_STATIC_HZ), key=lambda s: s.frequency
     )
@@ -122,7 +122,7 @@ def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         and a.signal == b.signal
     ]
     if not pairs:
-        return NotApplicable("no input swings slowly at two speeds")
+        return NotApplicable("no input oscillates slowly at two speeds")
     first, second = pairs[0]
     widths = [_losses(residuals, c, s) / (4.0 * s.amplitude) for s in (first, second)]
     tests = [_against_zero(w) for w in widths]
@@ -135,7 +135,7 @@ def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=max(abs(t) for _, t in tests),
         p=bonferroni(min(p for p, _ in tests), 2),
-        sentence=f"half the width of the loop of {channel.name} is off by {shown[0]:.3g} {unit} at "
+        sentence=f"half the width of the loop of {channel.name} differs by {shown[0]:.3g} {unit} at "
         f"{first.frequency:.3g} Hz and by {shown[1]:.3g} {unit} at {second.frequency:.3g} Hz: "
         + ("it does not depend on the speed" if same else "it depends on the speed"),
         points_to="Berg or Coulomb friction" if same else "Maxwell, viscous loss",
@@ -163,7 +163,7 @@ def settles(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     white = residuals.whitened[:, c]
     holds = [h for h in residuals.holds if np.isfinite(white[h.start : h.stop]).sum() > LEAST_OF_A_HOLD]
     if not holds:
-        return NotApplicable("no input holds still")
+        return NotApplicable("no input stays constant")
     looks = len(holds) * (1 + len(SETTLING_S))
     tests = [
         (*_in_hold(white, hold, residuals.step, tau), hold) for hold in holds for tau in (0.0, *SETTLING_S)

@@ -37,7 +37,7 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         white = residuals.whitened[:, c]
         known = np.isfinite(white)
         if not residuals.inputs or known.sum() < LEAST_SAMPLES:
-            return NotApplicable("no input moves" if not residuals.inputs else "too few samples")
+            return NotApplicable("no input changes" if not residuals.inputs else "too few samples")
         y = white[known]
         best: tuple[float, float, str] | None = None
         for name, regressors in residuals.regressors.items():
@@ -49,7 +49,11 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         assert best is not None  # at least one input moves
         p, value, name = best
         share = float(np.sqrt(value / (y @ y)))
-        how = {"linear": "follows", "even": "is even in", "odd": "has an odd, nonlinear part in"}[parity]
+        how = {
+            "linear": "follows",
+            "even": "is an even function of",
+            "odd": "has an odd, nonlinear dependence on",
+        }[parity]
         return Evidence(
             statistic=value,
             p=bonferroni(p, len(residuals.inputs)),
@@ -105,7 +109,7 @@ def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable
             statistic=value,
             p=bonferroni(p_of_chi2(value, freedom), len(sines)),
             sentence=f"while {sine.signal} is a sine of {sine.frequency:.3g} Hz, the error of {channel.name} has "
-            f"{sizes[largest] / channel.scale:.3g} {unit} at {orders[largest]} times that",
+            f"{sizes[largest] / channel.scale:.3g} {unit} at {orders[largest]} times this frequency",
             points_to=POINTS_TO[parity],
             draw=lambda: _spectrum(residuals, c, sine),
         )
@@ -174,7 +178,7 @@ def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Restoring-force surface of the error r(x, v), by Masri and Caughey (1979): means over an input and its slope."""
     name = residuals.partner(c)
     if not name:
-        return NotApplicable("no input moves")
+        return NotApplicable("no input changes")
     u = residuals.inputs[name]
     return _surface(
         residuals,
@@ -190,7 +194,7 @@ def pressure_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     pressures = [i for i, channel in enumerate(residuals.channels) if channel.kind == "pressure"]
     name = residuals.partner(c)
     if not pressures or not name:
-        return NotApplicable("no input moves" if pressures else "no channel is a pressure")
+        return NotApplicable("no input changes" if pressures else "no channel is a pressure")
     y = np.nan_to_num(residuals.measured[:, c] - np.nanmean(residuals.measured[:, c]))
     close = [
         abs(float(y @ (p - p.mean()))) / (p.std() or np.inf)
@@ -211,7 +215,7 @@ def _surface(
     counts = np.bincount(places, minlength=SURFACE_BINS * SURFACE_BINS)
     filled = counts >= LEAST_IN_BIN
     if filled.sum() < 4:
-        return NotApplicable("the run visits too little of the plane")
+        return NotApplicable("the run covers too little of the plane")
     white = residuals.whitened[known, c]
     sums = np.bincount(places, white, minlength=SURFACE_BINS * SURFACE_BINS)
     value = float(np.sum(sums[filled] ** 2 / counts[filled]))
@@ -222,7 +226,7 @@ def _surface(
     rest = (
         ""
         if share > 0.5
-        else f", and explains {max(share, 0.0):.0%} of it: there is more, such as a hidden state"
+        else f", which explain {max(share, 0.0):.0%} of it: something else contributes, such as a hidden state"
     )
 
     def draw() -> Figure:

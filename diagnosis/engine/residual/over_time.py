@@ -1,4 +1,4 @@
-"""Tests on a residual alone: how large it is in which band, whether it remembers itself, whether it drifts."""
+"""Tests on a residual alone: how large it is in which band, whether it is correlated in time, whether it drifts."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=q,
         p=p_of_chi2(q, LJUNG_BOX_LAGS),
-        sentence=f"the error of {name} remembers itself: correlation {rho[lag - 1]:.2f} "
+        sentence=f"the error of {name} is correlated in time: by {rho[lag - 1]:.2f} "
         f"after {lag * residuals.step:.3g} s",
         points_to="lag, delay, fast dynamics",
         draw=lambda: Figure(

@@ -61,7 +61,7 @@ def _against_chance(
     return Evidence(
         statistic=ratio,
         p=float(fdtrc(seen.size, floor.size, ratio)),
-        sentence=f"{name}: measured and predicted differ by {np.sqrt(ratio):.3g} times what noise makes of it",
+        sentence=f"{name}: measured and predicted differ by {np.sqrt(ratio):.3g} times what noise alone would cause",
         points_to=name,
         draw=lambda: Figure(
             kind="points",
