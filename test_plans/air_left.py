@@ -23,13 +23,13 @@ LIFTS: Final = 0.23 * bar
 KEEP_AWAY: Final = "keep away from the springs until their gauges read zero: "
 #: What becomes of the air, by what the bench does with it in its present state.
 _BECOMES: Final = {
-    "let off": "the bench, in {state}, lets the air off by itself",
-    "shut in": "the bench, in {state}, keeps its valves shut, and lets the air off once it is disabled",
-    "as ordered": "the bench, in {state}, does with the air what it was last told",
-    None: "what this rig does with the air in {state} is not known here",
+    "let off": "the bench, in {state}, vents the springs by itself",
+    "shut in": "the bench, in {state}, keeps its valves shut, and vents the springs once it is disabled",
+    "as ordered": "the bench, in {state}, keeps the air as last commanded",
+    None: "it is not known what this rig does with the air in {state}",
 }
 #: What a bench does that does with the air as it was told, once the wire for that is lost.
-_ALONE: Final = ", until it misses its commander: then it lets the air off by itself"
+_ALONE: Final = ", until it detects the loss of its commander: then it vents the springs by itself"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ def air_left(bench: Bench) -> str:
     if any(one >= LIFTS for of_side in known.pressures.values() for one in of_side.values()):
         found = f"they hold pressure ({_sides(known)})"
     else:
-        found = "nobody can tell whether they hold pressure"
+        found = "it is not known whether they hold pressure"
     return "; ".join([f"{KEEP_AWAY}{found}", *known.silent, _becomes(bench, known)])
 
 
@@ -73,7 +73,7 @@ def _empty(known: _Known) -> bool:
 def _becomes(bench: Bench, known: _Known) -> str:
     """Return in words what the bench does with the air of the springs in the state it is known to be in."""
     if not known.state:
-        return f"nobody can tell what the bench does with it: {known.why}"
+        return f"it is not known what the bench does with the air: {known.why}"
     fate = bench.wiring.conduct.air.get(known.state)
     alone = _ALONE if bench.lost and fate == "as ordered" else ""
     return _BECOMES[fate].format(state=known.state) + alone

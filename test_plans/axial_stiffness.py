@@ -24,7 +24,8 @@ from test_plans.uncertainty import Measured
 
 ISOBARIC: Final = CheckName(
     "{side} vertical stiffness, isobaric",
-    "Force over way at constant pressure: what the contour of the bellows and the rubber give without the air's help.",
+    "Force over displacement at constant pressure: the stiffness of "
+    "bellows contour and rubber, without that of the air.",
 )
 #: Up, down and up again, each place from both directions: what friction does falls out of the mean.
 STAIRS: Final = tuple(z * mm for z in (10, 20, 10, 0, -10, -20, -10, 0))

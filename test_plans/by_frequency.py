@@ -37,19 +37,19 @@ if TYPE_CHECKING:
 SWEEP_AMPLITUDE: Final = 5 * mm
 PEAK_FREQUENCY: Final = CheckName(
     "frequency of the most vertical damping",
-    "At which frequency the orifice damps most: it has to be where the car bounces, and moves with its bore.",
+    "The frequency at which the orifice damps most: it must be near the bounce frequency, and depends on the bore.",
 )
 FAST_DAMPING: Final = CheckName(
     "vertical c at 10 Hz over its peak",
-    "How little is damped far above the natural frequency: damping there only passes the track's noise on.",
+    "How little damping remains far above the natural frequency: damping there only transmits noise from the track.",
 )
 DIP: Final = CheckName(
     "with pipe: lowest |K| over that at 2 Hz",
-    "How far the air that swings in a pipe softens the spring: it tells the pipe's length and bore.",
+    "How much the air oscillating in a pipe softens the spring: it depends on the length and bore of the pipe.",
 )
 OVERSHOOT: Final = CheckName(
     "with pipe: highest |K| over that at 25 Hz",
-    "How far the air that swings in a pipe stiffens the spring above its resonance: there the car would be shaken.",
+    "How much the air in a pipe stiffens the spring above its resonance: there, vibration would reach the car.",
 )
 SWEEP_CHECKS: Final = (PEAK_FREQUENCY, FAST_DAMPING, DIP, OVERSHOOT)
 #: Below, heat lost to the walls makes c = K''/ω grow without end.

@@ -47,19 +47,20 @@ LIFTS: Final = tuple(z * mm for z in (8, 0, -8, 0))
 STAIR_WAIT: Final = 3 * s
 TRAVEL: Final = CheckName(
     "{load}: travel of the bump stop",
-    "How far the bolster's centre went: beyond the gap its stop helps, and what is measured is no longer the spring.",
+    "How far the bolster's centre moved: beyond the gap, the stop carries "
+    "load and the result is not the spring's alone.",
 )
 LEFT_OF_STIFFNESS: Final = CheckName(
     "{load}: stiffness of 1 mm, 60 mm over centre",
-    "What is left of the lateral stiffness far from the middle: a car in a curve or in the wind stands there.",
+    "The lateral stiffness that remains far from the middle: that is where a car stands in a curve or in wind.",
 )
 AREA_LOST: Final = CheckName(
     "{load}: effective area lost at 60 mm",
-    "How much less the air carries in a sheared spring: a bellows that loses more sinks in every curve.",
+    "How much less load the air carries in a sheared spring: a bellows that loses more sinks in every curve.",
 )
 VOLUME_LOST: Final = CheckName(
     "{load}: volume lost at 60 mm",
-    "How much volume shear takes from the bellows: it tells the shape of the membrane, and stiffens the spring.",
+    "How much volume the bellows loses in shear: it depends on the shape of the membrane, and stiffens the spring.",
 )
 #: Of a spring at its offsets.
 OFFSET_CHECKS: Final = (TRAVEL, LEFT_OF_STIFFNESS, AREA_LOST, VOLUME_LOST)

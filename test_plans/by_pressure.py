@@ -30,11 +30,12 @@ SLOW_LEAD: Final = 6 * s
 SHIM: Final = 0.5 * kN
 BY_PRESSURE: Final = CheckName(
     "lateral stiffness by pressure at 10 mm",
-    "By how much the spring grows stiffer sideways per pressure: it tells what the air gives and what the rubber.",
+    "How much the lateral stiffness grows with pressure: it separates the share of the air from that of the rubber.",
 )
 SOFTENING: Final = CheckName(
     "lateral stiffness at 2.5 mm over 10 mm",
-    "How much stiffer a small motion finds the spring than a large one: that is friction, which ride comfort feels.",
+    "How much stiffer the spring is in a small motion than in a large "
+    "one: the cause is friction, which reduces comfort.",
 )
 AMPLITUDES: Final = (10 * mm, 5 * mm, 2.5 * mm)
 

@@ -29,15 +29,16 @@ NATURAL: Final = 1.2 * Hz
 SWINGS: Final = tuple(a * mm for a in (1.0, 2.0, 3.5, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0))
 FITTED: Final = CheckName(
     "c at 13 mm and 5 mm",
-    "Damping of the plate that the bench is built with: all others are told by it.",
+    "Damping of the standard plate of the bench: all other plates are compared with it.",
 )
 NEXT_PLATE: Final = CheckName(
     "c at {larger:g} mm over {smaller:g} mm",
-    "How much less a larger bore damps: plates that are mistaken for one another, or do not sit tight, show.",
+    "How much less a larger bore damps: plates that were confused or are not mounted tightly show here.",
 )
 BESIDE_PEAK: Final = CheckName(
     "c beside its peak, {plate:g} mm",
-    "How far damping falls on both sides of its peak: it shows that the orifice damps, and not the rubber.",
+    "How far damping falls on both sides of its peak: it shows that the "
+    "damping comes from the orifice, not the rubber.",
 )
 PLATE_CHECKS: Final = (FITTED, NEXT_PLATE, BESIDE_PEAK)
 #: The amplitude at which plates are compared.

@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 RISE: Final = CheckName(
     "valve {valve}: secant, rise to 0.05 rad",
-    "How much harder the springs push back where the car leans: a sheared bellows that rolls pushes by itself.",
+    "How much the lateral secant stiffness grows when the car leans: a sheared bellows that rolls pushes by itself.",
 )
 BEYOND: Final = CheckName(
     "valve {valve}: secant, change beyond over rise",
-    "Whether the push goes on rising with the roll: it must not, or a leaning car would steer its bogie.",
+    "Whether the force keeps rising with the roll angle: it must not, or a leaning car would steer its bogie.",
 )
 ODD: Final = CheckName(
     "valve {valve}: odd part of the force at 0.05 rad",
-    "Which part of the force turns its sign with the roll: it is the coupling alone, without friction and offsets.",
+    "The part of the force that changes sign with the roll angle: the coupling alone, without friction and offsets.",
 )
 OVER_LEVEL: Final = CheckName(
     "valve {valve}: first harmonic at 0.05 rad over level",
-    "Whether a small motion finds a rolled spring stiffer than a level one: rides would be harder in curves.",
+    "Whether a rolled spring is stiffer than a level one in small motion: the ride would be harder in curves.",
 )
 ROLL_CHECKS: Final = (RISE, BEYOND, ODD, OVER_LEVEL)
 ROLL_SHEAR: Final = 20 * mm

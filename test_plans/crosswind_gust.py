@@ -47,61 +47,65 @@ JUDGED: Final = {
     "displacement": (
         CheckName(
             "largest displacement",
-            "How far one gust moves the bolster: beyond this the car leaves its clearance or strikes its stop.",
+            "How far one gust moves the bolster: beyond the limit, the car leaves its clearance or hits its stop.",
         ),
         "mm",
     ),
     "roll": (
         CheckName(
             "largest roll",
-            "How far one gust rolls the bolster: the roof leaves its clearance first, and a wheel is unloaded.",
+            "How far one gust rolls the bolster: too much roll takes the "
+            "roof out of its clearance and unloads a wheel.",
         ),
         "mrad",
     ),
     "roll_stiffness": (
         CheckName(
             "roll stiffness",
-            "The wind's moment over the roll that it makes: what holds a leaning car, the connected springs included.",
+            "The wind's moment over the roll that it causes: the total "
+            "resistance to leaning, with the springs connected.",
         ),
         "kN*m/rad",
     ),
     "pressure_difference": (
         CheckName(
             "largest pressure difference",
-            "How far the gust parts the pressures: too far, and the valve between the springs opens and lets "
-            "the car lean.",
+            "The pressure difference that the gust causes: if it is too large, the valve between the springs opens "
+            "and the car leans.",
         ),
         "bar",
     ),
     "air_moment": (
         CheckName(
             "moment of the air over that of the wind",
-            "Which share of the wind's moment the air carries: the rest is the rubber's, which lasts less long.",
+            "The share of the wind's moment that the air carries: the rubber carries the rest and wears out sooner.",
         ),
         "1",
     ),
     "remains": (
         CheckName(
             "displacement that remains",
-            "Where the bolster stands after the wind: what does not come back is friction, or a damaged spring.",
+            "Where the bolster stands after the wind: a remaining displacement means friction or a damaged spring.",
         ),
         "mm",
     ),
     "pressure_remains": (
         CheckName(
             "pressure difference that remains",
-            "How far the pressures stay parted after the wind: air went to the other spring, and the car hangs.",
+            "The pressure difference that remains after the wind: air has gone to "
+            "the other spring, and the car stands inclined.",
         ),
         "bar",
     ),
 }
 STIFF: Final = CheckName(
     "lateral stiffness",
-    "The gust's force over the displacement that it makes: whether the spring is as stiff as its drawing says.",
+    "The gust's force over the displacement that it causes: it shows "
+    "whether the spring is as stiff as its drawing states.",
 )
 SETTLES: Final = CheckName(
     "time to settle",
-    "How long the bolster goes on swinging after the gust: a spring without damping makes the next gust worse.",
+    "How long the bolster swings after the gust: with too little damping, the next gust adds to the motion.",
 )
 
 

@@ -22,11 +22,11 @@ from test_plans.steps.shaking import SAMPLE_RATE, check_band
 PRESSURES: Final = ("left.auxiliary_pressure", "right.auxiliary_pressure")
 OPENS: Final = CheckName(
     "opens, {higher} higher",
-    "At which difference the valve between the springs opens: later a car with one burst spring would tip.",
+    "The difference at which the valve between the springs opens: if too high, a car with one burst spring would tip.",
 )
 CLOSES: Final = CheckName(
     "closes again, {higher} higher",
-    "At which difference the valve is shut again: one that closes late lets the car lean for longer than it must.",
+    "The difference at which the valve closes again: if it closes late, the car leans for longer than necessary.",
 )
 #: Slow beside the valve, which lets the difference fall by 0.4 bar/s when it opens; a millimetre parts the pressures
 #: by 41 mbar.

@@ -26,23 +26,24 @@ OF_AMPLITUDES: Final = 1 * Hz
 LEAD: Final = 2 * s
 STIFF: Final = CheckName(
     "K' at {frequency:g} Hz",
-    "Stiffness over frequency: it sets how fast the car swings on its springs, and rises as the orifice shuts air off.",
+    "Stiffness over frequency: it determines the natural frequency of "
+    "the car, and rises as the orifice blocks the air.",
 )
 DAMPED: Final = CheckName(
     "c at {frequency:g} Hz",
-    "Damping over frequency: near the natural frequency it calms the car, above it passes the track's noise on.",
+    "Damping over frequency: near the natural frequency it calms the car, above it transmits noise from the track.",
 )
 LOST: Final = CheckName(
     "loss angle at {frequency:g} Hz",
-    "How late the force comes: loss against stiffness, which errors of scale leave as it is.",
+    "Phase lead of the force over the motion: the ratio of loss to stiffness, which scale errors do not change.",
 )
 STIFF_BY_AMPLITUDE: Final = CheckName(
     "K' at {amplitude:g} mm",
-    "Stiffness over amplitude: through an orifice less air follows a large motion, and the spring is stiffer.",
+    "Stiffness over amplitude: in a large motion less air passes the orifice, and the spring is stiffer.",
 )
 DAMPED_BY_AMPLITUDE: Final = CheckName(
     "c at {amplitude:g} mm",
-    "Damping over amplitude: an orifice of the wrong bore has its peak at another amplitude.",
+    "Damping over amplitude: an orifice of the wrong bore has its damping peak at another amplitude.",
 )
 ANGLE: Final = ("loss angle", "deg")
 

@@ -47,15 +47,14 @@ A_THOUSAND: Final = 1000.0
 CYCLES: Final = ("cycles", "1")
 MADE: Final = CheckName(
     "cycles",
-    "How many cycles were made of those that were asked for: what was stopped early proves less.",
+    "How many of the requested cycles were made: a test that was stopped early proves less.",
 )
 #: What is judged: its name, its curve, the limit of its change in 1000 cycles, and the unit of that.
 JUDGED: Final = (
     (
         CheckName(
             "{where} stiffness K', change in 1000 cycles",
-            "How fast use changes the stiffness: rubber that softens or cords that give way show here long before they "
-            "fail.",
+            "How fast the stiffness changes in use: softening rubber or damaged cords show here long before a failure.",
         ),
         STORAGE,
         "stiffness_change",
@@ -64,7 +63,8 @@ JUDGED: Final = (
     (
         CheckName(
             "{where} damping c, change in 1000 cycles",
-            "How fast use changes the damping: an orifice that wears or clogs, and rubber that ages, change it first.",
+            "How fast the damping changes in use: a worn or clogged "
+            "orifice, or aged rubber, changes the damping first.",
         ),
         DAMPING,
         "damping_change",
@@ -73,7 +73,7 @@ JUDGED: Final = (
     (
         CheckName(
             "{where} height, change in 1000 cycles",
-            "How fast use changes the height at which a spring carries its load: it creeps, or it loses air.",
+            "How fast the height under load changes in use: a falling height means creep or loss of air.",
         ),
         HEIGHT,
         "height_change",

@@ -22,11 +22,11 @@ FREQUENCY: Final = 0.5 * Hz
 LEAD: Final = 10 * s
 STIFF: Final = CheckName(
     "lateral stiffness K'",
-    "Stiffness sideways of this amplitude about this offset: how far the car shifts where it stands in a curve.",
+    "Lateral stiffness at this amplitude and offset: it determines how far the car shifts in a curve.",
 )
 DAMPED: Final = CheckName(
     "lateral damping c",
-    "Damping sideways of this amplitude about this offset: friction and rubber, which calm the swaying of the car.",
+    "Lateral damping at this amplitude and offset: it comes from friction and rubber, and calms the sway of the car.",
 )
 
 

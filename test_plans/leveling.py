@@ -51,20 +51,20 @@ MOVED: Final = 1 * mm
 
 OPENS: Final = CheckName(
     "{side} valve opens to {verb}",
-    "At which height the valve begins to fill or to exhaust: it decides at which height the car rides.",
+    "The height at which the valve begins to fill or to exhaust: it determines the ride height of the car.",
 )
 DEAD_BAND: Final = CheckName(
     "{side} valve, dead band",
-    "Between which heights the valve is shut: too narrow it wastes air at every joint of the track, too wide the car "
-    "leans.",
+    "The heights between which the valve is shut: if too close, every rail joint wastes air; if too far apart, the "
+    "car leans.",
 )
 TIME: Final = CheckName(
     "{side} valve, time to {verb} to {name}",
-    "How long the spring takes to the other load: at a stop the car must be level again before it leaves.",
+    "How long the spring needs to reach the other load: at a stop, the car must be level again before it leaves.",
 )
 DELAY: Final = CheckName(
     "{side} valve, delay",
-    "How much later the air comes than through a valve that opens at once: without a delay every jolt would cost air.",
+    "How much later air flows than through a valve without delay: without a delay, every jolt would waste air.",
 )
 
 

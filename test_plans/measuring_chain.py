@@ -80,71 +80,74 @@ AT_BLOCKS: Final = 10 * mm
 READS_ZERO: Final = {
     Group.PRESSURE: CheckName(
         "{of}",
-        "What the transducer reads without air: so much every pressure is wrong by, and with it every load that air is "
-        "said to carry.",
+        "What the transducer reads without air: every pressure, and every load computed from one, is wrong by as much.",
     ),
     Group.VERTICAL_FORCE: CheckName(
         "{of}",
-        "What an actuator's force reads while it presses nothing: so much every preload is wrong by.",
+        "What an actuator's force reads while it presses on nothing: every preload is wrong by as much.",
     ),
     Group.LATERAL_FORCE: CheckName(
         "{of}",
-        "What the lateral actuator's force reads while it pushes nothing: it shifts the middle of every lateral loop.",
+        "What the lateral actuator's force reads while it pushes against "
+        "nothing: it shifts the middle of every lateral loop.",
     ),
     Group.LATERAL_LOAD_CELL: CheckName(
         "{of}",
-        "What a cell across reads without a push: it passes for a force that the springs oppose where there is none.",
+        "What a lateral load cell reads without a lateral force: it looks like a spring force that does not exist.",
     ),
     Group.ACCELERATION: CheckName(
         "{of}",
-        "What an accelerometer reads at rest: integrated, it would become a motion that never was.",
+        "What an accelerometer reads at rest: when it is integrated, it becomes a motion that did not happen.",
     ),
 }
 CELL_OF_BOLSTER: Final = CheckName(
     "{of}",
-    "What a cell below a spring reads of the bolster's known weight: its zero, which every load on a spring contains.",
+    "The reading of a load cell below a spring, less the known weight "
+    "of the bolster: its zero error is in every load.",
 )
 LASER_LESS_PISTON: Final = CheckName(
     "{of}",
-    "A laser less the piston above it, with nothing in between: what they differ by passes for the frame giving way.",
+    "Laser reading less piston position, with nothing between them: a difference looks like compliance of the frame.",
 )
 FROM_THE_MEAN: Final = CheckName(
     "{of}",
-    "A thermometer less the mean of all in gas as warm as the hall: a wrong one feigns a leak when the air is weighed.",
+    "A thermometer less the mean of all, in gas as warm as the hall: a "
+    "wrong one looks like a leak when air is weighed.",
 )
 OVER_MASS: Final = CheckName(
     "cells over the known mass",
-    "What the cells read of a weight that is known elsewhere: it alone shows a scale that cells and actuators share.",
+    "What the cells read of an independently known weight: only this "
+    "shows a scale error that cells and actuators share.",
 )
 OVER_ACTUATOR: Final = CheckName(
     "{side} cells over actuator",
-    "The slope of the cells' force over the actuator's: two instruments that disagree cannot both be right.",
+    "The slope of the cells' force over the actuator's force: if it is not 1, one of the two instruments is wrong.",
 )
 OFF_THE_LINE: Final = CheckName(
     "{side} cells over actuator, off the line",
-    "How far the cells stray from a straight line over the actuator: what bends or lags makes a stiffness depend on "
-    "the load.",
+    "How far the cells deviate from a straight line over the actuator: nonlinearity or lag makes a stiffness depend "
+    "on the load.",
 )
 SIDEWAYS: Final = CheckName(
     "lateral cells over actuator",
-    "The slope of the cells across over the lateral actuator: every lateral stiffness is wrong by as much.",
+    "The slope of the lateral cells' force over the lateral actuator's: every lateral stiffness is wrong by as much.",
 )
 SIDEWAYS_OFF_THE_LINE: Final = CheckName(
     "lateral cells over actuator, off the line",
-    "How far the cells across stray from a straight line: friction of the chain itself would pass for friction of a "
+    "How far the lateral cells deviate from a straight line: friction of the chain itself looks like friction of a "
     "spring.",
 )
 GIVES_WAY: Final = CheckName(
     "{side} stiffness of the dummy",
-    "Force over way of a body whose stiffness is known: it proves lasers and cells together, as a spring uses them.",
+    "Force over displacement of a body of known stiffness: it tests lasers and cells together, as with a spring.",
 )
 FRAME_GIVES_WAY: Final = CheckName(
     "{side} stiffness of the frame",
-    "Force over how much further the piston goes than the spring: a loose frame takes from every commanded way.",
+    "Force over the difference between piston and spring travel: a soft frame reduces every commanded displacement.",
 )
 ACROSS: Final = CheckName(
     "{cell} over vertical force",
-    "What a cell across feels of a vertical force: it would pass for a push to the side whenever the load changes.",
+    "What a lateral cell reads of a vertical force: it looks like a lateral force whenever the load changes.",
 )
 #: What was read on each step: means by signal. What was applied (N), and what the cells say of it.
 Steps = Sequence[Mapping[str, float]]

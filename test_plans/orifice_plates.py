@@ -22,11 +22,11 @@ AMPLITUDE: Final = 5 * mm
 LEAD: Final = 2 * s
 STIFF: Final = CheckName(
     "{side} K' with {plate:g} mm",
-    "Stiffness with this plate: a small bore shuts the auxiliary volume off and makes the spring hard.",
+    "Stiffness with this plate: a small bore cuts off the auxiliary volume and makes the spring stiff.",
 )
 DAMPED: Final = CheckName(
     "{side} c with {plate:g} mm",
-    "Damping with this plate: it tells whether the bore is what is stamped on it, and whether the plate sits tight.",
+    "Damping with this plate: it shows whether the bore is as marked, and whether the plate is mounted tightly.",
 )
 OF_PLATES: Final = ("bore of the plates", "mm")
 

@@ -55,11 +55,11 @@ RECEIVED: Final = 0.8
 FEW: Final = 10
 SAMPLES: Final = CheckName(
     "{name}: samples of the lasers",
-    "How many of the lasers' samples came: a record with holes cannot be replayed by a model.",
+    "How many of the lasers' samples were received: a model cannot replay a record with gaps.",
 )
 WENT: Final = CheckName(
     "{name}: way of the {what}",
-    "How far it went of what was asked for: what did not move shows nothing that a diagnosis could find.",
+    "The share of the commanded motion that was made: a diagnosis cannot find anything in what did not move.",
 )
 #: Actuators follow within a few per cent; frame and emergency springs give way by a little more.
 WAY: Final = Band(0.8, 1.2)

@@ -27,7 +27,7 @@ HEADROOM: Final = 1 * bar
 HALL: Final = (ICE + 10 * K, ICE + 35 * K)
 COME_BACK: Final = 1 * minutes
 COLD_FROM_BEFORE: Final = (
-    "what a run before let off is cold, and warm again after some 5 min: wait, and begin again"
+    "gas that an earlier run let out is cold and needs some 5 min to warm up: wait, and start again"
 )
 #: How a precondition names the load case that the plan's parameter of this name says.
 PARAMETER: Final = "load"

@@ -28,15 +28,16 @@ LEAD: Final = 2
 MEASURED: Final = 3
 STIFF: Final = CheckName(
     "roll stiffness",
-    "Moment over angle of a slow roll: it decides how far the car leans in a curve and in the wind.",
+    "Moment over angle of a slow roll: it determines how far the car leans in curves and in wind.",
 )
 SIDEWAYS: Final = CheckName(
     "lateral force by roll",
-    "What force a roll makes sideways: it steers the bogie although nobody pushed, and tells how the bellows stand.",
+    "The lateral force that a roll causes: it steers the bogie without a "
+    "lateral load, and shows the position of the bellows.",
 )
 ROLLED: Final = CheckName(
     "lateral stiffness K', rolled over level",
-    "How much of the lateral stiffness is left while the car leans: it must not give way where it is needed most.",
+    "How much lateral stiffness remains while the car leans: it must not become soft where it is needed most.",
 )
 #: What the roll stiffness needs beside the lateral ones.
 ROLLING: Final = (

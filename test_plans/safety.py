@@ -59,40 +59,41 @@ HOLDING: Final = ("FAULT_REACTION", "FAULT_HOLD", "FAULT_DISABLED")
 SAFE: Final = (
     CheckName(
         "{after}: springs without air after",
-        "How long the springs keep their air when the bench gives up: until then nobody may reach in.",
+        "How long the springs keep their air after this event: until then nobody may reach into the bench.",
     ),
     CheckName(
         "{after}: actuators let go after",
-        "How long the actuators go on pressing when the bench gives up: a hand between them would be crushed.",
+        "How long the actuators keep pressing after this event: a hand between them would be crushed.",
     ),
     CheckName(
         "{after}: the bolster rises by",
-        "How far filled springs throw the bolster up when the actuators let go: 1200 kg must not jump.",
+        "How far filled springs lift the bolster when the actuators release: 1200 kg must not jump.",
     ),
 )
 HOLDS: Final = CheckName(
     "{after}: holds",
-    "How long the bench goes on by itself when nobody commands any more: what it does meanwhile nobody has asked for.",
+    "How long the bench continues without its commander: in this time it moves without anybody being in control.",
 )
 DISABLED: Final = CheckName(
     "{after}: is disabled",
-    "How long the bench waits for a commander to come back before it lets go by itself: nobody may ever come.",
+    "How long the bench waits for its commander before it releases "
+    "everything by itself: the commander may never return.",
 )
 STAYS: Final = CheckName(
     "{after}: stays ACTIVE",
-    "Whether the bench goes on without air from outside: springs that are shut must not need it.",
+    "Whether the bench stays ACTIVE without an air supply: springs with closed valves must not need it.",
 )
 ACTS: Final = CheckName(
     "{after}: acts",
-    "How long after the button the bench stops: it is the last thing that a person can do.",
+    "How long after the button is pressed the bench stops: it is the last means of a person to stop it.",
 )
 EMPTY: Final = CheckName(
     "pressure at the end",
-    "What pressure is left in the springs when the bench is left: the next one may open them.",
+    "The pressure that remains in the springs at the end of the test: the next person may open them.",
 )
 IS_OFF: Final = CheckName(
     "is off at the end",
-    "Whether the bench can be switched off over its wire: else whoever leaves it leaves it armed.",
+    "Whether the bench can be switched off by command: otherwise it stays armed when everybody has left.",
 )
 
 

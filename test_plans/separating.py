@@ -27,7 +27,7 @@ _PROGRAMMES: Final = (
     _programme(
         "two_speed_loops",
         "Slow loops at two speeds and a large sine: friction of the rubber or its viscosity.",
-        "A loop that is as wide at a tenth of the speed is friction; one that narrows is viscous.",
+        "Friction gives a loop of the same width at a tenth of the speed; viscosity gives a narrower one.",
         (
             AW0,
             (
@@ -47,14 +47,14 @@ _PROGRAMMES: Final = (
     _programme(
         "holds_at_heights",
         "Holds at two heights under both loads: leak, heat or drift.",
-        "Heat given off stops, a leak goes on with the pressure, a drifting transducer asks for neither.",
+        "Heat exchange ends, a leak goes on with the pressure, and a transducer drifts independently of both.",
         (AW0, _one(Stand(-15 * mm, rest=40 * s), Stand(15 * mm, rest=40 * s))),
         (AW3, _one(Stand(-15 * mm, rest=40 * s), Stand(15 * mm, rest=40 * s))),
     ),
     _programme(
         "small_fast_sines",
         "Small sines of 5 to 12.5 Hz: inertia of the air or of masses, or a late sensor.",
-        "Inertia grows with the square of the frequency, lateness with the frequency itself.",
+        "The effect of inertia grows with the square of the frequency, that of a delay with the frequency.",
         (
             AW0,
             _one(
@@ -71,7 +71,7 @@ _PROGRAMMES: Final = (
     _programme(
         "fast_lateral_sines",
         "Large lateral sines of 2 to 12.5 Hz: a lag of the force transducers or a latency.",
-        "Both are late by τ; only a lag also weakens, by ω²τ²/2, which takes large forces to be seen.",
+        "Both delay by τ; only a lag also reduces the amplitude, by ω²τ²/2, which is seen with large forces only.",
         (
             AW0,
             _one(
@@ -85,7 +85,7 @@ _PROGRAMMES: Final = (
     _programme(
         "fast_vertical_sines",
         "Large vertical sines of 2 to 12.5 Hz: a lag of the pressure transducers or a latency.",
-        "Both are late by τ; only a lag also weakens, by ω²τ²/2, which takes large pressures to be seen.",
+        "Both delay by τ; only a lag also reduces the amplitude, by ω²τ²/2, which is seen with large pressures only.",
         (
             AW3,
             _one(
@@ -98,7 +98,7 @@ _PROGRAMMES: Final = (
     _programme(
         "large_sines",
         "Large sines of 1 and 2 Hz: the law of the orifice, and whether it is the same both ways.",
-        "A flow that is not the same both ways parts the mean pressures with the square of the amplitude.",
+        "A flow that differs by direction separates the mean pressures, with the square of the amplitude.",
         (
             AW0,
             _one(
@@ -119,8 +119,8 @@ _PROGRAMMES: Final = (
     ),
     _programme(
         "lateral_at_roll",
-        "Lateral sweeps at fixed roll angles: coupling of sideways and roll, or crosstalk of load cells.",
-        "Coupling needs roll and changes its sign with it; crosstalk follows the load without any.",
+        "Lateral sweeps at fixed roll angles: coupling of lateral motion and roll, or crosstalk of load cells.",
+        "Coupling needs roll and changes sign with it; crosstalk follows the load, without roll.",
         (
             AW3,
             tuple(
@@ -137,7 +137,7 @@ _PROGRAMMES: Final = (
     _programme(
         "leveling_on",
         "Slow motion on the leveling valves: their dead zone, their delay, or a leak.",
-        "With the valves shut, what they do vanishes and a leak stays.",
+        "With the valves shut, their effect disappears and a leak remains.",
         (
             AW0,
             _one(
@@ -163,7 +163,7 @@ _PROGRAMMES: Final = (
     _programme(
         "bump_stop",
         "Large lateral sweeps: the bump stop, and softening by geometry.",
-        "A stop is a knee at its gap on both sides; geometry softens gradually and loses nothing.",
+        "A stop gives a kink at its gap on both sides; geometry softens gradually and loses no energy.",
         (
             AW0,
             _one(
@@ -175,7 +175,7 @@ _PROGRAMMES: Final = (
     _programme(
         "dither_at_offsets",
         "Lateral sines of 1 mm about offsets: softening by geometry or by friction.",
-        "Geometry makes the small motion softer where the offset is larger; friction does not look at the offset.",
+        "Geometry makes a small motion softer at a larger offset; friction does not depend on the offset.",
         (
             AW0,
             _one(
@@ -196,7 +196,7 @@ _PROGRAMMES: Final = (
     _programme(
         "isolated_reservoirs",
         "Sines with the auxiliary chambers shut off: bellows alone, without any orifice.",
-        "What is wrong with volume, area or compliance of the bellows stays; what is wrong with the orifice is gone.",
+        "Errors in volume, area or compliance of the bellows remain; errors of the orifice disappear.",
         (
             AW0,
             _one(

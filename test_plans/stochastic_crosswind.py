@@ -52,7 +52,7 @@ SWINGS: Final = (
     (
         CheckName(
             "lateral displacement, rms about its mean",
-            "How much the springs sway in gusts and on the track: passengers and clearance feel it all the time.",
+            "How much the springs sway in gusts and on the track: it affects comfort and clearance all the time.",
         ),
         "displacement_rms",
         "mm",
@@ -60,7 +60,7 @@ SWINGS: Final = (
     (
         CheckName(
             "lateral displacement, exceeded in 1 % of the time",
-            "How far the springs go in the worst of the time: so much room the car needs beside it.",
+            "The displacement that is exceeded in 1 % of the time: the car needs this much lateral clearance.",
         ),
         "displacement",
         "mm",
@@ -68,7 +68,7 @@ SWINGS: Final = (
     (
         CheckName(
             "pressure, largest rms of a chamber",
-            "How much the pressure swings: it works the bellows and the valve between the springs, and wears both.",
+            "How much the pressure varies: it loads the bellows and the valve between the springs, and wears both.",
         ),
         "pressure_rms",
         "mbar",
@@ -78,17 +78,17 @@ OVER: Final = f"{BAND[0]:g} to {BAND[1]:g} Hz"
 STIFF: Final = {
     "lateral": CheckName(
         f"lateral stiffness K', {OVER}",
-        "Stiffness sideways in a motion as on the track, not in a sine: friction shows itself there as it does in "
-        "service.",
+        "Lateral stiffness in a motion as on the track, not in a sine: friction acts there as it does in service.",
     ),
     "vertical": CheckName(
         f"vertical stiffness K', {OVER}",
-        "Stiffness up and down in a motion as on the track: it sets the natural frequency of the car on its springs.",
+        "Vertical stiffness in a motion as on the track: it determines the "
+        "natural frequency of the car on its springs.",
     ),
 }
 LOST: Final = CheckName(
     f"vertical loss angle, {OVER}",
-    "How much of the motion the orifice turns into heat: too little lets the car bounce, too much passes jolts on.",
+    "How much energy the orifice turns into heat: with too little the car bounces, with too much it transmits jolts.",
 )
 INCOHERENT: Final = "what is not coherent"
 LINES: Final = tuple(0.25 * Hz * k for k in range(1, 13))

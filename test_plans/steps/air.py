@@ -27,21 +27,21 @@ if TYPE_CHECKING:
 
 LOAD: Final = CheckName(
     "load on the {side} spring",
-    "What the spring carries by the cells below it: all that follows holds for this load only.",
+    "The load on the spring, measured by the cells below it: all following results hold for this load only.",
 )
 REST_HEIGHT: Final = CheckName(
     "height of the {side} spring",
-    "How high the spring stands on its leveling valve: the car rides as high, level and within its clearance or not.",
+    "The height of the spring on its leveling valve: it determines whether the car is level and within its clearance.",
 )
 PRESSURE: Final = CheckName(
     "pressure in the {side} bellows",
-    "What pressure carries the load: another one means another effective area, a wrong bellows or a wrong piston.",
+    "The pressure that carries the load: a wrong one means a wrong effective area, from a wrong bellows or piston.",
 )
 #: What `check_air` checks.
 AIR: Final = (LOAD, REST_HEIGHT, PRESSURE)
 TIGHT: Final = CheckName(
     "air lost per minute, {side} spring",
-    "Which share of its air a shut spring loses: one that leaks stands on its stops by the next morning.",
+    "The share of its air that a closed spring loses per minute: with a leak it stands on its stops the next morning.",
 )
 
 #: What tells the mass of air in the springs.

@@ -88,7 +88,9 @@ def shake(
             return times, values
         disturbed.append((part, (times, values)))
         if left:
-            run.say(f"{part:.1%} of the motion were no sine of {frequency:g} Hz: it was disturbed, once more")
+            run.say(
+                f"{part:.1%} of the motion were no sine of {frequency:g} Hz: it was disturbed and is repeated"
+            )
     least, best = min(disturbed, key=itemgetter(0))
     run.warn(
         f"{axis} sine of {frequency:g} Hz: none of {TRIES} was a sine; of the best, which is judged, {least:.1%} "

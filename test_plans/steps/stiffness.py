@@ -41,40 +41,41 @@ if TYPE_CHECKING:
 VERTICAL_SECANT: Final = {
     "slow": CheckName(
         "{side} vertical stiffness, slow",
-        "Force over way of a slow motion, all air joined: with the load it gives the natural frequency of the car.",
+        "Force over displacement of a slow motion, all volumes connected: "
+        "with the load it gives the natural frequency.",
     ),
     "open": CheckName(
         "{side} vertical stiffness, open",
-        "Force over way with the auxiliary volume joined: a wrong volume behind the bellows shows here.",
+        "Force over displacement with the auxiliary volume connected: a wrong volume behind the bellows shows here.",
     ),
     "closed": CheckName(
         "{side} vertical stiffness, closed",
-        "Force over way with the auxiliary volume shut off: a bellows of wrong volume shows here, and nothing else.",
+        "Force over displacement with the auxiliary volume closed off: only a wrong volume of the bellows shows here.",
     ),
 }
 VERTICAL_STORAGE: Final = CheckName(
     "{side} vertical K' at {frequency:g} Hz",
-    "Stiffness up and down at this frequency: the car bounces on it, and a clogged orifice makes it stiffer.",
+    "Vertical stiffness at this frequency: it determines how the car bounces, and a clogged orifice increases it.",
 )
 VERTICAL_DAMPING: Final = CheckName(
     "{side} vertical c at {frequency:g} Hz",
-    "Damping up and down at this frequency: it is the orifice's, and calms the bouncing of the car.",
+    "Vertical damping at this frequency: it comes from the orifice, and calms the bouncing of the car.",
 )
 BALANCE: Final = CheckName(
     "actuators without inertia over load cells at {frequency:g} Hz",
-    "Two ways to the same force: if they differ no stiffness of this run is to be believed.",
+    "The same force measured in two ways: if they differ, no stiffness of this run can be trusted.",
 )
 LATERAL_SECANT: Final = CheckName(
     "lateral stiffness, slow",
-    "Force over way of a slow motion sideways: it decides how far the car shifts in curves and wind.",
+    "Force over displacement of a slow lateral motion: it determines how far the car shifts in curves and wind.",
 )
 LATERAL_STORAGE: Final = CheckName(
     "lateral K' at {frequency:g} Hz",
-    "Stiffness sideways at this frequency: with the car's mass it sets how fast it sways.",
+    "Lateral stiffness at this frequency: with the mass of the car it determines the frequency of its sway.",
 )
 LATERAL_DAMPING: Final = CheckName(
     "lateral c at {frequency:g} Hz",
-    "Damping sideways at this frequency: it is the rubber's and the friction's, and changes as they age.",
+    "Lateral damping at this frequency: it comes from rubber and friction, and changes as they age.",
 )
 VERTICAL_SINES: Final = (VERTICAL_STORAGE, VERTICAL_DAMPING)
 LATERAL_SINES: Final = (LATERAL_STORAGE, LATERAL_DAMPING)

@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
 PASSED_ON: Final = CheckName(
     "bolster over platform at 1.2 Hz",
-    "How much of the track's motion reaches the car near its natural frequency: the passengers feel the rest of it.",
+    "How much of the track's motion reaches the car near its natural frequency: passengers feel what is transmitted.",
 )
 PEAK: Final = CheckName(
     "peak of the bolster",
-    "How high a bump of 5 mm lifts the car: an overshoot beyond the bump itself is missing damping.",
+    "How high a bump of 5 mm lifts the car: a large overshoot means too little damping.",
 )
 ROLL_STIFFNESS: Final = CheckName(
     "roll stiffness",
-    "Moment over angle under unequal loads: it decides how far the car leans in a curve.",
+    "Moment over angle under unequal loads: it determines how far the car leans in a curve.",
 )
 PARTED: Final = CheckName(
     "pressure difference by rolling",
-    "How far an unequal load parts the pressures: a valve between the springs that leaks or hangs open shows here.",
+    "The pressure difference under unequal loads: a valve between the springs that leaks or sticks open shows here.",
 )
 #: What is checked of track and roll.
 TRACK_AND_ROLL: Final = (ROLL_STIFFNESS, PARTED, PASSED_ON, PEAK)

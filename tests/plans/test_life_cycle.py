@@ -213,9 +213,9 @@ def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
     [
         (
             [],
-            "keep away from the springs until their gauges read zero: nobody can tell whether they hold pressure; "
+            "keep away from the springs until their gauges read zero: it is not known whether they hold pressure; "
             + "; ".join(f"{name} is missing" for name in SPRINGS)
-            + "; the bench, in DISABLED, lets the air off by itself",
+            + "; the bench, in DISABLED, vents the springs by itself",
         ),
         (
             [0.05, 0.07, 0.01, 0.02],
@@ -224,7 +224,7 @@ def test_trouble_in_tear_down_does_not_hide_a_failed_product(made, tmp_path):
         (
             [0.05, 3.2, 0.01, 0.02],
             "keep away from the springs until their gauges read zero: they hold pressure (3.20 bar on the left and "
-            "0.02 bar on the right); the bench, in DISABLED, lets the air off by itself",
+            "0.02 bar on the right); the bench, in DISABLED, vents the springs by itself",
         ),
     ],
 )
@@ -247,7 +247,7 @@ def test_a_rig_without_transducers_in_the_auxiliary_chambers_tells_by_its_bellow
     with pytest.raises(KeyboardInterrupt, match="the springs are without pressure"):
         made(raising(KeyboardInterrupt()))
     bench.pressures.pop("right.bellows_pressure")
-    with pytest.raises(KeyboardInterrupt, match="nobody can tell"):
+    with pytest.raises(KeyboardInterrupt, match="not known whether they hold"):
         made(raising(KeyboardInterrupt()))
 
 

@@ -138,8 +138,8 @@ def test_a_cut_bus_blocks_as_the_links_fault_and_the_rig_unloads_by_itself(bench
     first, _, rest = run.result.reason.partition("; ")
     assert first.startswith("keep away from the springs until their gauges read zero: they hold pressure (2.")
     assert rest.startswith(
-        "the bench, in ACTIVE, does with the air what it was last told, until it misses its commander: then it lets "
-        "the air off by itself"
+        "the bench, in ACTIVE, keeps the air as last commanded, until it detects the loss of its commander: then it "
+        "vents the springs by itself"
     ), "which the PLC still tells at that moment"
     assert "; the link to the rig: the CAN bus is lost: the cable is cut" in rest
 

@@ -94,9 +94,9 @@ def of_the_air(reason: str, rig) -> Iterator[str]:
         yield "what a person has to do does not come first"
     for state in re.findall(r"the bench, in ([A-Z_]+), ", reason):
         fate = {
-            "lets the air off": "let off",
+            "vents the springs": "let off",
             "keeps its valves": "shut in",
-            "does with the air": "as ordered",
+            "keeps the air as": "as ordered",
         }
         said = next(fate[words] for words in fate if f"{state}, {words}" in reason)
         if AIR_BY_STATE[rig.state.name] != said:
