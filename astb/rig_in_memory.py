@@ -1,6 +1,6 @@
 """A simulated rig in this process and in virtual time, with its CAN bus and its Modbus in memory."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from bench_protocol.clock import VirtualClock
@@ -61,15 +61,16 @@ class RigInMemory:
         outward: Faults | None = None,
         seed: int = 0,
         latency: float = 0.0,
+        absent: Mapping[str, str] | None = None,
     ) -> Bench:
         """Return a bench on ports of its own, not yet connected.
 
         ``faults``, drawn from ``seed``, befall its CAN frames (``outward`` those that it sends, where they differ);
-        ``latency`` (s) is that of Modbus.
+        ``latency`` (s) is that of Modbus; ``absent`` is what the bench is to do without, with the reasons.
         """
         port = self.can()
         can = port if faults is None else FaultyCan(port, faults, seed, outward=outward)
-        bench = Bench(OwnWiring(can, self.modbus(latency)), self.clock)
+        bench = Bench(OwnWiring(can, self.modbus(latency), absent=absent), self.clock)
         bench.dimensions = ordinary()
         return bench
 

@@ -3,7 +3,7 @@
 import contextlib
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -162,10 +162,12 @@ def virtual_session(
     simulation: Simulation,
     seed: int | None = None,
     run: "Callable[[int], Block] | None" = None,
+    absent: Mapping[str, str] | None = None,
 ) -> Iterator[Session]:
     """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can.
 
-    ``run`` stands in for ``rig.run`` where somebody looks at the rig between its ticks.
+    ``run`` stands in for ``rig.run`` where somebody looks at the rig between its ticks; ``absent`` is what the bench
+    is to do without, with the reasons.
     """
     from contextlib import nullcontext
 
@@ -181,7 +183,7 @@ def virtual_session(
     memory = RigInMemory(rig, run)
     for stage in bus_stages(rig, simulation):
         memory.bus.add(stage)
-    bench = memory.bench()
+    bench = memory.bench(absent=absent)
     bench.instruments = ordinary()
     bench.hand = SimulatedHand(lambda order: json.decode(obey(rig.faults, json.encode(order), nullcontext())))
     try:

@@ -31,7 +31,7 @@ from drivers.generator import Generator
 from drivers.link import STREAM_BEATS, Link
 from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
-from drivers.wiring.contract import Order, Owned, Reserved, Step, Supervised, Wiring
+from drivers.wiring.contract import Order, Step, Wiring
 
 #: What has a set-point of its own beside the mode of its control: the names of the readings.
 _COMMANDED: Final = (
@@ -123,7 +123,7 @@ class Bench(Link):
             # By now the last frames of whoever was here before are through.
             if self.has("rig.strangers"):
                 self._strangers = self.settings.reading("rig.strangers")
-            if isinstance(self.wiring, Owned) and self.has("rig.rejected_commands"):
+            if self.wiring.capabilities.lease and self.has("rig.rejected_commands"):
                 self._rejected = self.settings.reading("rig.rejected_commands")
             self.check()
         except BaseException:
@@ -143,7 +143,8 @@ class Bench(Link):
         self._connected = False
         try:
             with suppress(BenchError):
-                if self.state in LIVE_STATES and self._commands():
+                # Who has only looked at a rig that lives leaves it as it is.
+                if self.state in LIVE_STATES and self.wiring.commanded:
                     self.disarm()
         finally:
             self._armed = False
@@ -235,7 +236,7 @@ class Bench(Link):
         Nothing that the rig then does is an error inside the block. NotAvailable, and nothing happens, if nobody says
         that the rig notices silence.
         """
-        if not isinstance(self.wiring, Supervised):
+        if not self.wiring.capabilities.watchdog:
             raise NotAvailable(f"{self.wiring.rig} is not known to notice that its commander is silent")
         self._armed = False
         with self.despite_faults():
@@ -250,10 +251,6 @@ class Bench(Link):
                 self.commander.start()
 
     # -- inside --------------------------------------------------------------------------------------------------
-
-    def _commands(self) -> bool:
-        """Whether this bench has a say: who has only looked at a rig that lives leaves it as it is."""
-        return self.wiring.commanded if isinstance(self.wiring, Reserved) else True
 
     def _countdown(self, within: float) -> Callable[[], float]:
         """Return how to ask how much of ``within`` s is left."""

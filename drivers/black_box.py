@@ -8,7 +8,6 @@ from bench_protocol.black_box import Incident, read_head, read_incident
 from bench_protocol.modbus import FILE_READ_MAX
 from bench_protocol.units import s
 from drivers.errors import BenchError
-from drivers.wiring.contract import FileStore
 
 if TYPE_CHECKING:
     from drivers.bench import Bench
@@ -20,7 +19,7 @@ _LOOK: Final = 0.5 * s
 
 def last_incident(bench: Bench) -> int:
     """Return the number of the incident that the black box keeps; 0 if there is none, or no black box."""
-    if not isinstance(bench.wiring, FileStore):
+    if not bench.wiring.capabilities.files:
         return 0
     try:
         return read_head(bench.wiring.read_file).number
@@ -33,7 +32,7 @@ def incident_since(bench: Bench, number: int) -> Incident | None:
 
     Waits for one that is being recorded. A rig without a black box, or one that is gone, has none to give.
     """
-    if not isinstance(bench.wiring, FileStore):
+    if not bench.wiring.capabilities.files:
         return None
     read = bench.wiring.read_file
     try:

@@ -15,7 +15,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.system.gate import Gate
 from bench_protocol.units import NS
 from drivers.errors import LinkLost, Misuse
-from drivers.wiring.contract import Beating, BeatingOutlet, Reserved, Wiring, refuse_absent
+from drivers.wiring.contract import Beating, BeatingOutlet, Wiring, refuse_absent
 
 BEAT: Final = round(NS / COMMAND_RATE)  # ns
 
@@ -39,7 +39,6 @@ class Commander:
         from drivers import setpoints
 
         self._wiring, self._table, self._clock = wiring, wiring.table, clock
-        self._reserved = wiring if isinstance(wiring, Reserved) else None
         self._moving = setpoints
         self._setpoints = setpoints.Setpoints.of(len(self._table.signals))
         self._values = self._setpoints.values
@@ -89,7 +88,7 @@ class Commander:
     def set_all(self, values: Mapping[str, float]) -> None:
         """Let all ``values`` hold from the next beat on, together; ValueError, and no change, if one does not fit."""
         rows, checked = self._checked(values)
-        self._begin()
+        self._wiring.begin()
         self._change(rows, checked)
 
     def ramp(self, name: str, to: float, rate: float) -> float:
@@ -101,7 +100,7 @@ class Commander:
         if not (rate > 0 and math.isfinite(rate)):
             raise ValueError(f"rate = {rate:g} per second is not a pace to move at; it must be positive")
         rows, ends = self._checked(targets)
-        self._begin()
+        self._wiring.begin()
         pace = rate * BEAT / NS
         beats = self._moving.start_ramps(self._setpoints, self._gate.address, rows, ends, pace)
         if math.isnan(beats):
@@ -163,11 +162,6 @@ class Commander:
     def freeze(self) -> None:
         """End all ramps and the waveform where they are."""
         self._moving.end_moves(self._setpoints, self._gate.address)
-
-    def _begin(self) -> None:
-        """Let a wiring that waits for it know that somebody commands."""
-        if self._reserved is not None:
-            self._reserved.begin()
 
     def _change(self, rows: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
         self._moving.set_values(self._setpoints, self._gate.address, rows, values)

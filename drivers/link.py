@@ -26,7 +26,7 @@ from drivers.errors import (
 from drivers.reading import Quality, Readings, Sample
 from drivers.receiver import Capture, Receiver
 from drivers.settings import UNKNOWN, Settings
-from drivers.wiring.contract import Owned, Wiring
+from drivers.wiring.contract import Wiring
 
 #: Where a bench that was armed must not be found.
 DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
@@ -117,8 +117,8 @@ class Link:
 
     def rejected(self) -> str:
         """Return in words how many of this commander's frames the bench has lately thrown away, "" if none."""
-        owned = isinstance(self.wiring, Owned)
-        count = self.readings.told("rig.rejected_commands") - self._rejected if owned else 0.0
+        leased = self.wiring.capabilities.lease
+        count = self.readings.told("rig.rejected_commands") - self._rejected if leased else 0.0
         if not count > REJECTED_SOME:
             return ""
         return (
@@ -136,7 +136,7 @@ class Link:
             return ""
         port = self.readings.told("rig.stranger")
         token = self.readings.told("rig.lease")
-        if isinstance(self.wiring, Owned) and self.wiring.is_own(int(port) if port > 0 else 0, token):
+        if self.wiring.is_own(int(port) if port > 0 else 0, token):
             return (
                 "the bench does not take this commander's own commands any more, for it counts him as gone: connect "
                 f"again ({count:.0f} frames or requests refused)"

@@ -12,7 +12,6 @@ from bench_protocol.units import NS, bar, kN, minutes, mm, ms, s
 from bench_protocol.words import FAULT_STATES, SIDES, STATES
 from drivers.errors import BenchTimeout
 from drivers.receiver import Capture
-from drivers.wiring.contract import Supervised
 from test_plans import steps
 from test_plans.air_left import RESIDUAL_PRESSURE
 from test_plans.analysis import Samples
@@ -203,7 +202,7 @@ def _course(run: Run, provocation: AbstractContextManager[None], watched: float)
 
 def _supervised(run: Run, names: Iterable[str]) -> bool:
     """Return whether the rig is known to notice silence; if not, the checks ``names`` are not available."""
-    known = isinstance(run.bench.wiring, Supervised)
+    known = run.bench.wiring.capabilities.watchdog
     if not known:
         run.lack(names, f"{run.bench.wiring.rig} is not known to notice that its commander is silent")
     return known

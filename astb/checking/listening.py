@@ -17,11 +17,9 @@ from bench_protocol.units import NS, s
 from bench_protocol.words import STATES
 from drivers.errors import BenchError, LinkLost
 from drivers.receiver import Capture, Receiver
-from drivers.wiring.described import DescribedWiring
-from drivers.wiring.own import OwnWiring
 
 if TYPE_CHECKING:
-    from drivers.wiring.lines import Description
+    from drivers.wiring.contract import Wiring
 
 #: How long it is listened to, and how long a rig may be silent first.
 LISTEN: Final = 2 * s
@@ -39,25 +37,19 @@ _EXPECTED: Final = (
 
 
 class Listening:
-    """A wiring that is open to listen, and what has come on it. ``description`` is None for a rig of ours."""
+    """A wiring that is open to listen, and what has come on it."""
 
-    def __init__(
-        self,
-        wiring: OwnWiring | DescribedWiring,
-        clock: Clock,
-        receiver: Receiver,
-        description: Description | None,
-    ) -> None:
-        self.wiring, self.clock, self.description = wiring, clock, description
+    def __init__(self, wiring: Wiring, clock: Clock, receiver: Receiver) -> None:
+        self.wiring, self.clock = wiring, clock
         self.table = wiring.table
         self._receiver = receiver
 
-    def examine(self) -> CheckReport:
-        """Listen for a while, and return what was found. Nothing is written, and nothing moves."""
+    def examine(self, rig: str = "") -> CheckReport:
+        """Listen for a while, and return what was found of ``rig``. Nothing is written, and nothing moves."""
         from astb.checking.consequences import checks_without, plans_without
 
         wiring = self.wiring
-        played = self.description.played if self.description else ()
+        played = wiring.played
         told = [one for one in self.table.of_kind(*_READ) if one.name not in (*wiring.absent, *played)]
         coming = [one for one in told if wiring.freshness[self.table.index[one.name]] > 0]
         with Capture(self._receiver, [one.name for one in coming]) as capture:
@@ -80,17 +72,21 @@ class Listening:
         for one in self.table.of_kind(Kind.SETPOINT):
             if one.name not in wiring.absent and not one.name.startswith(_OURS):
                 lines[one.name] = SignalLine(
-                    name=one.name, verdict=Verdict.UNTOLD, source=self._source(one), remark="only written"
+                    name=one.name,
+                    verdict=Verdict.UNTOLD,
+                    source=self.wiring.source(one.name),
+                    remark="only written",
                 )
-        remembered = [one.name for one in self.table.of_kind(Kind.SETTING) if not self._readable(one.name)]
         return CheckReport(
-            rig=wiring.rig,
-            identity=self._identity(),
+            rig=rig or wiring.rig,
+            identity=wiring.identity(),
             state=state,
             capabilities=self._capabilities(),
             signals=sorted(lines.values(), key=lambda line: self.table.index[line.name]),
             connections=self._connections(),
-            remembered=remembered,
+            remembered=[
+                one.name for one in self.table.of_kind(Kind.SETTING) if one.name in wiring.remembered
+            ],
             plans=plans_without(wiring.absent),
             checks=checks_without(wiring.absent),
         )
@@ -100,7 +96,7 @@ class Listening:
     def _heard(self, signal: Signal, capture: Capture, now: int) -> SignalLine:
         times, values = capture.times(signal.name), capture.values(signal.name)
         good = values[~np.isnan(values)]
-        source = self._source(signal)
+        source = self.wiring.source(signal.name)
         if not times.size:
             last, time = self._receiver.latest(self.table.index[signal.name])
             limit = int(self.wiring.freshness[self.table.index[signal.name]])
@@ -119,12 +115,12 @@ class Listening:
 
     def _asked(self, signal: Signal) -> SignalLine:
         """Return the line of what does not come by itself."""
-        source = self._source(signal)
+        source = self.wiring.source(signal.name)
         try:
             value = self.wiring.read([signal.name])[signal.name]
         except BenchError as error:
             return SignalLine(name=signal.name, verdict=Verdict.DOUBTFUL, source=source, remark=str(error))
-        if math.isnan(value) and signal.kind is Kind.SETTING and not self._readable(signal.name):
+        if math.isnan(value) and signal.name in self.wiring.remembered:
             return SignalLine(
                 name=signal.name,
                 verdict=Verdict.UNTOLD,
@@ -167,10 +163,6 @@ class Listening:
             for name, doubt in found.items()
         }
 
-    def _readable(self, name: str) -> bool:
-        one = self.description.settings.get(name) if self.description else None
-        return one is None or one.fixed is not None or bool(one.read)
-
     def _reasoned(self, name: str) -> bool:
         return self.wiring.absent[name] != "the wiring does not mention it"
 
@@ -178,24 +170,7 @@ class Listening:
         line = lines.get("rig.state")
         return STATES[round(line.value)] if line is not None and line.value is not None else "unknown"
 
-    def _source(self, signal: Signal) -> str:
-        """Return in words where a signal is on the wires."""
-        told = self.description
-        if told is None:
-            for message in self.table.messages:
-                if any(place.signal == signal.name for place in message.fields):
-                    return f"CAN {message.identifier:#05x}"
-            return f"Modbus {signal.address}"
-        if signal.name in told.readings:
-            return ", ".join(told.readings[signal.name].points)
-        if signal.name in told.settings:
-            one = told.settings[signal.name]
-            return one.read or one.point or "fixed"
-        return told.setpoints[signal.name].point if signal.name in told.setpoints else ""
-
     def _connections(self) -> list[ConnectionLine]:
-        if isinstance(self.wiring, OwnWiring):
-            return []
         return [
             ConnectionLine(
                 name=name, verdict=Verdict.DOUBTFUL if one.doubtful else Verdict.FINE, remark=one.text
@@ -203,18 +178,6 @@ class Listening:
             for name, remarks in self.wiring.remarks().items()
             for one in remarks
         ]
-
-    # -- who is there --------------------------------------------------------------------------------------------
-
-    def _identity(self) -> str:
-        if isinstance(self.wiring, OwnWiring):
-            differs = self.wiring.capabilities.notes.get("identity", "")
-            holder = self.wiring.registers.whose()
-            return f"{differs or f'table of signals {self.table.map_hash:#010x}'}; held by {holder}"
-        told = self.description.identity if self.description else {}
-        if not told:
-            return "not told: the wiring has no [identity], so any rig with these points would do"
-        return ", ".join(f"{point} = {value:g}" for point, value in told.items())
 
     def _capabilities(self) -> list[str]:
         can = self.wiring.capabilities
@@ -228,22 +191,15 @@ class Listening:
 
 
 @contextmanager
-def listen_to(
-    wiring: OwnWiring | DescribedWiring, clock: Clock, description: Description | None = None
-) -> Iterator[Listening]:
-    """Yield a wiring that listens, and close it. LinkLost if nothing comes, MapMismatch if it is another rig.
-
-    A `DescribedWiring` is to be one of ``listening(description)``: it would give signs of life otherwise.
-    """
+def listen_to(wiring: Wiring, clock: Clock) -> Iterator[Listening]:
+    """Yield a wiring that listens to the rig of ``wiring``. LinkLost if nothing comes, MapMismatch if it is another."""
+    wiring = wiring.listening()
     receiver = Receiver(wiring, clock)
     lost: list[str] = []
     on_lost: Callable[[str], None] = lost.append
     try:
-        if isinstance(wiring, OwnWiring):
-            wiring.listen(clock, receiver.hear, on_lost)
-        else:
-            wiring.open(clock, receiver.hear, on_lost, within=WITHIN)
-        yield Listening(wiring, clock, receiver, description)
+        wiring.open(clock, receiver.hear, on_lost, within=WITHIN)
+        yield Listening(wiring, clock, receiver)
         if lost:
             raise LinkLost(lost[0])
         if wiring.failure is not None:

@@ -62,20 +62,9 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
 def _listen(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "CheckReport":
     from astb.checking.listening import listen_to
     from astb.session import open_session
-    from drivers.wiring.described import open_described
-    from drivers.wiring.listening import listening
-    from drivers.wiring.own import OwnWiring
 
-    with open_session(rig, path, say=say) as session:
-        if session.wiring is not None:
-            silent = open_described(rig.name, listening(session.wiring))
-            with listen_to(silent, session.clock, session.wiring) as one:
-                return one.examine()
-        wiring = session.bench.wiring
-        assert isinstance(wiring, OwnWiring)
-        wiring.rig = rig.name
-        with listen_to(wiring, session.clock) as one:
-            return one.examine()
+    with open_session(rig, path, say=say) as session, listen_to(session.bench.wiring, session.clock) as one:
+        return one.examine(rig.name)
 
 
 def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveLine]":

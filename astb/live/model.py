@@ -10,7 +10,6 @@ from astb.rig_limits import ASSUMED, KnownLimit
 from bench_protocol.units import NS
 from bench_protocol.words import FAULT_STATES, LimitKind
 from drivers.settings import UNKNOWN
-from drivers.wiring.contract import Owned
 
 if TYPE_CHECKING:
     from bench_records.result import Check, Result
@@ -154,7 +153,7 @@ class Live:
     def _commands(self) -> bool:
         """Whether the rig says that its holder sends from where this run does."""
         port = self.bench.readings.glimpse("rig.holder")
-        return port > 0 and isinstance(self.bench.wiring, Owned) and self.bench.wiring.is_own(int(port), nan)
+        return port > 0 and self.bench.wiring.is_own(int(port), nan)
 
     def _choice(self, name: str) -> str:
         value, choices = self.bench.readings.glimpse(name), self.bench.table[name].choices

@@ -88,9 +88,8 @@ class Listening:
             raise LinkLost("a rig in real time needs Linux: here the panel shows what was kept")
         if rig.wiring:
             from drivers.wiring.described import open_described
-            from drivers.wiring.listening import listening
 
-            return open_described(rig.name, listening(wiring_of(rig, path)))
+            return open_described(rig.name, wiring_of(rig, path)).listening()
         from drivers.can_port import open_can
         from drivers.modbus_port import open_modbus
         from drivers.wiring.own import OwnWiring
@@ -100,18 +99,12 @@ class Listening:
             stack.callback(modbus.close)
             can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
             stack.pop_all()
-        return OwnWiring(can, modbus, wall_time_ns() - clock.now())
+        return OwnWiring(can, modbus, wall_time_ns() - clock.now(), listens=True)
 
     def start(self, clock: RealClock) -> None:
         """Begin to hear. LinkLost or MapMismatch if that cannot be."""
-        from drivers.wiring.own import OwnWiring
-
-        wiring = self.wiring
         try:
-            if isinstance(wiring, OwnWiring):
-                wiring.listen(clock, self.receiver.hear, self._on_lost)
-            else:
-                wiring.open(clock, self.receiver.hear, self._on_lost, within=_CONNECT)
+            self.wiring.open(clock, self.receiver.hear, self._on_lost, within=_CONNECT)
             self.readings.renew()
         except BaseException:
             self.close()

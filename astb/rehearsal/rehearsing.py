@@ -13,7 +13,7 @@ from astb.rehearsal.watch import Closest, LimitWatch, Trip
 from astb.rig_file import RigFile, Simulation
 from astb.rig_limits import KnownLimit, known_limits
 from astb.run import describe, new_directory, undisturbed
-from astb.session import Session, build_rig, describe_rig, virtual_session, wiring_of
+from astb.session import build_rig, describe_rig, virtual_session, wiring_of
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
@@ -124,8 +124,7 @@ def rehearse(
     simulated = build_rig(simulation, seed)
     watch = LimitWatch(simulated, [one.limit for one in limits])
     directory = new_directory(out, f"{plan.name}-rehearsal")
-    with virtual_session(simulated, simulation, seed, watch.run) as session:
-        _leave_out(session, absent)
+    with virtual_session(simulated, simulation, seed, watch.run, absent) as session:
         describe_rig(session.bench, rig, path)
         session.bench.connect()
         meta = describe(session, replace(rig, simulation=simulation)) | {"rehearsal": True}
@@ -203,15 +202,6 @@ def _lacking(rig: RigFile, path: Path) -> dict[str, str]:
         for name, why in absent.items()
         if TABLE[name].kind in _ASKED and not name.startswith(_OUR_WIRES)
     }
-
-
-def _leave_out(session: Session, absent: dict[str, str]) -> None:
-    from drivers.wiring.own import OwnWiring
-
-    wiring = session.bench.wiring
-    assert isinstance(wiring, OwnWiring)
-    wiring.absent = absent
-    wiring.freshness[[TABLE.index[name] for name in absent]] = 0
 
 
 def _notes(rig: RigFile, model: str, limits: list[KnownLimit], absent: dict[str, str]) -> list[str]:

@@ -12,7 +12,7 @@ that virtual time drives a wiring as real time does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
@@ -84,6 +84,7 @@ class Capabilities:
     lease: bool = False  #: knows one commander at a time
     watchdog: bool = False  #: notices that the settings' connection is silent
     identity: bool = False  #: tells which map it speaks
+    files: bool = False  #: keeps files, its black box among them
     pace: Mapping[str, float] = field(
         default_factory=dict
     )  #: how fast set-points are followed, by SI unit, per s
@@ -143,45 +144,6 @@ class BeatingOutlet(Outlet, Protocol):
 
 
 @runtime_checkable
-class FileStore(Protocol):
-    """A wiring whose rig keeps files, its black box among them."""
-
-    def read_file(self, file: int, record: int, count: int) -> list[int]:
-        """Return ``count`` 16-bit words of a file from ``record`` on. Refused if there is no such file."""
-
-
-@runtime_checkable
-class Owned(Protocol):
-    """A wiring whose rig has one commander, and tells who else tried to be."""
-
-    def is_own(self, port: int, token: float) -> bool:
-        """Return whether this commander sent what came from a TCP ``port``, 0 for a bus that knows none.
-
-        ``token`` is that of the present holder, NaN while the rig has not told it.
-        """
-
-
-@runtime_checkable
-class Supervised(Protocol):
-    """A wiring whose rig notices that the settings' connection is silent."""
-
-    def silent(self) -> AbstractContextManager[None]:
-        """Say nothing on that connection while the block lasts, and be heard again after it."""
-
-
-@runtime_checkable
-class Reserved(Protocol):
-    """A wiring on which nothing goes out before somebody commands."""
-
-    @property
-    def commanded(self) -> bool:
-        """Whether somebody has commanded since it was opened."""
-
-    def begin(self) -> None:
-        """Note that somebody commands from now on, and let the rig hear signs of life before the first command."""
-
-
-@runtime_checkable
 class LifeSigns(Protocol):
     """A transport that gives signs of life by itself, once somebody commands."""
 
@@ -208,14 +170,17 @@ class Remarking(Protocol):
 
 @runtime_checkable
 class Stamping(Protocol):
-    """A transport, or a wiring, that knows by which clock its points, or signals, are stamped."""
+    """A transport that knows by which clock its points are stamped."""
 
     def stamp(self, name: str) -> Stamp | None:
-        """Return whose stamps a point or signal has, once some have come; None where nothing is known of them."""
+        """Return whose stamps a point has, once some have come; None where nothing is known of them."""
 
 
 class Wiring(Protocol):
-    """Where each signal of a bench comes from and goes to, and how its rig is led from state to state."""
+    """Where each signal of a bench comes from and goes to, and how its rig is led from state to state.
+
+    Nobody asks which wiring it is: what a rig can do beyond the least, its `capabilities` say.
+    """
 
     @property
     def rig(self) -> str:
@@ -246,6 +211,14 @@ class Wiring(Protocol):
         """Set-points that the rig gives to its commander, known once open: its token, or none at all."""
 
     @property
+    def played(self) -> Collection[str]:
+        """Signals that the host answers for, because the rig has no generator."""
+
+    @property
+    def remembered(self) -> Collection[str]:
+        """Settings that are taken to be what was last written, for the rig does not tell them."""
+
+    @property
     def failure(self) -> BenchError | None:
         """What went wrong in the background since `open`: the reason why commands no longer count."""
 
@@ -254,6 +227,12 @@ class Wiring(Protocol):
 
         LinkLost if the rig is silent for ``within`` s, MapMismatch if it speaks otherwise than is written here,
         NotCommander if somebody else has it. What was opened is closed again when this raises.
+        """
+
+    def listening(self) -> Wiring:
+        """Return the wiring of somebody who only listens to this rig, not yet open.
+
+        Open, it says nothing by itself and is nobody's commander: one who commands the rig notices nothing.
         """
 
     def close(self) -> None:
@@ -270,6 +249,46 @@ class Wiring(Protocol):
 
     def say(self, points: Mapping[str, float]) -> None:
         """Write points of the rig's own that no signal stands for, as its `Conduct` names them."""
+
+    @property
+    def commanded(self) -> bool:
+        """Whether somebody has commanded since it was opened."""
+
+    def begin(self) -> None:
+        """Note that somebody commands from now on, and let the rig hear signs of life before the first command."""
+
+    def is_own(self, port: int, token: float) -> bool:
+        """Return whether this commander sent what came from a TCP ``port``, 0 for a bus that knows none.
+
+        ``token`` is that of the present holder, NaN while the rig has not told it. Where the capability ``lease`` is
+        missing, nobody knows, and it is False.
+        """
+
+    def silent(self) -> AbstractContextManager[None]:
+        """Say nothing on the settings' connection while the block lasts, and be heard again after it.
+
+        NotAvailable without the capability ``watchdog``.
+        """
+
+    def read_file(self, file: int, record: int, count: int) -> list[int]:
+        """Return ``count`` 16-bit words of a file of the rig from ``record`` on. Refused if there is no such file.
+
+        NotAvailable without the capability ``files``.
+        """
+
+    # -- for who looks at a rig ----------------------------------------------------------------------------------
+
+    def identity(self) -> str:
+        """Return in words what the rig was recognized by and, where it tells, who commands it."""
+
+    def source(self, name: str) -> str:
+        """Return in words where a signal is on the wires; "" if it is nowhere."""
+
+    def stamp(self, name: str) -> Stamp | None:
+        """Return whose stamps a signal has, once some have come; None where nothing is known of them."""
+
+    def remarks(self) -> Mapping[str, Sequence[Remark]]:
+        """Return what was noticed of the rig since it was opened, by transport."""
 
 
 def refuse_absent(wiring: Wiring, *names: str) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NoReturn
 
 import numpy as np
 
@@ -32,8 +32,11 @@ from drivers.wiring.contract import (
     Transport,
     refuse_absent,
 )
-from drivers.wiring.lines import Description, SettingTarget
+from drivers.wiring.lines import Description
+from drivers.wiring.listening import listening
 from drivers.wiring.player import Player
+from drivers.wiring.points import LOOK, Points
+from drivers.wiring.settings import PointSettings
 from drivers.wiring.sources import Sources
 from drivers.wiring.streaming import Streaming, by_transport
 from drivers.wiring.transports import open_transport
@@ -42,17 +45,15 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
-#: How often a rig is asked whether it has taken over a setting, or is there.
-_LOOK: Final = round(20 * ms * NS)
+    Ports = Mapping[str, Callable[[], CanPort | ModbusPort]]
+
 #: What the player says of itself comes with every beat of the set-points; ten of them may be late.
 _PLAYED_STALE: Final = round(200 * ms * NS)
 _PLAYER_READINGS: Final = ("rig.program", "rig.generator_cycle")
 _ACTIVE: Final = float(STATES.index("ACTIVE"))
 
 
-def open_described(
-    rig: str, description: Description, ports: Mapping[str, Callable[[], CanPort | ModbusPort]] | None = None
-) -> DescribedWiring:
+def open_described(rig: str, description: Description, ports: Ports | None = None) -> DescribedWiring:
     """Return the wiring of ``rig`` with the transports of its description, not yet connected.
 
     ``ports``, by transport, open a CAN or Modbus port in the place of the one described: in memory, say. WiringError
@@ -73,30 +74,46 @@ def open_described(
             )
         except WiringError as error:
             raise WiringError(f"{where}: {error}") from error
-    return DescribedWiring(rig, description, transports)
+    return DescribedWiring(rig, description, transports, ports)
 
 
 class DescribedWiring:
     """The wiring of ``rig`` as ``description`` has it, over ``transports`` by name, which it closes.
 
-    WiringError for a point that a transport does not have, or that cannot be written.
+    ``ports`` are those that its transports open in the place of the described ones. WiringError for a point that a
+    transport does not have, or that cannot be written.
     """
 
-    def __init__(self, rig: str, description: Description, transports: Mapping[str, Transport]) -> None:
+    def __init__(
+        self,
+        rig: str,
+        description: Description,
+        transports: Mapping[str, Transport],
+        ports: Ports | None = None,
+    ) -> None:
         self.rig, self.table = rig, description.table
+        self._ports = ports
         self._description, self._transports = description, dict(transports)
-        self._check_points()
+        self._points = Points(self._transports)
+        for key, point, written in description.points:
+            self._points.require(key, point, writable=written)
         self.absent: Mapping[str, str] = description.absent
         self.capabilities: Capabilities = description.capabilities
         self.conduct: Conduct = description.conduct
+        self.played: Collection[str] = description.played
+        self.remembered: Collection[str] = [
+            name for name, one in description.settings.items() if one.fixed is None and not one.read
+        ]
         self.given: Mapping[str, float] = {}
         self.failure: BenchError | None = None
         limits = description.player
         self._player = Player(rig, self.table, limits, self.absent) if limits else None
-        self._sources = Sources(description, self._stale)
+        self._sources = Sources(description, self._points.stale)
+        self._settings = PointSettings(
+            rig, description, self._points, lambda: self._say(description.greetings.apply)
+        )
         self._check_state()
         self.freshness: Ints = self._freshness()
-        self._known = {name: setting.initial for name, setting in description.settings.items()}
         self._lock = threading.Lock()
         self._hear: Hear | None = None
         self._clock: Clock | None = None
@@ -136,11 +153,15 @@ class DescribedWiring:
             for name, transport in self._transports.items():
                 if transport.period > 0:
                     self._await_news(name, transport, clock, deadline, within)
-            self._await_settings(clock, deadline)
+            self._settings.await_told(clock, deadline)
             self._tell_player(clock.now())
         except BaseException:
             self.close()
             raise
+
+    def listening(self) -> DescribedWiring:
+        """Return a wiring that only listens, over transports of its own."""
+        return open_described(self.rig, listening(self._description), self._ports)
 
     def close(self) -> None:
         self._hear = None
@@ -157,25 +178,11 @@ class DescribedWiring:
         while math.isinf(transport.alive()):
             if clock.now() >= deadline:
                 raise LinkLost(f"{self.rig} is silent: nothing came on transport {name} within {within:g} s")
-            clock.sleep_until(min(deadline, clock.now() + _LOOK))
-
-    def _await_settings(self, clock: Clock, deadline: int) -> None:
-        """Let every setting be told once. What never comes stays unknown."""
-        self._told(
-            [setting.read for setting in self._description.settings.values() if setting.read], clock, deadline
-        )
-
-    def _told(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
-        """Return points once all have a value, NaN for one that has none by then: on a bus they come in their turn."""
-        while True:
-            told = self._read_points(points)
-            if not any(map(math.isnan, told.values())) or clock.now() >= deadline:
-                return told
-            clock.sleep_until(min(deadline, clock.now() + _LOOK))
+            clock.sleep_until(min(deadline, clock.now() + LOOK))
 
     def _read_given(self, clock: Clock, deadline: int) -> dict[str, float]:
         targets = {name: one for name, one in self._description.setpoints.items() if one.given}
-        told = self._told([one.given for one in targets.values()], clock, deadline)
+        told = self._points.told([one.given for one in targets.values()], clock, deadline)
         given = {name: one.conversion.si(told[one.given]) for name, one in targets.items()}
         for name, value in given.items():
             if math.isnan(value):
@@ -184,7 +191,7 @@ class DescribedWiring:
 
     def _check_identity(self, clock: Clock, deadline: int) -> None:
         wanted = self._description.identity
-        for point, found in self._told(list(wanted), clock, deadline).items():
+        for point, found in self._points.told(list(wanted), clock, deadline).items():
             if found != wanted[point]:
                 raise MapMismatch(
                     f"this is not the rig that the wiring of {self.rig} describes: {point} reads {found:g}, and "
@@ -242,6 +249,33 @@ class DescribedWiring:
         active = self._active or "rig.state" not in self._description.readings
         self.failure = self.failure or self._streaming.send(values, offsets, time, active=active)
 
+    def is_own(self, port: int, token: float) -> bool:
+        """Return False: no description says how a rig tells who commands it."""
+        return False
+
+    def silent(self) -> NoReturn:
+        raise NotAvailable(f"{self.rig} is not known to notice that its commander is silent")
+
+    def read_file(self, file: int, record: int, count: int) -> NoReturn:
+        raise NotAvailable(f"{self.rig} is not known to keep files")
+
+    def identity(self) -> str:
+        """Return the points that the rig was recognized by."""
+        told = self._description.identity
+        if not told:
+            return "not told: the wiring has no [identity], so any rig with these points would do"
+        return ", ".join(f"{point} = {value:g}" for point, value in told.items())
+
+    def source(self, name: str) -> str:
+        """Return the points of a signal."""
+        told = self._description
+        if name in told.readings:
+            return ", ".join(told.readings[name].points)
+        if name in told.settings:
+            one = told.settings[name]
+            return one.read or one.point or "fixed"
+        return told.setpoints[name].point if name in told.setpoints else ""
+
     def stamp(self, name: str) -> Stamp | None:
         """Return whose stamps a signal has: those of the first of its points."""
         if name not in self._sources.limits:
@@ -261,22 +295,10 @@ class DescribedWiring:
         refuse_absent(self, *values)
         self.begin()
         played = {name: value for name, value in values.items() if name in self._description.played}
-        numbers = {name: self._number(name, value) for name, value in values.items() if name not in played}
         self._refuse_under_program(values)
-        written = {name: number for name, number in numbers.items() if number is not None}
-        before = self._before(written)
-        try:
-            self._write_points({self._setting(name).point: number for name, number in written.items()})
-            if written:
-                self._say(self._description.greetings.apply)
-            for name in written:
-                self._acknowledged(name, values[name])
-        except (BenchError, ValueError):
-            with contextlib.suppress(BenchError, ValueError):
-                self._write_points(before)
-                self._say(self._description.greetings.apply)
-            raise
-        self._known.update({name: values[name] for name in written})
+        self._settings.write(
+            {name: value for name, value in values.items() if name not in played}, self._clock
+        )
         if played and self._player is not None:
             self._player.write(played)
 
@@ -284,20 +306,15 @@ class DescribedWiring:
         refuse_absent(self, *names)
         told = self._player.told() if self._player is not None else {}
         sources = {name: self._points_of(name) for name in names if name not in told}
-        numbers = self._read_points(point for points in sources.values() for point in points)
+        numbers = self._points.read(point for points in sources.values() for point in points)
         found = {}
         for name in names:
-            setting = self._description.settings.get(name)
             if name in told:
                 found[name] = told[name]
-            elif setting is None:
-                found[name] = self._description.readings[name].si([numbers[p] for p in sources[name]])
-            elif setting.fixed is not None:
-                found[name] = setting.fixed
+            elif name in self._description.settings:
+                found[name] = self._settings.si(name, numbers)
             else:
-                found[name] = (
-                    setting.conversion.si(numbers[setting.read]) if setting.read else self._known[name]
-                )
+                found[name] = self._description.readings[name].si([numbers[p] for p in sources[name]])
         return found
 
     def act(self, name: str) -> None:
@@ -308,7 +325,7 @@ class DescribedWiring:
             return
         point, numbers = self._description.actions[name]
         for number in numbers:
-            self._write_points({point: number})
+            self._points.write({point: number})
 
     def _say(self, orders: Iterable[Order]) -> None:
         """Say what is said by the wiring itself: actions of the table and points."""
@@ -317,11 +334,11 @@ class DescribedWiring:
                 if name in self._description.actions:
                     self.act(name)
             actions = self._description.actions
-            self._write_points({name: value for name, value in order.values.items() if name not in actions})
+            self._points.write({name: value for name, value in order.values.items() if name not in actions})
 
     def say(self, points: Mapping[str, float]) -> None:
         self.begin()
-        self._write_points(points)
+        self._points.write(points)
 
     # -- the player ----------------------------------------------------------------------------------------------
 
@@ -344,85 +361,12 @@ class DescribedWiring:
                 if mode != values[name]:
                     raise Refused(f"{name} must not change while a program runs", DEVICE_FAILURE)
 
-    # -- settings ------------------------------------------------------------------------------------------------
-
-    def _setting(self, name: str) -> SettingTarget:
-        return self._description.settings[name]
-
-    def _number(self, name: str, value: float) -> float | None:
-        """Return what a setting (SI) is on the wire, None for one that is fixed and stays so."""
-        setting, signal = self._setting(name), self.table[name]
-        if setting.fixed is not None:
-            if abs(value - setting.fixed) > 0.5 * signal.step:
-                raise NotAvailable(
-                    f"{self.rig} has no {name} = {signal.show(value)}: it is always {signal.show(setting.fixed)}"
-                )
-            return None
-        number = setting.conversion.number(value)
-        if math.isnan(number):
-            raise NotAvailable(
-                f"{self.rig} has no {name} = {signal.show(value)}: its wiring gives this choice no number"
-            )
-        return number
-
-    def _before(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the points of settings with what is on them now, as far as that is known."""
-        numbers = {}
-        for name, value in self.read(list(names)).items():
-            setting = self._setting(name)
-            numbers[setting.point] = setting.conversion.number(value)
-        return {point: number for point, number in numbers.items() if not math.isnan(number)}
-
-    def _acknowledged(self, name: str, value: float) -> None:
-        """Wait until the rig tells that it has taken over a setting; Refused if it does not."""
-        setting, signal, clock = self._setting(name), self.table[name], self._clock
-        if not setting.read or clock is None:
-            return
-        deadline = clock.now() + round(setting.within * NS)
-        while True:
-            number = self._read_points([setting.read])[setting.read]
-            found = setting.conversion.si(number)
-            if abs(found - value) <= setting.tolerance:
-                return
-            if clock.now() >= deadline:
-                says = (
-                    f"{number:g}, which is none of its choices" if math.isnan(found) else signal.show(found)
-                )
-                raise Refused(
-                    f"{self.rig} never acknowledged {name} = {signal.show(value)}: {setting.read} still says "
-                    f"{says} after {setting.within:g} s",
-                    DEVICE_FAILURE,
-                )
-            clock.sleep_until(min(deadline, clock.now() + _LOOK))
-
     # -- points --------------------------------------------------------------------------------------------------
 
     def _points_of(self, name: str) -> tuple[str, ...]:
-        setting = self._description.settings.get(name)
-        if setting is not None:
-            return (setting.read,) if setting.read else ()
+        if name in self._description.settings:
+            return self._settings.source(name)
         return self._description.readings[name].points
-
-    def _read_points(self, points: Iterable[str]) -> dict[str, float]:
-        """Return points by their full names, with one question to each transport."""
-        found = {}
-        for transport, names in by_transport(points).items():
-            numbers = self._transports[transport].read(names)
-            found.update({f"{transport}.{name}": numbers[name] for name in names})
-        return found
-
-    def _write_points(self, points: Mapping[str, float]) -> None:
-        """Write points by their full names, those of one transport at once, in the order given."""
-        for transport, names in by_transport(points).items():
-            self._transports[transport].write({name: points[f"{transport}.{name}"] for name in names})
-
-    def _check_points(self) -> None:
-        for key, point, written in self._description.points:
-            transport, _, name = point.partition(".")
-            try:
-                self._transports[transport].require(name, writable=written)
-            except WiringError as error:
-                raise WiringError(f"{key} = {point!r}: {error}") from None
 
     def _check_state(self) -> None:
         """WiringError if the rig's state has to be asked for: the bench looks at it on every beat."""
@@ -432,10 +376,6 @@ class DescribedWiring:
                 f'{self._description.where}: signals."rig.state".from = {", ".join(state.points)} is read only when '
                 "asked; right is a point that comes by itself, as those of a polled group do"
             )
-
-    def _stale(self, point: str) -> float:
-        transport, _, name = point.partition(".")
-        return self._transports[transport].stale(name)
 
     def _freshness(self) -> Ints:
         limits = np.zeros(len(self.table.signals), np.int64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
@@ -15,7 +15,7 @@ from bench_protocol.table import TABLE
 from bench_protocol.wires import Table
 from bench_protocol.words import AIR_BY_STATE, FAULT_STATES, LIVE_STATES, STATES
 from drivers.errors import BenchError, LinkLost, NotCommander
-from drivers.wiring.contract import Capabilities, Conduct, Hear, OnLost, Order, Step
+from drivers.wiring.contract import Capabilities, Conduct, Hear, OnLost, Order, Remark, Step
 from drivers.wiring.own_can import OwnEar, OwnOutlet, stale_limits
 from drivers.wiring.own_modbus import OwnRegisters, other_map
 from drivers.wiring.own_watchdog import WatchdogFeeder
@@ -69,7 +69,8 @@ class OwnWiring:
     """A CAN port and a Modbus port of a rig that speaks our table; both are closed at its end.
 
     ``epoch`` is what to subtract from the frames' time stamps (ns) to get times of the bench's clock; 0 in virtual
-    time, where they are the same.
+    time, where they are the same. ``absent`` is what this rig lacks of the table, with the reasons. Who only
+    ``listens`` checks what the rig speaks and does not become its commander.
     """
 
     def __init__(
@@ -80,12 +81,19 @@ class OwnWiring:
         *,
         table: Table = TABLE,
         rig: str = "the rig",
+        absent: Mapping[str, str] | None = None,
+        listens: bool = False,
     ) -> None:
         self.can, self.modbus, self.epoch = can_port, modbus_port, epoch
         self.rig, self.table = rig, table
-        self.absent: Mapping[str, str] = {}
+        self.absent: Mapping[str, str] = absent or {}
         self.freshness = stale_limits(table)
-        self.capabilities = Capabilities(generator=True, lease=True, watchdog=True, identity=True, pace=PACE)
+        self.freshness[[table.index[name] for name in self.absent]] = 0
+        self.capabilities = Capabilities(
+            generator=True, lease=True, watchdog=True, identity=True, files=True, pace=PACE
+        )
+        self.played: Collection[str] = ()
+        self.remembered: Collection[str] = ()
         self.conduct = CONDUCT
         self.given: Mapping[str, float] = {}
         self.outlet = OwnOutlet(table, can_port)
@@ -93,6 +101,7 @@ class OwnWiring:
         self.watchdog = WatchdogFeeder(self.registers)
         self._ear: OwnEar | None = None
         self._clock: Clock
+        self._listens = listens
         self._open = self._commands = False
         self._map_hash = table.map_hash
 
@@ -116,26 +125,32 @@ class OwnWiring:
         self._open = True
         try:
             self._agree(self.registers.probe())
-            token = self.registers.take_lease()
-            self._commands = True
-            self.given = {TOKEN: float(token)}
-            self.outlet.bear(token)
-            self._clock = clock
-            self.watchdog.start(clock)
+            if not self._listens:
+                self._take_command(clock)
             self._hear(clock, hear, lost)
         except BaseException:
             self.close()
             raise
 
-    def listen(self, clock: Clock, hear: Hear, lost: OnLost) -> None:
-        """Check what the rig speaks and listen, without becoming its commander: whoever is one notices nothing."""
-        self._open = True
-        try:
-            self._agree(self.registers.probe())
-            self._hear(clock, hear, lost)
-        except BaseException:
-            self.close()
-            raise
+    def _take_command(self, clock: Clock) -> None:
+        token = self.registers.take_lease()
+        self._commands = True
+        self.given = {TOKEN: float(token)}
+        self.outlet.bear(token)
+        self._clock = clock
+        self.watchdog.start(clock)
+
+    def listening(self) -> OwnWiring:
+        """Return a wiring that only listens, on the same two ports."""
+        return OwnWiring(
+            self.can,
+            self.modbus,
+            self.epoch,
+            table=self.table,
+            rig=self.rig,
+            absent=self.absent,
+            listens=True,
+        )
 
     def _hear(self, clock: Clock, hear: Hear, lost: OnLost) -> None:
         self._ear = OwnEar(self.table, clock, self.epoch, hear, self.absent)
@@ -148,7 +163,7 @@ class OwnWiring:
         if map_hash == self.table.map_hash:
             return
         found = self.registers.differences(map_hash)
-        self.absent = found.absent
+        self.absent = {**self.absent, **found.absent}
         self.freshness[[self.table.index[name] for name in self.absent]] = 0
         note = f"the rig speaks another table of signals, hash {map_hash:#010x}: {found}"
         self.capabilities = replace(self.capabilities, notes={"identity": note})
@@ -167,6 +182,14 @@ class OwnWiring:
             self._commands = False
             self.can.close()
             self.modbus.close()
+
+    @property
+    def commanded(self) -> bool:
+        """Whether it has the lease."""
+        return self._commands
+
+    def begin(self) -> None:
+        """Do nothing: the rig hears its commander from `open` on."""
 
     def is_own(self, port: int, token: float) -> bool:
         """Return whether this commander sent what came from a TCP ``port``; 0 is ours once the bench is not."""
@@ -203,6 +226,26 @@ class OwnWiring:
     def say(self, points: Mapping[str, float]) -> None:
         """Refuse: our rig has no points but the table's signals."""
         raise KeyError(f"{', '.join(points)}: {self.rig} has no points beside the signals of its table")
+
+    def identity(self) -> str:
+        """Return which table of signals the rig speaks, and who holds the bench."""
+        differs = self.capabilities.notes.get("identity", "")
+        spoken = differs or f"table of signals {self.table.map_hash:#010x}"
+        return f"{spoken}; held by {self.registers.whose()}"
+
+    def source(self, name: str) -> str:
+        """Return which CAN message or register has a signal."""
+        for message in self.table.messages:
+            if any(place.signal == name for place in message.fields):
+                return f"CAN {message.identifier:#05x}"
+        return f"Modbus {self.table[name].address}"
+
+    def stamp(self, name: str) -> None:
+        """Return None: nothing is known of the stamps."""
+
+    def remarks(self) -> Mapping[str, Sequence[Remark]]:
+        """Return nothing: what the rig does otherwise is counted in `tally`."""
+        return {}
 
     def tally(self) -> dict[str, int]:
         """Return how many frames were accepted, lost, repeated, malformed… since `open`."""

@@ -34,7 +34,7 @@ ABSENT = {
 class Tiny:
     """A rig of two words, STOP and RUN, that measures whatever it is told; it and its wiring in one."""
 
-    rig, table, given = "plant T", TABLE, {}
+    rig, table, given, commanded = "plant T", TABLE, {}, True
     conduct = Conduct(
         up=(
             Step(("DISABLED",), (Order({"key": 1}), Order({"key": 2})), ("HOLD",), within=1 * s),
@@ -72,6 +72,12 @@ class Tiny:
             hear(np.full(rows.size, now), rows, np.array([self.values[n] for n in self.reports]), now)
 
         self._telling = clock.every(50_000_000, tell)
+
+    def begin(self):
+        pass
+
+    def is_own(self, port, token):
+        return False
 
     def close(self):
         self._telling.cancel()

@@ -21,7 +21,6 @@ from drivers.wiring.can import CanTransport
 from drivers.wiring.described import DescribedWiring, open_described
 from drivers.wiring.description import describe
 from drivers.wiring.lines import Description
-from drivers.wiring.listening import listening
 from tests.foreign.modbus_server import answer
 
 MS = 1_000_000
@@ -223,8 +222,7 @@ def test_a_transport_by_itself_waits_for_a_first_word(tmp_path: Path, first: Cal
 def test_a_check_doubts_a_connection_that_loses_polls_though_readings_come(stranger):
     count = iter(range(10**6))
     stranger.answer = lambda adu: b"" if next(count) % 8 == 5 else answer(stranger, adu)
-    silent = stranger.wiring(listening(stranger.description))
-    with listen_to(silent, stranger.clock, stranger.description) as one:
+    with listen_to(stranger.wiring(stranger.description), stranger.clock) as one:
         report = one.examine()
     (noticed,) = report.connections
     assert report.doubtful == ["transport plc"]

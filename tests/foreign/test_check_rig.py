@@ -19,7 +19,6 @@ from drivers.bench import Bench
 from drivers.errors import LinkLost
 from drivers.wiring.described import open_described
 from drivers.wiring.description import read_description
-from drivers.wiring.listening import listening
 from drivers.wiring.own import OwnWiring
 from tests.foreign import wiring_file
 from tests.foreign.virtual import VirtualHall, VirtualPlc
@@ -41,8 +40,8 @@ def wired(virtual, tmp_path, *changes: tuple[str, str]):
 
 
 def report_of(virtual, description):
-    silent = open_described(virtual.name, listening(description), {virtual.transport: virtual.port})
-    with listen_to(silent, virtual.clock, description) as one:
+    wiring = open_described(virtual.name, description, {virtual.transport: virtual.port})
+    with listen_to(wiring, virtual.clock) as one:
         return one.examine()
 
 

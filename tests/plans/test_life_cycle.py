@@ -36,9 +36,9 @@ class FakeBench:
         self.receiver = SimpleNamespace(sink=None)
         self.settings = SimpleNamespace(readings=self.account, in_force=dict)
         conduct = SimpleNamespace(air=AIR_BY_STATE)
-        self.wiring = SimpleNamespace(
-            rig="fake", read_file=self.read_file, capabilities=Capabilities(), conduct=conduct
-        )
+        can = Capabilities(files=True)
+        self.wiring = SimpleNamespace(rig="fake", capabilities=can, conduct=conduct, stamp=lambda name: None)
+        self.wiring.read_file = self.read_file
         self.counters = {name.name: 0.0 for name in TABLE.signals if name.name.startswith("rig.")}
         self.dead = False
         self.hand = self.instruments = self.dimensions = None

@@ -10,29 +10,17 @@ from click.testing import CliRunner
 from astb.commands.run import run_command
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import ordinary
-from bench_protocol.table import TABLE
 from bench_records.record import read
 from bench_records.report import write_report
 from bench_records.result import CheckVerdict, Outcome, read_result
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from drivers.bench import Bench
-from drivers.wiring.own import OwnWiring
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.steps import CARRYING
 
 NO_GAS = "no thermometer in the chambers"
 NO_FORCE = "the lateral actuator goes to positions only"
-
-
-class Short(OwnWiring):
-    """The wiring of a rig of which a part is missing."""
-
-    def __init__(self, can, modbus, absent):
-        super().__init__(can, modbus, rig="the short rig")
-        self.absent = absent
-        self.freshness[[TABLE.index[name] for name in absent]] = 0
 
 
 @pytest.fixture
@@ -42,7 +30,7 @@ def run_without(tmp_path):
     def run(name, absent, dimensions=None):
         memory = RigInMemory(Rig(load("astb"), seed=0))
         states = []
-        with Bench(Short(memory.can(), memory.modbus(), absent), memory.clock) as bench:
+        with memory.bench(absent=absent) as bench:
             bench.dimensions = ordinary() if dimensions is None else dimensions
             memory.clock.every(100_000_000, lambda: states.append(memory.rig.state.name))
             result = execute(plans()[name], bench, tmp_path / "out", rig="short")
@@ -85,14 +73,14 @@ def test_what_the_rig_cannot_measure_is_not_available_and_the_rest_is_judged(run
     assert {"lateral stiffness, slow", "left vertical K' at 1 Hz"} < judged
     assert all(check.passed for check in run.result.checks if check.name in judged)
     reasons = {check.note for check in run.result.checks if check.name in lacking}
-    assert "the short rig has no load_cell.4: broken" in reasons
+    assert "the rig has no load_cell.4: broken" in reasons
     assert any("alone" in text and NO_GAS in text for text in run.said)
     assert any("stays held" in text and NO_FORCE in text for text in run.said)
 
     assert read_result(run.directory) == run.result, "and as it was written"
     page = unescape(write_report(run.directory).read_text(encoding="utf-8"))
     assert f"{len(lacking)} not available" in page
-    assert "the short rig has no load_cell.4: broken" in page
+    assert "the rig has no load_cell.4: broken" in page
     suite = ET.parse(run.directory / "junit.xml").getroot().find("testsuite")
     assert suite.get("skipped") == str(len(lacking)) == str(len(suite.findall("testcase/skipped")))
 
@@ -101,7 +89,7 @@ def test_a_plan_that_cannot_do_without_moves_nothing(run_without):
     run = run_without("aw3", {"vertical_right.force_setpoint": "a spring of steel"})
     assert run.result.verdict is Outcome.BLOCKED
     assert run.result.reason == (
-        "the rig: the short rig has no vertical_right.force_setpoint: a spring of steel; aw3 cannot do without"
+        "the rig: the rig has no vertical_right.force_setpoint: a spring of steel; aw3 cannot do without"
     )
     assert run.result.phases == []
     assert run.states <= {"OFF", "BOOT", "INIT", "DISABLED"}

@@ -6,15 +6,12 @@ import pytest
 
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.dimensions import ordinary
-from bench_protocol.table import TABLE
 from bench_protocol.units import mm
 from bench_records.record import read
 from bench_records.result import CheckVerdict, Outcome
 from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
-from drivers.bench import Bench
 from drivers.errors import RigFault
-from drivers.wiring.own import OwnWiring
 from test_plans import steps
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -22,15 +19,6 @@ from test_plans.operator import Script
 from test_plans.orifice_plates import leave_as_found
 
 PLATES = (10, 13, 16, 18)
-
-
-class WithoutPlates(OwnWiring):
-    """The wiring of a rig on which plates are changed by hand."""
-
-    def __init__(self, can, modbus):
-        super().__init__(can, modbus, rig="a rig without a revolver of plates")
-        self.absent = {"rig.orifice_diameter": "its plates are bolted in"}
-        self.freshness[TABLE.index["rig.orifice_diameter"]] = 0
 
 
 @pytest.fixture
@@ -53,7 +41,7 @@ def plates_by_hand(tmp_path):
             return reply
 
         replies = {f"*of {plate} mm*": fit(plate) if plate in at_hand else "not possible" for plate in PLATES}
-        with Bench(WithoutPlates(memory.can(), memory.modbus()), memory.clock) as bench:
+        with memory.bench(absent={"rig.orifice_diameter": "its plates are bolted in"}) as bench:
             bench.dimensions = ordinary()
             one = plans()["orifice_plates"]
             result = execute(one, bench, tmp_path / "out", rig="short", operator=Script(replies, by="Ada"))

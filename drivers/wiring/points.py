@@ -1,0 +1,57 @@
+"""The points of all transports of a wiring, by their full names: TRANSPORT.POINT."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from bench_protocol.clock import Clock
+from bench_protocol.units import NS, ms
+from drivers.errors import WiringError
+from drivers.wiring.contract import Transport
+from drivers.wiring.streaming import by_transport
+
+#: How often a rig is asked whether it has taken over a setting, or is there.
+LOOK: Final = round(20 * ms * NS)
+
+
+class Points:
+    """Reads and writes points over the ``transports`` that have them, in as few messages as they can."""
+
+    def __init__(self, transports: Mapping[str, Transport]) -> None:
+        self._transports = transports
+
+    def require(self, key: str, point: str, *, writable: bool) -> None:
+        """WiringError, with the ``key`` that names it, for a point that there is not, or that cannot be written."""
+        transport, _, name = point.partition(".")
+        try:
+            self._transports[transport].require(name, writable=writable)
+        except WiringError as error:
+            raise WiringError(f"{key} = {point!r}: {error}") from None
+
+    def stale(self, point: str) -> float:
+        """Return after how long without news (s) a point is stale; 0 if it does not come by itself."""
+        transport, _, name = point.partition(".")
+        return self._transports[transport].stale(name)
+
+    def read(self, points: Iterable[str]) -> dict[str, float]:
+        """Return points with one question to each transport."""
+        found = {}
+        for transport, names in by_transport(points).items():
+            numbers = self._transports[transport].read(names)
+            found.update({f"{transport}.{name}": numbers[name] for name in names})
+        return found
+
+    def told(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
+        """Return points once all have a value, NaN for one that has none by then: on a bus they come in their turn."""
+        while True:
+            told = self.read(points)
+            if not any(map(math.isnan, told.values())) or clock.now() >= deadline:
+                return told
+            clock.sleep_until(min(deadline, clock.now() + LOOK))
+
+    def write(self, points: Mapping[str, float]) -> None:
+        """Write points, those of one transport at once, in the order given."""
+        for transport, names in by_transport(points).items():
+            self._transports[transport].write({name: points[f"{transport}.{name}"] for name in names})

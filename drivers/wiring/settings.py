@@ -1,0 +1,107 @@
+"""The settings of a described wiring: written all or none, acknowledged by what the rig tells, or remembered."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+from bench_protocol.clock import Clock
+from bench_protocol.modbus import DEVICE_FAILURE
+from bench_protocol.units import NS
+from drivers.errors import BenchError, NotAvailable, Refused
+from drivers.wiring.lines import Description
+from drivers.wiring.points import LOOK, Points
+
+
+class PointSettings:
+    """The settings of the rig ``rig`` as ``description`` has them.
+
+    ``apply`` tells a rig that stages settings to take them over.
+    """
+
+    def __init__(self, rig: str, description: Description, points: Points, apply: Callable[[], None]) -> None:
+        self._rig, self._table, self._points, self._apply = rig, description.table, points, apply
+        self._settings = description.settings
+        self._known = {name: setting.initial for name, setting in self._settings.items()}
+
+    def await_told(self, clock: Clock, deadline: int) -> None:
+        """Let every setting be told once. What never comes stays unknown."""
+        self._points.told([one.read for one in self._settings.values() if one.read], clock, deadline)
+
+    def source(self, name: str) -> tuple[str, ...]:
+        """Return the points that tell a setting; none if it is remembered."""
+        read = self._settings[name].read
+        return (read,) if read else ()
+
+    def si(self, name: str, numbers: Mapping[str, float]) -> float:
+        """Return a setting (SI) where its points read ``numbers``, NaN if it is not known."""
+        one = self._settings[name]
+        if one.fixed is not None:
+            return one.fixed
+        return one.conversion.si(numbers[one.read]) if one.read else self._known[name]
+
+    def write(self, values: Mapping[str, float], clock: Clock | None) -> None:
+        """Bring ``values`` (SI) to the rig and wait until it tells them; Refused, and the old ones again, if not."""
+        numbers = {name: self._number(name, value) for name, value in values.items()}
+        written = {name: number for name, number in numbers.items() if number is not None}
+        before = self._before(written)
+        try:
+            self._points.write({self._settings[name].point: number for name, number in written.items()})
+            if written:
+                self._apply()
+            for name in written:
+                self._acknowledged(name, values[name], clock)
+        except (BenchError, ValueError):
+            with contextlib.suppress(BenchError, ValueError):
+                self._points.write(before)
+                self._apply()
+            raise
+        self._known.update({name: values[name] for name in written})
+
+    def _number(self, name: str, value: float) -> float | None:
+        """Return what a setting (SI) is on the wire, None for one that is fixed and stays so."""
+        setting, signal = self._settings[name], self._table[name]
+        if setting.fixed is not None:
+            if abs(value - setting.fixed) > 0.5 * signal.step:
+                raise NotAvailable(
+                    f"{self._rig} has no {name} = {signal.show(value)}: it is always {signal.show(setting.fixed)}"
+                )
+            return None
+        number = setting.conversion.number(value)
+        if math.isnan(number):
+            raise NotAvailable(
+                f"{self._rig} has no {name} = {signal.show(value)}: its wiring gives this choice no number"
+            )
+        return number
+
+    def _before(self, names: Iterable[str]) -> dict[str, float]:
+        """Return the points of settings with what is on them now, as far as that is known."""
+        numbers = {}
+        told = self._points.read(point for name in names for point in self.source(name))
+        for name in names:
+            setting = self._settings[name]
+            numbers[setting.point] = setting.conversion.number(self.si(name, told))
+        return {point: number for point, number in numbers.items() if not math.isnan(number)}
+
+    def _acknowledged(self, name: str, value: float, clock: Clock | None) -> None:
+        """Wait until the rig tells that it has taken over a setting; Refused if it does not."""
+        setting, signal = self._settings[name], self._table[name]
+        if not setting.read or clock is None:
+            return
+        deadline = clock.now() + round(setting.within * NS)
+        while True:
+            number = self._points.read([setting.read])[setting.read]
+            found = setting.conversion.si(number)
+            if abs(found - value) <= setting.tolerance:
+                return
+            if clock.now() >= deadline:
+                says = (
+                    f"{number:g}, which is none of its choices" if math.isnan(found) else signal.show(found)
+                )
+                raise Refused(
+                    f"{self._rig} never acknowledged {name} = {signal.show(value)}: {setting.read} still says "
+                    f"{says} after {setting.within:g} s",
+                    DEVICE_FAILURE,
+                )
+            clock.sleep_until(min(deadline, clock.now() + LOOK))

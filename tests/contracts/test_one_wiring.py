@@ -1,0 +1,55 @@
+"""Nobody asks of a wiring which one it is: every wiring answers the whole contract, and says what its rig can do."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+from drivers.wiring import contract
+
+ROOT = Path(__file__).resolve().parents[2]
+ASKING = "from x import OwnWiring as W\nif isinstance(bench.wiring, (W, Other)): pass\n"
+
+
+def questions(source: str) -> list[int]:
+    """Return the lines that ask whether something is a wiring of a certain kind, or ask a wiring what it is."""
+    tree = ast.parse(source)
+    renamed = {
+        one.asname or one.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for one in node.names
+        if one.name.endswith("Wiring")
+    }
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass", "hasattr"):
+            what, kind = map(ast.unparse, node.args)
+            if kind == "str":  # the key of a rig file, a path or the keys themselves
+                continue
+            names = {name.id for name in ast.walk(node.args[1]) if isinstance(name, ast.Name)}
+            if kind.endswith("Wiring") or names & renamed or what.split(".")[-1] in ("wiring", "_wiring"):
+                found.append(node.lineno)
+    return found
+
+
+def test_no_part_of_the_product_asks_which_wiring_it_has():
+    assert questions(ASKING) == [2]
+    packages = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["packages"]
+    asked = [
+        f"{path.relative_to(ROOT)}:{line}"
+        for package in packages
+        for path in (ROOT / package).rglob("*.py")
+        if "iring" in (text := path.read_text())
+        for line in questions(text)
+    ]
+    assert asked == []
+
+
+def test_parts_of_the_contract_that_one_may_lack_are_those_of_transports():
+    """What only some wirings could do would have to be asked of each."""
+    partial = [
+        name
+        for name, one in vars(contract).items()
+        if getattr(one, "_is_runtime_protocol", False) and one.__module__ == contract.__name__
+    ]
+    assert set(partial) <= {"BeatingOutlet", "LifeSigns", "Refusing", "Remarking", "Stamping"}
