@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bench_sim.rig.rig import Rig
     from drivers.bench import Bench
     from drivers.can_port import CanPort
+    from drivers.wiring.contract import Wiring
     from drivers.wiring.lines import Description
     from test_plans.instruments import Instruments
 
@@ -135,11 +136,6 @@ def open_session(
             yield session
         return
     require_linux("a rig in real time")
-    if rig.wiring:
-        with wired_session(rig, path) as session:
-            describe_rig(session.bench, rig, path)
-            yield session
-        return
     with contextlib.ExitStack() as stack:
         if rig.simulation and not answers(rig):
             say(f"no rig answers at {rig.modbus.host}:{rig.modbus.port}: starting one")
@@ -151,7 +147,7 @@ def open_session(
             )
         elif rig.simulation and seed is not None:
             say("the rig is running already: it keeps its own seed")
-        session = stack.enter_context(real_session(rig, seed))
+        session = stack.enter_context(real_session(rig, path, seed))
         describe_rig(session.bench, rig, path)
         yield session
 
@@ -193,28 +189,22 @@ def virtual_session(
 
 
 @contextlib.contextmanager
-def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
-    """Yield a session with a rig that is running somewhere, simulated or not."""
+def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[Session]:
+    """Yield a session with a rig that is running somewhere, simulated or not, whatever it speaks.
+
+    WiringError, before anything is connected, for a wiring that cannot be.
+    """
     from msgspec import json
 
     from astb.operators import SimulatedHand
     from bench_sim.rig.control_socket import ask, control_path
     from drivers.bench import Bench
     from drivers.can_port import open_can
-    from drivers.modbus_port import open_modbus
-    from drivers.wiring.own import OwnWiring
 
     hurry_process()
     clock = RealClock()
-    epoch = wall_time_ns() - clock.now()
-    with contextlib.ExitStack() as stack:
-        modbus = open_modbus(rig.modbus.host, rig.modbus.port, unit=rig.modbus.unit)
-        stack.callback(modbus.close)
-        can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
-        stack.callback(can.close)
-        listen = partial(open_can, rig.can.bus, host=rig.can.host, port=rig.can.port)
-        bench = Bench(OwnWiring(can, modbus, epoch), clock)
-        stack.callback(bench.close)
+    with contextlib.closing(open_wiring(rig, path, clock)) as wiring:
+        bench = Bench(wiring, clock)
         simulation = rig.simulation
         if simulation:
             bench.hand = SimulatedHand(
@@ -224,26 +214,28 @@ def real_session(rig: RigFile, seed: int | None = None) -> Iterator[Session]:
             )
         parameters = simulated_parameters(simulation) if simulation else None
         known = simulation.seed if simulation and seed is None else seed
-        yield Session(bench, clock, False, parameters, known, listen=listen)
+        described = wiring_of(rig, path) if rig.wiring else None
+        bus = None if described else partial(open_can, rig.can.bus, host=rig.can.host, port=rig.can.port)
+        with contextlib.closing(bench):
+            yield Session(bench, clock, False, parameters, known, described, bus)
 
 
-@contextlib.contextmanager
-def wired_session(rig: RigFile, path: Path) -> Iterator[Session]:
-    """Yield a session with a rig that speaks as its wiring describes.
+def open_wiring(rig: RigFile, path: Path, clock: RealClock) -> "Wiring":
+    """Return the wiring of ``rig``, whose file is ``path``; WiringError or LinkLost if it cannot be."""
+    if rig.wiring:
+        from drivers.wiring.described import open_described
 
-    WiringError, before anything is connected, for a wiring that cannot be.
-    """
-    from drivers.bench import Bench
-    from drivers.wiring.described import open_described
+        return open_described(rig.name, wiring_of(rig, path))
+    from drivers.can_port import open_can
+    from drivers.modbus_port import open_modbus
+    from drivers.wiring.own import OwnWiring
 
-    hurry_process()
-    clock = RealClock()
-    description = wiring_of(rig, path)
-    bench = Bench(open_described(rig.name, description), clock)
-    try:
-        yield Session(bench, clock, False, None, None, description)
-    finally:
-        bench.close()
+    with contextlib.ExitStack() as stack:
+        modbus = open_modbus(rig.modbus.host, rig.modbus.port, unit=rig.modbus.unit)
+        stack.callback(modbus.close)
+        can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
+        stack.pop_all()
+    return OwnWiring(can, modbus, wall_time_ns() - clock.now())
 
 
 def describe_rig(bench: "Bench", rig: RigFile, path: Path) -> None:

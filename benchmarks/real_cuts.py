@@ -174,7 +174,7 @@ class RealCuts:
 
 def plan(path: Path) -> None:
     """Arm, hold the bolster down against springs with pressure, and wait for what happens."""
-    with real_session(read(path)) as session, undisturbed():
+    with real_session(read(path), path) as session, undisturbed():
         bench = session.bench
         bench.connect(within=10 * s)
         bench.arm()

@@ -60,11 +60,15 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
 
 
 def _listen(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "CheckReport":
-    from astb.checking.listening import listen_to
+    from astb.checking.examining import WITHIN, examine
+    from astb.listening import Listening
     from astb.session import open_session
 
-    with open_session(rig, path, say=say) as session, listen_to(session.bench.wiring, session.clock) as one:
-        return one.examine(rig.name)
+    with (
+        open_session(rig, path, say=say) as session,
+        Listening(session.bench.wiring, session.clock, WITHIN) as one,
+    ):
+        return examine(one, rig.name)
 
 
 def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveLine]":

@@ -2,20 +2,21 @@
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
 
+from astb.listening import Listening
 from astb.live.door import Deaf, NoRun, knock
 from astb.panel.envelope import Envelope, Ints
 from astb.panel.signals import Shown, shown_signals
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
-from astb.session import wiring_of
-from bench_protocol.clock import RealClock, wall_time_ns
+from astb.session import open_wiring
+from bench_protocol.clock import RealClock
 from bench_protocol.signals import Kind
 from bench_protocol.system import LINUX
 from bench_protocol.table import TABLE
@@ -23,11 +24,10 @@ from bench_protocol.units import NS, ms, s
 from bench_protocol.words import FAULT_STATES, LimitKind
 from drivers.errors import BenchError, LinkLost
 from drivers.reading import Quality, Readings
-from drivers.receiver import Receiver
-from drivers.settings import UNKNOWN, Settings
+from drivers.settings import UNKNOWN
 
 if TYPE_CHECKING:
-    from drivers.wiring.contract import Floats, Wiring
+    from drivers.wiring.contract import Floats
 
 #: What each contact says, by name.
 CONTACTS: Final = {signal.name: signal.description for signal in TABLE.of_kind(Kind.INTERLOCK)}
@@ -70,53 +70,6 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     strangers: str = ""
     run: dict[str, Any] | None = None  #: the snapshot of the run, if there is one
     pid: int | None = None  #: of the run
-
-
-class Listening:
-    """One connection to the rig, on which nothing is commanded by itself."""
-
-    def __init__(self, rig: RigFile, path: Path, clock: RealClock) -> None:
-        self.lost = ""
-        self._stack = ExitStack()
-        self.wiring = self._opened(rig, path, clock)
-        self.receiver = Receiver(self.wiring, clock)
-        self.settings = Settings(self.wiring)
-        self.readings = Readings(self.receiver, self.settings.reading)
-
-    def _opened(self, rig: RigFile, path: Path, clock: RealClock) -> "Wiring":
-        if not LINUX:
-            raise LinkLost("a rig in real time needs Linux: here the panel shows what was kept")
-        if rig.wiring:
-            from drivers.wiring.described import open_described
-
-            return open_described(rig.name, wiring_of(rig, path)).listening()
-        from drivers.can_port import open_can
-        from drivers.modbus_port import open_modbus
-        from drivers.wiring.own import OwnWiring
-
-        with ExitStack() as stack:
-            modbus = open_modbus(rig.modbus.host, rig.modbus.port, unit=rig.modbus.unit)
-            stack.callback(modbus.close)
-            can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
-            stack.pop_all()
-        return OwnWiring(can, modbus, wall_time_ns() - clock.now(), listens=True)
-
-    def start(self, clock: RealClock) -> None:
-        """Begin to hear. LinkLost or MapMismatch if that cannot be."""
-        try:
-            self.wiring.open(clock, self.receiver.hear, self._on_lost, within=_CONNECT)
-            self.readings.renew()
-        except BaseException:
-            self.close()
-            raise
-
-    def _on_lost(self, reason: str) -> None:
-        self.lost = reason or "the connection is closed"
-
-    def close(self) -> None:
-        """Leave the wires."""
-        with suppress(BenchError):
-            self.wiring.close()
 
 
 class Watch:
@@ -184,8 +137,7 @@ class Watch:
     def _watch(self) -> None:
         while not self._end.is_set():
             try:
-                listening = Listening(self.rig, self.path, self.clock)
-                listening.start(self.clock)
+                listening = self._listen()
             except (BenchError, RigFileError, ValueError, OSError) as error:
                 self.status = self._alone(str(error))
                 self._revive()
@@ -200,7 +152,13 @@ class Watch:
                 self.status = self._alone(str(error) or type(error).__name__)
             finally:
                 self._listening = None
-                listening.close()
+                with suppress(BenchError):
+                    listening.close()
+
+    def _listen(self) -> Listening:
+        if not LINUX:
+            raise LinkLost("a rig in real time needs Linux: here the panel shows what was kept")
+        return Listening(open_wiring(self.rig, self.path, self.clock), self.clock, _CONNECT).open()
 
     def _revive(self) -> None:
         try:

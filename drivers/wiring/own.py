@@ -102,7 +102,7 @@ class OwnWiring:
         self._ear: OwnEar | None = None
         self._clock: Clock
         self._listens = listens
-        self._open = self._commands = False
+        self._commands = False
         self._map_hash = table.map_hash
 
     @property
@@ -122,7 +122,6 @@ class OwnWiring:
         Both ports are open already, and every answer of Modbus is bounded by its port, not by ``within``.
         """
         del within
-        self._open = True
         try:
             self._agree(self.registers.probe())
             if not self._listens:
@@ -170,9 +169,6 @@ class OwnWiring:
 
     def close(self) -> None:
         """Let go of the lease and of both connections."""
-        if not self._open:
-            return
-        self._open = False
         try:
             self.watchdog.stop()
             if self._commands:

@@ -9,7 +9,8 @@ from pathlib import Path
 import cantools
 import pytest
 
-from astb.checking.listening import listen_to
+from astb.checking.examining import WITHIN, examine
+from astb.listening import Listening
 from bench_protocol.clock import VirtualClock
 from bench_protocol.frames import Block, frame, payload
 from bench_protocol.table import TABLE
@@ -222,8 +223,8 @@ def test_a_transport_by_itself_waits_for_a_first_word(tmp_path: Path, first: Cal
 def test_a_check_doubts_a_connection_that_loses_polls_though_readings_come(stranger):
     count = iter(range(10**6))
     stranger.answer = lambda adu: b"" if next(count) % 8 == 5 else answer(stranger, adu)
-    with listen_to(stranger.wiring(stranger.description), stranger.clock) as one:
-        report = one.examine()
+    with Listening(stranger.wiring(stranger.description), stranger.clock, WITHIN) as one:
+        report = examine(one)
     (noticed,) = report.connections
     assert report.doubtful == ["transport plc"]
     assert re.fullmatch(r"\d+ of \d+ requests got no answer", noticed.remark)

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from astb.checking.listening import listen_to
+from astb.checking.examining import WITHIN, examine
 from astb.checking.moving import move_each
 from astb.checking.report import Verdict
 from astb.cli import commands
+from astb.listening import Listening
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.table import TABLE
 from bench_sim.parameters import load
@@ -41,8 +42,8 @@ def wired(virtual, tmp_path, *changes: tuple[str, str]):
 
 def report_of(virtual, description):
     wiring = open_described(virtual.name, description, {virtual.transport: virtual.port})
-    with listen_to(wiring, virtual.clock) as one:
-        return one.examine()
+    with Listening(wiring, virtual.clock, WITHIN) as one:
+        return examine(one)
 
 
 def moves_of(virtual, description) -> list[str]:
@@ -57,8 +58,8 @@ def test_our_rig_is_sound_and_its_commander_notices_nothing():
     memory = RigInMemory(Rig(load(), seed=1))
     with memory.bench() as bench:
         bench.arm()
-        with listen_to(OwnWiring(memory.can(), memory.modbus()), memory.clock) as one:
-            report = one.examine()
+        with Listening(OwnWiring(memory.can(), memory.modbus()), memory.clock, WITHIN) as one:
+            report = examine(one)
         assert bench.state == "ACTIVE"
         assert bench.rig.strangers == 0
     assert report.state == "ACTIVE"
@@ -193,7 +194,7 @@ def test_the_command_prints_a_table_and_json():
 
 
 def test_a_bench_whose_rest_is_doubtful_is_not_moved(monkeypatch):
-    monkeypatch.setattr("astb.checking.listening.doubts", lambda *_, **__: {"left.height": "no"})
+    monkeypatch.setattr("astb.checking.examining.doubts", lambda *_, **__: {"left.height": "no"})
     monkeypatch.setattr("astb.commands.check_rig._move", lambda *_: pytest.fail("it was moved"))
     result = CliRunner().invoke(commands, ["check-rig", "virtual", "--allow-motion"])
     assert (result.exit_code, "nothing is moved" in result.output) == (1, True), result.output

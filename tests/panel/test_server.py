@@ -14,7 +14,6 @@ from websockets.sync.client import connect
 
 from astb.cli import commands
 from astb.panel import runs as runs_module
-from astb.panel import watch as watch_module
 from astb.panel.access import SEAT_KEPT, Access, kept_token
 from astb.panel.parts import Parts
 from astb.panel.stream import HEAD
@@ -257,18 +256,16 @@ def test_a_status_that_nobody_looks_after_is_no_longer_told_as_true(parts):
 def test_a_watch_that_fails_in_an_unforeseen_way_says_so_and_looks_again(parts, monkeypatch):
     watch, looks = parts.watch, []
 
-    class Failing(SimpleNamespace):
-        def start(self, clock):
-            looks.append(watch.status.link)
-
-        def close(self):
-            watch._end.wait(0.01)
+    def listen():
+        looks.append(watch.status.link)
+        return follows
 
     def failed():
         raise KeyError("a number that nobody knows")
 
-    follows = Failing(receiver=SimpleNamespace(), lost="", settings=SimpleNamespace(contacts=failed))
-    monkeypatch.setattr(watch_module, "Listening", lambda *_: follows)
+    follows = SimpleNamespace(receiver=SimpleNamespace(), lost="", settings=SimpleNamespace(contacts=failed))
+    follows.close = lambda: watch._end.wait(0.01)
+    monkeypatch.setattr(watch, "_listen", listen)
     watch.start()
     deadline = time.monotonic() + 5
     while len(looks) < 3 and time.monotonic() < deadline:

@@ -18,7 +18,7 @@ from pathlib import Path
 from astb.rig_file import read
 from astb.session import real_session
 from drivers.errors import BenchError
-with real_session(read(Path(sys.argv[1]))) as session:
+with real_session(read(Path(sys.argv[1])), Path(sys.argv[1])) as session:
     session.bench.connect(within=10)
     session.bench.arm()
     print("armed", flush=True)

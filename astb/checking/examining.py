@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from astb.checking.report import CheckReport, ConnectionLine, SignalLine, Verdict
 from astb.checking.rest import doubts
-from bench_protocol.clock import Clock
+from astb.listening import Listening
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.units import NS, s
 from bench_protocol.words import STATES
-from drivers.errors import BenchError, LinkLost
-from drivers.receiver import Capture, Receiver
+from drivers.errors import BenchError
+from drivers.receiver import Capture
 
-if TYPE_CHECKING:
-    from drivers.wiring.contract import Wiring
-
-#: How long it is listened to, and how long a rig may be silent first.
+#: How long a rig is listened to, and how long it may be silent first.
 LISTEN: Final = 2 * s
 WITHIN: Final = 3 * s
 _READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
@@ -36,16 +31,19 @@ _EXPECTED: Final = (
 )
 
 
-class Listening:
-    """A wiring that is open to listen, and what has come on it."""
+def examine(listening: Listening, rig: str = "") -> CheckReport:
+    """Listen for a while, and return what was found of ``rig``. Nothing is written, and nothing moves."""
+    return _Examination(listening).report(rig)
 
-    def __init__(self, wiring: Wiring, clock: Clock, receiver: Receiver) -> None:
-        self.wiring, self.clock = wiring, clock
-        self.table = wiring.table
-        self._receiver = receiver
 
-    def examine(self, rig: str = "") -> CheckReport:
-        """Listen for a while, and return what was found of ``rig``. Nothing is written, and nothing moves."""
+class _Examination:
+    """One look at a rig."""
+
+    def __init__(self, listening: Listening) -> None:
+        self._receiver, self.clock = listening.receiver, listening.clock
+        self.wiring, self.table = listening.wiring, listening.table
+
+    def report(self, rig: str) -> CheckReport:
         from astb.checking.consequences import checks_without, plans_without
 
         wiring = self.wiring
@@ -188,21 +186,3 @@ class Listening:
             "tells its map" if can.identity else "does not tell which map it speaks",
             *(f"{name}: {text}" for name, text in can.notes.items()),
         ]
-
-
-@contextmanager
-def listen_to(wiring: Wiring, clock: Clock) -> Iterator[Listening]:
-    """Yield a wiring that listens to the rig of ``wiring``. LinkLost if nothing comes, MapMismatch if it is another."""
-    wiring = wiring.listening()
-    receiver = Receiver(wiring, clock)
-    lost: list[str] = []
-    on_lost: Callable[[str], None] = lost.append
-    try:
-        wiring.open(clock, receiver.hear, on_lost, within=WITHIN)
-        yield Listening(wiring, clock, receiver)
-        if lost:
-            raise LinkLost(lost[0])
-        if wiring.failure is not None:
-            raise wiring.failure
-    finally:
-        wiring.close()
