@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 from astb.menu import experiments
 from diagnosis.contracts import Dataset, DiagnosisError, Role, Simulator
 from diagnosis.finding import Cause, Estimate, Finding, decimals
-from test_plans.screening import SCREENING
-from test_plans.separating import MENU
+from test_plans.plans.screening import SCREENING
+from test_plans.plans.separating import MENU
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -17,8 +17,8 @@ from bench_protocol.units import minutes, s
 from bench_records.layout import RecordError
 from bench_records.result import Outcome
 from diagnosis.finding import Finding, Verdict
-from test_plans.motions import Programme
-from test_plans.perform import lasts, programme_plan
+from test_plans.programmes.motions import Programme
+from test_plans.programmes.perform import lasts, programme_plan
 
 if TYPE_CHECKING:
     from astb.rig_file import RigFile
@@ -94,8 +94,8 @@ def investigate_rig(
     from bench_sim.parameters.values import read_value
     from diagnosis.engine.config import Config
     from diagnosis.report.page import write_report
-    from test_plans.screening import SCREENING
-    from test_plans.separating import MENU
+    from test_plans.plans.screening import SCREENING
+    from test_plans.plans.separating import MENU
 
     allowed = read_value("--budget", budget, "s") / minutes
     parameters = load(model)

@@ -11,10 +11,10 @@ from bench_protocol.words import SIDES
 from diagnosis.contracts import Array, Experiment
 from diagnosis.finding import Finding
 from test_plans.description import Description, ours
-from test_plans.motions import Programme, Stretch
-from test_plans.perform import lasts
+from test_plans.programmes.motions import Programme, Stretch
+from test_plans.programmes.perform import lasts
+from test_plans.programmes.trajectory import RATE, trajectory
 from test_plans.specimen import Specimen, ordinary
-from test_plans.trajectory import RATE, trajectory
 
 #: Of the gas when its valves are closed: that of the hall.
 TEMPERATURE: Final = 293.15

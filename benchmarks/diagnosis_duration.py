@@ -22,8 +22,8 @@ from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.records import read_records
-from test_plans.perform import programme_plan
-from test_plans.screening import SCREENING
+from test_plans.plans.screening import SCREENING
+from test_plans.programmes.perform import programme_plan
 
 #: Runs, seconds of each and candidates (None: all): of the page, and of a quick look.
 WHOLE: Final = (6, 60 * s, None)

@@ -23,7 +23,7 @@ from bench_sim.model.ride import Cell, ride_cell
 from bench_sim.model.vehicle import NaturalMode, Vehicle
 from bench_sim.model.wind import wind_force
 from paper_study.subject import LOADS, Subject, remembered
-from test_plans.comfort import (
+from test_plans.analysis.comfort import (
     Samples,
     block_percentiles,
     lateral_percentiles,

@@ -10,13 +10,13 @@ from bench_protocol.units import Hz, mm
 from paper_study import plant_curves
 from paper_study.bench_results import BenchResults
 from paper_study.subject import LOADS, Subject
-from test_plans.by_frequency import SMALL_FREQUENCIES
-from test_plans.by_offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
-from test_plans.by_pressure import AMPLITUDES
-from test_plans.by_ratio import NATURAL
-from test_plans.by_roll import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
-from test_plans.damping_ratio import PLATES
 from test_plans.identification.spring import Identified
+from test_plans.plans.damping_ratio import PLATES
+from test_plans.sweeps.frequency import SMALL_FREQUENCIES
+from test_plans.sweeps.offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
+from test_plans.sweeps.pressure import AMPLITUDES
+from test_plans.sweeps.ratio import NATURAL
+from test_plans.sweeps.roll import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
 
 Floats = npt.NDArray[np.float64]
 Curves = dict[str, npt.NDArray[Any]]

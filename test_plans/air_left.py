@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from bench_protocol.units import bar
 from bench_protocol.words import SIDES
 from drivers.errors import BenchError
-from test_plans.readings import CHAMBERS
+from test_plans.analysis.readings import CHAMBERS
 
 if TYPE_CHECKING:
     from drivers.bench import Bench

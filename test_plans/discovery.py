@@ -1,4 +1,4 @@
-"""The test plans by name, found in the files that declare them: here, in packages, and in a folder of one's own."""
+"""The test plans by name, found where they are declared: in `plans`, in packages, and in a folder of one's own."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ from traceback import extract_tb
 from types import ModuleType
 from typing import Final
 
-import test_plans
+import test_plans.plans as inside
 from test_plans.plan import Plan
 from test_plans.run import PlanError
 
@@ -66,7 +66,7 @@ def declared(module: ModuleType) -> Iterator[Plan]:
 
 
 def _modules() -> Iterator[ModuleType]:
-    names = [f"{test_plans.__name__}.{module.name}" for module in iter_modules(test_plans.__path__)]
+    names = [f"{inside.__name__}.{module.name}" for module in iter_modules(inside.__path__)]
     for name in (*names, *(entry.module for entry in entry_points(group=GROUP))):
         try:
             yield import_module(name)

@@ -9,11 +9,13 @@ from typing import Final, TypeVar
 import numpy as np
 
 from bench_protocol.units import UNITS
-from test_plans.geometry import bolster_weight
+from test_plans.analysis.geometry import bolster_weight
 
 #: The load cases that the plans ask a specimen for: the empty and the full car.
 AW0: Final = "AW0"
 AW3: Final = "AW3"
+#: What the car of each is called.
+CARS: Final = {AW0: "empty", AW3: "full"}
 
 T = TypeVar("T")
 

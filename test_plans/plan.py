@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, overload
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN
 from test_plans.description import is_dimension
+from test_plans.loads import CARS
 from test_plans.parameters import Parameter, Value, declared_parameters, read_all
 from test_plans.preconditions import Precondition
 from test_plans.run import PlanError, Run
@@ -122,6 +123,21 @@ def plan(
         return replace(one, lasts=lasts, requires=tuple(requires), checks=tuple(checks))
 
     return made if main is None else made(main)
+
+
+def plan_under(load: str, main: Callable[[Run, str], None], name: str, **how: Any) -> Plan:
+    """Make a plan called ``name`` of a function that takes the load, too; the rest as for `plan`.
+
+    In its docstring ``{load}`` is the load, ``{car}`` the car that it is of, ``{preload}`` what a spring then carries.
+    """
+
+    def under(run: Run) -> None:
+        main(run, load)
+
+    words = {"{load}": load, "{car}": CARS[load], "{preload}": f"{{{load}.preload}}"}
+    under.__doc__ = re.sub(r"\{\w+\}", lambda found: words[found[0]], main.__doc__ or "")
+    under.__name__, under.__module__ = name, main.__module__
+    return plan(**how)(under)
 
 
 def _plan(main: Part, setup: Part, teardown: Part, needs: tuple[str, ...]) -> Plan:

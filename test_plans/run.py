@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from bench_protocol.dimensions import UNKNOWN as NO_DIMENSIONS
 from bench_protocol.dimensions import Dimensions
 from bench_protocol.units import FACTORS, NS, minutes
+from test_plans.analysis.uncertainty import Evaluation, Exact, Measured, Readings, measured
 from test_plans.asking import Aborted, NotInTime, answer_to
 from test_plans.check_names import about
 from test_plans.description import Description, is_dimension
@@ -19,7 +20,6 @@ from test_plans.parameters import Value
 from test_plans.specimen import Specimen, ordinary
 from test_plans.stamps import stamps_of
 from test_plans.suspension import HOLD_WITHIN, Suspension
-from test_plans.uncertainty import Evaluation, Exact, Measured, Readings, measured
 
 if TYPE_CHECKING:
     from bench_records.curves import Axis, Curve

@@ -15,13 +15,13 @@ from bench_protocol.dimensions import DIMENSIONS, NAMES, UNKNOWN, across, lag
 from bench_protocol.units import Hz, kN, mm, mrad, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, first_harmonic, without_inertia, without_lag
+from test_plans.analysis.geometry import actuator_moment, cell_moment, roll_of
+from test_plans.analysis.readings import GENERATOR, HEIGHTS, VERTICAL_CELLS
+from test_plans.analysis.uncertainty import Measured, Readings, measured
 from test_plans.description import Description
-from test_plans.geometry import actuator_moment, cell_moment, roll_of
 from test_plans.instruments import UNKNOWN as NO_INSTRUMENTS
-from test_plans.readings import GENERATOR, HEIGHTS, VERTICAL_CELLS
 from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
 from test_plans.steps.shaking import generator_cycles
-from test_plans.uncertainty import Measured, Readings, measured
 
 if TYPE_CHECKING:
     from drivers.bench import Bench

@@ -23,7 +23,7 @@ from bench_records.layout import RESULT, RecordError
 from bench_records.result import CheckVerdict, read_result
 from drivers.errors import BenchError
 from test_plans.air_left import LIFTS
-from test_plans.readings import CHAMBERS
+from test_plans.analysis.readings import CHAMBERS
 
 #: A run that does not answer its door for so long is killed by an emergency stop: the rig holds when it is gone.
 STOP_WITHIN: Final = 1 * s

@@ -22,8 +22,8 @@ from diagnosis.systems.friction import friction_state
 from diagnosis.systems.oscillator import Oscillator
 from diagnosis.systems.oscillator_specimen import Laboratory
 from test_plans.loads import AW0
-from test_plans.motions import Part, Programme, Stretch, Wave
-from test_plans.screening import SCREENING
+from test_plans.plans.screening import SCREENING
+from test_plans.programmes.motions import Part, Programme, Stretch, Wave
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

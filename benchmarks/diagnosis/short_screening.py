@@ -10,10 +10,10 @@ from typing import Final
 
 from bench_protocol.units import Hz, mm, mrad, s
 from test_plans.loads import AW0, AW3
-from test_plans.motions import Part, Programme, Segment, Stand, Stretch, Valves, Wave
-from test_plans.perform import programme_plan
 from test_plans.plan import Plan
-from test_plans.screening import SCREENING
+from test_plans.plans.screening import SCREENING
+from test_plans.programmes.motions import Part, Programme, Segment, Stand, Stretch, Valves, Wave
+from test_plans.programmes.perform import programme_plan
 
 #: As many cycles as those of the plan, quicker. With four, load cells saw 3 N of what friction remembered, and causes
 #: of a λ up to 40 were owed to the form of the model.

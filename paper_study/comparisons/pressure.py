@@ -13,8 +13,8 @@ from paper_study.comparisons.comparison import (
 from paper_study.laws import closed_stiffness
 from paper_study.study import Study
 from paper_study.subject import LOADS
-from test_plans.by_pressure import AMPLITUDES
-from test_plans.damping_ratio import PLATES
+from test_plans.plans.damping_ratio import PLATES
+from test_plans.sweeps.pressure import AMPLITUDES
 
 
 def pressure(study: Study) -> list[ClaimComparison]:

@@ -11,10 +11,10 @@ from paper_study.comparisons.comparison import ClaimComparison, entry_of, larges
 from paper_study.laws import closed_stiffness, fitted_lateral_area
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
-from test_plans.by_frequency import SWEEP_AMPLITUDE
-from test_plans.by_pressure import AMPLITUDES
-from test_plans.by_ratio import NATURAL
-from test_plans.damping_ratio import PLATES
+from test_plans.plans.damping_ratio import PLATES
+from test_plans.sweeps.frequency import SWEEP_AMPLITUDE
+from test_plans.sweeps.pressure import AMPLITUDES
+from test_plans.sweeps.ratio import NATURAL
 
 Floats = npt.NDArray[np.float64]
 

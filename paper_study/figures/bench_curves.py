@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from bench_protocol.units import bar, mm
 from paper_study.figures.style import KN_M, MARKERS, ORDERED, draw_points
 from paper_study.study import Study
-from test_plans.by_pressure import AMPLITUDES
-from test_plans.damping_ratio import PLATES
+from test_plans.plans.damping_ratio import PLATES
+from test_plans.sweeps.pressure import AMPLITUDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

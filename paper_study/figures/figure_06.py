@@ -22,8 +22,8 @@ from paper_study.figures.style import (
 from paper_study.laws import closed_stiffness
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
-from test_plans.by_ratio import NATURAL
-from test_plans.damping_ratio import PLATES
+from test_plans.plans.damping_ratio import PLATES
+from test_plans.sweeps.ratio import NATURAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,14 +11,14 @@ import numpy as np
 from bench_protocol.units import ATMOSPHERE, NS, minutes
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, straight_line
+from test_plans.analysis.geometry import CELLS, LASERS, Rig, cells_under, height_of_spring, load_on
+from test_plans.analysis.readings import CHAMBERS, HEIGHTS, VERTICAL_CELLS
+from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
-from test_plans.geometry import CELLS, LASERS, Rig, cells_under, height_of_spring, load_on
 from test_plans.loads import Load
-from test_plans.readings import CHAMBERS, HEIGHTS, VERTICAL_CELLS
 from test_plans.steps.carrying import AVERAGE_OVER
 from test_plans.steps.shaking import Values, check_band
-from test_plans.uncertainty import Measured
 
 if TYPE_CHECKING:
     from test_plans.run import Run

@@ -12,10 +12,10 @@ from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
 from drivers.errors import BenchTimeout, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty
-from test_plans.geometry import WEIGHT
+from test_plans.analysis.geometry import WEIGHT
+from test_plans.analysis.readings import CHAMBERS, HEIGHTS
 from test_plans.loads import Load
 from test_plans.preconditions import HEADROOM
-from test_plans.readings import CHAMBERS, HEIGHTS
 
 if TYPE_CHECKING:
     from test_plans.run import Run

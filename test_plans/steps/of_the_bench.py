@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from bench_protocol.dimensions import DIMENSIONS
+from test_plans.analysis.uncertainty import EVEN, Measured
 from test_plans.loads import Band
-from test_plans.uncertainty import EVEN, Measured
 
 if TYPE_CHECKING:
-    from test_plans.geometry import Rig
+    from test_plans.analysis.geometry import Rig
     from test_plans.run import Run
 
 SPACING: Final = "spring_half_spacing"

@@ -21,12 +21,12 @@ from test_plans.analysis import (
     whole_cycles,
     without_drift,
 )
+from test_plans.analysis.geometry import CELLS, LASERS, Rig, cells_under, height_of_spring, load_on
+from test_plans.analysis.readings import GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.analysis.uncertainty import Measured
 from test_plans.description import lags
-from test_plans.geometry import CELLS, LASERS, Rig, cells_under, height_of_spring, load_on
 from test_plans.loads import Band
-from test_plans.readings import GENERATOR, HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
-from test_plans.tables import DAMPING, FREQUENCY, LOSS, STORAGE, TANGENT, keep
-from test_plans.uncertainty import Measured
+from test_plans.steps.tables import DAMPING, FREQUENCY, LOSS, STORAGE, TANGENT, keep
 
 if TYPE_CHECKING:
     from drivers.receiver import Capture

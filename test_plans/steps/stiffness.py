@@ -11,11 +11,12 @@ import numpy as np
 
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_harmonic, without_inertia
+from test_plans.analysis.geometry import Rig, cells_under
+from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.analysis.uncertainty import Measured
 from test_plans.check_names import CheckName
 from test_plans.description import lag_of, lags
-from test_plans.geometry import Rig, cells_under
 from test_plans.loads import Band, Load
-from test_plans.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.steps.carrying import hold_the_height, stand_again
 from test_plans.steps.shaking import (
     LATERAL,
@@ -32,7 +33,6 @@ from test_plans.steps.shaking import (
     spring_motion,
     vertical_needs,
 )
-from test_plans.uncertainty import Measured
 
 if TYPE_CHECKING:
     from test_plans.run import Run

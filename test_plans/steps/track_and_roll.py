@@ -12,10 +12,10 @@ import numpy.typing as npt
 from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
 from test_plans.analysis import Samples, first_harmonic
+from test_plans.analysis.geometry import ACTUATORS, LASERS, Rig, actuator_moment, roll_of
+from test_plans.analysis.readings import GENERATOR
 from test_plans.check_names import CheckName
-from test_plans.geometry import ACTUATORS, LASERS, Rig, actuator_moment, roll_of
 from test_plans.loads import Load
-from test_plans.readings import GENERATOR
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN
 from test_plans.steps.of_the_bench import MASS, check_roll_stiffness, of_the_stated_mass, stated
 from test_plans.steps.shaking import AMPLITUDE, SAMPLE_RATE, Values, check_band, generator_cycles

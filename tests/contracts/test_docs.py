@@ -80,8 +80,8 @@ def test_make_help_lists_every_target() -> None:
 
 def test_the_plan_in_the_readme_is_one_that_exists() -> None:
     code, name = re.search(
-        r"\(test_plans/(\w+)\.py\), all of it:\n\n```python\n(.*?)```",
+        r"\(test_plans/plans/(\w+)\.py\), all of it:\n\n```python\n(.*?)```",
         (ROOT / "README.md").read_text(),
         re.DOTALL,
     ).group(2, 1)
-    assert code == (ROOT / "test_plans" / f"{name}.py").read_text()
+    assert code == (ROOT / "test_plans" / "plans" / f"{name}.py").read_text()

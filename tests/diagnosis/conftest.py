@@ -50,8 +50,8 @@ def bench_record(tmp_path_factory):
     from bench_sim.rig.rig import Rig
     from test_plans.execution import execute
     from test_plans.loads import AW0
-    from test_plans.motions import Part, Programme
-    from test_plans.perform import programme_plan
+    from test_plans.programmes.motions import Part, Programme
+    from test_plans.programmes.perform import programme_plan
 
     def make(name, stretches, *, effects=None, faults=None, seed=1, **changes):
         parameters = load("astb").with_values(**changes)

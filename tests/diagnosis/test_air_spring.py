@@ -22,7 +22,7 @@ from diagnosis.systems.air_spring import OUTPUTS, AirSpring
 from diagnosis.systems.air_spring_parameters import SOUND
 from diagnosis.systems.air_spring_surfaces import TERMS
 from diagnosis.systems.records import read_records
-from test_plans.motions import Stand, Stretch, Wave
+from test_plans.programmes.motions import Stand, Stretch, Wave
 
 MEDLEY = (
     Stretch(

@@ -24,7 +24,7 @@ from diagnosis.systems.records import (
 )
 from drivers.memory import Faults
 from test_plans.loads import AW0
-from test_plans.motions import Part, Programme, Stand, Stretch, Valves, Wave
+from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Valves, Wave
 
 SHORT = (
     Stretch((Wave("vertical", 3 * mm, 1.0 * Hz, 4), Wave("lateral", 3 * mm, 1.0 * Hz, 3))),

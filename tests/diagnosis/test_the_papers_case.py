@@ -11,8 +11,8 @@ from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.records import read_records
-from test_plans.motions import Stretch, Wave
-from test_plans.separating import MENU
+from test_plans.plans.separating import MENU
+from test_plans.programmes.motions import Stretch, Wave
 
 pytestmark = pytest.mark.slow
 

@@ -24,8 +24,8 @@ from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Verdict
 from diagnosis.systems.air_spring import AirSpring
 from diagnosis.systems.records import read_records
-from test_plans.perform import programme_plan
-from test_plans.separating import MENU
+from test_plans.plans.separating import MENU
+from test_plans.programmes.perform import programme_plan
 
 
 @pytest.mark.parametrize(("seed", "kind"), [(300_000, "single"), (300_004, "pair"), (300_005, "null")])

@@ -16,9 +16,9 @@ from drivers.bench import Bench
 from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
 from test_plans.execution import execute
-from test_plans.fittings import fit_pipe, fit_plate
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan
+from test_plans.steps.fittings import fit_pipe, fit_plate
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from test_plans import steps
 from test_plans.analysis import Stiffness, dynamic_stiffness
+from test_plans.analysis.geometry import cells_under
 from test_plans.description import lag_of
-from test_plans.geometry import cells_under
 from test_plans.instruments import ordinary
-from test_plans.leveling import _took
 from test_plans.loads import AW0
+from test_plans.plans.leveling import _took
 from test_plans.run import Run
 from test_plans.steps.shaking import SAMPLE_RATE, VERTICAL, generator_cycles, spring_motion
 

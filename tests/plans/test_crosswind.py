@@ -13,16 +13,16 @@ from bench_sim.model import wind as oracle
 from bench_sim.parameters import load
 from bench_sim.parameters.paper import load_paper
 from test_plans.analysis import NotMeasured
-from test_plans.crosswind_gust import READ, _judge, blow
+from test_plans.analysis.spectra import SIGMAS_OF_95, spectra
 from test_plans.description import ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import UNKNOWN
+from test_plans.plans.crosswind_gust import READ, _judge, blow
+from test_plans.plans.stochastic_crosswind import LEVEL, TRACK, excitation, irregularity
 from test_plans.specimen import ordinary
-from test_plans.spectra import SIGMAS_OF_95, spectra
 from test_plans.steps.shaking import SAMPLE_RATE
-from test_plans.stochastic_crosswind import LEVEL, TRACK, excitation, irregularity
-from test_plans.wind import (
+from test_plans.steps.wind import (
     CAR,
     GUST_FACTOR,
     GUST_LENGTH,

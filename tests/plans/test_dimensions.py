@@ -32,16 +32,16 @@ from bench_sim.rig.rig import Rig
 from diagnosis.contracts import DiagnosisError
 from diagnosis.systems.map_file import read_map
 from drivers.errors import NotAvailable
-from test_plans import geometry
+from test_plans.analysis import geometry
+from test_plans.analysis.readings import VERTICAL_CELLS
+from test_plans.analysis.uncertainty import EVEN, measured
 from test_plans.description import Description, ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary as ordinary_instruments
-from test_plans.motions import Stand, Stretch
-from test_plans.readings import VERTICAL_CELLS
-from test_plans.separating import MENU
-from test_plans.trajectory import trajectory
-from test_plans.uncertainty import EVEN, measured
+from test_plans.plans.separating import MENU
+from test_plans.programmes.motions import Stand, Stretch
+from test_plans.programmes.trajectory import trajectory
 
 slow = pytest.mark.slow
 metres = st.floats(0.3, 2.5)

@@ -8,11 +8,11 @@ from types import ModuleType
 
 import pytest
 
-import test_plans
+import test_plans.plans
 from bench_records.result import Outcome
 from test_plans import discovery
-from test_plans.aw0 import aw0
 from test_plans.execution import execute
+from test_plans.plans.under_load import aw0
 from test_plans.run import PlanError
 
 CREEP = '''
@@ -45,7 +45,7 @@ def module(name: str, **content: object) -> ModuleType:
 
 def test_a_new_file_is_a_new_plan(find, tmp_path, monkeypatch):
     (tmp_path / "creep.py").write_text(CREEP)
-    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
     found = find()
     assert found["creep"].title == "Creep: hold the load for a while."
     assert list(found) == sorted(found)
@@ -53,9 +53,9 @@ def test_a_new_file_is_a_new_plan(find, tmp_path, monkeypatch):
 
 def test_the_recipe_in_contributing_works_to_the_letter(find, tmp_path, monkeypatch, bench_composed):
     recipe = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    code = re.search(r"`test_plans/symmetry\.py`:\n\n```python\n(.*?)```", recipe, re.DOTALL)[1]
+    code = re.search(r"`test_plans/plans/symmetry\.py`:\n\n```python\n(.*?)```", recipe, re.DOTALL)[1]
     (tmp_path / "symmetry.py").write_text(code, encoding="utf-8")
-    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
     plan = find()["symmetry"]
     with bench_composed() as made:
         assert execute(plan, made.bench, tmp_path / "sound").verdict is Outcome.PASS
@@ -70,7 +70,7 @@ def test_the_plan_with_parameters_in_the_how_to_works_to_the_letter(
     page = Path(__file__).parents[2] / "docs" / "how-to" / "run-and-write-plans-with-parameters.md"
     code = re.search(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)[1]
     (tmp_path / "lateral_push.py").write_text(f'"""A push."""\n{code}', encoding="utf-8")
-    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
     plan = find()["lateral_push"]
     with bench_composed() as made:
         result = execute(plan.given({"load": "AW3", "way": "8 mm"}), made.bench, tmp_path / "sound")
@@ -101,8 +101,8 @@ def test_a_plan_that_a_file_only_imports_is_no_second_one():
 
 def test_a_file_that_cannot_be_imported_is_named(find, tmp_path, monkeypatch):
     (tmp_path / "half_written.py").write_text("def f(:\n")
-    monkeypatch.setattr(test_plans, "__path__", [*test_plans.__path__, str(tmp_path)])
+    monkeypatch.setattr(test_plans.plans, "__path__", [*test_plans.plans.__path__, str(tmp_path)])
     with pytest.raises(
-        PlanError, match=r"test_plans\.half_written cannot be imported: SyntaxError: .*line 1"
+        PlanError, match=r"test_plans\.plans\.half_written cannot be imported: SyntaxError: .*line 1"
     ):
         find()

@@ -8,9 +8,9 @@ from bench_protocol.units import mm
 from bench_records.result import Outcome, read_result
 from drivers.errors import Refused
 from test_plans.discovery import plans
-from test_plans.endurance import Looks, _cycle
 from test_plans.execution import execute
 from test_plans.instruments import ordinary
+from test_plans.plans.endurance import Looks, _cycle
 
 slow = pytest.mark.slow
 SIDES = ("left", "right")

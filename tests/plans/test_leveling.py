@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 
 from bench_protocol.units import mm, s
-from test_plans.leveling import _dead_band, _opened, lift
+from test_plans.analysis.uncertainty import Measured
 from test_plans.loads import Band, SpecimenError
+from test_plans.plans.leveling import _dead_band, _opened, lift
 from test_plans.specimen import ordinary
-from test_plans.uncertainty import Measured
 
 
 def exactly(evaluate, *read, **_):

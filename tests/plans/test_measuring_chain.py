@@ -10,10 +10,10 @@ from bench_protocol.units import MN, mm
 from bench_records.result import CheckVerdict, Outcome
 from bench_sim.model.layout import Sensor
 from drivers.errors import BenchTimeout
-from test_plans import measuring_chain
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import NoOperator, Script
+from test_plans.plans import measuring_chain
 
 slow = pytest.mark.slow
 SIDES = ("left", "right")

@@ -16,7 +16,7 @@ from test_plans import steps
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import Script
-from test_plans.orifice_plates import leave_as_found
+from test_plans.plans.orifice_plates import leave_as_found
 
 PLATES = (10, 13, 16, 18)
 

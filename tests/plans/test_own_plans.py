@@ -58,7 +58,10 @@ def test_a_folder_of_plans_is_seen_by_name(tmp_path, monkeypatch):
         (None, r"wrong\.py is no file; `astb plans new wrong` writes one"),
         ("def f(:\n", r"wrong\.py, line 1: SyntaxError: invalid syntax"),
         ("\nimport nothing_of_this_name\n", r"wrong\.py, line 2: ModuleNotFoundError: No module named"),
-        ("from test_plans.aw0 import aw0\n", r"wrong\.py declares no plan: a function with @plan above"),
+        (
+            "from test_plans.plans.under_load import aw0\n",
+            r"wrong\.py declares no plan: a function with @plan above",
+        ),
     ],
 )
 def test_a_file_that_is_no_plan_is_told_with_its_line(tmp_path, text, told):

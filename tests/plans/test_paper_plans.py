@@ -10,14 +10,14 @@ from bench_protocol.units import mm
 from bench_records.result import Outcome
 from bench_sim.model.layout import State
 from test_plans import steps
+from test_plans.analysis.geometry import drive, pose
 from test_plans.description import ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.geometry import drive, pose
 from test_plans.loads import AW0
 from test_plans.plan import plan
-from test_plans.poses import go_home, read_pose, take_pose
-from test_plans.waves import lateral_stiffness, shake
+from test_plans.steps.poses import go_home, read_pose, take_pose
+from test_plans.steps.waves import lateral_stiffness, shake
 
 slow = pytest.mark.slow
 OURS = ours()

@@ -12,7 +12,7 @@ from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import FirstOf, NoOperator, Script
 from test_plans.plan import plan
-from test_plans.safety import Course, _lose_the_supply, _press_the_stop, switch_off
+from test_plans.plans.safety import Course, _lose_the_supply, _press_the_stop, switch_off
 from tests.foreign.virtual import VirtualPlc
 
 slow = pytest.mark.slow

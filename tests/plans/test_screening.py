@@ -12,17 +12,17 @@ from bench_records.result import Outcome
 from bench_sim.rig.limits import LIMITS
 from bench_sim.rig.tick import waveform
 from drivers.memory import Faults
-from test_plans import perform
+from test_plans.analysis.geometry import POSE_SIGNALS, pose, shear_of
 from test_plans.description import ours
 from test_plans.discovery import plans
-from test_plans.geometry import POSE_SIGNALS, pose, shear_of
 from test_plans.loads import AW0, AW3
-from test_plans.motions import REPLAY, Part, Programme, Stand, Stretch, Valves, Wave
-from test_plans.perform import programme_plan
-from test_plans.screening import REPEATED, SCREENING, STRETCHES
-from test_plans.separating import MENU
+from test_plans.plans.screening import REPEATED, SCREENING, STRETCHES
+from test_plans.plans.separating import MENU
+from test_plans.programmes import perform
+from test_plans.programmes.motions import REPLAY, Part, Programme, Stand, Stretch, Valves, Wave
+from test_plans.programmes.perform import programme_plan
+from test_plans.programmes.trajectory import RATE, trajectory, unit_wave
 from test_plans.specimen import ordinary
-from test_plans.trajectory import RATE, trajectory, unit_wave
 
 slow = pytest.mark.slow
 OURS = ours()

@@ -12,16 +12,15 @@ from bench_protocol.words import PROVENANCES
 from bench_records.junit import junit
 from bench_records.report import write_report
 from bench_records.result import Outcome, read_result
-from test_plans.by_pressure import part_of
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.lateral_pressure_aw0 import PARTS as EMPTY
-from test_plans.lateral_pressure_aw3 import PARTS as FULL
-from test_plans.leak_down import leak_down
 from test_plans.loads import Band, Limits, SpecimenError
 from test_plans.plan import plan
+from test_plans.plans.lateral_pressure import PARTS
+from test_plans.plans.leak_down import leak_down
 from test_plans.run import Run
 from test_plans.specimen import ordinary, packaged, read_specimen
+from test_plans.sweeps.pressure import part_of
 
 TEXT = named_files("specimens")["astb"].read_text(encoding="utf-8")
 
@@ -181,8 +180,14 @@ def test_title_and_instruction_say_what_this_specimen_has_to_carry(tmp_path):
 def test_preloads_around_a_load_case_are_parts_of_it(tmp_path):
     """By hand for the ordinary specimen; another one's are as far from its own."""
     run = SimpleNamespace(specimen=ordinary())
-    assert [part_of(run, "AW0", part).preload / kN for part in EMPTY] == [43.0, 48.0, 53.5, 59.0, 64.0]
-    assert [part_of(run, "AW3", part).preload / kN for part in FULL] == [130.0, 137.5, 145.0, 152.5, 160.0]
+    assert [part_of(run, "AW0", part).preload / kN for part in PARTS["AW0"]] == [43.0, 48.0, 53.5, 59.0, 64.0]
+    assert [part_of(run, "AW3", part).preload / kN for part in PARTS["AW3"]] == [
+        130.0,
+        137.5,
+        145.0,
+        152.5,
+        160.0,
+    ]
 
 
 def test_a_file_that_is_not_there_is_told_with_those_that_are(tmp_path):

@@ -15,16 +15,7 @@ from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
 from drivers.wiring.contract import Stamp
 from test_plans.analysis import dynamic_stiffness
-from test_plans.instruments import (
-    Instrument,
-    Instruments,
-    InstrumentsError,
-    Piece,
-    ordinary,
-    read_instruments,
-)
-from test_plans.run import Run
-from test_plans.uncertainty import (
+from test_plans.analysis.uncertainty import (
     COUNTED,
     EVEN,
     Measured,
@@ -34,6 +25,15 @@ from test_plans.uncertainty import (
     timed,
     yes_or_no,
 )
+from test_plans.instruments import (
+    Instrument,
+    Instruments,
+    InstrumentsError,
+    Piece,
+    ordinary,
+    read_instruments,
+)
+from test_plans.run import Run
 
 LASER = Instrument("laser", "laser", offset=0.05 * mm, gain=0.001)
 CELL = Instrument("cell", "cell", offset=200.0, gain=0.002)

@@ -26,8 +26,8 @@ from diagnosis.finding import Cause, Estimate, Finding, Models, Provenance, Shif
 from diagnosis.systems.air_spring import AirSpring
 from test_plans.execution import execute
 from test_plans.loads import AW0
-from test_plans.motions import Part, Programme, Stand, Stretch, Wave
-from test_plans.perform import programme_plan
+from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Wave
+from test_plans.programmes.perform import programme_plan
 
 ROOT = Path(__file__).parents[2]
 SIMULATED = 'name = "test"\ntime = "virtual"\n[simulation]\nseed = 1\n'

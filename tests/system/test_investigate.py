@@ -26,10 +26,10 @@ from diagnosis.engine.diagnose import diagnose
 from diagnosis.finding import Cause, Finding, Models, NextRun, Provenance, Rival, Verdict
 from diagnosis.report.page import write_report
 from test_plans.loads import AW0
-from test_plans.motions import Part, Programme, Stand, Stretch, Wave
-from test_plans.perform import lasts
-from test_plans.screening import SCREENING
-from test_plans.separating import MENU
+from test_plans.plans.screening import SCREENING
+from test_plans.plans.separating import MENU
+from test_plans.programmes.motions import Part, Programme, Stand, Stretch, Wave
+from test_plans.programmes.perform import lasts
 
 
 def programme(name, *stretches):

@@ -16,9 +16,9 @@ from astb.operators import Terminal
 from astb.rig_file import RigFile, Simulation
 from astb.run import Keeping, run_plans
 from bench_records.result import check, conclude
+from test_plans.analysis.uncertainty import yes_or_no
 from test_plans.operator import Question, QuestionBox, Script
 from test_plans.plan import plan
-from test_plans.uncertainty import yes_or_no
 
 RESULT = conclude("aw0", "Title.", "Title.", [check("height", 2.0, "m", low=0.0, high=1.0)], rig="hall")
 

@@ -14,8 +14,8 @@ from bench_records.plots import ALARM, INK, PALETTE, SHADE, heading, style
 from bench_records.record import Record, read
 from bench_records.result import Check, read_result
 from test_plans.analysis import Samples
+from test_plans.analysis.geometry import POSE_SIGNALS, shear_of
 from test_plans.description import ours
-from test_plans.geometry import POSE_SIGNALS, shear_of
 from tools.gallery.drawing import LEGEND, SIDE, figure_of, save
 
 if TYPE_CHECKING:

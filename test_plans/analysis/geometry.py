@@ -1,0 +1,215 @@
+"""Where to put the actuators of a bench, and what its readings say about the springs, by the rig's dimensions.
+
+Bolster and platform turn about their own axes, φ_B and φ_P. The springs are sheared by
+``y = y_B + e φ_B − y_P + h φ_P`` and rolled by ``θ = φ_B − φ_P``; the bump stop looks at ``y_B − y_P`` alone. Bolster
+and platform tilted together shear the springs further than the bump stop would let the bolster go by itself.
+
+``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import copysign, pi, tau
+from typing import Final
+
+import numpy as np
+
+from bench_protocol.dimensions import across
+from bench_protocol.units import mm
+from bench_protocol.words import SIDES
+from test_plans.analysis import Samples
+from test_plans.analysis.readings import VERTICAL_CELLS
+
+Rig = Mapping[str, float]
+
+#: What poses leave of the way to the bump stop, for a sine of 5 mm.
+STOP_ROOM: Final = 7 * mm
+
+#: What has to be known for what is said here.
+WEIGHT: Final = ("bolster_mass", "gravity")
+LASERS: Final = tuple(across(f"{side}.height") for side in SIDES)
+ACTUATORS: Final = tuple(across(f"vertical_{side}") for side in SIDES)
+CELLS: Final = (*map(across, VERTICAL_CELLS), "spring_half_spacing")
+HEIGHTS_ABOVE: Final = ("centre_height", "lateral_actuator_height", "column_height")
+#: To see how the springs stand, and to put them there.
+SEEING: Final = (*LASERS, *HEIGHTS_ABOVE, "lateral_frame_stiffness")
+PLACING: Final = (*SEEING, *ACTUATORS, "stop_gap")
+
+
+def bolster_weight(rig: Rig) -> float:
+    """Return it in N: the bolster hangs on the actuators or rests on both springs, and is part of the preload."""
+    return rig["bolster_mass"] * rig["gravity"]
+
+
+def stop_travel_max(rig: Rig) -> float:
+    """Return how far (m) the bolster goes toward the bump stop in a pose."""
+    return rig["stop_gap"] - STOP_ROOM
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where bolster and platform stand (m, rad), seen from bolster and platform level and in the middle."""
+
+    lateral: float  #: displacement of the lateral actuator
+    bolster_roll: float
+    platform_roll: float
+
+
+def pose(rig: Rig, shear: float, roll: float = 0.0) -> Pose:
+    """Return how the springs are sheared by ``shear`` (m) and rolled by ``roll`` (rad) clear of the bump stop."""
+    centre = rig["centre_height"]
+    travel = copysign(min(abs(shear), stop_travel_max(rig)), shear)
+    platform = (shear - travel - centre * roll) / (centre + rig["column_height"])
+    bolster = platform + roll
+    return Pose(travel - rig["lateral_actuator_height"] * bolster, bolster, platform)
+
+
+def lifted(rig: Rig, roll: float) -> dict[str, float]:
+    """Return how far each vertical actuator goes up (m) when the bolster rolls by ``roll`` (rad), by its name."""
+    return {f"vertical_{side}": rig[across(f"vertical_{side}")] * roll for side in SIDES}
+
+
+#: What has to be read to know how the springs are sheared and rolled.
+POSE_SIGNALS: Final = (
+    *(f"{side}.height" for side in SIDES),
+    "lateral.displacement",
+    "lateral.force",
+    "platform.roll",
+)
+
+
+def roll_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
+    """Roll θ of the bolster against the platform (rad), from the lasers."""
+    left, right = (rig[one] for one in LASERS)
+    return np.asarray((values["left.height"] - values["right.height"]) / (left - right))
+
+
+def height_of_spring(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
+    """Return the height of a spring (m): what its laser sees where that stands, and the roll between both."""
+    return height_at(values, rig, side, rig["spring_half_spacing"] * (1.0 if side == "left" else -1.0))
+
+
+def height_at(values: Mapping[str, Samples], rig: Rig, side: str, place: float) -> Samples:
+    """Return the height (m) that a side's laser would see at a ``place`` to the left of the middle (m)."""
+    seen, beside = values[f"{side}.height"], place - rig[across(f"{side}.height")]
+    both = all(f"{one}.height" in values for one in SIDES)
+    return seen + beside * roll_of(values, rig) if beside and both else seen
+
+
+def shear_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
+    """Lateral displacement y of the top plates against the platform (m); the frame gives way by its force."""
+    bolster_roll = roll_of(values, rig) + values["platform.roll"]
+    pinned = values["lateral.displacement"] - values["lateral.force"] / rig["lateral_frame_stiffness"]
+    return np.asarray(
+        pinned
+        + (rig["centre_height"] + rig["lateral_actuator_height"]) * bolster_roll
+        + rig["column_height"] * values["platform.roll"]
+    )
+
+
+def stop_travel_of(values: Mapping[str, Samples], rig: Rig) -> Samples:
+    """What the bump stop sees of it: y_B − y_P (m)."""
+    return shear_of(values, rig) - (
+        rig["centre_height"] * (roll_of(values, rig) + values["platform.roll"])
+        + rig["column_height"] * values["platform.roll"]
+    )
+
+
+def _share(rig: Rig, side: str, place: str) -> float:
+    """Return which share of a force at a ``place`` one spring bears: F = ΣF_k/2 ± Σ y_k F_k/(2b)."""
+    return 0.5 + (0.5 if side == "left" else -0.5) * rig[across(place)] / rig["spring_half_spacing"]
+
+
+def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
+    """Return the load cells that tell the load on one spring: where they stand below the springs, its own.
+
+    All of them, where nobody knows which stands where.
+    """
+    if any(name not in rig for name in CELLS):
+        return VERTICAL_CELLS
+    return tuple(cell for cell in VERTICAL_CELLS if _share(rig, side, cell))
+
+
+def load_on(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
+    """Return the force on one spring (N, downward) by the upright load cells."""
+    shares = {cell: _share(rig, side, cell) for cell in VERTICAL_CELLS}
+    known = (share * values[cell] for cell, share in shares.items() if share and cell in values)
+    return np.asarray(sum(known))
+
+
+def pressed_on(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
+    """Return the force that the vertical actuators press one spring with (N, downward), beside the bolster's weight."""
+    shares = {one: _share(rig, side, f"vertical_{one}") for one in SIDES}
+    return np.asarray(sum(share * values[f"vertical_{one}.force"] for one, share in shares.items() if share))
+
+
+def rest_load(rig: Rig, cell: str) -> float:
+    """Return what an upright cell reads (N) of the bolster alone: of equal cells that carry it without a moment."""
+    places = np.array([rig[across(one)] for one in VERTICAL_CELLS])
+    carried = np.linalg.lstsq(np.stack([np.ones_like(places), places]), np.array([1.0, 0.0]), rcond=None)[0]
+    return bolster_weight(rig) * float(carried[VERTICAL_CELLS.index(cell)])
+
+
+def cell_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:
+    """Return the moment against the roll (N·m) in the upright load cells."""
+    return np.asarray(-sum(rig[across(cell)] * values[cell] for cell in VERTICAL_CELLS))
+
+
+def actuator_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:
+    """Return the moment against the roll (N·m) that the vertical actuators make."""
+    return np.asarray(
+        -sum(rig[across(f"vertical_{side}")] * values[f"vertical_{side}.force"] for side in SIDES)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What one actuator (or a pair of them) moves, and what stands between: all from the data sheets."""
+
+    mass: float  #: kg per actuator
+    frame: float  #: N/m
+    frame_damping: float  #: N·s/m
+    stiffness: float  #: N/m of the springs, per actuator; an upper bound
+    loop_frequency: float  #: Hz, of the closed loop
+    loop_damping: float
+    speed: float  #: m/s
+
+    def command(self, amplitude: float, frequency: float, force: float) -> float:
+        """Return the amplitude (m) to ask for so that the bolster moves by ``amplitude``, or by as much as it can.
+
+        ``force`` (N) is what the actuator has left for it. At 25 Hz the piston follows with 0.7 of its command, and
+        the bolster on the frame answers with more: both are undone here.
+        """
+        omega = tau * frequency
+        frame = complex(self.frame, omega * self.frame_damping)
+        needed = abs(complex(self.stiffness - self.mass * omega**2, 0.0))
+        amplitude = min(amplitude, force / max(needed, self.stiffness))
+        r = frequency / self.loop_frequency
+        loop = 1 / abs(complex(1 - r**2, 2 * self.loop_damping * r))
+        bolster = abs(frame / (frame + self.stiffness - self.mass * omega**2))
+        return float(min(amplitude / (loop * bolster), 0.9 * self.speed / (2 * pi * frequency)))
+
+
+#: What a `drive` needs to be known.
+DRIVEN: Final = (
+    *WEIGHT,
+    *(f"{way}_frame_{what}" for way in ("vertical", "lateral") for what in ("stiffness", "damping")),
+    "actuator_frequency",
+    "actuator_damping",
+    "actuator_speed",
+    "vertical_force_max",
+    "lateral_force_max",
+)
+
+
+def drive(rig: Rig, way: str, stiffness: float) -> Drive:
+    """Return what an actuator drives, ``vertical`` (one of two) or ``lateral``, against springs of ``stiffness``."""
+    return Drive(
+        rig["bolster_mass"] / (2 if way == "vertical" else 1),
+        rig[f"{way}_frame_stiffness"],
+        rig[f"{way}_frame_damping"],
+        stiffness,
+        rig["actuator_frequency"],
+        rig["actuator_damping"],
+        rig["actuator_speed"],
+    )

@@ -1,0 +1,108 @@
+"""Axial stiffness: isobaric, with the auxiliary volume shut off, and with it open (the tests of EN 13597)."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Final, Literal
+
+import numpy as np
+
+from bench_protocol.units import mm, s
+from bench_protocol.words import SIDES
+from test_plans import steps
+from test_plans.analysis import straight_line
+from test_plans.analysis.geometry import CELLS, LASERS, Rig, height_of_spring, load_on
+from test_plans.analysis.readings import PRESSURES, VERTICAL_CELLS
+from test_plans.analysis.uncertainty import Measured
+from test_plans.check_names import CheckName
+from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
+from test_plans.run import Run
+from test_plans.steps.air import AVERAGED
+from test_plans.steps.fittings import leave_connected
+from test_plans.steps.poses import COOL, Home, go_home, restore_the_air
+from test_plans.steps.shaking import check_band
+
+ISOBARIC: Final = CheckName(
+    "{side} vertical stiffness, isobaric",
+    "Force over displacement at constant pressure: the stiffness of "
+    "bellows contour and rubber, without that of the air.",
+)
+#: Up, down and up again, each place from both directions: what friction does falls out of the mean.
+STAIRS: Final = tuple(z * mm for z in (10, 20, 10, 0, -10, -20, -10, 0))
+STAIR_RATE: Final = 10 * mm / s
+#: Air that was let in or out comes to the temperature of the walls, and a little more of it is needed.
+STAIR_WAIT: Final = 3 * s
+
+
+@plan(
+    setup=steps.carry_load,
+    needs=(
+        *steps.CARRYING,
+        *VERTICAL_CELLS,
+        *PRESSURES,
+        "air.left_reservoir",
+        "air.right_reservoir",
+        *CELLS,
+        *LASERS,
+    ),
+    teardown=leave_connected,
+    lasts=140 * s,
+    requires=on_the_bench("load"),
+    checks=(ISOBARIC, steps.VERTICAL_SECANT["closed"], steps.VERTICAL_SECANT["open"]),
+)
+def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
+    """Axial stiffness of each spring, in the three ways of EN 13597.
+
+    The springs carry the `load` on their leveling valves and stand at design height.
+
+    * Isobaric: the bolster goes up and down in stairs of 10 mm to 20 mm, on each of which the pressure is brought back
+      to what it was. What is left is the area's change with height and the rubber.
+    * Closed: the auxiliary volumes are shut off, a slow triangle of 5 mm to either side compresses the bellows alone.
+    * Open: the same triangle with all the volume of the spring.
+
+    Good is what the specimen's file says of each. A bellows of wrong volume shows closed, a wrong auxiliary volume
+    open, a wrong contour isobaric.
+    """
+    case = run.specimen.load(load)
+    isobaric = case.limits.band("vertical_isobaric")
+    home = go_home(run)
+    run.bench.wait(COOL)
+    with run.phase("isobaric"):
+        for side, stiffness in _isobaric(run, home).items():
+            check_band(run, ISOBARIC.of(side=side), stiffness, "kN/m", isobaric)
+    if run.hold_point("before the volumes are shut off"):
+        steps.stand_again(run, case, go_home, COOL)
+    steps.lock_the_air(run)
+    run.bench.air.isolate_reservoirs()
+    steps.vertical_loop(run, case, "closed")
+    run.bench.air.connect_reservoirs()
+    steps.vertical_loop(run, case, "open")
+
+
+def _isobaric(run: Run, home: Home) -> dict[str, Measured]:
+    """Return the slope of force over compression (N/m) at constant pressure, both directions together."""
+    names = [
+        f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure", "auxiliary_pressure")
+    ]
+    rest = run.bench.averages(*names, over=steps.AVERAGE_OVER)
+    means = [rest]
+    for stair in STAIRS:
+        run.bench.vertical.move_to(home.left + stair, home.right + stair, rate=STAIR_RATE)
+        run.bench.wait(STAIR_WAIT)
+        restore_the_air(run, rest)
+        means.append(run.bench.averages(*names, *VERTICAL_CELLS, over=steps.AVERAGE_OVER))
+    area = run.specimen.effective_area
+    return {
+        side: run.measured(partial(_slope, side, area), run.rig, *means, averaged=AVERAGED) for side in SIDES
+    }
+
+
+def _slope(
+    side: str, area: float, rig: Rig, rest: Mapping[str, float], *stairs: Mapping[str, float]
+) -> float:
+    """Return the slope of force over compression (N/m), each from the means on one stair."""
+    # The valves bring the pressure back within some mbar: what is missing weighs as much as its area.
+    away = [mean[f"{side}.bellows_pressure"] - rest[f"{side}.bellows_pressure"] for mean in stairs]
+    means = [{name: np.asarray(value) for name, value in mean.items()} for mean in stairs]
+    force = np.array([load_on(mean, rig, side) for mean in means]) - area * np.array(away)
+    return straight_line(np.array([-height_of_spring(mean, rig, side) for mean in means]), force)[1]

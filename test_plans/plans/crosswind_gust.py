@@ -1,0 +1,257 @@
+"""Crosswind gust: how far one gust moves and rolls the bolster on its springs, and whether it comes back."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Annotated, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import FACTORS, bar, kN, mm, mrad, s
+from test_plans import steps
+from test_plans.analysis import NotMeasured, Samples
+from test_plans.analysis.geometry import ACTUATORS, POSE_SIGNALS, SEEING, Rig, roll_of, shear_of
+from test_plans.analysis.readings import SHEAR_CELLS
+from test_plans.analysis.uncertainty import EVEN, SAMPLING
+from test_plans.check_names import CheckName
+from test_plans.parameters import ParameterRefused, Range
+from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
+from test_plans.run import Run
+from test_plans.steps.carrying import FREE_SIDEWAYS
+from test_plans.steps.fittings import leave_connected
+from test_plans.steps.of_the_bench import unlike
+from test_plans.steps.shaking import SAMPLE_RATE, check_band
+from test_plans.steps.wind import CAR, RISE, STEP, fade, gust, on_the_bolster, side_force
+
+PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in ("left", "right"))
+READ: Final = (*POSE_SIGNALS, *PRESSURES, *SHEAR_CELLS)
+kmh: Final = FACTORS["km/h"]
+BEFORE: Final = 2 * s
+#: The mean wind alone, before the gust and after it; and no wind at all, after that.
+MEAN: Final = 4 * s
+AFTER: Final = 3 * s
+SETTLING: Final = ("time to settle", "s")
+MIDDLE: Final = RISE + MEAN
+LASTS: Final = 2 * MIDDLE + 2 * s
+#: What is averaged to see where the bolster stands, how many samples against noise, and every how many is kept.
+SMOOTH: Final = 1 * s
+NOISE: Final = 10
+KEPT: Final = 10
+#: Twice what brings the bolster to its stop.
+FORCE_MAX: Final = 15 * kN
+#: Settled: so near to where the mean wind holds it, of the way that the gust moved it.
+SETTLED: Final = 0.1
+#: What is judged of the answer, by its limit: name and unit.
+JUDGED: Final = {
+    "displacement": (
+        CheckName(
+            "largest displacement",
+            "How far one gust moves the bolster: beyond the limit, the car leaves its clearance or hits its stop.",
+        ),
+        "mm",
+    ),
+    "roll": (
+        CheckName(
+            "largest roll",
+            "How far one gust rolls the bolster: too much roll takes the "
+            "roof out of its clearance and unloads a wheel.",
+        ),
+        "mrad",
+    ),
+    "roll_stiffness": (
+        CheckName(
+            "roll stiffness",
+            "The wind's moment over the roll that it causes: the total "
+            "resistance to leaning, with the springs connected.",
+        ),
+        "kN*m/rad",
+    ),
+    "pressure_difference": (
+        CheckName(
+            "largest pressure difference",
+            "The pressure difference that the gust causes: if it is too large, the valve between the springs opens "
+            "and the car leans.",
+        ),
+        "bar",
+    ),
+    "air_moment": (
+        CheckName(
+            "moment of the air over that of the wind",
+            "The share of the wind's moment that the air carries: the rubber carries the rest and wears out sooner.",
+        ),
+        "1",
+    ),
+    "remains": (
+        CheckName(
+            "displacement that remains",
+            "Where the bolster stands after the wind: a remaining displacement means friction or a damaged spring.",
+        ),
+        "mm",
+    ),
+    "pressure_remains": (
+        CheckName(
+            "pressure difference that remains",
+            "The pressure difference that remains after the wind: air has gone to "
+            "the other spring, and the car stands inclined.",
+        ),
+        "bar",
+    ),
+}
+STIFF: Final = CheckName(
+    "lateral stiffness",
+    "The gust's force over the displacement that it causes: it shows "
+    "whether the spring is as stiff as its drawing states.",
+)
+SETTLES: Final = CheckName(
+    "time to settle",
+    "How long the bolster swings after the gust: with too little damping, the next gust adds to the motion.",
+)
+
+
+def blow(wind: float, train_speed: float) -> tuple[Samples, Samples]:
+    """Return the force on the bogie (N) over time (s) of a gust up to ``wind`` and of the mean wind around it (m/s)."""
+    times = np.linspace(0.0, LASTS, round(LASTS / STEP) + 1)
+    return times, fade(times) * side_force(gust(wind, train_speed, times, MIDDLE), train_speed)
+
+
+def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
+    """Refuse what the bench should not push with; let the springs carry the load, shut in, and the bolster go."""
+    most = float(blow(wind, train_speed)[1].max())
+    if most > FORCE_MAX:
+        raise ParameterRefused(
+            f"wind = {wind:g} m/s at train_speed = {train_speed / kmh:g} km/h pushes with {most / kN:.1f} kN; less of "
+            f"either, up to {FORCE_MAX / kN:g} kN, would be right"
+        )
+    steps.carry_load(run, load)
+    steps.lock_the_air(run)
+    run.bench.air.connect_dpv()
+    steps.free_the_bolster(run)
+
+
+@plan(
+    setup=take_up,
+    needs=(
+        *steps.CARRYING,
+        *READ,
+        *FREE_SIDEWAYS,
+        "vertical_left.force_setpoint",
+        "vertical_right.force_setpoint",
+        *SEEING,
+        *ACTUATORS,
+        "spring_half_spacing",
+    ),
+    teardown=leave_connected,
+    lasts=51 * s,
+    requires=on_the_bench("load"),
+    checks=(STIFF, *(name for name, _ in JUDGED.values()), SETTLES),
+)
+def crosswind_gust(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    wind: Annotated[float, Range(6.0, 20.0, "m/s")] = 10.0,
+    train_speed: Annotated[float, Range(10 * kmh, 300 * kmh, "km/h")] = 100 * kmh,
+) -> None:
+    """Crosswind gust: displacement, roll and stiffness of the springs in one gust.
+
+    The springs carry the load, their valves are shut, and the differential pressure valve connects them. The bolster is
+    free in all directions under the preload. The wind rises to its mean within 4 s. After 4 s a gust passes over the
+    car, in the shape of EN 14067-6, up to `wind`, which is 1.7 times the mean. Then the mean wind blows on for 4 s and
+    fades. What one bogie bears of it pushes the bolster sideways, and its moment rolls it: the lateral actuator and the
+    difference of the vertical ones follow a waveform that the host streams.
+
+    Good is what the specimen's file says of the largest displacement and roll, of the stiffness against the gust, of
+    the pressure difference, which must not open the valve between the springs, of the moment that the air bears, of the
+    time until the bolster stands still again, and of what remains after the wind.
+    """
+    times, force = blow(wind, train_speed)
+    with run.phase("gust"):
+        with run.bench.capture(*READ) as capture:
+            run.bench.wait(BEFORE)
+            run.bench.waveform.run(times, on_the_bolster(force, run.rig))
+            run.bench.wait(AFTER)
+        at, values = capture.aligned(SAMPLE_RATE)
+    _judge(run, load, at - BEFORE, values)
+
+
+def _judge(run: Run, load: str, at: Samples, values: Mapping[str, Samples]) -> None:
+    """Check what the springs did ``at`` times since the wind began (s), and keep it."""
+    from bench_records.curves import Axis
+
+    limits = run.specimen.load(load).limits
+    area = run.specimen.effective_area
+    y, roll, pushed, parted = _answer(at, run.rig, values)
+    if not np.isfinite([y, roll, pushed, parted]).all():
+        raise NotMeasured("samples of the gust are missing")
+    stiffness, *found, settling = run.measure(partial(_numbers, at, area), run.rig, values)
+    # Beyond the places of the file the displacement fails anyway.
+    places = limits.curve("crosswind_gust.stiffness", "kN/m")
+    place = float(np.clip(y.max(), min(places), max(places)))
+    low, high = limits.curve_at("crosswind_gust.stiffness", place, "kN/m")
+    run.check(STIFF, stiffness, "kN/m", low=low, high=high)
+    settling = settling.beside(SAMPLING, 0.5 * EVEN / SAMPLE_RATE, even=True)
+    judged = {**JUDGED, "settling": (SETTLES, "s")}
+    if other := unlike(run):
+        run.lack([name for name, _ in judged.values()], other)
+    else:
+        for (limit, (name, unit)), value in zip(judged.items(), (*found, settling), strict=True):
+            check_band(run, name, value, unit, limits.band(f"crosswind_gust.{limit}", unit))
+    for what, x, y_axis, xs, ys in (
+        ("force over displacement", Axis("displacement", "mm", mm), Axis("force", "kN", kN), y, pushed),
+        (
+            "pressure difference over roll",
+            Axis("roll", "mrad", mrad),
+            Axis("pressure", "bar", bar),
+            -roll,
+            parted,
+        ),
+    ):
+        run.loop(load, x, y_axis, xs[::KEPT], ys[::KEPT], group=f"Gust: {what}")
+
+
+def _answer(at: Samples, rig: Rig, values: Mapping[str, Samples]) -> tuple[Samples, ...]:
+    """Return shear (m), roll (rad), lateral force (N) and pressure difference (Pa) of the springs, 0 at rest."""
+    calm = _during(at, -SMOOTH)
+    series = (
+        shear_of(values, rig),
+        roll_of(values, rig),
+        -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0),
+        values[PRESSURES[0]] - values[PRESSURES[1]],
+    )
+    return tuple(_smooth(one - one[calm].mean()) for one in series)
+
+
+def _numbers(at: Samples, area: float, rig: Rig, values: Mapping[str, Samples]) -> tuple[float, ...]:
+    """Return what is judged: the lateral stiffness, the others in the order of their names, and the time to settle."""
+    y, roll, pushed, parted = _answer(at, rig, values)
+    peak, calmed = int(np.argmax(y)), _during(at, LASTS + AFTER - SMOOTH)
+    moment = pushed[peak] * CAR.pressure_height
+    return (
+        pushed[peak] / y[peak],
+        y[peak],
+        np.abs(roll).max(),
+        moment / abs(roll[peak]),
+        parted.max(),
+        parted[peak] * area * rig["spring_half_spacing"] / moment,
+        abs(y[calmed].mean()),
+        abs(parted[calmed].mean()),
+        _settling(at, y),
+    )
+
+
+def _settling(at: Samples, y: Samples) -> float:
+    """Return how long after the middle of the gust (s) the shear stays where the mean wind holds it."""
+    blown = y[_during(at, MIDDLE + MEAN - SMOOTH)].mean()
+    unsettled = np.abs(y - blown) > SETTLED * (y.max() - blown)
+    return float(at[np.flatnonzero(unsettled & (at < MIDDLE + MEAN))[-1]] - MIDDLE)
+
+
+def _during(at: Samples, start: float) -> npt.NDArray[np.bool_]:
+    """Return which samples belong to the second from ``start`` (s) on."""
+    return np.asarray((at >= start) & (at < start + SMOOTH))
+
+
+def _smooth(series: Samples) -> Samples:
+    """Return means over 50 ms: no gust is so short, and every noise."""
+    return np.convolve(series, np.full(NOISE, 1 / NOISE), mode="same")

@@ -1,0 +1,109 @@
+"""Differential pressure valve: where it opens, where it closes again, and whether it is tight in between."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Annotated, Final
+
+import numpy as np
+
+from bench_protocol.units import mm, s
+from test_plans import steps
+from test_plans.analysis import Samples
+from test_plans.check_names import CheckName
+from test_plans.loads import AW3
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
+from test_plans.run import Run
+from test_plans.steps.fittings import leave_connected
+from test_plans.steps.poses import COOL, Home, go_home
+from test_plans.steps.shaking import SAMPLE_RATE, check_band
+
+PRESSURES: Final = ("left.auxiliary_pressure", "right.auxiliary_pressure")
+OPENS: Final = CheckName(
+    "opens, {higher} higher",
+    "The difference at which the valve between the springs opens: if too high, a car with one burst spring would tip.",
+)
+CLOSES: Final = CheckName(
+    "closes again, {higher} higher",
+    "The difference at which the valve closes again: if it closes late, the car leans for longer than necessary.",
+)
+#: Slow beside the valve, which lets the difference fall by 0.4 bar/s when it opens; a millimetre parts the pressures
+#: by 41 mbar.
+ROLL_RATE: Final = 2.5 * mm / s
+BACK_RATE: Final = 10 * mm / s
+#: To either side: half of it parts the pressures by 0.7 bar, at which a sound valve is shut.
+HALF: Final = 17 * mm
+#: The gas that was squeezed gives off its heat before it is weighed.
+SETTLE: Final = 8 * s
+#: What counts as an opening, of the highest one.
+OPENED: Final = 0.97
+#: What a transducer's noise is averaged over: 0.05 s, in which an open valve changes the difference by 20 mbar.
+SMOOTH: Final = 10
+
+
+@plan(
+    setup=steps.carry(AW3),
+    needs=(*steps.CARRYING, *PRESSURES, "air.dpv"),
+    teardown=leave_connected,
+    lasts=150 * s,
+    requires=on_the_bench(AW3),
+    checks=(steps.TIGHT, OPENS, CLOSES),
+)
+def differential_pressure_valve(
+    run: Run, *, hold: Annotated[float, Range(10 * s, 300 * s, "s")] = 15 * s
+) -> None:
+    """Differential pressure valve: opening, reclosing and tightness, to both sides.
+
+    Both springs carry the full car, all valves are shut but the differential pressure valve between them, which is
+    connected. The bolster is rolled slowly, which squeezes one spring and relieves the other, until the valve must have
+    opened several times: the largest difference is where it opens, the smallest after that where it closes again. On
+    the way, at a difference at which the valve has to be shut, the air of both springs is weighed before and after a
+    time `hold`. All of it to one side and then to the other.
+
+    Good is a valve that opens and closes where the specimen's file says. One that is stuck open keeps no difference,
+    one that is stuck shut exceeds it, and one that leaks takes air from one spring to the other.
+    """
+    load, limits = run.specimen.load(AW3), run.specimen.limits
+    opening, reclosing = limits.band("dpv_opening"), limits.band("dpv_reclosing")
+    home = go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    run.bench.air.connect_dpv()
+    rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
+    for way, higher in ((-1.0, "left"), (1.0, "right")):
+        run.hold_point(f"before the {higher} side is higher")
+        with run.phase(f"{higher} higher"):
+            _roll(run, home, way * HALF, ROLL_RATE)
+            run.bench.wait(SETTLE)
+            before = steps.weigh_the_air(run)
+            run.bench.wait(hold)
+            steps.check_tightness(run, load, before, at=f", {higher} higher")
+            with run.bench.capture(*PRESSURES) as capture:
+                _roll(run, home, way * 2.2 * HALF, ROLL_RATE)
+            _, values = capture.aligned(SAMPLE_RATE)
+            opens, closes = run.measure(partial(_extremes, way), rest, values)
+            check_band(run, OPENS.of(higher=higher), opens, "bar", opening)
+            check_band(run, CLOSES.of(higher=higher), closes, "bar", reclosing)
+            _roll(run, home, 0.0, BACK_RATE)
+
+
+def _extremes(way: float, rest: Mapping[str, float], values: Mapping[str, Samples]) -> tuple[float, float]:
+    """Return the largest difference of the pressures (Pa) and the smallest after an opening, zeroed at rest."""
+    zero = rest[PRESSURES[0]] - rest[PRESSURES[1]]
+    parted = _smooth(-way * (values[PRESSURES[0]] - values[PRESSURES[1]] - zero))
+    highest = float(parted.max())
+    # The valve opens several times, and noise chooses the highest: the last one may have no time to close.
+    opened = int(np.argmax(parted > OPENED * highest))
+    return highest, float(parted[opened:].min())
+
+
+def _roll(run: Run, home: Home, z: float, rate: float) -> None:
+    """Lift the left side by ``z`` (m) and let the right one down by as much."""
+    run.bench.vertical.move_to(home.left + z, home.right - z, rate=rate)
+
+
+def _smooth(values: Samples) -> Samples:
+    """Return means over `SMOOTH` neighbours of what was received."""
+    received = values[np.isfinite(values)]
+    return np.convolve(received, np.full(SMOOTH, 1 / SMOOTH), mode="valid")

@@ -1,0 +1,279 @@
+"""Endurance: many cycles, and at intervals what they have changed of stiffness, damping, height and tightness."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from math import ceil
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+
+from bench_protocol.units import Hz, kN, mm, s
+from bench_protocol.words import SIDES
+from drivers.generator import MARGIN
+from test_plans import steps
+from test_plans.analysis import Samples, Stiffness, straight_line
+from test_plans.analysis.geometry import Rig
+from test_plans.analysis.readings import HEIGHTS
+from test_plans.analysis.uncertainty import Measured, counted
+from test_plans.check_names import CheckName
+from test_plans.loads import Load
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.preconditions import on_the_bench
+from test_plans.run import Run
+from test_plans.steps.air import AVERAGED
+from test_plans.steps.carrying import PRELOAD_WITHIN
+from test_plans.steps.fittings import leave_connected
+from test_plans.steps.poses import COOL, Home, go_home
+from test_plans.steps.shaking import check_band
+from test_plans.steps.tables import DAMPING, HEIGHT, STORAGE, Quantity, keep
+from test_plans.steps.waves import (
+    SLOW_LATERAL_WAVES,
+    VERTICAL_WAVES,
+    lateral_stiffness,
+    shake,
+    stiffness_of_side,
+)
+
+#: The generator counts no further in one program.
+PROGRAM: Final = 1000
+#: The gas that the cycles warm is as warm from here on: four times what it takes to give its heat off. Where there are
+#: shorter intervals between looks it never gets there, and is run in for one of these.
+RUN_IN: Final = 60 * s
+REST: Final = 30 * s
+LOOK_FREQUENCY: Final = 1 * Hz
+LOOK_AMPLITUDE: Final = 5 * mm
+LOOK_LEAD: Final = 3 * s
+LOOK_OVER: Final = 10 * s
+PRELOAD_RATE: Final = 5 * kN / s
+STAND: Final = 3 * s
+RATE: Final = 10 * mm / s
+A_THOUSAND: Final = 1000.0
+CYCLES: Final = ("cycles", "1")
+MADE: Final = CheckName(
+    "cycles",
+    "How many of the requested cycles were made: a test that was stopped early proves less.",
+)
+#: What is judged: its name, its curve, the limit of its change in 1000 cycles, and the unit of that.
+JUDGED: Final = (
+    (
+        CheckName(
+            "{where} stiffness K', change in 1000 cycles",
+            "How fast the stiffness changes in use: softening rubber or damaged cords show here long before a failure.",
+        ),
+        STORAGE,
+        "stiffness_change",
+        "%",
+    ),
+    (
+        CheckName(
+            "{where} damping c, change in 1000 cycles",
+            "How fast the damping changes in use: a worn or clogged "
+            "orifice, or aged rubber, changes the damping first.",
+        ),
+        DAMPING,
+        "damping_change",
+        "%",
+    ),
+    (
+        CheckName(
+            "{where} height, change in 1000 cycles",
+            "How fast the height under load changes in use: a falling height means creep or loss of air.",
+        ),
+        HEIGHT,
+        "height_change",
+        "mm",
+    ),
+)
+#: What a look finds, K' and c of a sine or one height, and what was read for it.
+Found = Callable[[Rig, Mapping[str, Any]], tuple[float, ...]]
+
+
+@dataclass(slots=True)
+class Series:
+    """The same measurement in every look: how it is computed, and what was read."""
+
+    computed: list[Found] = field(default_factory=list)
+    read: list[Mapping[str, Any]] = field(default_factory=list)
+
+    def known(self, run: Run, place: int) -> list[Measured]:
+        """Return one of the numbers that it computes, look by look, each as if there were no other."""
+        return [
+            run.measured(partial(_at, of, place), run.rig, read, averaged=AVERAGED)
+            for of, read in zip(self.computed, self.read, strict=True)
+        ]
+
+
+@dataclass(slots=True)
+class Looks:
+    """How many cycles were made, and what was found after some of them, by spring."""
+
+    made: int = 0
+    cycles: list[float] = field(default_factory=list)
+    sines: dict[str, Series] = field(default_factory=dict)
+    heights: dict[str, Series] = field(default_factory=dict)
+
+    def add(
+        self, sines: Mapping[str, Found], read: Mapping[str, Samples], heights: Mapping[str, float]
+    ) -> None:
+        """Add one look: what ``sines`` make of what was ``read``, and mean ``heights`` by signal."""
+        self.cycles.append(float(self.made))
+        for where, of in sines.items():
+            series = self.sines.setdefault(where, Series())
+            series.computed.append(of)
+            series.read.append(read)
+        for name in heights:
+            series = self.heights.setdefault(name.partition(".")[0], Series())
+            series.computed.append(partial(_mean, name))
+            series.read.append(heights)
+
+    def judge(self, run: Run) -> None:
+        """Keep all curves, and check what changed, if there is more than one look."""
+        for name, quantity, limit, unit in JUDGED:
+            band = run.specimen.limits.band(f"endurance.{limit}", unit)
+            place = 1 if quantity is DAMPING else 0
+            for where, series in (self.heights if quantity is HEIGHT else self.sines).items():
+                self._keep(run, where, quantity, series.known(run, place))
+                if len(self.cycles) > 1:
+                    change = self._change(run, series, place, unit)
+                    check_band(run, name.of(where=where), change, unit, band)
+
+    def _change(self, run: Run, series: Series, place: int, unit: str) -> Measured:
+        """Return how much it changes in 1000 cycles, along the straight line; of ratios, against the first.
+
+        Every look has the same pieces: offsets fall out of what changes, gains out of a ratio.
+        """
+
+        def change(rig: Rig, *read: Mapping[str, Any]) -> float:
+            values = np.array([of(rig, one)[place] for of, one in zip(series.computed, read, strict=True)])
+            slope = A_THOUSAND * straight_line(np.array(self.cycles), values)[1]
+            return slope / float(values[0]) if unit == "%" else slope
+
+        return run.measured(change, run.rig, *series.read, averaged=AVERAGED)
+
+    def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[Measured]) -> None:
+        keep(
+            run,
+            where,
+            f"{quantity[0][0].upper()}{quantity[0][1:]} over cycles",
+            CYCLES,
+            quantity,
+            self.cycles,
+            values,
+        )
+
+
+def _at(of: Found, place: int, rig: Rig, read: Mapping[str, Any]) -> float:
+    return of(rig, read)[place]
+
+
+def _mean(name: str, rig: Rig, read: Mapping[str, Any]) -> tuple[float, ...]:
+    return (float(read[name]),)
+
+
+def _sine(
+    stiffness: Callable[[Samples, Rig, Any], Stiffness], times: Samples, rig: Rig, read: Mapping[str, Any]
+) -> tuple[float, ...]:
+    K = stiffness(times, rig, read)
+    return K.storage, K.damping
+
+
+@plan(
+    setup=steps.carry_load,
+    needs=(*steps.CARRYING, *VERTICAL_WAVES, *SLOW_LATERAL_WAVES, *steps.WEIGHED_BY),
+    teardown=leave_connected,
+    lasts=665 * s,
+    requires=on_the_bench("load"),
+    checks=(MADE, *(name for name, *_ in JUDGED), steps.TIGHT),
+)
+def endurance(
+    run: Run,
+    *,
+    load: Literal["AW0", "AW3"] = "AW0",
+    axis: Literal["vertical", "lateral"] = "vertical",
+    amplitude: Annotated[float, Range(2 * mm, 20 * mm, "mm")] = 10 * mm,
+    frequency: Annotated[float, Range(0.2 * Hz, 3 * Hz, "Hz")] = 1 * Hz,
+    cycles: Annotated[int, Range(200, 1_000_000)] = 300,
+    intervals: Annotated[int, Range(1, 100)] = 3,
+) -> None:
+    """Endurance: what many cycles change of stiffness, damping, height and tightness.
+
+    The springs carry the `load` on their leveling valves and stand at design height; all valves are shut. They are run
+    in for a minute, until the gas is as warm as it will be, or for one interval if that is shorter. Then come the
+    `cycles` along one `axis`, in some `intervals`. Before them and after each interval the bench rests for half a
+    minute and looks: stiffness and damping (5 mm, 1 Hz), the height at which each spring carries its load, and the mass
+    of its air.
+
+    Good is what the specimen's file allows to change in 1000 cycles, along the straight line through all looks, and of
+    air to be lost in a minute. The more cycles, the less a look's own scatter matters: 0.1 % over 300 cycles is a third
+    of a per cent in 1000. A run that is stopped keeps and judges what it has seen.
+    """
+    case = run.specimen.load(load)
+    for _, _, limit, unit in JUDGED:
+        run.specimen.limits.band(f"endurance.{limit}", unit)
+    run_in = min(ceil(RUN_IN * frequency), cycles // intervals)
+    home = go_home(run)
+    run.bench.wait(COOL)
+    steps.lock_the_air(run)
+    with run.phase("run in"):
+        _look(run, case, axis, home, Looks())  # friction remembers a look, too
+        _cycle(run, axis, amplitude, frequency, run_in, Looks())
+    looks = Looks()
+    try:
+        before = _look(run, case, axis, home, looks)
+        for number in range(1, intervals + 1):
+            until = cycles * number // intervals
+            if run.hold_point(f"before the cycles to {until}"):
+                with run.phase("run in again"):
+                    _cycle(run, axis, amplitude, frequency, run_in, Looks())
+                    _look(run, case, axis, home, Looks())  # as before any other interval
+            with run.phase(f"cycles to {until}"):
+                _cycle(run, axis, amplitude, frequency, until - looks.made, looks)
+            _look(run, case, axis, home, looks)
+    finally:
+        run.check(MADE, counted(looks.made), "1", low=cycles)
+        looks.judge(run)
+    steps.check_tightness(run, case, before)
+
+
+def _cycle(
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    amplitude: float,
+    frequency: float,
+    count: int,
+    looks: Looks,
+) -> None:
+    """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made."""
+    while count > 0:
+        some = min(count, PROGRAM)
+        # A program that does not begin has made no cycles, whatever the one before has made.
+        run.bench.generator.start(axis, amplitude=amplitude, frequency=frequency, cycles=some)
+        try:
+            run.bench.generator.wait_done(within=some / frequency + MARGIN)
+        finally:
+            looks.made += int(np.nan_to_num(run.bench.readings.value("rig.generator_cycle")))
+        count -= some
+
+
+def _look(
+    run: Run, load: Load, axis: Literal["vertical", "lateral"], home: Home, looks: Looks
+) -> steps.Weighing:
+    """Add to ``looks`` what is found now; return what tells the mass of air."""
+    with run.phase(f"look after {looks.made} cycles"):
+        run.bench.wait(REST)
+        air = steps.weigh_the_air(run)
+        times, values = shake(run, axis, LOOK_FREQUENCY, LOOK_AMPLITUDE, lead=LOOK_LEAD, measured=LOOK_OVER)
+        ways: dict[str, Callable[[Samples, Rig, Any], Stiffness]] = (
+            {"lateral": partial(lateral_stiffness, frequency=LOOK_FREQUENCY)}
+            if axis == "lateral"
+            else {side: partial(stiffness_of_side, frequency=LOOK_FREQUENCY, side=side) for side in SIDES}
+        )
+        force = load.actuator_force(run.rig)
+        run.bench.vertical.preload(force, force, rate=PRELOAD_RATE, within=PRELOAD_WITHIN)
+        run.bench.wait(STAND)
+        heights = run.bench.averages(*HEIGHTS, over=steps.AVERAGE_OVER)
+        run.bench.vertical.move_to(home.left, home.right, rate=RATE)
+    looks.add({where: partial(_sine, way, times) for where, way in ways.items()}, values, heights)
+    return air

@@ -1,0 +1,51 @@
+"""Lateral stiffness against pressure (figure 6): a plan for each car."""
+
+from typing import Final
+
+from bench_protocol.units import s
+from test_plans import steps
+from test_plans.loads import AW0, AW3
+from test_plans.plan import plan_under
+from test_plans.preconditions import on_the_bench
+from test_plans.run import Run
+from test_plans.steps.waves import SLOW_LATERAL_WAVES
+from test_plans.sweeps.pressure import BY_PRESSURE, SOFTENING, carry_first, lateral_stiffness_over_pressure
+
+#: Of the car's preload: the shims end at 160 kN.
+PARTS: Final = {AW0: (0.8, 0.9, 1.0, 1.1, 1.2), AW3: (0.897, 0.949, 1.0, 1.051, 1.103)}
+
+
+def _lateral_pressure(run: Run, load: str) -> None:
+    """Lateral stiffness against pressure, {car} car.
+
+    Five preloads around {preload}, each on shims of its own, so that bellows and emergency springs stand as
+    designed. The leveling valves find the pressure that carries the load; with height and pressure held, the lateral
+    actuator shears both springs at 0.5 Hz by 10, 5 and 2.5 mm. Stiffness and damping are first harmonics, half of the
+    pair's.
+
+    Good is a spring that grows stiffer with pressure by what its membrane predicts, and softer with amplitude by its
+    friction.
+    """
+    lateral_stiffness_over_pressure(run, load, PARTS[load])
+
+
+lateral_pressure_aw0: Final = plan_under(
+    AW0,
+    _lateral_pressure,
+    "lateral_pressure_aw0",
+    setup=carry_first(AW0, PARTS[AW0]),
+    lasts=320 * s,
+    needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, "rig.nominal_preload"),
+    requires=on_the_bench(AW0),
+    checks=(BY_PRESSURE, SOFTENING),
+)
+lateral_pressure_aw3: Final = plan_under(
+    AW3,
+    _lateral_pressure,
+    "lateral_pressure_aw3",
+    setup=carry_first(AW3, PARTS[AW3]),
+    lasts=370 * s,
+    needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, "rig.nominal_preload"),
+    requires=on_the_bench(AW3),
+    checks=(BY_PRESSURE, SOFTENING),
+)

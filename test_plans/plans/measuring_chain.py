@@ -1,0 +1,419 @@
+"""Measuring chain: the zero of every transducer, a known weight, known forces, and what a stiff dummy reads as."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from math import inf
+from typing import Annotated, Final, Literal
+
+import numpy as np
+
+from bench_protocol.dimensions import across
+from bench_protocol.signals import Group
+from bench_protocol.table_signals import BY_GROUP
+from bench_protocol.units import MN, K, N, kg, kN, m, mbar, minutes, mm, s
+from bench_protocol.words import SIDES
+from drivers.errors import BenchTimeout, RigFault
+from test_plans import steps
+from test_plans.analysis import Samples, straight_line
+from test_plans.analysis.geometry import (
+    ACTUATORS,
+    CELLS,
+    LASERS,
+    Rig,
+    height_at,
+    height_of_spring,
+    load_on,
+    pressed_on,
+    rest_load,
+)
+from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.check_names import CheckName
+from test_plans.loads import Band, within
+from test_plans.parameters import Range
+from test_plans.plan import plan
+from test_plans.preconditions import COLD_FROM_BEFORE, HALL, gas
+from test_plans.run import Run
+from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, VENT_WITHIN
+from test_plans.steps.shaking import check_band
+from test_plans.steps.tables import keep
+
+TEMPERATURES: Final = BY_GROUP[Group.TEMPERATURE]
+FORCES: Final = tuple(f"vertical_{side}.force" for side in SIDES)
+PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
+#: What each transducer may read where its quantity is zero, by the data sheets of the bench, and its unit.
+ZEROS: Final = {
+    Group.PRESSURE: (25 * mbar, "mbar"),
+    Group.VERTICAL_FORCE: (200 * N, "N"),
+    Group.LATERAL_FORCE: (50 * N, "N"),
+    Group.LATERAL_LOAD_CELL: (50 * N, "N"),
+    Group.ACCELERATION: (0.02, "m/s2"),
+}
+CELL_ZERO: Final = 200 * N
+PLACE_ZERO: Final = 0.05 * mm
+THERMOMETER_ZERO: Final = 0.1 * K
+#: For noise and the steps of the converters.
+ROOM: Final = 1.1
+READ_OVER: Final = 2 * s
+
+#: Up and down again: what friction and creep of a cell do shows as a branch beside the other.
+FORCE_STEPS: Final = tuple(F * kN for F in (5, 20, 40, 60, 40, 20, 5))
+#: Of it on the right: sides that are plugged in crosswise show.
+RIGHT_SHARE: Final = 0.8
+PUSH_STEPS: Final = tuple(F * kN for F in (0.0, 0.7, 1.4, 0.0, -0.7, -1.4, 0.0))
+PRESS_RATE: Final = 10 * kN / s
+PUSH_RATE: Final = 0.5 * kN / s
+STEP_WAIT: Final = 2 * s
+#: Two cells and a transducer, each good for 0.1 % of 200 kN, over 55 kN: 0.7 % if their errors are alike.
+GAIN: Final = within(1.0, 0.01)
+LATERAL_GAIN: Final = within(1.0, 0.02)
+#: From the straight line, of the largest force.
+NONLINEAR: Final = Band(high=0.005)
+#: What a cell across may read of a vertical force.
+CROSSTALK: Final = Band(-0.002, 0.002)
+FRAME_WITHIN: Final = 0.10
+#: So much stiffer than any spring that a spring's stiffness is right within 1 %.
+BLOCK: Final = Band(low=200 * MN / m)
+#: Beyond this a way is too small to be told from none.
+STIFFEST: Final = 10_000 * MN / m
+#: Blocks stand at design height, stops far below.
+AT_BLOCKS: Final = 10 * mm
+READS_ZERO: Final = {
+    Group.PRESSURE: CheckName(
+        "{of}",
+        "What the transducer reads without air: every pressure, and every load computed from one, is wrong by as much.",
+    ),
+    Group.VERTICAL_FORCE: CheckName(
+        "{of}",
+        "What an actuator's force reads while it presses on nothing: every preload is wrong by as much.",
+    ),
+    Group.LATERAL_FORCE: CheckName(
+        "{of}",
+        "What the lateral actuator's force reads while it pushes against "
+        "nothing: it shifts the middle of every lateral loop.",
+    ),
+    Group.LATERAL_LOAD_CELL: CheckName(
+        "{of}",
+        "What a lateral load cell reads without a lateral force: it looks like a spring force that does not exist.",
+    ),
+    Group.ACCELERATION: CheckName(
+        "{of}",
+        "What an accelerometer reads at rest: when it is integrated, it becomes a motion that did not happen.",
+    ),
+}
+CELL_OF_BOLSTER: Final = CheckName(
+    "{of}",
+    "The reading of a load cell below a spring, less the known weight "
+    "of the bolster: its zero error is in every load.",
+)
+LASER_LESS_PISTON: Final = CheckName(
+    "{of}",
+    "Laser reading less piston position, with nothing between them: a difference looks like compliance of the frame.",
+)
+FROM_THE_MEAN: Final = CheckName(
+    "{of}",
+    "A thermometer less the mean of all, in gas as warm as the hall: a "
+    "wrong one looks like a leak when air is weighed.",
+)
+OVER_MASS: Final = CheckName(
+    "cells over the known mass",
+    "What the cells read of an independently known weight: only this "
+    "shows a scale error that cells and actuators share.",
+)
+OVER_ACTUATOR: Final = CheckName(
+    "{side} cells over actuator",
+    "The slope of the cells' force over the actuator's force: if it is not 1, one of the two instruments is wrong.",
+)
+OFF_THE_LINE: Final = CheckName(
+    "{side} cells over actuator, off the line",
+    "How far the cells deviate from a straight line over the actuator: nonlinearity or lag makes a stiffness depend "
+    "on the load.",
+)
+SIDEWAYS: Final = CheckName(
+    "lateral cells over actuator",
+    "The slope of the lateral cells' force over the lateral actuator's: every lateral stiffness is wrong by as much.",
+)
+SIDEWAYS_OFF_THE_LINE: Final = CheckName(
+    "lateral cells over actuator, off the line",
+    "How far the lateral cells deviate from a straight line: friction of the chain itself looks like friction of a "
+    "spring.",
+)
+GIVES_WAY: Final = CheckName(
+    "{side} stiffness of the dummy",
+    "Force over displacement of a body of known stiffness: it tests lasers and cells together, as with a spring.",
+)
+FRAME_GIVES_WAY: Final = CheckName(
+    "{side} stiffness of the frame",
+    "Force over the difference between piston and spring travel: a soft frame reduces every commanded displacement.",
+)
+ACROSS: Final = CheckName(
+    "{cell} over vertical force",
+    "What a lateral cell reads of a vertical force: it looks like a lateral force whenever the load changes.",
+)
+#: What was read on each step: means by signal. What was applied (N), and what the cells say of it.
+Steps = Sequence[Mapping[str, float]]
+Forces = tuple[Samples, Samples]
+#: Air that is let off cools. Its warming dies away with 20 s (virtual rig): at this pace 0.08 K are left to go.
+WARM: Final = 0.02 * K
+WARM_OVER: Final = 5 * s
+#: What a run before has let off is as cold as 290 K when this one begins.
+WARM_WITHIN: Final = 5 * minutes
+#: A bolster that is let go sways for some seconds.
+STILL: Final = 8 * s
+
+
+def without_air(run: Run) -> None:
+    """Let all air off, the rest of it too, and the actuators go: nothing presses but the bolster.
+
+    The bolster presses out the last air, which cools once more: only then all is to be warm.
+    """
+    steps.power_up(run)
+    with run.phase("without air"):
+        run.bench.air.vent(within=VENT_WITHIN)
+    run.bench.disarm()
+    with run.phase("still"):
+        run.bench.wait(STILL)
+        gas = [name for name in TEMPERATURES if run.bench.has(name)]
+        if gas:
+            try:
+                run.bench.settle(*gas, band=WARM, over=WARM_OVER, within=WARM_WITHIN)
+            except BenchTimeout as error:
+                raise BenchTimeout(
+                    f"the gas is not yet as warm as the hall: {error}; {COLD_FROM_BEFORE}"
+                ) from None
+
+
+@plan(
+    setup=without_air,
+    needs=(*steps.CARRYING, *VERTICAL_CELLS, *CELLS, *ACTUATORS, *LASERS),
+    lasts=110 * s,
+    requires=[gas(*HALL)],
+    checks=(
+        *(name.of(of=f"<{group}>") for group, name in READS_ZERO.items()),
+        CELL_OF_BOLSTER.of(of="<vertical load cell>"),
+        LASER_LESS_PISTON.of(of="<height> less <displacement>"),
+        FROM_THE_MEAN.of(of="<temperature> less the mean"),
+        OVER_MASS,
+        OVER_ACTUATOR,
+        OFF_THE_LINE,
+        GIVES_WAY,
+        FRAME_GIVES_WAY,
+        ACROSS,
+        SIDEWAYS,
+        SIDEWAYS_OFF_THE_LINE,
+    ),
+)
+def measuring_chain(
+    run: Run,
+    *,
+    dummy: Literal["stops", "blocks"] = "stops",
+    mass: Annotated[float, Range(0 * kg, 3000 * kg, "kg")] = 0 * kg,
+) -> None:
+    """Measuring chain: zeros, known weights and forces, and the stiffness of a dummy.
+
+    The springs are without air and the actuators without force. Then every pressure, force and acceleration is zero,
+    the thermometers agree, lasers and pistons are at one height, and the four load cells carry nothing but the bolster,
+    whose mass the dimensions of the rig state. If there is a known `mass`, the operator puts it on the bolster and
+    takes it off again: it alone tells a scale that cells and actuators have wrong together.
+
+    Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: pressed
+    alike, cells or lasers that are plugged in crosswise would not show. What they press, the cells must read, and those
+    across must feel nothing of it; how far the lasers move is what the dummy gives way, how much further the pistons
+    move is the frame. At last the lateral actuator pushes to both sides, and the cells across must read as much.
+
+    The `dummy` is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
+    steel blocks that somebody has put in the springs' place. These give way by nothing that could be seen: what they
+    read as stiffness is the chain's own.
+
+    Good are zeros within the data sheets of the transducers, a mass that the cells weigh within 1 %, forces that agree
+    within 1 % (2 % sideways) on a line that is straight within 0.5 %, cells across that feel less than 0.2 % of a
+    vertical force, a frame as stiff as the dimensions of the rig state within 10 %, and blocks that are stiffer than
+    200 MN/m.
+    """
+    stop = run.specimen.limits.band("measuring_chain.stop_stiffness", "MN/m")
+    with run.phase("zero"):
+        _check_zeros(run)
+    high = [run.bench.readings.value(name) for name in HEIGHTS]
+    if dummy == "blocks" and not all(abs(one) < AT_BLOCKS for one in high):
+        places = " and ".join(f"{one / mm:.1f} mm" for one in high)
+        raise RigFault(
+            f"there are no blocks in the springs' place: the bolster rests at {places}, blocks reach 0 mm"
+        )
+    if mass > 0.0:
+        _weigh(run, mass)
+    steps.power_up(run)
+    with run.phase("press"):
+        across = [cell for cell in SHEAR_CELLS if run.bench.has(cell)]
+        pressed = _steps(run, (*FORCES, *VERTICAL_CELLS, *HEIGHTS, *PISTONS, *across), FORCE_STEPS, _press)
+    for side in SIDES:
+        _check_side(run, side, pressed, BLOCK if dummy == "blocks" else stop)
+    for cell in SHEAR_CELLS:
+        name = ACROSS.of(cell=cell)
+        if run.can(name, needs=(cell,)):
+            felt = run.measured(partial(_crosstalk, cell), *pressed, over=READ_OVER, themselves=True)
+            check_band(run, name, felt, "%", CROSSTALK)
+    if run.can(SIDEWAYS, needs=(*FREE_SIDEWAYS, *SHEAR_CELLS)):
+        run.hold_point("before the push")
+        with run.phase("push"):
+            pushed = _steps(run, ("lateral.force", *SHEAR_CELLS), PUSH_STEPS, _push)
+        names = SIDEWAYS, SIDEWAYS_OFF_THE_LINE
+        _check_line(run, names, pushed, _sideways, LATERAL_GAIN)
+
+
+def _zeros(rig: Rig) -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
+    """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit."""
+    for group, (tolerance, unit) in ZEROS.items():
+        for name in BY_GROUP[group]:
+            yield READS_ZERO[group].of(of=name), {name: 1.0}, 0.0, tolerance, unit
+    for cell in VERTICAL_CELLS:
+        yield CELL_OF_BOLSTER.of(of=cell), {cell: 1.0}, rest_load(rig, cell), CELL_ZERO, "N"
+    for height, piston in zip(HEIGHTS, PISTONS, strict=True):
+        title = LASER_LESS_PISTON.of(of=f"{height} less {piston}")
+        yield title, {height: 1.0, piston: -1.0}, 0.0, 2 * PLACE_ZERO, "mm"
+    share = 1 / len(TEMPERATURES)
+    for name in TEMPERATURES:
+        away = {one: (one == name) - share for one in TEMPERATURES}
+        yield FROM_THE_MEAN.of(of=f"{name} less the mean"), away, 0.0, 2 * THERMOMETER_ZERO, "K"
+
+
+def _check_zeros(run: Run) -> None:
+    """Check what each transducer reads where its quantity is known."""
+    asked = [zero for zero in _zeros(run.rig) if run.can(zero[0], needs=zero[1])]
+    mean = run.bench.averages(
+        *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
+    )
+    for title, sum_of, expected, tolerance, unit in asked:
+        value = partial(_zero, sum_of, (title, expected) if title in VERTICAL_CELLS else None)
+        zero = run.measured(value, run.rig, mean, over=READ_OVER, themselves=True)
+        check_band(run, title, zero, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))
+
+
+def _zero(
+    sum_of: Mapping[str, float], cell: tuple[str, float] | None, rig: Rig, read: Mapping[str, float]
+) -> float:
+    """Return a sum of readings; of a ``cell`` that carries the bolster, as if that weighed what is expected."""
+    more = rest_load(rig, cell[0]) - cell[1] if cell else 0.0
+    return sum(share * read[name] for name, share in sum_of.items()) - more
+
+
+def _weigh(run: Run, mass: float) -> None:
+    """Check what the cells read more with a known ``mass`` (kg) on the bolster, which the operator puts there."""
+    with run.phase("known mass"):
+        before = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
+        if run.confirm(f"Put {mass:g} kg on the bolster, over its middle.", OVER_MASS):
+            run.bench.wait(STEP_WAIT)
+            after = run.bench.averages(*VERTICAL_CELLS, over=READ_OVER)
+
+            def over_mass(rig: Rig, before: Mapping[str, float], after: Mapping[str, float]) -> float:
+                return sum(after[cell] - before[cell] for cell in VERTICAL_CELLS) / (mass * rig["gravity"])
+
+            found = run.measured(over_mass, run.rig, before, after, over=READ_OVER, themselves=True)
+            check_band(run, OVER_MASS, found, "1", GAIN)
+            if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
+                raise RigFault(
+                    f"nobody says that the {mass:g} kg are off the bolster, and the hands too: nothing is pressed"
+                )
+
+
+def _steps(
+    run: Run, names: Sequence[str], forces: Sequence[float], press: Callable[[Run, float], None]
+) -> list[Mapping[str, float]]:
+    """Press with each of the ``forces`` (N); return what was read on each step."""
+    read: list[Mapping[str, float]] = []
+    for force in forces:
+        press(run, force)
+        run.bench.wait(STEP_WAIT)
+        read.append(run.bench.averages(*names, over=READ_OVER))
+    return read
+
+
+def _press(run: Run, force: float) -> None:
+    run.bench.vertical.preload(force, RIGHT_SHARE * force, rate=PRESS_RATE, within=PRELOAD_WITHIN)
+
+
+def _push(run: Run, force: float) -> None:
+    run.bench.lateral.push(force, rate=PUSH_RATE, within=PRELOAD_WITHIN)
+
+
+def _check_side(run: Run, side: str, read: Steps, dummy: Band) -> None:
+    """Check one side: its cells against its actuator, what the dummy gives way, and what the frame."""
+    names = OVER_ACTUATOR.of(side=side), OFF_THE_LINE.of(side=side)
+    _check_line(run, names, read, partial(_downward, side), GAIN)
+    _check_stiffness(run, GIVES_WAY.of(side=side), partial(_stiffness, _dummy, side), read, dummy)
+    frame = FRAME_GIVES_WAY.of(side=side)
+    if run.can(frame, needs=("vertical_frame_stiffness",)):
+        stated = within(run.rig["vertical_frame_stiffness"], FRAME_WITHIN)
+        _check_stiffness(run, frame, partial(_stiffness, _frame, side), read, stated)
+    _, pressed = _downward(side, run.rig, read)
+    down = _dummy(side, run.rig, read)
+    keep(run, side, "Dummy: way over force", ("force", "kN"), ("way", "mm"), pressed.tolist(), down.tolist())
+
+
+def _check_stiffness(run: Run, name: str, stiffness: Callable[..., float], read: Steps, band: Band) -> None:
+    found = run.measured(stiffness, run.rig, *read, over=READ_OVER, themselves=True)
+    check_band(run, name, found, "MN/m", band)
+
+
+def _check_line(
+    run: Run,
+    names: tuple[CheckName, CheckName],
+    read: Steps,
+    forces: Callable[[Rig, Steps], Forces],
+    gain: Band,
+) -> None:
+    """Check the slope of what the cells read over what was applied, and how far it bends from a straight line."""
+
+    def line(rig: Rig, *means: Mapping[str, float]) -> tuple[float, float]:
+        applied, cells = forces(rig, means)
+        level, slope = straight_line(applied, cells)
+        away = cells - level - slope * (applied - applied.mean())
+        return slope, float(np.abs(away).max() / np.ptp(applied))
+
+    slope, bent = run.measure(line, run.rig, *read, over=READ_OVER, themselves=True)
+    for name, found, unit, band in zip(names, (slope, bent), ("1", "%"), (gain, NONLINEAR), strict=True):
+        check_band(run, name, found, unit, band)
+
+
+def _sum(read: Steps, *names: str) -> Samples:
+    return np.array([sum(one[name] for name in names) for one in read])
+
+
+def _series(read: Steps) -> dict[str, Samples]:
+    """Return what was read on all steps, by signal."""
+    return {name: _sum(read, name) for name in read[0]}
+
+
+def _downward(side: str, rig: Rig, read: Steps) -> Forces:
+    """Return what actuators and cells say of the force on one side (N)."""
+    values = _series(read)
+    return pressed_on(values, rig, side), load_on(values, rig, side)
+
+
+def _sideways(rig: Rig, read: Steps) -> Forces:
+    """Return what the lateral actuator and the cells across say (N)."""
+    return _sum(read, "lateral.force"), -_sum(read, *SHEAR_CELLS)
+
+
+def _crosstalk(cell: str, *read: Mapping[str, float]) -> float:
+    """Return what a cell across reads of a vertical force, as a share of it."""
+    return straight_line(_sum(read, *VERTICAL_CELLS), _sum(read, cell))[1]
+
+
+def _dummy(side: str, rig: Rig, read: Steps) -> Samples:
+    """Return how far the dummy gives way (m)."""
+    return -height_of_spring(_series(read), rig, side)
+
+
+def _frame(side: str, rig: Rig, read: Steps) -> Samples:
+    """Return how far the frame gives way (m)."""
+    values = _series(read)
+    bolster = height_at(values, rig, side, rig[across(f"vertical_{side}")])
+    return bolster - values[f"vertical_{side}.displacement"]
+
+
+def _stiffness(
+    way: Callable[[str, Rig, Steps], Samples], side: str, rig: Rig, *read: Mapping[str, float]
+) -> float:
+    """Return force over way (N/m) of one side, by what its cells read."""
+    _, pressed = _downward(side, rig, read)
+    compliance = straight_line(pressed, way(side, rig, read))[1]
+    return min(1 / compliance if compliance > 0.0 else inf, STIFFEST)

@@ -1,0 +1,141 @@
+"""Motions of the bench as data: what a run does, from which both its execution and its prediction are made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from bench_protocol.units import Hz, mm, mrad, s
+from test_plans.analysis.geometry import Rig, lifted, pose
+
+Axis = Literal["vertical", "lateral", "roll"]
+Form = Literal["sine", "triangle"]
+Switch = Literal["off", "on"]
+AirMode = Literal["hold", "level"]
+
+#: How a record names what is to be replayed, what only prepares it, and where nothing moves.
+REPLAY: Final = "replay"
+CONDITION: Final = "condition"
+REST: Final = "rest"
+
+
+@dataclass(frozen=True, slots=True)
+class Wave:
+    """Whole cycles of the function generator about the present stand; the first fades in, the last fades out."""
+
+    axis: Axis
+    amplitude: float  #: m; rad on the roll axis
+    frequency: float  #: Hz
+    cycles: int
+    form: Form = "sine"
+
+    @property
+    def name(self) -> str:
+        """In the words of a report."""
+        size = f"{self.amplitude / mrad:g} mrad" if self.axis == "roll" else f"{self.amplitude / mm:g} mm"
+        return f"{self.axis} {self.form} {size}, {self.frequency:g} Hz"
+
+    @property
+    def duration(self) -> float:
+        """In s."""
+        return self.cycles / self.frequency
+
+
+@dataclass(frozen=True, slots=True)
+class Stand:
+    """A place of the springs, seen from design height, centred and level; the bench goes there and rests."""
+
+    height: float = 0.0  #: m
+    shear: float = 0.0  #: m
+    roll: float = 0.0  #: rad
+    rate: float = 40 * mm / s  #: of the actuator with the longest way
+    rest: float = 0.0  #: s
+
+    @property
+    def name(self) -> str:
+        """In the words of a report."""
+        places = (
+            f"{what} {value / unit:g} {text}"
+            for what, value, unit, text in (
+                ("height", self.height, mm, "mm"),
+                ("shear", self.shear, mm, "mm"),
+                ("roll", self.roll, mrad, "mrad"),
+            )
+            if value
+        )
+        return f"go to {', '.join(places) or 'design height'}"
+
+    def targets(self, rig: Rig) -> dict[str, float]:
+        """Return where the set-points of a ``rig`` are for it (m, rad), seen from design height."""
+        to = pose(rig, self.shear, self.roll)
+        return {
+            **{actuator: self.height + way for actuator, way in lifted(rig, to.bolster_roll).items()},
+            "lateral": to.lateral,
+            "platform_roll": to.platform_roll,
+        }
+
+    def duration_from(self, place: Mapping[str, float], rig: Rig) -> float:
+        """Return how long it takes to come here from set-points ``place`` (s); a radian counts as a metre."""
+        return max(abs(to - place[axis]) for axis, to in self.targets(rig).items()) / self.rate
+
+
+@dataclass(frozen=True, slots=True)
+class Valves:
+    """Valves that change while everything stands still; None leaves them as they are."""
+
+    air: AirMode | None = None  #: shut, or on the leveling valves
+    reservoirs: Switch | None = None  #: auxiliary chambers joined with their bellows
+    dpv: Switch | None = None  #: differential pressure valve between the sides
+
+    @property
+    def name(self) -> str:
+        """In the words of a report."""
+        parts = (
+            ("air", self.air),
+            ("reservoirs", self.reservoirs),
+            ("differential pressure valve", self.dpv),
+        )
+        return ", ".join(f"{what} {to}" for what, to in parts if to is not None)
+
+
+Segment = Wave | Stand | Valves
+
+#: Large enough to wipe out what friction remembers of earlier motions, as far as the following ones reach: of a
+#: difference in Berg's state, 4e-4 is left (after three cycles 1e-2, which load cells still see).
+WIPE: Final = (
+    Wave("vertical", 10 * mm, 1 * Hz, 5),
+    Wave("lateral", 10 * mm, 1 * Hz, 5),
+)
+#: Nothing moves before and after a stretch, and between conditioning and motion: it shows noise and initial state.
+REST_BEFORE: Final = 1 * s
+REST_BETWEEN: Final = 2 * s
+REST_AFTER: Final = 1 * s
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """One run to be replayed: its first ``segments`` begin at ``start``, after rest, conditioning and rest again."""
+
+    segments: tuple[Segment, ...]
+    start: Stand = Stand()
+    condition: tuple[Wave, ...] = WIPE
+    valves: Valves = Valves(air="hold", reservoirs="on", dpv="off")  #: from its beginning
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Stretches under one load, which is taken up on the leveling valves first."""
+
+    load: str  #: load case of the specimen
+    stretches: tuple[Stretch, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Programme:
+    """What one visit to the bench does; plan and record bear its name, ``purpose`` ends its instruction."""
+
+    name: str
+    title: str
+    parts: tuple[Part, ...]
+    purpose: str

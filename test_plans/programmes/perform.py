@@ -1,0 +1,241 @@
+"""The execution of motions on the bench: every segment is a phase of its own, so that the record can be replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from inspect import cleandoc
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.units import Hz, s
+from test_plans import steps
+from test_plans.analysis import Samples
+from test_plans.analysis.geometry import PLACING, POSE_SIGNALS, Rig, shear_of
+from test_plans.analysis.readings import GENERATOR, HEIGHTS
+from test_plans.analysis.uncertainty import counted
+from test_plans.check_names import CheckName
+from test_plans.description import ours
+from test_plans.loads import AW0, AW3, Band
+from test_plans.plan import Plan
+from test_plans.programmes.motions import (
+    CONDITION,
+    REPLAY,
+    REST,
+    REST_AFTER,
+    REST_BEFORE,
+    REST_BETWEEN,
+    Programme,
+    Segment,
+    Stand,
+    Stretch,
+    Valves,
+    Wave,
+)
+from test_plans.programmes.trajectory import RATE, trajectory
+from test_plans.steps.carrying import HELD_SIDEWAYS
+from test_plans.steps.fittings import CONNECTIONS, leave_connected, put_down
+from test_plans.steps.poses import POSE_SETTLE, Home, go_home
+
+if TYPE_CHECKING:
+    from drivers.receiver import Capture
+    from test_plans.run import Run
+
+#: The gas of filling and leveling comes near the temperature of the walls before the valves are shut.
+COOL: Final = 10 * s
+#: Fine enough to tell how long a programme lasts.
+COARSE: Final = 10 * Hz
+#: A stretch begins with gas whose temperature its thermometers (1 s) have caught up with.
+SETTLE: Final = 10 * s
+#: From the end of one stretch to the beginning of the next, on the average.
+BETWEEN: Final = SETTLE + 1 * s
+#: Of the frames that the bench sends; the rest may be lost on the way.
+RECEIVED: Final = 0.8
+FEW: Final = 10
+SAMPLES: Final = CheckName(
+    "{name}: samples of the lasers",
+    "How many of the lasers' samples were received: a model cannot replay a record with gaps.",
+)
+WENT: Final = CheckName(
+    "{name}: way of the {what}",
+    "The share of the commanded motion that was made: a diagnosis cannot find anything in what did not move.",
+)
+#: Actuators follow within a few per cent; frame and emergency springs give way by a little more.
+WAY: Final = Band(0.8, 1.2)
+
+#: What taking up a load, and letting the air off at the end, take beside the stretches.
+TAKE_UP: Final = {AW0: 40 * s, AW3: 52 * s}
+
+
+def lasts(programme: Programme) -> float:
+    """Return how long the virtual bench is busy with it (s); one of other dimensions hardly longer."""
+    return sum(
+        TAKE_UP[part.load]
+        + sum(float(trajectory(stretch, ours(), COARSE).time[-1]) + BETWEEN for stretch in part.stretches)
+        for part in programme.parts
+    )
+
+
+def programme_plan(programme: Programme) -> Plan:
+    """Return the plan that does what ``programme`` says on the bench; it judges nothing."""
+    instruction = f"{programme.title}\n\n{cleandoc(programme.purpose)}"
+    return Plan(
+        programme.name,
+        programme.title,
+        instruction,
+        main=lambda run: perform(run, programme),
+        setup=steps.carry(programme.parts[0].load),
+        teardown=leave_connected,
+        lasts=lasts(programme),
+        judges=False,
+        checks=(SAMPLES, WENT),
+        needs=(
+            *steps.CARRYING,
+            *POSE_SIGNALS,
+            *HELD_SIDEWAYS,
+            "platform.roll_setpoint",
+            *GENERATOR,
+            *CONNECTIONS,
+            *PLACING,
+        ),
+    )
+
+
+def perform(run: Run, programme: Programme) -> None:
+    """Do what ``programme`` says; its first load is carried already."""
+    number = 0
+    for part in programme.parts:
+        if part is not programme.parts[0]:
+            put_down(run)
+            steps.carry(part.load)(run)
+        home = go_home(run)
+        with run.phase("cool"):
+            run.bench.wait(COOL)
+        for stretch in part.stretches:
+            number += 1
+            with run.phase("prepare"):
+                _turn(run, stretch.valves)
+                _go(run, home, stretch.start)
+                run.bench.wait(SETTLE)
+            name = f"{programme.name} {number} {part.load}"
+            with run.phase(f"{REPLAY} {name}"):
+                with run.bench.capture(*POSE_SIGNALS) as capture:
+                    _stretch(run, home, stretch)
+                _check(run, name, stretch, capture)
+        with run.phase("back"):  # the next load is taken up level and centred
+            _go(run, home, Stand())
+
+
+def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
+    """Check that the record is worth replaying: samples came, and the springs went as far as they were asked to.
+
+    A gap on the way takes nothing from how far they went.
+    """
+    asked = trajectory(stretch, run.rig)
+    came = min(_received(capture.times(height), asked.time[-1]) for height in HEIGHTS)
+    run.check(SAMPLES.of(name=name), counted(came), "%", low=RECEIVED)
+    _, values = capture.aligned(RATE)
+    ways: dict[str, tuple[Callable[[Mapping[str, Samples], Rig], Samples], Samples]] = {
+        **{f"{side} spring, up and down": (partial(_height, side), z) for side, z in asked.heights.items()},
+        "springs, sideways": (shear_of, asked.shear),
+    }
+    for what, (of, wanted) in ways.items():
+        if (way := float(np.ptp(wanted))) > 0.0:
+            went = run.measured(partial(_went, of, way), run.rig, values, rate=RATE)
+            run.check(WENT.of(name=name, what=what), went, "1", low=WAY.low, high=WAY.high)
+
+
+def _received(times: Samples, duration: float) -> float:
+    """Return which share of its samples a signal had in ``duration`` (s): it comes as often as it mostly does.
+
+    A quarter of the steps are shorter than this one, even where every second sample is lost.
+    """
+    if times.size < FEW:
+        return 0.0
+    return float(times.size * np.quantile(np.diff(times), 0.25) / duration)
+
+
+def _height(side: str, values: Mapping[str, Samples], rig: Rig) -> Samples:
+    return values[f"{side}.height"]
+
+
+def _went(
+    of: Callable[[Mapping[str, Samples], Rig], Samples], way: float, rig: Rig, values: Mapping[str, Samples]
+) -> float:
+    """Return how far something went, over the ``way`` (m) that was asked for; NaN if nothing was seen."""
+    motion = of(values, rig)
+    seen = motion[np.isfinite(motion)]
+    return float(np.ptp(seen)) / way if seen.size else float("nan")
+
+
+def _stretch(run: Run, home: Home, stretch: Stretch) -> None:
+    _rest(run, REST_BEFORE)
+    for wave in stretch.condition:
+        with run.phase(f"{CONDITION} {wave.axis}"):
+            _shake(run, wave)
+    _rest(run, REST_BETWEEN)
+    for segment in stretch.segments:
+        _segment(run, home, segment)
+    _rest(run, REST_AFTER)
+
+
+def _segment(run: Run, home: Home, segment: Segment) -> None:
+    with run.phase(segment.name):
+        match segment:
+            case Wave():
+                _shake(run, segment)
+            case Stand():
+                _go(run, home, segment)
+            case Valves():
+                _turn(run, segment)
+    if isinstance(segment, Stand) and segment.rest:
+        _rest(run, segment.rest)
+
+
+def _rest(run: Run, duration: float) -> None:
+    with run.phase(REST):
+        run.bench.wait(duration)
+
+
+def _shake(run: Run, wave: Wave) -> None:
+    size = "roll_amplitude" if wave.axis == "roll" else "amplitude"
+    run.bench.generator.run(
+        wave.axis, wave.form, **{size: wave.amplitude}, frequency=wave.frequency, cycles=wave.cycles
+    )
+
+
+def _turn(run: Run, valves: Valves) -> None:
+    air = run.bench.air
+    for value, actions in (
+        (valves.air, {"hold": air.hold, "level": air.level}),
+        (valves.reservoirs, {"on": air.connect_reservoirs, "off": air.isolate_reservoirs}),
+        (valves.dpv, {"on": air.connect_dpv, "off": air.isolate_dpv}),
+    ):
+        if value is not None:
+            actions[value]()
+
+
+def _go(run: Run, home: Home, stand: Stand) -> None:
+    """Bring all axes there at the same time: the one with the longest way has the stand's rate."""
+    commander = run.bench.commander
+    offsets = {"vertical_left": home.left, "vertical_right": home.right}
+    targets = {axis: to + offsets.get(axis, 0.0) for axis, to in stand.targets(run.rig).items()}
+    setpoints = {axis: _setpoint(axis) for axis in targets}
+    present = {axis: commander.value(name) for axis, name in setpoints.items()}
+    duration = stand.duration_from(
+        {axis: at - offsets.get(axis, 0.0) for axis, at in present.items()}, run.rig
+    )
+    for axis, to in targets.items():
+        if (way := abs(to - present[axis])) > 0.0:
+            commander.ramp(setpoints[axis], to, way / duration)
+    run.bench.wait_for(
+        lambda: not commander.moving(*setpoints.values()),
+        within=duration + 1 * s,
+        what="bolster and platform in their place",
+    )
+    run.bench.wait(POSE_SETTLE)
+
+
+def _setpoint(axis: str) -> str:
+    return "platform.roll_setpoint" if axis == "platform_roll" else f"{axis}.displacement_setpoint"

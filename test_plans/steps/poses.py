@@ -1,0 +1,147 @@
+"""How the springs stand: at design height, sheared and rolled; and what the bench reads there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench_protocol.units import mbar, mm, rad, s
+from bench_protocol.words import SIDES
+from test_plans import steps
+from test_plans.analysis import straight_line
+from test_plans.analysis.geometry import (
+    PLACING,
+    POSE_SIGNALS,
+    Rig,
+    lifted,
+    pose,
+    roll_of,
+    shear_of,
+    stop_travel_of,
+)
+from test_plans.analysis.readings import BELLOWS_TEMPERATURES, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS
+from test_plans.description import lag_of, lags
+from test_plans.steps.carrying import FILL_WITHIN, HELD_SIDEWAYS
+from test_plans.steps.waves import pressure_of
+
+if TYPE_CHECKING:
+    from test_plans.run import Run
+
+POSE_RATE: Final = 40 * mm / s
+POSE_ROLL_RATE: Final = 0.04 * rad / s
+POSE_SETTLE: Final = 0.5 * s
+#: The gas of a filling cools down before the valves are shut.
+COOL: Final = 20 * s
+#: The valves follow one transducer and the tolerance another; then they still have a little to do.
+PRESSURE_BACK: Final = 100 * mbar
+PRESSURE_STEADY: Final = 1.5 * s
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Set-points of the vertical actuators (m) with both springs at design height."""
+
+    left: float
+    right: float
+
+
+def go_home(run: Run) -> Home:
+    """Bring both springs to design height by their lasers; the actuators hold and the air follows its target."""
+    steps.hold_the_height(run)
+    bench = run.bench
+    with run.phase("design height"):
+        heights = bench.averages("left.height", "right.height", over=steps.AVERAGE_OVER)
+        commander = bench.commander
+        left = commander.value("vertical_left.displacement_setpoint") - heights["left.height"]
+        right = commander.value("vertical_right.displacement_setpoint") - heights["right.height"]
+        bench.vertical.move_to(left, right)
+    return Home(left, right)
+
+
+def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, height: float = 0.0) -> None:
+    """Shear, roll and lift both springs (m, rad, m), bolster and platform together; wait until they are there."""
+    commander = run.bench.commander
+    to = pose(run.rig, shear, roll)
+    up = lifted(run.rig, to.bolster_roll)
+    targets = {
+        "vertical_left.displacement_setpoint": home.left + height + up["vertical_left"],
+        "vertical_right.displacement_setpoint": home.right + height + up["vertical_right"],
+        "lateral.displacement_setpoint": to.lateral,
+        "platform.roll_setpoint": to.platform_roll,
+    }
+    ways = {name: abs(end - commander.value(name)) for name, end in targets.items()}
+    pace = {name: POSE_ROLL_RATE if name.startswith("platform.roll") else POSE_RATE for name in ways}
+    longest = max(way / pace[name] for name, way in ways.items())
+    for name, way in ways.items():
+        if way > 0.0:
+            commander.ramp(name, targets[name], way / longest)
+    run.bench.wait_for(
+        lambda: not commander.moving(*targets),
+        within=longest + 1 * s,
+        what="bolster and platform in their pose",
+    )
+    run.bench.wait(POSE_SETTLE)
+
+
+_READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
+#: What it takes to come to a pose and to read it.
+POSING: Final = (*_READ, *HELD_SIDEWAYS, "platform.roll_setpoint", *PLACING, *lags(BELLOWS_TEMPERATURES))
+READ_OVER: Final = 2 * s
+#: So many samples such a mean has at least.
+POSE_SAMPLES: Final = 20
+
+
+@dataclass(frozen=True, slots=True)
+class PoseReading:
+    """What the bench reads in one pose (SI), per spring: the mean of both."""
+
+    shear: float
+    height: float
+    roll: float
+    stop_travel: float  #: what the bump stop sees
+    pressure: float  #: gauge, of the bellows
+    temperature: float  #: of the gas in the bellows
+    vertical: float  #: force on the spring, downward
+    lateral: float  #: force that the spring opposes to its shear
+    read: Mapping[str, float]  #: of what it was computed: means by signal, temperatures as they were
+
+
+def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
+    """Read how the springs stand and what they carry, for ``over`` s."""
+    with run.bench.capture(*_READ) as capture:
+        run.bench.wait(over)
+    mean, slope = {}, {}
+    for name in _READ:
+        mean[name], slope[name] = straight_line(capture.times(name), capture.values(name))
+    for name in BELLOWS_TEMPERATURES:  # a thermometer that follows with first order reads what was
+        mean[name] += lag_of(run.rig, name) * slope[name]
+    return pose_of(mean, run.rig)
+
+
+def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
+    """Return how the springs stand and what they carry, of the mean of each reading (SI)."""
+    values = {name: np.array([mean[name]]) for name in (*POSE_SIGNALS, *PRESSURES)}
+    return PoseReading(
+        shear=float(shear_of(values, rig)[0]),
+        height=0.5 * (mean["left.height"] + mean["right.height"]),
+        roll=float(roll_of(values, rig)[0]),
+        stop_travel=float(stop_travel_of(values, rig)[0]),
+        pressure=pressure_of(values),
+        temperature=float(np.mean([mean[name] for name in BELLOWS_TEMPERATURES])),
+        vertical=0.5 * sum(mean[cell] for cell in VERTICAL_CELLS),
+        lateral=-0.5 * sum(mean[cell] for cell in SHEAR_CELLS),
+        read=mean,
+    )
+
+
+def restore_the_air(run: Run, pressures: Mapping[str, float]) -> None:
+    """Give each side the pressure back that it had, from below and from above, and shut the valves."""
+    air = run.bench.air
+    left, right = (pressures[f"{side}.auxiliary_pressure"] for side in SIDES)
+    for change in (air.fill, air.vent):
+        change(left=left, right=right, tolerance=PRESSURE_BACK, within=FILL_WITHIN)
+        run.bench.wait(PRESSURE_STEADY)
+    air.hold()

@@ -1,0 +1,181 @@
+"""Sines at any frequency, and what springs answer: complex stiffness per spring, without the bench's own give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import ceil, tau
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+import numpy as np
+
+from bench_protocol.dimensions import lag
+from bench_protocol.units import Hz, s
+from bench_protocol.words import PROGRAM_STATES, SIDES
+from test_plans.analysis import (
+    Samples,
+    Stiffness,
+    dynamic_stiffness,
+    first_harmonic,
+    whole_cycles,
+    without_lag,
+)
+from test_plans.analysis.geometry import CELLS, LASERS, POSE_SIGNALS, SEEING, Rig, cells_under, roll_of
+from test_plans.analysis.readings import (
+    BELLOWS_TEMPERATURES,
+    GENERATOR,
+    HEIGHTS,
+    PRESSURES,
+    SHEAR_CELLS,
+    VERTICAL_CELLS,
+)
+from test_plans.analysis.uncertainty import Measured
+from test_plans.description import lag_of, lags
+from test_plans.steps.shaking import spring_motion
+
+if TYPE_CHECKING:
+    from test_plans.run import Run
+
+SAMPLE_RATE: Final = 200 * Hz
+#: A wave is measured after so long at full amplitude, and for so long, but never less than whole cycles.
+LEAD: Final = 0.5 * s
+MEASURED: Final = 1.0 * s
+#: The generator's count of cycles comes at 50 Hz: so much later a cycle may seem to begin.
+COUNT_LATE: Final = 0.04 * s
+#: From here on the accelerometer tells more of the bolster than the piston behind oil and frame.
+SEISMIC: Final = 3 * Hz
+
+_ACCELEROMETER: Final = "lateral.acceleration"
+_LATERAL: Final = (*POSE_SIGNALS, *SHEAR_CELLS, _ACCELEROMETER, *PRESSURES)
+_VERTICAL: Final = (*HEIGHTS, *VERTICAL_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
+#: What sines on one axis need.
+SLOW_LATERAL_WAVES: Final = (  #: below `SEISMIC`
+    *(name for name in _LATERAL if name != _ACCELEROMETER),
+    *GENERATOR,
+    "lateral.control",
+    "lateral.displacement_setpoint",
+    *SEEING,
+    *lags((*HEIGHTS, "lateral.displacement", "lateral.force", *SHEAR_CELLS)),
+)
+LATERAL_WAVES: Final = (*SLOW_LATERAL_WAVES, _ACCELEROMETER, lag(_ACCELEROMETER))
+VERTICAL_WAVES: Final = (*_VERTICAL, *GENERATOR, *CELLS, *LASERS, *lags((*HEIGHTS, *VERTICAL_CELLS)))
+
+Values = dict[str, Samples]
+
+
+class Sine(NamedTuple):
+    """What was read during a sine: times (s), values by signal, and its frequency (Hz)."""
+
+    times: Samples
+    values: Values
+    frequency: float
+
+
+def shake(
+    run: Run,
+    axis: Literal["vertical", "lateral"],
+    frequency: float,
+    amplitude: float,
+    *,
+    lead: float = LEAD,
+    measured: float = MEASURED,
+) -> tuple[Samples, Values]:
+    """Run a sine (m, Hz); return times and aligned samples of whole cycles, after ``lead`` s, for ``measured`` s."""
+    before = max(1, ceil(lead * frequency))
+    count = max(1 if frequency < 0.3 else 2, ceil(measured * frequency))
+    cycles = before + count + ceil(COUNT_LATE * frequency)
+    cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
+    names = _VERTICAL if axis == "vertical" else _LATERAL
+    with run.bench.capture(*(name for name in names if run.bench.has(name)), *GENERATOR) as capture:
+        run.bench.generator.run(axis, amplitude=amplitude, frequency=frequency, cycles=cycles)
+    times, values = capture.aligned(SAMPLE_RATE)
+    running = values["rig.program"] == PROGRAM_STATES.index("RUN")
+    steady = whole_cycles(
+        times, values["rig.generator_cycle"], running, first=before, count=count, frequency=frequency
+    )
+    return times[steady], {name: series[steady] for name, series in values.items()}
+
+
+def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
+    """Complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
+    heights = 0.5 * (values["left.height"] + values["right.height"])
+    loads = 0.5 * np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
+    X = -without_lag(first_harmonic(times, heights, frequency), lag_of(rig, *HEIGHTS), frequency)
+    F = without_lag(first_harmonic(times, loads, frequency), lag_of(rig, *VERTICAL_CELLS), frequency)
+    return Stiffness(F / X, frequency, abs(X))
+
+
+def stiffness_of_side(times: Samples, rig: Rig, values: Values, frequency: float, side: str) -> Stiffness:
+    """Complex vertical stiffness of one spring."""
+    lag = lag_of(rig, f"{side}.height") - lag_of(rig, *cells_under(rig, side))
+    return dynamic_stiffness(times, *spring_motion(values, rig, side), frequency, motion_lag=lag)
+
+
+def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
+    """Complex lateral stiffness per spring (half of the pair's), free of what frame and bolster give way."""
+
+    def of(name: str) -> complex:
+        return without_lag(first_harmonic(times, values[name], frequency), lag_of(rig, name), frequency)
+
+    roll = without_lag(
+        first_harmonic(times, roll_of(values, rig), frequency), lag_of(rig, *HEIGHTS), frequency
+    )
+    if frequency < SEISMIC:
+        pinned = of("lateral.displacement")
+        pinned -= of("lateral.force") / rig["lateral_frame_stiffness"]
+        X = pinned + (rig["centre_height"] + rig["lateral_actuator_height"]) * roll
+    else:
+        centre = -of(_ACCELEROMETER) / (tau * frequency) ** 2
+        X = centre + rig["centre_height"] * roll
+    F = -0.5 * sum(of(cell) for cell in SHEAR_CELLS)
+    return Stiffness(F / X, frequency, abs(X))
+
+
+class Known(NamedTuple):
+    """What a sine tells of a stiffness, each with its uncertainty."""
+
+    size: Measured
+    storage: Measured
+    damping: Measured
+
+
+def know(
+    run: Run,
+    times: Samples,
+    values: Values,
+    frequency: float,
+    stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
+) -> Known:
+    """Return what the samples of a sine say of a ``stiffness``, for its curves."""
+
+    def told(rig: Rig, read: Values) -> tuple[float, float, float]:
+        K = stiffness(times, rig, read, frequency)
+        return abs(K.value), K.storage, K.damping
+
+    return Known(*run.measure(told, run.rig, values))
+
+
+def measure_sines(
+    run: Run,
+    sines: Sequence[Sine],
+    stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
+    evaluate: Callable[[list[Stiffness]], float],
+) -> Measured:
+    """Return what ``evaluate`` makes of the ``stiffness`` of several sines, with its uncertainty.
+
+    A piece is wrong in all of them alike: what that does to a ratio falls out.
+    """
+
+    def computed(rig: Rig, *read: Values) -> float:
+        return evaluate(
+            [
+                stiffness(one.times, rig, values, one.frequency)
+                for one, values in zip(sines, read, strict=True)
+            ]
+        )
+
+    return run.measured(computed, run.rig, *(one.values for one in sines))
+
+
+def pressure_of(values: Mapping[str, Samples]) -> float:
+    """Mean gauge pressure of both bellows (Pa)."""
+    return float(np.mean([values[f"{side}.bellows_pressure"].mean() for side in SIDES]))
