@@ -85,3 +85,12 @@ def test_the_plan_in_the_readme_is_one_that_exists() -> None:
         re.DOTALL,
     ).group(2, 1)
     assert code == (ROOT / "test_plans" / "plans" / f"{name}.py").read_text()
+
+
+def test_the_glossary_has_at_most_forty_words_each_once() -> None:
+    rows = re.findall(
+        r"^\| (\*\*.+?) \| ", (ROOT / "docs/reference/glossary.md").read_text(), flags=re.MULTILINE
+    )
+    words = [word for row in rows for word in re.findall(r"\*\*(.+?)\*\*", row)]
+    assert 20 < len(words) <= 40
+    assert len({word.casefold() for word in words}) == len(words)
