@@ -1,6 +1,4 @@
-"""What users read is plain: sentences that were hard to understand do not come back, and effects have their own."""
-
-from pathlib import Path
+"""The sentence of a finding and of a check is put together from parts that fit: effects, sizes, rivals, causes."""
 
 import pytest
 
@@ -11,28 +9,6 @@ from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.wording import sentence
 from diagnosis.finding import Cause, Estimate, Rival, Verdict
 from diagnosis.systems import piston_effects
-
-ROOT = Path(__file__).resolve().parents[2]
-#: What somebody met who used the bench for the first time.
-HARD = (
-    "simulation lacks",
-    "explained of what can be",
-    "u² by",
-    "what stood for as long as the limit asks",
-    "who says done",
-    "what lacks",
-    "this machine lacks",
-    "Samples within the",
-)
-FOLDERS = ("astb", "bench_records", "campaigns", "diagnosis", "docs", "drivers", "test_plans")
-ENDINGS = {".py", ".md", ".j2", ".js", ".html", ".toml", ".ipynb"}
-
-
-def test_hard_sentences_do_not_come_back() -> None:
-    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.suffix in ENDINGS]
-    assert len(paths) > 500
-    texts = [(path, path.read_text(encoding="utf-8")) for path in [ROOT / "README.md", *paths]]
-    assert [(path.name, one) for path, text in texts for one in HARD if one in text] == []
 
 
 def test_every_effect_says_what_is_so() -> None:
