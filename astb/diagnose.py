@@ -286,12 +286,12 @@ def _cause(cause: Cause) -> str:
 
 
 def _estimate(one: Estimate) -> str:
+    unit = "" if one.unit == "1" else f" {one.unit}"
     if one.below is not None:
-        return f"{one.name} not resolved: below {one.below:.2g} {one.unit}"
+        return f"{one.name} not resolved: below {one.below:.2g}{unit}"
     if one.value is None:
         return f"{one.name} unknown"
     if one.low is None or one.high is None:
-        return f"{one.name} {one.value:.4g} {one.unit}".rstrip()
+        return f"{one.name} {one.value:.4g}{unit}"
     digits = decimals(one.low, one.high)
-    text = f"{one.name} {one.value:.{digits}f} {one.unit}".rstrip()
-    return f"{text} (95 %: {one.low:.{digits}f} to {one.high:.{digits}f})"
+    return f"{one.name} {one.value:.{digits}f}{unit} (95 %: {one.low:.{digits}f} to {one.high:.{digits}f})"

@@ -214,17 +214,18 @@ def _worth(one: Cause) -> str:
 
 def _size(parameters: Sequence[Estimate]) -> str:
     first = parameters[0]
+    unit = "" if first.unit == "1" else f" {first.unit}"
     if first.below is not None:
-        return f"below {first.below:.2g} {first.unit}"
+        return f"below {first.below:.2g}{unit}"
     if first.value is None:
         return f"{first.name} unknown"
     if first.low is None or first.high is None:
-        return f"{first.value:.4g} {first.unit}"
+        return f"{first.value:.4g}{unit}"
     half = 0.5 * (first.high - first.low)
     if abs(first.value - first.low - half) > 0.1 * half:  # a valley that bends, or a range that ends
-        return f"{first.value:.4g} {first.unit}, 95 %: {first.low:.3g} to {first.high:.3g}"
+        return f"{first.value:.4g}{unit}, 95 %: {first.low:.3g} to {first.high:.3g}"
     places = decimals(first.low, first.high)
-    return f"{first.value:.{places}f} ± {half:.{places}f} {first.unit}"
+    return f"{first.value:.{places}f} ± {half:.{places}f}{unit}"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

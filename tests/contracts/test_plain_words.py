@@ -1,7 +1,9 @@
 """The sentence of a finding and of a check is put together from parts that fit: effects, sizes, rivals, causes."""
 
+import msgspec
 import pytest
 
+from astb.diagnose import _estimate
 from bench_records.check_table import certainty
 from bench_records.result import check
 from bench_sim.model.effects import CATALOGUE
@@ -32,17 +34,39 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
     left = Remainder(role="fit", before=4.0, after=1.0, left=0.0)
     said = sentence(Verdict.NAMED, [one], [], [], [], left)
     assert said.startswith(f"{told} (0.200 ± 0.020 mm2), which the model did not have. On the runs")
-    rival = Rival(
-        effect="heat",
-        title="heat",
-        family="gas",
-        instead_of="leak.left",
-        parameters=[size],
+    rival = msgspec.structs.replace(_rival(size), title="heat", instead_of="leak.left")
+    asked = sentence(Verdict.AMBIGUOUS, [one], [rival], [], [], left)
+    assert "heat (0.200 ± 0.020 mm2) instead of dry friction would explain these runs as well." in asked
+
+
+@pytest.mark.parametrize(
+    ("size", "told"),
+    [
+        ({"value": 0.4, "low": 0.39, "high": 0.41}, "0.4000 ± 0.0100"),
+        ({"value": 0.4, "low": 0.1, "high": 0.41}, "0.4, 95 %: 0.1 to 0.41"),
+        ({"value": 0.4, "low": None, "high": None}, "0.4"),
+        ({"value": None, "low": None, "high": None, "below": 0.4}, "below 0.4"),
+    ],
+)
+def test_a_pure_number_has_no_unit(size: dict[str, float | None], told: str) -> None:
+    for unit, after in (("1", ""), ("N", " N")):
+        one = Estimate(name="ratio", unit=unit, sd=None, **size)
+        text = sentence(Verdict.AMBIGUOUS, [], [_rival(one)], [], [], Remainder("fit", 1.0, 0.0, 0.0))
+        assert f"({told.replace(',', after + ',') if ',' in told else told + after}) instead of" in text
+        assert _estimate(one).endswith(f" {unit}") or unit == "1" or f" {unit} (95 %" in _estimate(one)
+        assert unit != "1" or " 1 " not in f"{_estimate(one)} "
+
+
+def _rival(one: Estimate) -> Rival:
+    return Rival(
+        effect="maxwell",
+        title="rubber",
+        family="rubber",
+        instead_of="heat",
+        parameters=[one],
         bic_gap=1.0,
         cosine=0.9,
     )
-    asked = sentence(Verdict.AMBIGUOUS, [one], [rival], [], [], left)
-    assert "heat (0.200 ± 0.020 mm2) instead of dry friction would explain these runs as well." in asked
 
 
 @pytest.mark.parametrize(
