@@ -13,10 +13,13 @@ MAPS = {name: (DEMOS / name / f"{name}.toml").read_text(encoding="utf-8") for na
 TURN_X = ('displacement = { column = 5, unit = "mm"', 'displacement = { column = 5, unit = "mm", sign = -1')
 TURN_F = ('force = { column = 7, unit = "N"', 'force = { column = 7, unit = "N", sign = -1')
 ABSOLUTE = ('reading = "gauge"', 'reading = "absolute"')
-WORK = "columns.force.sign or columns.displacement.sign may be wrong: a loop gives"
+WORK = "columns.force.sign or columns.displacement.sign may be wrong: a loop delivers"
 FORCE = "columns.force.sign = -1 may be wrong: with 1 the error of the simulation in force would be 0.0"
-PRESSURE = 'columns.pressure.reading = "absolute" may be wrong: with "gauge" the error of the simulation in force would be 0.1'
-BELOW = "columns.pressure.reading may be wrong: it goes 0.92"
+PRESSURE = (
+    'columns.pressure.reading = "absolute" may be wrong: '
+    'with "gauge" the error of the simulation in force would be 0.1'
+)
+BELOW = "columns.pressure.reading may be wrong: its lowest pressure lies 0.92"
 
 
 @pytest.mark.slow
