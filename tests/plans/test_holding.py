@@ -84,7 +84,10 @@ def test_a_plan_whose_preconditions_are_met_runs_and_the_report_says_what_was_fo
     [
         (pre.supply(9 * bar), "open the supply until it has 9 bar"),
         (pre.gas(278.15, 283.15), "wait until the hall has 5 to 10 °C"),
-        (pre.gas(303.15, 308.15), "after some 5 min: wait, and begin again; the hall must have 30 to 35 °C"),
+        (
+            pre.gas(303.15, 308.15),
+            "needs some 5 min to warm up: wait, and start again; the hall must have 30 to 35 °C",
+        ),
         (pre.load_cases("AW0", "AW2"), "AW2 would be needed"),
         (pre.confirmed("the specimen has no cracks"), "the specimen has no cracks (nobody says so)"),
         (pre.calibrated("supply.pressure"), "supply.pressure has no instrument in ours.toml"),

@@ -67,7 +67,8 @@ def test_gas_that_stays_cold_says_how_long_to_wait(monkeypatch):
     run = SimpleNamespace(bench=bench, phase=lambda name: nullcontext())
     monkeypatch.setattr(measuring_chain.steps, "power_up", lambda run: None)
     with pytest.raises(
-        BenchTimeout, match=f"not yet as warm as the hall: .*{cold}; .* some 5 min: wait, and begin again"
+        BenchTimeout,
+        match=f"not yet as warm as the hall: .*{cold}; .* some 5 min to warm up: wait, and start again",
     ):
         measuring_chain.without_air(run)
 
