@@ -158,7 +158,7 @@ def least_sure(checks: list[Check]) -> str:
     if not known or any(one.verdict is not CheckVerdict.PASS for one in checks):
         return ""
     probability, one = min(known, key=lambda pair: pair[0])
-    return f"Least sure of all is {primed(one.name)}: it conforms with {percent(probability)}."
+    return f"The least certain check is {primed(one.name)}: it conforms with {percent(probability)}."
 
 
 def _timing(result: Result) -> dict[str, Any] | None:

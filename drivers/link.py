@@ -122,7 +122,7 @@ class Link:
         if not count > REJECTED_SOME:
             return ""
         return (
-            f"the bench has thrown away {count:.0f} frames of its commander, whose CRC or counter is wrong: look at "
+            f"the bench has rejected {count:.0f} frames of its commander, whose CRC or counter is wrong: check "
             "what lies between on the CAN bus"
         )
 
@@ -138,7 +138,7 @@ class Link:
         token = self.readings.told("rig.lease")
         if self.wiring.is_own(int(port) if port > 0 else 0, token):
             return (
-                "the bench does not take this commander's own commands any more, for it counts him as gone: connect "
+                "the bench no longer accepts this commander's commands, because it regards it as lost: connect "
                 f"again ({count:.0f} frames or requests refused)"
             )
         identifier = self.readings.told("rig.stranger_identifier")
@@ -173,7 +173,7 @@ class Link:
         since = self.now + (beats - 1) * BEAT / NS + latency
         self.wait((beats + 1) * BEAT / NS + latency)
         for name in told:
-            self._until(partial(self._told_since, name, since), TOLD_WITHIN, f"{name} told again")
+            self._until(partial(self._told_since, name, since), TOLD_WITHIN, f"a new sample of {name}")
 
     def wait_for(
         self,
@@ -237,7 +237,7 @@ class Link:
             told = self.readings.sample("rig.state")
             limit = int(self.wiring.freshness[self.table.index["rig.state"]]) / NS
             if told.quality is Quality.UNAVAILABLE:
-                raise LinkLost("the rig tells no state that is known here")
+                raise LinkLost("the rig reports no known state")
             raise LinkLost(
                 f"the rig is silent: its state came {told.age:.2g} s ago, and is stale after {limit:g} s"
             )

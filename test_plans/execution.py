@@ -186,7 +186,7 @@ def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool
     On a rig that cannot do what the plan needs, nothing is moved at all.
     """
     if lacking := run.lacks(*plan.needs):
-        trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot do without"
+        trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot run without it"
         run.keep("error", trouble)
         return trouble, "", False
     run.warnings += run.instruments.troubles(today(run))
@@ -364,7 +364,7 @@ def _silent(bench: Bench) -> str:
         for signal in MEASUREMENTS
         if not bench.lacks(signal.name) and isnan(bench.readings.told(signal.name))
     ]
-    return f"; nothing comes of {', '.join(silent)}" if silent else ""
+    return f"; no samples arrive of {', '.join(silent)}" if silent else ""
 
 
 def _place(error: Exception | SystemExit) -> str:

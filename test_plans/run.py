@@ -235,7 +235,7 @@ class Run:
         with self.phase(f"held {where}"):
             self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
             self.suspension.hold(self, where, HOLD_WITHIN)
-            self.say(f"goes on after {(self.now - start) / NS:.0f} s")
+            self.say(f"continues after {(self.now - start) / NS:.0f} s")
         self.held.append((start, self.now))
         self._told = ""
         return True

@@ -70,8 +70,10 @@ class Suspension:
             bench.commander.freeze()
             if modes:
                 bench.air.hold()
-            if not wait_for_somebody(run, lambda: not self._wanted_by, within, f"word to go on from {where}"):
-                raise HeldTooLong(f"held {where} for {within:g} s, and nobody let it go on")
+            if not wait_for_somebody(
+                run, lambda: not self._wanted_by, within, f"permission to continue from {where}"
+            ):
+                raise HeldTooLong(f"held {where} for {within:g} s, and nobody let it continue")
             if modes:
                 bench.settings.write(modes)
         except BaseException:

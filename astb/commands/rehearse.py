@@ -127,7 +127,7 @@ def _show(console: "Console", found: "Rehearsal", page: Path) -> None:
     for row in found.limits[:_SHOWN]:
         tell(f"  {limit_line(row)}")
     for one in found.indicated:
-        tell(f"  told, and the plan goes on: {one}", "yellow")
+        tell(f"  indicated only, the plan continues: {one}", "yellow")
     end = word(found)
     tell(f"{found.plan}: {end.upper()}: {sentence(found)}", _STYLE[end])
     if end == "clear":

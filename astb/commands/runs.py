@@ -132,10 +132,10 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
         print_json(found)
         return
     console = open_console()
-    facts = open_table("what was otherwise", "", "A", "B", whole=("",))
+    facts = open_table("what was different", "", "A", "B", whole=("",))
     for fact in found.facts:
         facts.add_row(fact.what.replace("_", " "), fact.a, fact.b)
-    console.print(facts if found.facts else "nothing was otherwise that the records tell of")
+    console.print(facts if found.facts else "the records tell of no difference")
     results = open_table("results", "check", "A", "B", "B − A", "± U", "")
     phase = None
     for row in map(comparison_row, found.checks):

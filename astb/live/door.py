@@ -83,7 +83,7 @@ class Door:
                 return {"pid": os.getpid(), "snapshot": None if live is None else live.snapshot()}
             case "hold":
                 if (live := self._live()) is not None and not live.can_hold:
-                    raise ValueError("this plan can be held nowhere; to end the run would be possible")
+                    raise ValueError("this plan cannot be held; its run can be ended")
                 self._suspension.request(by)
             case "resume":
                 self._suspension.resume()
@@ -101,7 +101,7 @@ class Door:
                 return {"done": do, "bench": live is not None}
             case "answer":
                 if self._box is None:
-                    raise ValueError("this run has its answers from elsewhere")
+                    raise ValueError("this run gets its answers from another source")
                 self._box.reply(order.get("text", ""), by, order.get("to", ""))
             case _:
                 raise ValueError(f"{do!r} is no order; look, hold, resume, stop, safe, answer are")

@@ -57,7 +57,9 @@ class Rehearsals:
         specimen = Specimens(self._parts.out).place(text_of(body, "specimen"))
         with self._lock:
             if self._parts.runs.going:
-                raise CannotDo("a run goes on, whose rig needs this machine: rehearse before it, or after it")
+                raise CannotDo(
+                    "a run is in progress and its rig needs this machine: rehearse before it, or after it"
+                )
             if self._process is not None and self._process.poll() is None:
                 raise CannotDo(f"{self._plan} is being rehearsed: wait for its end")
             command = [*(_NICE if which("nice") else ()), sys.executable, "-m", "astb", "rehearse", plan]

@@ -88,9 +88,9 @@ class Runs:
         refuse_settings(plan, settings)
         with self._starts:  # whoever clicks twice starts one
             if self.going:
-                raise CannotDo("a run goes on already: stop it, or wait for its end")
+                raise CannotDo("a run is in progress already: stop it, or wait for its end")
             if link := self._watch.present().link:
-                raise CannotDo(f"the rig is not heard: {link}")
+                raise CannotDo(f"no data from the rig: {link}")
             self._launch(plan, settings, {"specimen": specimen, "operator": operator, "ambient": ambient})
             if self._stops != stops:  # whoever stops meanwhile may not have seen it yet
                 assert self._process is not None
@@ -134,7 +134,7 @@ class Runs:
                 assert self._process is not None
                 self._process.terminate()
                 return
-            raise CannotDo("no run goes on") from None
+            raise CannotDo("no run is in progress") from None
         if "error" in told:
             raise CannotDo(told["error"])
 
@@ -193,7 +193,9 @@ class Runs:
             rig = self._watch.present()
             if not rig.link and rig.at_rest:
                 return f"the rig has taken its safe position before: it says {rig.state}"
-            raise CannotDo(f"THE RIG DID NOT TAKE IT, press the button on the rig: {error}") from None
+            raise CannotDo(
+                f"THE RIG DID NOT TAKE ITS SAFE POSITION, press the emergency stop on the rig: {error}"
+            ) from None
         return "the rig was told to take its safe position"
 
     def reset(self) -> None:

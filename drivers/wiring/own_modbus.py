@@ -278,8 +278,8 @@ class OwnRegisters:
         token = self.holder()
         if not self._token:
             return (
-                f"the bench is held by {self.whose()}; it must let go before this one can act, or be silent until the "
-                "bench is safe"
+                f"the bench is held by {self.whose()}; it must release it before this one can act, or be silent until "
+                "the bench is safe"
             )
         if token == self._token:
             return "nothing was written on this connection for too long, and the bench waits for it no longer"

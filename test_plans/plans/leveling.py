@@ -233,7 +233,7 @@ def _took(
     """Return when (s) a pressure has come to the ``target`` (Pa, falling ones with their sign turned)."""
     reached = np.flatnonzero(-way * values[f"{side}.auxiliary_pressure"] >= target)
     if not reached.size:
-        return Measured(within, unknown="the pressure did not come in time")
+        return Measured(within, unknown="the pressure was not reached in time")
     last = slice(max(int(reached[0]) - ON_THE_WAY, 0), int(reached[0]) + 1)
 
     def when(read: Mapping[str, Samples]) -> float:

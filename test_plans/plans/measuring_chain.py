@@ -236,7 +236,7 @@ def measuring_chain(
     if dummy == "blocks" and not all(abs(one) < AT_BLOCKS for one in high):
         places = " and ".join(f"{one / mm:.1f} mm" for one in high)
         raise RigFault(
-            f"there are no blocks in the springs' place: the bolster rests at {places}, blocks reach 0 mm"
+            f"no blocks stand in place of the springs: the bolster rests at {places}, blocks reach 0 mm"
         )
     if mass > 0.0:
         _weigh(run, mass)
@@ -310,7 +310,7 @@ def _weigh(run: Run, mass: float) -> None:
             check_band(run, OVER_MASS, found, "1", GAIN)
             if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
                 raise RigFault(
-                    f"nobody says that the {mass:g} kg are off the bolster, and the hands too: nothing is pressed"
+                    f"nobody confirmed that the {mass:g} kg and all hands are off the bolster: nothing is pressed"
                 )
 
 

@@ -185,7 +185,7 @@ def level_to_the_preload(run: Run, load: Load) -> None:
         gas = [f"{side}.{chamber}_temperature" for side in SIDES for chamber in CHAMBERS]
         seen = [name for name in gas if bench.has(name)]
         if lacking := bench.lacks(*gas):
-            followed = f"the gas is seen to settle by {', '.join(seen)} alone"
+            followed = f"only {', '.join(seen)} shows whether the gas has settled"
             run.say(f"{lacking}; {followed if seen else f'the gas is given {SETTLE_UNSEEN:g} s to settle'}")
         if seen:
             bench.settle(*seen, band=SETTLE_BAND, over=AVERAGE_OVER, within=SETTLE_WITHIN)
@@ -204,7 +204,7 @@ def _reached(run: Run) -> Iterator[None]:
     except BenchTimeout as late:
         if run.judges:
             raise
-        run.warn(f"{late}; the plan went on, for a transducer may be what is wrong")
+        run.warn(f"{late}; the plan continued, because a transducer may be the cause")
 
 
 @contextmanager
@@ -226,7 +226,7 @@ def hold_the_height(run: Run) -> None:
     with run.phase("hold the height"):
         bench.vertical.hold_position()
         if lacking := bench.lacks(*HELD_SIDEWAYS):
-            run.say(f"{lacking}; sideways the bolster stays as it is")
+            run.say(f"{lacking}; the lateral position of the bolster is not changed")
         else:
             bench.lateral.hold_position()
         # The valves follow the transducers of the auxiliary chambers: each side keeps what its own one reads.
@@ -267,6 +267,6 @@ def free_the_bolster(run: Run) -> None:
     with run.phase("free the bolster"):
         bench.vertical.control = "force"
         if lacking := bench.lacks(*FREE_SIDEWAYS):
-            run.say(f"{lacking}; sideways the bolster stays held where it is")
+            run.say(f"{lacking}; the bolster stays held in its lateral position")
         else:
             bench.lateral.push(0.0, rate=LATERAL_RATE)

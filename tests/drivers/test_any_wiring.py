@@ -264,7 +264,7 @@ def test_a_state_that_nobody_knows_is_not_called_silence(tiny, bench):
 
     tiny.receiver = bench.receiver
     tiny._telling = tiny.clock.every(50_000_000, tell)
-    with pytest.raises(LinkLost, match="the rig tells no state that is known here"):
+    with pytest.raises(LinkLost, match="the rig reports no known state"):
         bench.wait(5 * s)
 
 

@@ -36,7 +36,7 @@ def test_a_plan_that_can_be_held_nowhere_is_not_asked_to(rig_file):
     suspension = Suspension()
     live = SimpleNamespace(can_hold=False)
     with opened_door(rig_file, Door(lambda: live, suspension, None)):
-        assert "can be held nowhere" in knock(rig_file, {"do": "hold"})["error"]
+        assert "this plan cannot be held" in knock(rig_file, {"do": "hold"})["error"]
     assert suspension.wanted_by == ""
 
 
@@ -64,7 +64,7 @@ def test_a_door_is_its_users_alone_and_is_gone_with_its_run(rig_file):
         assert door_path(rig_file).stat().st_mode & 0o077 == 0
         with opened_door(rig_file, Door(lambda: None, Suspension(), None)):
             pass  # another run on the same rig has no door, and does not take this one away
-        assert "answers from elsewhere" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
+        assert "answers from another source" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
     with pytest.raises(NoRun):
         knock(rig_file, {"do": "look"})
     assert not door_path(rig_file).exists()

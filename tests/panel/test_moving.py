@@ -103,4 +103,4 @@ def test_a_plan_is_rehearsed_and_its_page_is_shown(client, parts, monkeypatch):
     for of in ("../aw0-rehearsal", "aw0", "", "aw0-rehearsal/.."):
         assert page.get("/kept/rehearsal", params={"of": of}).status_code == 404
     parts.watch.status = Status(link="", state="ACTIVE", pid=1)
-    assert "a run goes on" in page.post("/api/rehearsal/start", json={"plan": "aw0"}).json()["error"]
+    assert "a run is in progress" in page.post("/api/rehearsal/start", json={"plan": "aw0"}).json()["error"]

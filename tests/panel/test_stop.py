@@ -37,7 +37,9 @@ def test_a_stop_without_a_run_is_said_to_the_rig_itself(client, door, parts, mon
     monkeypatch.setattr(parts.watch, "act", refused)
     told = client().post("/api/estop")
     assert told.status_code == 409
-    assert "press the button on the rig" in told.json()["error"], "nobody believes that it was stopped"
+    assert "press the emergency stop on the rig" in told.json()["error"], (
+        "nobody believes that it was stopped"
+    )
     parts.watch.status = Status(link="", state="DISABLED", at_rest=True)
     assert "it says DISABLED" in client().post("/api/estop").json()["done"], "there is nothing to stop"
     parts.watch.status = Status(link="no word since 12 s", state="DISABLED", at_rest=True)

@@ -228,7 +228,7 @@ def test_a_run_that_nobody_lets_go_on_is_given_up(ran, monkeypatch):
     suspension.toggle("Ctrl-Z")
     result = ran(lambda run: run.hold_point("here"), suspension=suspension).result
     assert result.verdict is Outcome.BLOCKED
-    assert "stopped by the operator: held here for 0.05 s, and nobody let it go on" in result.reason
+    assert "stopped by the operator: held here for 0.05 s, and nobody let it continue" in result.reason
     assert suspension.wanted_by == ""
 
 

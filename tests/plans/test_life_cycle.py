@@ -173,7 +173,7 @@ def test_what_breaks_beside_the_product_blocks_and_tear_down_runs(made, error, w
 def test_samples_that_are_missing_are_named(made, bench):
     bench.readings.told = lambda name: math.nan if name == "load_cell.1" else 0.0
     result, _ = made(raising(NotMeasured("0 samples do not make a line")))
-    assert result.reason == "the measurement: 0 samples do not make a line; nothing comes of load_cell.1"
+    assert result.reason == "the measurement: 0 samples do not make a line; no samples arrive of load_cell.1"
 
 
 def test_a_fault_after_a_broken_limit_blocks_for_the_rig_may_have_broken_the_check(made):

@@ -74,7 +74,7 @@ def test_what_the_rig_cannot_measure_is_not_available_and_the_rest_is_judged(run
     assert all(check.passed for check in run.result.checks if check.name in judged)
     reasons = {check.note for check in run.result.checks if check.name in lacking}
     assert "the rig has no load_cell.4: broken" in reasons
-    assert any("alone" in text and NO_GAS in text for text in run.said)
+    assert any("shows whether the gas has settled" in text and NO_GAS in text for text in run.said)
     assert any("stays held" in text and NO_FORCE in text for text in run.said)
 
     assert read_result(run.directory) == run.result, "and as it was written"
@@ -89,7 +89,7 @@ def test_a_plan_that_cannot_do_without_moves_nothing(run_without):
     run = run_without("aw3", {"vertical_right.force_setpoint": "a spring of steel"})
     assert run.result.verdict is Outcome.BLOCKED
     assert run.result.reason == (
-        "the rig: the rig has no vertical_right.force_setpoint: a spring of steel; aw3 cannot do without"
+        "the rig: the rig has no vertical_right.force_setpoint: a spring of steel; aw3 cannot run without it"
     )
     assert run.result.phases == []
     assert run.states <= {"OFF", "BOOT", "INIT", "DISABLED"}
@@ -102,7 +102,9 @@ def test_every_plan_says_what_its_load_is_taken_up_with():
 def test_a_plan_that_would_have_nothing_to_judge_moves_nothing(run_without):
     run = run_without("leak_down", {"left.auxiliary_temperature": NO_GAS})
     assert run.result.verdict is Outcome.BLOCKED
-    assert f"has no left.auxiliary_temperature: {NO_GAS}; leak_down cannot do without" in run.result.reason
+    assert (
+        f"has no left.auxiliary_temperature: {NO_GAS}; leak_down cannot run without it" in run.result.reason
+    )
     assert run.states <= {"OFF", "BOOT", "INIT", "DISABLED"}
 
 

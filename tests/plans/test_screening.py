@@ -180,7 +180,7 @@ def test_what_reads_wrong_does_not_block_the_programme_that_looks_for_it(judged,
     monkeypatch.setitem(plans(), "full", programme_plan(FULL))
     result, _ = judged("full", effects=[wrong])
     assert result.verdict is Outcome.PASS, result.reason
-    assert any("a transducer may be what is wrong" in told for told in result.warnings)
+    assert any("a transducer may be the cause" in told for told in result.warnings)
     result, _ = judged("aw3", effects=[wrong])
     assert (result.verdict, "not reached" in result.reason) == (Outcome.BLOCKED, True)
 

@@ -71,7 +71,7 @@ function tell() {
 function say(stale, status) {
   const since = link.heard && clock(link.heard);
   const lost = stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
-    : status?.rig.link ? `The rig is not heard: ${status.rig.link}` : "";
+    : status?.rig.link ? `No data from the rig: ${status.rig.link}` : "";
   const text = [window.astb.stopped, lost].filter(Boolean).join(" ");
   news.textContent = text;
   news.hidden = !text;

@@ -7,26 +7,26 @@ export const WORDS = {
   "AW0": "The load case of the empty car: what each spring carries of it stands in the specimen's file.",
   "AW3": "The load case of the full car: what each spring carries of it stands in the specimen's file.",
   "specimen": "The spring on the bench: a file states its drawing, the loads that it has to carry, and what is good.",
-  "hold": "The run waits at the next place where its plan allows it: valves shut, actuators still. It goes on from there.",
+  "hold": "The run waits at the next place where its plan allows it: valves shut, actuators still. It continues from there.",
   // how a check ends
   "pass": "All that was judged lies within its limits.",
   "marginal": "Within its limits, but so close to one that, with the uncertainty of the measurement, it does not surely conform. It passes, and somebody should look at it.",
-  "fail": "Outside of a limit: the spring is not as its file asks.",
-  "error": "No value was measured. Not having measured is no proof, so this never passes.",
+  "fail": "Outside a limit: the spring is not as its file requires.",
+  "error": "No value was measured. Without a measurement nothing is proved, so this never passes.",
   "not available": "This rig cannot measure it; the reason stands beside it.",
   // how a run ends
   "incomplete": "All that this rig can measure passes, and something is not available on it.",
-  "blocked": "The spring was not judged: rig, wires, plan or operator kept the run from its end.",
-  "interrupted": "The run was cut off before it could write its result; what was recorded until then is there.",
-  "running": "The run goes on.",
+  "blocked": "The spring was not judged: rig, wires, plan or operator prevented the run from being completed.",
+  "interrupted": "The run was cut off before it could write its result; what was recorded until then is kept.",
+  "running": "The run is in progress.",
   // the contacts of the rig
   "estop": "The emergency stop of the hardware is pressed. Release the button, then reset.",
   "pneumatic": "The interlock that removes pressure. It is open while the bench is at rest, and closes when the air is on.",
   "program": "The interlock that stops the function generator. It is open while the bench is at rest, and closes before it moves.",
   "command": "Valid commands arrive in time: somebody commands the rig.",
-  "limits": "A limit has tripped, or has stood since the last reset.",
+  "limits": "A limit has tripped since the last reset.",
   "fault": "A fault is kept until somebody resets it.",
-  "staged": "Settings lie ready in the rig and do not act yet; they act together when they are applied.",
+  "staged": "Settings were written to the rig and do not act yet; they take effect together when they are applied.",
 };
 
 /** A button with "?" that says beside it what a word means. */

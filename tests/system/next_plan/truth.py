@@ -40,7 +40,7 @@ CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
     (
         "whose CRC or counter is wrong",
         _fault_on("wrong_crc"),
-        "look at what lies between on the CAN bus",
+        "check what lies between on the CAN bus",
         "frames spoilt",
     ),
     (
@@ -52,7 +52,7 @@ CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
     (
         "the bench is held by the commander with token",
         lambda rig: rig.lease.token != 0,
-        "it must let go",
+        "it must release it",
         "still held by the first",
     ),
 )
