@@ -55,8 +55,8 @@ def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
 
     The springs carry the `load` on their leveling valves and stand at design height.
 
-    * Isobaric: the bolster goes up and down in stairs of 10 mm to 20 mm, on each of which the pressure is brought back
-      to what it was. What is left is the area's change with height and the rubber.
+    * Isobaric: the bolster goes up and down in steps of 10 mm to 20 mm, at each of which the pressure is brought back
+      to what it was. What remains is the change of the area with height, and the rubber.
     * Closed: the auxiliary volumes are shut off, a slow triangle of 5 mm to either side compresses the bellows alone.
     * Open: the same triangle with all the volume of the spring.
 

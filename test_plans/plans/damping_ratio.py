@@ -33,10 +33,10 @@ def damping_ratio(run: Run) -> None:
     """Damping against pressure ratio, for orifice plates of 10, 13, 16 and 18 mm.
 
     For each pair of plates the springs carry the empty car; then all valves are shut and the bolster is shaken
-    vertically at 1.2 Hz by 1 to 25 mm. What parts the pressures on both sides of the plate is the amplitude: the
-    pressure ratio is the lowest of a cycle. Damping is c = K''/ω of the first harmonic, per spring.
+    vertically at 1.2 Hz by 1 to 25 mm. The larger the amplitude, the further apart are the pressures on both sides of
+    the plate: their ratio is the lowest of a cycle. Damping is c = K''/ω of the first harmonic, per spring.
 
-    Good is damping that grows with the pressures' parting, passes a maximum and falls again (10 and 13 mm), and that
+    Good is damping that grows as the pressures move apart, passes a maximum and falls again (10 and 13 mm), and that
     falls from plate to plate at 5 mm. The plates of 13 mm are fitted again at the end.
     """
     load, found = run.specimen.load(AW0), {}

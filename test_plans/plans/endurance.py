@@ -197,7 +197,7 @@ def endurance(
     cycles: Annotated[int, Range(200, 1_000_000)] = 300,
     intervals: Annotated[int, Range(1, 100)] = 3,
 ) -> None:
-    """Endurance: what many cycles change of stiffness, damping, height and tightness.
+    """Endurance: how stiffness, damping, height and tightness change over many cycles.
 
     The springs carry the `load` on their leveling valves and stand at design height; all valves are shut. They are run
     in for a minute, until the gas is as warm as it will be, or for one interval if that is shorter. Then come the

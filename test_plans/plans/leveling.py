@@ -30,7 +30,7 @@ PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in SIDES)
 STAIRS: Final = tuple(z * mm for z in np.arange(2.0, 8.25, 0.5))
 #: The valve opens somewhere between two of them.
 STAIR: Final = "between two stairs"
-NOT_OPENED: Final = "the valve did not open up to the last stair"
+NOT_OPENED: Final = "the valve did not open by the last step"
 #: So many samples the mean height on a stair has at least.
 STAIR_SAMPLES: Final = 15
 #: Samples up to the target, half a second, from which it is told when it was reached.
@@ -117,14 +117,14 @@ def leveling(
 ) -> None:
     """Leveling valve: dead band, delay, filling from AW0 to AW3 and exhausting back to AW0, at held height.
 
-    The actuators hold the height, the leveling valves are connected. First the bolster climbs in stairs of half a
-    millimetre, up and then down, until the pressure of each spring flows: there the valve opens. What lies between is
-    its dead band, which a rod that is set wrongly moves and does not widen. Then it goes down by
+    The actuators hold the height, the leveling valves are connected. First the bolster moves in steps of half a
+    millimetre, up and then down, until the pressure of each spring changes: there the valve opens. What lies between is
+    its dead band, which a wrongly set rod shifts but does not widen. Then it goes down by
     `step`, where the valve is wide open, and stays until both springs have the pressure of the full car; then up by as
-    much, until they have that of the empty car again. The delay is how much later the air comes than it would through a
-    valve that is open at once: the line of the wide open valve, drawn back to the pressure before.
+    much, until they have that of the empty car again. The delay is how much later the air flows than it would through a
+    valve that opens at once: the line of the wide open valve, drawn back to the pressure before.
 
-    Good is what the specimen's file says of each, for each side. A valve that does not open up to the last stair, or
+    Good is what the specimen's file says of each, for each side. A valve that does not open by the last step, or
     does not reach its pressure within the time, fails.
     """
     limits = run.specimen.limits

@@ -213,19 +213,19 @@ def measuring_chain(
     The springs are without air and the actuators without force. Then every pressure, force and acceleration is zero,
     the thermometers agree, lasers and pistons are at one height, and the four load cells carry nothing but the bolster,
     whose mass the dimensions of the rig state. If there is a known `mass`, the operator puts it on the bolster and
-    takes it off again: it alone tells a scale that cells and actuators have wrong together.
+    takes it off again: only this shows a scale error that cells and actuators share.
 
-    Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: pressed
-    alike, cells or lasers that are plugged in crosswise would not show. What they press, the cells must read, and those
-    across must feel nothing of it; how far the lasers move is what the dummy gives way, how much further the pistons
-    move is the frame. At last the lateral actuator pushes to both sides, and the cells across must read as much.
+    Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: with equal
+    forces, cells or lasers that are connected crosswise would not be noticed. The vertical cells must read these
+    forces, and the lateral cells nothing of them; the lasers show how far the dummy is compressed, the further travel of the
+    pistons is that of the frame. At last the lateral actuator pushes to both sides, and the lateral cells must read it.
 
     The `dummy` is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
-    steel blocks that somebody has put in the springs' place. These give way by nothing that could be seen: what they
-    read as stiffness is the chain's own.
+    steel blocks that somebody has put in the springs' place. Their compression is too small to be measured:
+    the stiffness that is read with them is that of the measuring chain.
 
     Good are zeros within the data sheets of the transducers, a mass that the cells weigh within 1 %, forces that agree
-    within 1 % (2 % sideways) on a line that is straight within 0.5 %, cells across that feel less than 0.2 % of a
+    within 1 % (2 % laterally) on a line that is straight within 0.5 %, lateral cells that read less than 0.2 % of a
     vertical force, a frame as stiff as the dimensions of the rig state within 10 %, and blocks that are stiffer than
     200 MN/m.
     """

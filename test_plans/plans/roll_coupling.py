@@ -71,7 +71,7 @@ def roll_coupling(
     differential pressure valve is isolated. First the vertical actuators roll the bolster by 10 mrad to either side, a
     sine of 0.3 Hz, while it is free sideways: the moment in the load cells over the angle between the lasers. Then the
     springs stand 20 mm to the left, level, rolled half way and by the whole `roll`, to either side, and the lateral
-    actuator moves them by 5 mm at 1 Hz. What the mean force differs between the rolls is the coupling: it turns its
+    actuator moves them by 5 mm at 1 Hz. The difference of the mean force between the rolls is the coupling: it changes
     sign with the roll, which friction and offsets do not. The first harmonic tells the lateral stiffness, rolled over
     level.
 

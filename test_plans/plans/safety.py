@@ -120,10 +120,10 @@ def safety(run: Run) -> None:
     At last the bench is switched off.
 
     Good is what the bench promises, whatever specimen stands on it: it holds 100 ms after the last set-point and
-    disables itself after 500 ms; it holds a second after the last word to the PLC; springs keep their air without a
+    disables itself after 500 ms; it holds a second after the last message to the PLC; springs keep their air without a
     supply; the emergency stop acts at once. Wherever the bench goes to its safe position the springs are without
     pressure and the actuators let go within 15 s, and nothing rises by more than 8 mm. At the end it is off and without
-    pressure. What nobody can provoke is not available.
+    pressure. What cannot be provoked is reported as not available.
     """
     _lose_the_setpoints(run)
     _lose_the_settings(run)
