@@ -217,8 +217,9 @@ def measuring_chain(
 
     Then the vertical actuators press in steps up to 60 kN on the left, a fifth less on the right, and back: with equal
     forces, cells or lasers that are connected crosswise would not be noticed. The vertical cells must read these
-    forces, and the lateral cells nothing of them; the lasers show how far the dummy is compressed, the further travel of the
-    pistons is that of the frame. At last the lateral actuator pushes to both sides, and the lateral cells must read it.
+    forces, and the lateral cells nothing of them; the lasers show how far the dummy is compressed, the further
+    travel of the pistons is that of the frame. At last the lateral actuator pushes to both sides, and the lateral cells
+    must read it.
 
     The `dummy` is what the bolster rests on: the stops of the springs, whose stiffness the specimen's file states, or
     steel blocks that somebody has put in the springs' place. Their compression is too small to be measured:
