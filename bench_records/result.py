@@ -299,7 +299,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
             raise ValueError("the edges of a histogram must rise")
 
 
-class Sample(msgspec.Struct, frozen=True, kw_only=True):
+class SpecimenFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Which specimen was on the bench, and the file with its drawing and limits."""
 
     type: str
@@ -325,7 +325,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     reason: str = ""
     rig: str = ""
     parameters: dict[str, str] = {}  #: of the plan, as people write them
-    specimen: Sample | None = None
+    specimen: SpecimenFacts | None = None
     seed: int | None = None
     timing: Timing | None = None
     preconditions: list[Condition] = []

@@ -12,7 +12,7 @@ import msgspec
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
 from bench_records.layout import META, PARQUET, RESULT, STREAM, Condition, RecordedEvent, RecordError
 from bench_records.record import Record, read
-from bench_records.result import Check, Result, Sample, conclude, read_result
+from bench_records.result import Check, Result, SpecimenFacts, conclude, read_result
 from bench_records.stream import is_held, read_head
 
 #: What tells that there is a run, the best first.
@@ -84,7 +84,7 @@ def _unfinished(
     name = str(facts.get("plan", directory.name))
     specimen = None
     with suppress(msgspec.ValidationError):
-        specimen = msgspec.convert(facts.get("specimen"), Sample | None)
+        specimen = msgspec.convert(facts.get("specimen"), SpecimenFacts | None)
     seed = facts.get("seed")
     return conclude(
         name,

@@ -162,7 +162,7 @@ def _clocks(bench: Bench) -> dict[str, Any]:
 def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
     """Return the result of a run that is over."""
     from bench_records.layout import phases_of
-    from bench_records.result import Sample, conclude
+    from bench_records.result import SpecimenFacts, conclude
 
     return conclude(
         plan.name,
@@ -173,7 +173,7 @@ def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
         curves=run.curves,
         phases=phases_of(run.phases, run.start, run.now),
         parameters=plan.written,
-        specimen=Sample(**run.specimen.facts),
+        specimen=SpecimenFacts(**run.specimen.facts),
         preconditions=run.preconditions,
         warnings=run.warnings,
         **rest,

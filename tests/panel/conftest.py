@@ -28,7 +28,7 @@ from bench_protocol.clock import VirtualClock
 from bench_protocol.units import NS
 from bench_records.layout import SignalInfo
 from bench_records.recorder import Recorder
-from bench_records.result import Sample, check, conclude
+from bench_records.result import SpecimenFacts, check, conclude
 
 ROOT = Path(__file__).parents[2]
 #: Where pictures for the documentation go, if anybody wants them: ASTB_GALLERY=docs/gallery.
@@ -198,7 +198,7 @@ def keep() -> Callable:
             recorder.append([0, NS], [0, 0], [0.0, 1.0])
         names = ("height", *more)
         made = [check(one, value, "mm", 1e-3, low=0.0, high=0.01, phase="main") for one in names]
-        sample = Sample(type="a", serial_number=serial)
+        sample = SpecimenFacts(type="a", serial_number=serial)
         conclude("aw0", "Title", "Text", made, rig="test", specimen=sample).write(directory)
 
     return kept

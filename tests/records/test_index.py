@@ -17,7 +17,7 @@ from astb.exit_codes import FAIL, PASS
 from bench_records.checksums import SUMS, broken_files, write_sums
 from bench_records.index import INDEX, RunIndex, facts_of
 from bench_records.layout import META, RESULT, RecordError
-from bench_records.result import Sample, check, conclude
+from bench_records.result import SpecimenFacts, check, conclude
 
 
 def keep(folder: Path, name: str, values: list[float], *, at: int = 0, **facts: str) -> Path:
@@ -26,7 +26,7 @@ def keep(folder: Path, name: str, values: list[float], *, at: int = 0, **facts: 
     checks = [
         check(f"check {number}", value, "mm", 1e-3, low=0.0, high=10.0) for number, value in enumerate(values)
     ]
-    sample = Sample(type="spring", serial_number=facts.get("serial", "7"))
+    sample = SpecimenFacts(type="spring", serial_number=facts.get("serial", "7"))
     plan = facts.get("plan", "aw0")
     path = conclude(plan, "Title", "Text", checks, rig="local", specimen=sample, seed=1).write(directory)
     if "operator" in facts or "date" in facts:

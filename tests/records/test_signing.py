@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bench_records.comparison import compare_runs
 from bench_records.recorder import Recorder
 from bench_records.report import write_report
-from bench_records.result import Sample, check, conclude
+from bench_records.result import SpecimenFacts, check, conclude
 from bench_records.signing import SHORT, footing
 from bench_records.typography import MINUS, primed, unit, with_uncertainty
 
@@ -43,7 +43,7 @@ def run_in(directory: Path, meta: dict) -> str:
         recorder.event(1_000_000_000, "check", "K'' at 1 Hz = 5 kN*s/m: pass")
         recorder.event(2_000_000_000, "state", "ACTIVE")
     one = check(WAYS[1], 5e3, "kN*s/m", 1e3, low=4e3, high=6e3, u=1e2, parts={"laser offset": 1e2}, at=1.0)
-    sample = Sample(type="diaphragm 575", serial_number="S-4711", drawing="D-12")
+    sample = SpecimenFacts(type="diaphragm 575", serial_number="S-4711", drawing="D-12")
     conclude("plan", "Title", WAYS[0], [one], specimen=sample, rig="hall").write(directory)
     return write_report(directory).read_text(encoding="utf-8")
 
@@ -100,7 +100,9 @@ def test_a_comparison_does_not_list_every_piece(tmp_path: Path) -> None:
 
 @given(plan=st.text(max_size=20), serial=st.text(max_size=20))
 def test_no_text_ends_the_string_at_the_foot(plan: str, serial: str) -> None:
-    result = conclude(plan, "", "", [check("x", 1.0, low=0)], specimen=Sample(type="", serial_number=serial))
+    result = conclude(
+        plan, "", "", [check("x", 1.0, low=0)], specimen=SpecimenFacts(type="", serial_number=serial)
+    )
     written = footing(result, [("record.parquet", "0123456789abcdef")])
     assert re.fullmatch(r"(?:[A-Za-z0-9]|\\[0-9a-f]+ )*", written)
     read = re.sub(r"\\([0-9a-f]+) ", lambda m: chr(int(m[1], 16)), written)
