@@ -48,7 +48,7 @@ TOOLS: Final = {
 }
 
 
-class Finding(msgspec.Struct, frozen=True):
+class MachineCheck(msgspec.Struct, frozen=True):
     """One thing that was looked at."""
 
     name: str
@@ -58,7 +58,7 @@ class Finding(msgspec.Struct, frozen=True):
     mend: str = ""
 
 
-def examine_machine(rig: RigFile, records: Path) -> list[Finding]:
+def examine_machine(rig: RigFile, records: Path) -> list[MachineCheck]:
     """Return what is available and what is missing, for ``rig`` on this machine and records under ``records``.
 
     Takes about half a second. Nothing is changed and nothing leaves the machine, except that the rig file's own
@@ -78,9 +78,9 @@ def examine_machine(rig: RigFile, records: Path) -> list[Finding]:
     ]
 
 
-def _python() -> Finding:
+def _python() -> MachineCheck:
     right = sys.version_info >= (3, 11)
-    return Finding(
+    return MachineCheck(
         "Python",
         "fine" if right else "broken",
         platform.python_version(),
@@ -89,8 +89,8 @@ def _python() -> Finding:
     )
 
 
-def _system() -> Finding:
-    return Finding(
+def _system() -> MachineCheck:
+    return MachineCheck(
         "operating system",
         "fine" if LINUX else "missing",
         platform.system(),
@@ -99,14 +99,14 @@ def _system() -> Finding:
     )
 
 
-def _real_time() -> Iterator[Finding]:
+def _real_time() -> Iterator[MachineCheck]:
     """Tell what Linux gives to runs in real time."""
     yield from _priority()
     yield _punctuality()
     yield _socketcan()
 
 
-def _packages() -> Iterator[Finding]:
+def _packages() -> Iterator[MachineCheck]:
     """Compare what is installed with what the metadata of this package ask for."""
     from packaging.requirements import Requirement
 
@@ -129,7 +129,7 @@ def _packages() -> Iterator[Finding]:
         else:
             said = f"{one.name} {version or 'is missing'} ({one.specifier} would be right)"
             wrong[said] = f"'{one.name}{one.specifier}'"
-    yield Finding(
+    yield MachineCheck(
         "packages",
         "broken" if wrong else "fine",
         "; ".join(wrong) or "all there, in versions that fit",
@@ -137,7 +137,7 @@ def _packages() -> Iterator[Finding]:
         f"pip install {' '.join(wrong.values())}" if wrong else "",
     )
     for extra, (purpose, _) in EXTRAS.items():
-        yield Finding(
+        yield MachineCheck(
             f"extra {extra}",
             "missing" if extra in lacking else "fine",
             f"no {lacking[extra]}" if extra in lacking else "there",
@@ -146,14 +146,14 @@ def _packages() -> Iterator[Finding]:
         )
 
 
-def _compiled_code() -> Finding:
+def _compiled_code() -> MachineCheck:
     """Tell whether machine code can be kept: without it every start compiles the model anew."""
     from bench_protocol.system.binding import NOT_KEPT, folder_of
     from bench_sim.model.orifice import nozzle_flow
 
     plain = os.environ.get("NUMBA_DISABLE_JIT", "0") not in {"", "0"}
     if plain:
-        return Finding(
+        return MachineCheck(
             "compiled code",
             "missing",
             "switched off by NUMBA_DISABLE_JIT",
@@ -161,7 +161,7 @@ def _compiled_code() -> Finding:
             "unset NUMBA_DISABLE_JIT",
         )
     kept = folder_of(nozzle_flow)
-    return Finding(
+    return MachineCheck(
         "compiled code",
         "fine" if kept else "missing",
         f"kept in {kept}" if kept else NOT_KEPT.partition(";")[0],
@@ -179,9 +179,9 @@ def _can_write(folder: str | Path) -> bool:
     return True
 
 
-def _processors() -> Finding:
+def _processors() -> MachineCheck:
     count = processors()
-    return Finding(
+    return MachineCheck(
         "processors",
         "fine" if count > 1 else "missing",
         f"{count} for this process",
@@ -207,7 +207,7 @@ def _in_a_thread(attempt: Callable[[], None]) -> str:
     return said
 
 
-def _priority() -> Iterator[Finding]:
+def _priority() -> Iterator[MachineCheck]:
     limits = "/etc/security/limits.d/astb.conf"
     for name, attempt, line, purpose in (
         (
@@ -224,7 +224,7 @@ def _priority() -> Iterator[Finding]:
         ),
     ):
         refused = _in_a_thread(attempt)
-        yield Finding(
+        yield MachineCheck(
             name,
             "missing" if refused else "fine",
             refused.lower() or "granted",
@@ -235,7 +235,7 @@ def _priority() -> Iterator[Finding]:
         )
 
 
-def _punctuality() -> Finding:
+def _punctuality() -> MachineCheck:
     late: list[int] = []
 
     def nap() -> None:
@@ -250,7 +250,7 @@ def _punctuality() -> Finding:
     late.sort()
     median, high = late[NAPS // 2], late[NAPS * 99 // 100]
     right = high < LATE
-    return Finding(
+    return MachineCheck(
         "punctuality",
         "fine" if right else "missing",
         f"sleeps of 1 ms end {median / NS / us:.0f} us late, one in a hundred {high / NS / us:.0f} us",
@@ -259,7 +259,7 @@ def _punctuality() -> Finding:
     )
 
 
-def _socketcan() -> Finding:
+def _socketcan() -> MachineCheck:
     from drivers.can_port import VIRTUAL_INTERFACE
 
     purpose = "SocketCAN clients beside the bench; without it CAN goes over TCP"
@@ -272,7 +272,7 @@ def _socketcan() -> Finding:
     else:
         mend = "" if up else f"ip link set {VIRTUAL_INTERFACE} up"
         said = f"{VIRTUAL_INTERFACE} is {'up' if up else 'down'}"
-        return Finding("SocketCAN", "fine" if up else "missing", said, purpose, mend)
+        return MachineCheck("SocketCAN", "fine" if up else "missing", said, purpose, mend)
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except (OSError, AttributeError):
@@ -281,9 +281,11 @@ def _socketcan() -> Finding:
             where = f"user-mode Linux exists for x86_64 only, not for {platform.machine()}"
         elif _has_wide_tiles() and not (os.environ.get("CC") or shutil.which("cc")):
             where += ", on this processor with the help of a C compiler: apt install gcc libc6-dev"
-        return Finding("SocketCAN", "missing", "this kernel has none", purpose, f"{where} ({how})")
+        return MachineCheck("SocketCAN", "missing", "this kernel has none", purpose, f"{where} ({how})")
     mend = f"ip link add {VIRTUAL_INTERFACE} type vcan && ip link set {VIRTUAL_INTERFACE} up, as root"
-    return Finding("SocketCAN", "missing", f"the kernel has it, but no {VIRTUAL_INTERFACE}", purpose, mend)
+    return MachineCheck(
+        "SocketCAN", "missing", f"the kernel has it, but no {VIRTUAL_INTERFACE}", purpose, mend
+    )
 
 
 def _has_wide_tiles() -> bool:
@@ -294,7 +296,7 @@ def _has_wide_tiles() -> bool:
         return False
 
 
-def _ports(rig: RigFile) -> Iterator[Finding]:
+def _ports(rig: RigFile) -> Iterator[MachineCheck]:
     if rig.wiring:
         return
     from astb.session import answers
@@ -314,7 +316,7 @@ def _ports(rig: RigFile) -> Iterator[Finding]:
             is_rig = answers(rig)
         right = not taken or is_rig
         said = "free" if not taken else "a rig answers" if is_rig else "somebody else listens there"
-        yield Finding(
+        yield MachineCheck(
             f"{name} {host}:{port}",
             "fine" if right else "missing",
             said,
@@ -325,10 +327,10 @@ def _ports(rig: RigFile) -> Iterator[Finding]:
         )
 
 
-def _tools() -> Iterator[Finding]:
+def _tools() -> Iterator[MachineCheck]:
     for name, (package, purpose) in TOOLS.items():
         path = shutil.which(name)
-        yield Finding(
+        yield MachineCheck(
             name,
             "fine" if path else "missing",
             path or "not here",
@@ -337,16 +339,16 @@ def _tools() -> Iterator[Finding]:
         )
 
 
-def _printing() -> Finding:
+def _printing() -> MachineCheck:
     from bench_records.printing import MEND, NUMBERS_PAGES, browser, browser_version
 
     purpose = "reports as PDF (--pdf)"
     path = browser()
     if path is None:
-        return Finding("Chromium", "missing", "not here", purpose, MEND)
+        return MachineCheck("Chromium", "missing", "not here", purpose, MEND)
     number = browser_version(path)
     right = number is not None and number >= NUMBERS_PAGES
-    return Finding(
+    return MachineCheck(
         "Chromium",
         "fine" if right else "missing",
         f"{path}, {'of a version that it does not tell' if number is None else f'version {number}'}",
@@ -355,12 +357,12 @@ def _printing() -> Finding:
     )
 
 
-def _room(records: Path) -> Finding:
+def _room(records: Path) -> MachineCheck:
     there = next(one for one in (records.absolute(), *records.absolute().parents) if one.is_dir())
     free = shutil.disk_usage(there).free
     writable = _can_write(there)
     right = writable and free > ROOM
-    return Finding(
+    return MachineCheck(
         f"room in {records}",
         "fine" if right else "missing" if writable else "broken",
         f"{free / 1e9:.3g} GB free" if writable else f"{there} cannot be written",

@@ -35,7 +35,7 @@ _LOOK_WITHIN: Final = 10 * minutes
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ConditionResult:
     """What was found: met, not met, or not to be told here (None); in words, with what would be right."""
 
     met: bool | None
@@ -51,7 +51,7 @@ class Precondition:
     """
 
     text: str
-    look: Callable[[Run], Finding]
+    look: Callable[[Run], ConditionResult]
     strict: bool = True
     armed: bool = False
 
@@ -59,9 +59,9 @@ class Precondition:
 def supply(at_least: float) -> Precondition:
     """The air supply has a pressure (Pa gauge), behind the main valve."""
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         if lacking := run.bench.lacks("supply.pressure"):
-            return Finding(None, lacking)
+            return ConditionResult(None, lacking)
         with suppress(BenchTimeout):  # the line fills when the main valve opens
             run.bench.wait_for(
                 lambda: run.bench.supply.pressure >= at_least, within=SUPPLY_WITHIN, what="supply pressure"
@@ -69,7 +69,9 @@ def supply(at_least: float) -> Precondition:
         pressure = run.bench.average("supply.pressure", over=0.5)
         told = f"{pressure / bar:.2f} bar"
         good = pressure >= at_least
-        return Finding(good, told if good else f"{told}; open the supply until it has {at_least / bar:g} bar")
+        return ConditionResult(
+            good, told if good else f"{told}; open the supply until it has {at_least / bar:g} bar"
+        )
 
     return Precondition(f"supply pressure of at least {at_least / bar:g} bar", look, strict=False, armed=True)
 
@@ -77,7 +79,7 @@ def supply(at_least: float) -> Precondition:
 def supply_for(*loads: str) -> Precondition:
     """The air supply has `HEADROOM` above what carries the load cases, or those that the plan's parameters name."""
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         carries = max(run.specimen.load(name).fill_pressure for name in _chosen(run, loads))
         return supply(carries + HEADROOM).look(run)
 
@@ -98,10 +100,10 @@ def gas(low: float, high: float) -> Precondition:
     """
     span = f"{low - ICE:.3g} to {high - ICE:.3g} °C"
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         names = [f"{side}.bellows_temperature" for side in ("left", "right")]
         if lacking := run.bench.lacks(*names):
-            return Finding(None, lacking)
+            return ConditionResult(None, lacking)
 
         def within() -> bool:
             return all(low <= run.bench.readings.value(name) <= high for name in names)
@@ -110,14 +112,14 @@ def gas(low: float, high: float) -> Precondition:
             run.bench.wait_for(within, within=COME_BACK, what="gas at the temperature of the hall")
         found = [run.bench.readings.value(name) for name in names]
         if silent := [name for name, one in zip(names, found, strict=True) if isnan(one)]:
-            return Finding(False, f"no samples arrive of {' and '.join(silent)}")
+            return ConditionResult(False, f"no samples arrive of {' and '.join(silent)}")
         told = " and ".join(f"{one - ICE:.1f} °C" for one in found)
         good = all(low <= one <= high for one in found)
         cold = any(one < low for one in found)
         right = (
             f"{COLD_FROM_BEFORE}; the hall must have {span}" if cold else f"wait until the hall has {span}"
         )
-        return Finding(good, told if good else f"{told}; {right}")
+        return ConditionResult(good, told if good else f"{told}; {right}")
 
     return Precondition(f"gas in the springs at {span}", look, strict=False)
 
@@ -125,11 +127,13 @@ def gas(low: float, high: float) -> Precondition:
 def calibrated(*signals: str) -> Precondition:
     """The instruments of some signals, or all, have certificates that hold today; in virtual time none runs out."""
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         if not run.instruments.pieces:
-            return Finding(False, "nobody has said which instruments this rig has; its file can name theirs")
+            return ConditionResult(
+                False, "nobody has said which instruments this rig has; its file can name theirs"
+            )
         troubles = run.instruments.troubles(today(run), signals)
-        return Finding(not troubles, "; ".join(troubles) or "all calibrations hold")
+        return ConditionResult(not troubles, "; ".join(troubles) or "all calibrations hold")
 
     return Precondition("calibrated instruments", look)
 
@@ -137,13 +141,15 @@ def calibrated(*signals: str) -> Precondition:
 def not_overdue() -> Precondition:
     """No instrument is overdue for its calibration; a rig whose instruments nobody knows cannot tell."""
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         pieces, day = run.instruments.pieces.values(), today(run)
         if not pieces:
-            return Finding(None, "nobody has said which instruments this rig has; its file can name theirs")
+            return ConditionResult(
+                None, "nobody has said which instruments this rig has; its file can name theirs"
+            )
         over = [piece.trouble(day) for piece in pieces if piece.overdue(day)]
         found = "; ".join(over) + "; a new calibration would be right" if over else "none is overdue"
-        return Finding(not over, found)
+        return ConditionResult(not over, found)
 
     return Precondition("no instrument is overdue for calibration", look, strict=False)
 
@@ -151,10 +157,12 @@ def not_overdue() -> Precondition:
 def load_cases(*names: str) -> Precondition:
     """The specimen's file has these load cases; "load" stands for the one that the plan's parameter names."""
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         lacking = [name for name in _chosen(run, names) if name not in run.specimen.loads]
         found = f"{run.specimen.file} has {', '.join(run.specimen.loads)}"
-        return Finding(not lacking, f"{found}; {', '.join(lacking)} would be needed" if lacking else found)
+        return ConditionResult(
+            not lacking, f"{found}; {', '.join(lacking)} would be needed" if lacking else found
+        )
 
     what = " and ".join("that is chosen" if name == PARAMETER else name for name in names)
     return Precondition(f"load case {what} of the specimen", look)
@@ -170,11 +178,11 @@ def rested(at_least: float) -> Precondition:
     A rig in virtual time has rested for ever when it is made.
     """
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         rest = _rest(run)
         told = "since it was made" if rest == inf else f"{rest:.0f} s"
         good = rest >= at_least
-        return Finding(good, told if good else f"{told}; {at_least - rest:.0f} s more would be right")
+        return ConditionResult(good, told if good else f"{told}; {at_least - rest:.0f} s more would be right")
 
     return Precondition(f"specimen at rest for {at_least:g} s", look)
 
@@ -182,9 +190,9 @@ def rested(at_least: float) -> Precondition:
 def confirmed(text: str) -> Precondition:
     """Somebody says that it is so: what no signal tells."""
 
-    def look(run: Run) -> Finding:
+    def look(run: Run) -> ConditionResult:
         answer = run.ask(f"is this so: {text}?", (YES, NO), within=_LOOK_WITHIN)
-        return Finding(answer == YES, f"the operator says {answer}" if answer else "nobody says so")
+        return ConditionResult(answer == YES, f"the operator says {answer}" if answer else "nobody says so")
 
     return Precondition(text, look)
 
