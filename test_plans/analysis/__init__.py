@@ -136,16 +136,24 @@ def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
 
 
 def dynamic_stiffness(
-    times: Samples, motion: Samples, force: Samples, frequency: float, *, motion_lag: float = 0.0
+    times: Samples,
+    motion: Samples,
+    force: Samples,
+    frequency: float,
+    *,
+    lags: tuple[float, float] = (0.0, 0.0),
 ) -> Stiffness:
     """Return K = F/X of the first harmonics; ``force`` (N) grows with ``motion`` (m) in a spring.
 
-    ``motion_lag`` (s) is how much later the motion is sensed than the force: ``X (1 + iωτ)`` undoes it.
+    ``lags`` (s) are those of the sensors of motion and force; each reading is corrected by its own.
     """
-    X = first_harmonic(times, motion, frequency) * (1 + 1j * tau * frequency * motion_lag)
+    X, F = (
+        without_lag(first_harmonic(times, read, frequency), lag, frequency)
+        for read, lag in zip((motion, force), lags, strict=True)
+    )
     if abs(X) == 0.0:
         raise NotMeasured("nothing moved: a stiffness needs a motion")
-    return Stiffness(first_harmonic(times, force, frequency) / X, frequency, abs(X))
+    return Stiffness(F / X, frequency, abs(X))
 
 
 def without_drift(motion: Samples, force: Samples) -> Samples:

@@ -129,6 +129,6 @@ def _swing(run: Run) -> tuple[Samples, Values]:
 
 def _roll_stiffness(times: Samples, rig: Rig, values: Values) -> Stiffness:
     """Moment over angle (N·m/rad), first harmonic."""
-    lag = lag_of(rig, *HEIGHTS) - lag_of(rig, *VERTICAL_CELLS)
+    late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)
     angle, moment = roll_of(values, rig), cell_moment(values, rig)
-    return dynamic_stiffness(times, angle, moment, SWING_FREQUENCY, motion_lag=lag)
+    return dynamic_stiffness(times, angle, moment, SWING_FREQUENCY, lags=late)

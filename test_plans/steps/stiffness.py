@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import tau
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
 from bench_protocol.words import SIDES
-from test_plans.analysis import Samples, Stiffness, dynamic_stiffness, first_harmonic, without_inertia
+from test_plans.analysis import (
+    Samples,
+    Stiffness,
+    dynamic_stiffness,
+    first_harmonic,
+    without_inertia,
+    without_lag,
+)
 from test_plans.analysis.geometry import Rig, cells_under
 from test_plans.analysis.readings import HEIGHTS, SHEAR_CELLS, VERTICAL_CELLS
 from test_plans.analysis.uncertainty import Measured
@@ -156,14 +162,14 @@ def _names(
 
 def _vertical(times: Samples, frequency: float, side: str, rig: Rig, values: Values) -> Stiffness:
     motion, force = spring_motion(values, rig, side)
-    lag = lag_of(rig, f"{side}.height") - lag_of(rig, *cells_under(rig, side))
-    return dynamic_stiffness(times, motion, force, frequency, motion_lag=lag)
+    late = lag_of(rig, f"{side}.height"), lag_of(rig, *cells_under(rig, side))
+    return dynamic_stiffness(times, motion, force, frequency, lags=late)
 
 
 def _lateral(times: Samples, frequency: float, rig: Rig, values: Values) -> Stiffness:
     motion, force = lateral_motion(values, rig)
-    lag = lag_of(rig, "lateral.displacement") - lag_of(rig, *SHEAR_CELLS)
-    return dynamic_stiffness(times, motion, force, frequency, motion_lag=lag)
+    late = lag_of(rig, "lateral.displacement"), lag_of(rig, *SHEAR_CELLS)
+    return dynamic_stiffness(times, motion, force, frequency, lags=late)
 
 
 def _check_balance(run: Run, name: str, times: Samples, values: Values, frequency: float) -> None:
@@ -176,9 +182,9 @@ def _balance(times: Samples, frequency: float, rig: Rig, values: Values) -> floa
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
     cells = np.sum([values[cell] for cell in VERTICAL_CELLS], axis=0)
-    x = first_harmonic(times, motion, frequency) * (1 + 1j * tau * frequency * lag_of(rig, *HEIGHTS))
-    F = first_harmonic(times, actuators, frequency) * (1 + 1j * tau * frequency * lag_of(rig, *ACTUATORS))
-    S = first_harmonic(times, cells, frequency) * (1 + 1j * tau * frequency * lag_of(rig, *VERTICAL_CELLS))
+    x = without_lag(first_harmonic(times, motion, frequency), lag_of(rig, *HEIGHTS), frequency)
+    F = without_lag(first_harmonic(times, actuators, frequency), lag_of(rig, *ACTUATORS), frequency)
+    S = without_lag(first_harmonic(times, cells, frequency), lag_of(rig, *VERTICAL_CELLS), frequency)
     return abs(without_inertia(F, x, rig["bolster_mass"], frequency) / S)
 
 

@@ -106,8 +106,8 @@ def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: floa
 
 def stiffness_of_side(times: Samples, rig: Rig, values: Values, frequency: float, side: str) -> Stiffness:
     """Complex vertical stiffness of one spring."""
-    lag = lag_of(rig, f"{side}.height") - lag_of(rig, *cells_under(rig, side))
-    return dynamic_stiffness(times, *spring_motion(values, rig, side), frequency, motion_lag=lag)
+    late = lag_of(rig, f"{side}.height"), lag_of(rig, *cells_under(rig, side))
+    return dynamic_stiffness(times, *spring_motion(values, rig, side), frequency, lags=late)
 
 
 def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:

@@ -90,14 +90,14 @@ class Rigs:
             )
         times, values, exact = self._sine()
 
-        late = lag_of(run.rig, "left.height") - lag_of(run.rig, *cells_under(run.rig, "left"))
+        late = lag_of(run.rig, "left.height"), lag_of(run.rig, *cells_under(run.rig, "left"))
 
-        def stiffness(values, times=times, lag=late) -> Stiffness:
+        def stiffness(values, times=times, lags=late) -> Stiffness:
             motion, force = spring_motion(values, run.rig, "left")
-            return dynamic_stiffness(times, motion, force, FREQUENCY, motion_lag=lag)
+            return dynamic_stiffness(times, motion, force, FREQUENCY, lags=lags)
 
         K, c = run.measure(lambda m: (stiffness(m).storage, stiffness(m).damping), values)
-        true = stiffness(exact, lag=0.0)
+        true = stiffness(exact, lags=(0.0, 0.0))
         found |= {"stiffness": (K, true.storage), "damping": (c, true.damping)}
         rms = run.measured(lambda m: m[PISTON].std(), values)
         found["rms"] = rms, exact[PISTON].std()
@@ -107,7 +107,7 @@ class Rigs:
             run.measured(
                 lambda a, b: stiffness(b, later).storage / stiffness(a).storage - 1, values, values_later
             ),
-            stiffness(exact_later, later, 0.0).storage / true.storage - 1,
+            stiffness(exact_later, later, (0.0, 0.0)).storage / true.storage - 1,
         )
         self.bench.vertical.move_to(self.home, self.home, rate=RATE)
         self.truth = None
