@@ -98,7 +98,7 @@ _HEAT: Final = (
         name="heat_exchange",
         family="heat",
         title="heat that the wall gives in finite time",
-        plain="the wall gives its heat in finite time",
+        plain="the wall exchanges heat in finite time",
         amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
         touches=frozenset({"gas"}),
         confusers=_LEAK_NAMES,

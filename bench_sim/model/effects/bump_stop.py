@@ -22,7 +22,7 @@ EFFECT: Final = Effect(
     name="bump_stop",
     family="rubber",
     title="lateral bump stop",
-    plain="the bolster meets a lateral bump stop",
+    plain="the bolster hits a lateral bump stop",
     amplitude=EffectParameter("stiffness", "N/m", "kN/m", 1e3, nominal=0.0, typical=1e5, low=0.0, high=1e7),
     change=_change,
     shapes=(EffectParameter("gap", "m", "mm", 1e-3, nominal=10e-3, typical=10e-3, low=0.0, high=60e-3),),

@@ -18,8 +18,8 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 EFFECT: Final = Effect(
     name="crosstalk",
     family="sensor",
-    title="lateral load cells feel the vertical force",
-    plain="the lateral load cells feel the vertical force",
+    title="lateral load cells respond to the vertical force",
+    plain="the lateral load cells respond to the vertical force",
     amplitude=EffectParameter("share", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.1, high=0.1),
     change=_change,
     touches=frozenset({"sensor"}),

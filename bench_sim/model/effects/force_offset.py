@@ -15,8 +15,8 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 EFFECT: Final = Effect(
     name="force_offset",
     family="sensor",
-    title="load cells under one spring are off zero",
-    plain="the load cells under the {side} spring are off zero",
+    title="zero error of the load cells under one spring",
+    plain="the load cells under the {side} spring have a zero error",
     amplitude=EffectParameter("offset", "N", "N", 1.0, nominal=0.0, typical=1000.0, low=-2e4, high=2e4),
     change=_change,
     places=PLACES,

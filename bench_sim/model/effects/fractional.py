@@ -42,7 +42,7 @@ EFFECT: Final = Effect(
     name="fractional",
     family="rubber",
     title="fractional Kelvin-Voigt rubber",
-    plain="the rubber is viscoelastic as a fractional Kelvin-Voigt element",
+    plain="the rubber is viscoelastic like a fractional Kelvin-Voigt element",
     amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
     change=_change,
     shapes=(EffectParameter("order", "1", "1", 1.0, nominal=0.3, typical=0.3, low=0.1, high=0.7),),

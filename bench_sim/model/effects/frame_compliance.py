@@ -13,8 +13,8 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 EFFECT: Final = Effect(
     name="frame_compliance",
     family="rig",
-    title="frame gives way more than assumed",
-    plain="the frame gives way more than assumed",
+    title="frame is softer than assumed",
+    plain="the frame is softer than assumed",
     amplitude=EffectParameter(
         "compliance", "m/N", "mm/kN", 1e-6, nominal=0.0, typical=1e-8, low=0.0, high=1e-6
     ),

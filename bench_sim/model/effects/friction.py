@@ -30,7 +30,7 @@ EFFECT: Final = Effect(
     name="friction",
     family="rubber",
     title="Berg friction of the rubber",
-    plain="the rubber rubs, as by Berg",
+    plain="the rubber has Berg friction",
     amplitude=EffectParameter("force", "N", "N", 1.0, nominal=0.0, typical=200.0, low=0.0, high=1e4),
     change=_change,
     shapes=(

@@ -23,7 +23,7 @@ EFFECT: Final = Effect(
     name="friction_distributed",
     family="rubber",
     title="distributed friction of the rubber",
-    plain="the rubber rubs with distributed friction",
+    plain="the rubber has distributed friction",
     amplitude=EffectParameter("force", "N", "N", 1.0, nominal=0.0, typical=300.0, low=0.0, high=1e4),
     change=_change,
     shapes=(

@@ -30,7 +30,7 @@ EFFECT: Final = Effect(
     name="maxwell",
     family="rubber",
     title="Maxwell branch of the rubber",
-    plain="the rubber relaxes as one Maxwell branch does",
+    plain="the rubber relaxes like a Maxwell branch",
     amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
     change=_change,
     shapes=(

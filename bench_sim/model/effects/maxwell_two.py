@@ -23,7 +23,7 @@ EFFECT: Final = Effect(
     name="maxwell_two",
     family="rubber",
     title="two Maxwell branches of the rubber",
-    plain="the rubber relaxes as two Maxwell branches do",
+    plain="the rubber relaxes like two Maxwell branches",
     amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.5, low=0.0, high=5.0),
     change=_change,
     shapes=(

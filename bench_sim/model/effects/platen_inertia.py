@@ -16,8 +16,8 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 EFFECT: Final = Effect(
     name="platen_inertia",
     family="rig",
-    title="load cells feel the platform's inertia",
-    plain="the load cells feel the platform's inertia",
+    title="load cells measure the platform's inertia",
+    plain="the load cells measure the platform's inertia",
     amplitude=EffectParameter("mass", "kg", "kg", 1.0, nominal=0.0, typical=100.0, low=0.0, high=2000.0),
     change=_change,
     touches=frozenset({"sensor"}),

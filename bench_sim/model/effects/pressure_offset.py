@@ -15,8 +15,8 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 EFFECT: Final = Effect(
     name="pressure_offset",
     family="sensor",
-    title="pressure transmitter of one bellows is off zero",
-    plain="the {side} pressure transmitter is off zero",
+    title="zero error of the pressure transmitter of one bellows",
+    plain="the {side} pressure transmitter has a zero error",
     amplitude=EffectParameter("offset", "Pa", "mbar", 100.0, nominal=0.0, typical=10e3, low=-1e5, high=1e5),
     change=_change,
     places=PLACES,

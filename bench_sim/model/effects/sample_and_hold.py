@@ -18,8 +18,8 @@ def _change(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 EFFECT: Final = Effect(
     name="sample_and_hold",
     family="acquisition",
-    title="pressures are held between rare samples",
-    plain="the pressures are held between rare samples",
+    title="pressures are held between infrequent samples",
+    plain="the pressures are held between infrequent samples",
     amplitude=EffectParameter("hold", "1", "%", 0.01, nominal=0.0, typical=1.0, low=0.0, high=1.0),
     change=_change,
     shapes=(
