@@ -83,7 +83,7 @@ def campaign_command(
     except ClusterError as error:
         blocked(f"{error}; what has ended is kept in {out}")
     except KeyboardInterrupt:
-        blocked(f"stopped; what has ended is kept in {out}, and the same command goes on")
+        blocked(f"stopped; what has ended is kept in {out}, and the same command continues")
     console.print(verdicts(rows))
     if failed_table := failed_checks(rows):
         console.print(failed_table)

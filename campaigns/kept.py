@@ -190,7 +190,7 @@ def _write(table: "pa.Table", path: Path) -> None:
             os.fsync(folder)
     except OSError as error:
         raise KeptFailed(
-            f"{path.parent} keeps no more rows: {why(error)}; once that is mended, go on"
+            f"no more rows can be written to {path.parent}: {why(error)}; repair that and run the same command again"
         ) from None
 
 

@@ -112,7 +112,7 @@ class Link:
         if tripped is not None:
             text += f", first limit: {self.readings.show(tripped.name)}"
             if self.readings.sample(tripped.name).quality is Quality.UNAVAILABLE:
-                text += " (its transducer says nothing; mend it)"
+                text += " (its transducer gives no value; repair it)"
         return "; ".join(filter(None, (text, self.strangers(), self.rejected())))
 
     def rejected(self) -> str:

@@ -104,8 +104,8 @@ class Waveform(Device):
         pace = link.wiring.capabilities.pace.get(signal.si, math.nan)
         if math.isnan(pace):
             raise NotAvailable(
-                f"nobody knows how fast {link.wiring.rig} follows {name}: its wiring has no [player], "
-                "which would say so"
+                f"it is not known how fast {link.wiring.rig} follows {name}: its wiring has no [player], "
+                "which would state it"
             )
         speeds = np.diff(way) * NS / BEAT
         worst = int(np.argmax(np.abs(speeds)))

@@ -69,7 +69,7 @@ class NoOperator:
     """An operator who is not there."""
 
     def ask(self, question: Question) -> None:
-        raise Unanswered("nobody is there to be asked")
+        raise Unanswered("there is no operator to ask")
 
     def answer(self) -> Answer | None:
         return None
@@ -177,7 +177,7 @@ class FirstOf:
             else:
                 self._asked = operator
                 return
-        raise Unanswered("; ".join(dict.fromkeys(reasons)) or "nobody is there to be asked")
+        raise Unanswered("; ".join(dict.fromkeys(reasons)) or "there is no operator to ask")
 
     def answer(self) -> Answer | None:
         return self._asked.answer() if self._asked else None

@@ -303,7 +303,7 @@ class Run:
         self.watcher.phase(tuple(self._open), begins=True)
         if (by := self.suspension.wanted_by) and not self.suspension.held_at and by != self._told:
             self._told = by
-            self.say(f"{by} asks to hold: the plan goes on to the next place where it can be held")
+            self.say(f"{by} asks to hold: the plan continues to the next place where it can be held")
         if self.lasts:
             self.progress((self.now - self.start) / NS / self.lasts)
         try:

@@ -45,7 +45,7 @@ def check_rig_command(target: str, as_json: bool, allow_motion: bool) -> None:
         rig, path = find_rig(target)
         report = _listen(rig, path, say)
         if allow_motion and report.doubtful:  # a wrong reading is a wrong place to start from
-            say("nothing is moved: what is doubtful at rest must be mended first")
+            say("nothing is moved: what is doubtful at rest must be corrected first")
         elif allow_motion:
             report = replace(report, moves=_move(rig, path, say))
     except (RigFileError, WiringError) as error:

@@ -56,9 +56,7 @@ def panel_command(
     end_in_order()
     rig, path = read_rig(rig_named)
     if rig.time == "virtual":
-        misuse(
-            f"rig file {path} has virtual time, in which nobody can look on; a rig in real time would be right"
-        )
+        misuse(f"rig file {path} has virtual time, which nobody can watch; a rig in real time would be right")
     try:
         sockets = [_listening(host, port)]
     except OSError as error:

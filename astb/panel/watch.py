@@ -110,7 +110,7 @@ class Watch:
         blind = 0.0 if self._looks is None else (self.clock.now() - self._looks) / NS
         if self.status.link or blind < BLIND:
             return self.status
-        return msgspec.structs.replace(self.status, link=f"nobody has looked after it for {blind:.1f} s")
+        return msgspec.structs.replace(self.status, link=f"the panel has not read it for {blind:.1f} s")
 
     def act(self, name: str) -> None:
         """Trigger an action of the rig while nobody commands it; BenchError if it refuses."""

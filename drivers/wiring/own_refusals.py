@@ -102,12 +102,12 @@ def _why_held(told: Told, pressure_max: float) -> str:
         if value >= min(EMPTY, pressure_max)
     ]
     silent = [
-        f"{name} says nothing, which counts as pressure"
+        f"{name} gives no value, which counts as pressure"
         for name, value in measured.items()
         if math.isnan(value)
     ]
     if silent:
-        return f"{', '.join(silent)}; mend or replace the transducer first"
+        return f"{', '.join(silent)}; repair or replace the transducer first"
     if full:
         return f"{', '.join(full)}; vent both springs first, or disarm the bench, which vents them"
     if told.state in LIVE_STATES:

@@ -202,7 +202,7 @@ class Player:
         number = modes.get(control, math.nan) if control else CONTROL_MODES.index("displacement")
         if math.isnan(number):
             raise _refused(
-                "run", f"nobody knows how {axis} is controlled: {self._rig} does not tell {control}"
+                "run", f"it is not known how {axis} is controlled: {self._rig} does not report {control}"
             )
         mode = CONTROL_MODES[round(number)]
         if mode == "off" or (axis == "roll" and mode == "force"):

@@ -209,7 +209,7 @@ def test_a_described_rig_follows_it_by_way_of_python(strange):
 def test_a_rig_whose_pace_nobody_knows_is_not_moved(made):
     _, bench = made
     bench.wiring.capabilities = type(bench.wiring.capabilities)(generator=True)
-    with pytest.raises(NotAvailable, match=r"nobody knows how fast .* follows lateral\.displ"):
+    with pytest.raises(NotAvailable, match=r"it is not known how fast .* follows lateral\.displ"):
         bench.waveform.run(*_sideways(10 * mm))
 
 

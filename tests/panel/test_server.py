@@ -248,7 +248,7 @@ def test_no_request_is_read_without_end(served):
 def test_a_status_that_nobody_looks_after_is_no_longer_told_as_true(parts):
     watch = parts.watch
     watch._looks = watch.clock.now() - round(1.1 * BLIND * NS)
-    assert "nobody has looked after it for" in watch.present().link
+    assert "the panel has not read it for" in watch.present().link
     watch._looks = watch.clock.now()
     assert watch.present().link == ""
 

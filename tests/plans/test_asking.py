@@ -64,7 +64,7 @@ def test_a_script_answers_and_the_record_says_what_was_asked_and_who_answered(as
 @pytest.mark.parametrize(
     ("operator", "why"),
     [
-        (NoOperator(), "fit the plate of 16 mm: nobody is there to be asked"),
+        (NoOperator(), "fit the plate of 16 mm: there is no operator to ask"),
         (Script({"something else": "done"}, by="answers.toml"), "answers.toml has no answer to it"),
         (Script({"plate 16": "not possible"}), "not possible, says the operator"),
     ],
@@ -274,7 +274,7 @@ def test_a_script_goes_before_the_simulated_hand_and_a_terminal_behind_it():
         both.ask(question)
         assert both.answer().by == by
     nobody = FirstOf(NoOperator(), Script({}))
-    with pytest.raises(Unanswered, match="nobody is there to be asked; a script has no answer to it"):
+    with pytest.raises(Unanswered, match="there is no operator to ask; a script has no answer to it"):
         nobody.ask(question)
 
 

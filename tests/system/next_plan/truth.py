@@ -44,9 +44,9 @@ CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
         "frames spoilt",
     ),
     (
-        r"(pressure|height) is unavailable \(its transducer says nothing",
+        r"(pressure|height) is unavailable \(its transducer gives no value",
         _fault_on("broken_wire"),
-        "mend it",
+        "repair it",
         "transducer dead",
     ),
     (
