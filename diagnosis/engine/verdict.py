@@ -20,8 +20,8 @@ The verdict follows from what remains, and none is forced:
   remainder`;
 * else `named`.
 
-What is left on unseen runs may still lower it (`final`, from `remainder.py`): a plain `named` is for what reaches the
-noise, what leaves most of the error in every channel is not named at all, and between both the runs that nothing was
+What is left on unseen runs may still change it (`final`, from `remainder.py`): `no effect` and a plain `named` are for
+what reaches the noise, what leaves most of the error in every channel is not named at all, and between both the runs that nothing was
 fitted to choose among rivals (`undecided.py`).
 """
 
@@ -165,6 +165,8 @@ def _with_select(
 
 def final(verdict: Verdict, left: Remainder, rivals: int = 0) -> Verdict:
     """Return the verdict in the light of what is left on unseen runs, and of ``rivals`` that predict them as well."""
+    if verdict is Verdict.NO_EFFECT and left.large:
+        return Verdict.UNRESOLVED
     if verdict not in {Verdict.NAMED, Verdict.REMAINDER}:
         return verdict
     if left.relative:

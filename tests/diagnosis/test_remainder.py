@@ -5,13 +5,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from diagnosis.contracts import Channel, Experiment, MeasuredRun
-from diagnosis.engine.config import Config
+from diagnosis.engine.config import REMAINDER_RATIO, Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.remainder import Remainder, held_back, part_left
 from diagnosis.engine.verdict import final
 from diagnosis.finding import Verdict
+from diagnosis.systems.oscillator import Oscillator
+from diagnosis.systems.oscillator_specimen import Laboratory
 
 
 def left(before=20.0, after=1.1, part=0.05, **without):
@@ -22,7 +26,70 @@ def test_a_plain_name_is_for_what_reaches_the_noise():
     assert final(Verdict.NAMED, left(after=1.9)) is Verdict.NAMED
     assert final(Verdict.NAMED, left(after=2.1)) is Verdict.REMAINDER
     assert final(Verdict.AMBIGUOUS, left(after=9.0)) is Verdict.AMBIGUOUS
-    assert final(Verdict.NO_EFFECT, left(after=9.0, part=1.0)) is Verdict.NO_EFFECT
+
+
+def test_no_effect_is_for_what_reaches_the_noise():
+    assert final(Verdict.NO_EFFECT, left(before=1.9, after=1.9, part=1.0)) is Verdict.NO_EFFECT
+    assert final(Verdict.NO_EFFECT, left(after=9.0, part=1.0)) is Verdict.UNRESOLVED
+    assert final(Verdict.NO_EFFECT, left(after=math.nan, part=math.nan)) is Verdict.NO_EFFECT
+
+
+class Plain(Oscillator):
+    """An oscillator without a form for what has no name."""
+
+    surfaces = ()
+
+
+#: What a finding of each verdict has.
+NAMES: set[Verdict] = {Verdict.NAMED, Verdict.AMBIGUOUS, Verdict.REMAINDER}
+
+
+def coherent(finding) -> bool:
+    """Return whether verdict, causes, sentence, gain and remainder of a finding say the same."""
+    (gain,) = [one for one in finding.gains if one.channel == "all"]
+    large = gain.noise_ratio > REMAINDER_RATIO
+    left = any("times the noise: not every cause" in one for one in finding.remains)
+    return (
+        bool(finding.causes) == (finding.verdict in NAMES)
+        and ("Nothing was found" in finding.sentence) == (finding.verdict is Verdict.NO_EFFECT)
+        and not (large and finding.verdict in {Verdict.NO_EFFECT, Verdict.NAMED})
+        and (not large or f"{gain.noise_ratio:.3g} times the noise" in finding.sentence)
+        and (not large or left)
+    )
+
+
+HIDDEN = [
+    {},
+    {"coulomb": {"amplitude": 3.0}},
+    {"coulomb": {"amplitude": 0.6}},
+    {"cubic": {"amplitude": 1e6}},
+    {"maxwell": {"amplitude": 600.0}, "lag": {"amplitude": 5e-3}},
+    {"force_gain": {"amplitude": 0.03}},
+]
+
+
+@pytest.mark.parametrize(("hidden", "expected"), [(0, Verdict.NO_EFFECT), (1, Verdict.UNRESOLVED)])
+def test_a_catalogue_without_the_cause_and_without_surfaces_does_not_acquit(laboratory, hidden, expected):
+    """Fifteen times the noise were told as nothing."""
+    data = laboratory(samples=400).measure(31, HIDDEN[hidden])
+    finding = diagnose(data, Plain(), Config(workers=1, effects=("lag",)))
+    assert finding.verdict is expected
+    assert coherent(finding)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=25, derandomize=True)
+@given(
+    st.sampled_from(HIDDEN),
+    st.sets(st.sampled_from(sorted(Oscillator().catalogue)), min_size=1, max_size=3),
+    st.booleans(),
+)
+def test_a_finding_never_contradicts_itself(hidden, effects, plain):
+    data = Laboratory(Oscillator(), samples=400).measure(32, hidden)
+    finding = diagnose(
+        data, Plain() if plain else Oscillator(), Config(workers=1, effects=tuple(sorted(effects)))
+    )
+    assert coherent(finding), finding.sentence
 
 
 def test_where_more_than_noise_is_left_a_rival_that_foretells_as_well_makes_it_ambiguous():
