@@ -136,7 +136,9 @@ def _finding(
     screening = found.steps[0].screening
     return Finding(
         verdict=verdict,
-        sentence=sentence(verdict, accepted, others, nearest, judgement.unknowns, left),
+        sentence=sentence(
+            verdict, accepted, others, nearest, judgement.unknowns, left, judgement.screened.screening
+        ),
         causes=causes,
         threshold=screening.threshold,
         alpha=config.alpha,

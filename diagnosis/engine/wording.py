@@ -14,6 +14,7 @@ from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.screening import Screening
 from diagnosis.engine.search_state import Accepted, SearchResult
 from diagnosis.engine.undecided import Undecided
 from diagnosis.finding import (
@@ -142,8 +143,12 @@ def sentence(
     suspects: Sequence[Suspect],
     unknowns: Sequence[Unknown],
     left: Remainder,
+    screening: Screening,
 ) -> str:
-    """Say the verdict in a few sentences, for whoever reads nothing else: what it is, what it gains, what is left."""
+    """Say the verdict in a few sentences, for whoever reads nothing else: what it is, what it gains, what is left.
+
+    ``screening`` has the scores that are left beside what was found.
+    """
     titles = {c.effect: c.title for c in causes}
     said = SENTENCES[verdict].format(
         causes=_begun(" and ".join(f"{_plain(c)} ({_size(c.parameters)})" for c in causes)),
@@ -159,6 +164,7 @@ def sentence(
         parts.append(_gained(left))
     if verdict is not Verdict.UNRESOLVED:
         parts += [_worth(one) for one in causes]
+        parts += [_further(screening)] if causes else []
     return " ".join(part for part in parts if part)
 
 
@@ -200,6 +206,18 @@ def _gained(left: Remainder) -> str:
     if left.after > 0.995 * left.before:
         change = f"the error stays at {left.after:.3g} times the noise"
     return f"{what}, {change}{': not every cause of it was found' if left.large else ''}."
+
+
+def _further(screening: Screening) -> str:
+    """Say of what else still has a score above the threshold; "" if nothing has."""
+    first, *others = [*screening.exceeding, None]
+    if first is None:
+        return ""
+    more = f", and {len(others) - 1} more" if len(others) > 1 else ""
+    return (
+        f"{_begun(screening.candidates[first].effect.title)}{more} may be there as well: its score of "
+        f"{screening.z[first]:.1f} is above the threshold of {screening.threshold:.1f}."
+    )
 
 
 def _worth(one: Cause) -> str:

@@ -1,6 +1,7 @@
 """What is left on unseen runs lowers the verdict, and is told in words."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -168,3 +169,14 @@ def test_what_was_gained_is_told_in_the_sentence(laboratory):
     assert finding.verdict is Verdict.NAMED
     assert told in finding.sentence
     assert finding.causes[0].gained == pytest.approx(gain.fraction, abs=0.02)
+
+
+def test_a_second_cause_that_may_be_roughness_of_the_first_is_mentioned(laboratory):
+    """A score of 8 was dropped without a word, since what was found may be inexact by as much."""
+    lab = laboratory(samples=400)
+    data = lab.measure(33, {"cubic": {"amplitude": 1e6}, "lag": {"amplitude": 1e-4}})
+    finding = diagnose(data, lab.simulator, Config(workers=1, effects=("cubic", "lag"), rough=0.9))
+    assert [one.effect for one in finding.causes] == ["cubic"]
+    assert re.search(
+        r"Lag may be there as well: its score of \d+\.\d is above the threshold of \d\.\d\.", finding.sentence
+    )
