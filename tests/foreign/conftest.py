@@ -1,4 +1,4 @@
-"""Both strangers as processes of their own, and rig files with the addresses at which they are."""
+"""The strangers as processes of their own, and rig files with the addresses at which they are."""
 
 import select
 import shutil
@@ -13,7 +13,13 @@ from tests.foreign import wiring_file
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-PROGRAMS = {"plant_a": "tests.foreign.plc_rig", "hall_b": "tests.foreign.can_rig"}
+PROGRAMS = {
+    "plant_a": "tests.foreign.plc_rig",
+    "hall_b": "tests.foreign.can_rig",
+    "yard_c": "tests.foreign.yard_rig",
+}
+#: Modbus ports that the wirings name.
+PORTS = {"plant_a": "port = 1502", "yard_c": "port = 1503"}
 START_LIMIT = 60  # s: a machine that is busy, and a model that nobody has compiled yet
 
 
@@ -42,9 +48,9 @@ def write_files(name, address, directory):
     for file in ("hall_b.dbc", "strangers.py", f"{name}_dimensions.toml"):
         shutil.copy(HERE / file, directory)
     wiring = wiring_file(name).read_text()
-    if name == "plant_a":
-        assert "port = 1502" in wiring
-        wiring = wiring.replace("port = 1502", f"port = {port}")
+    if name in PORTS:
+        assert PORTS[name] in wiring
+        wiring = wiring.replace(PORTS[name], f"port = {port}")
     else:
         assert 'bus = "can0"' in wiring
         wiring = wiring.replace(

@@ -1,4 +1,4 @@
-"""What two foreign rigs are built around: the plant with its servo-valves and air valves, and nothing that speaks."""
+"""What the foreign rigs are built around: the plant with its servo-valves and air valves, and nothing that speaks."""
 
 from enum import Enum
 from typing import Any, Final
@@ -180,3 +180,35 @@ class Machine:
             inputs[Input.LEFT_SERVICE_VALVE + side] = opening
             inputs[Input.LEFT_LEVELING + side] = ready and valve is Valve.LEVEL
             inputs[Input.LEFT_RESERVOIR_VALVE + side] = vented or self.chambers_joined[side]
+
+
+class Interpolation:
+    """A cubic through set-points that come once a cycle, of which the last is only ahead."""
+
+    #: By what an axis is driven with: m, rad or N in one second.
+    FASTEST: Final = {Drive.POSITION: 0.3, Drive.FORCE: 60e3, Drive.OFF: 0.0}
+
+    def __init__(self, cycle: int) -> None:
+        self._cycle = cycle  # ms
+        self._ahead = np.zeros((3, AXES))  # where the axes come from, where they are to be, and after that
+
+    def path(self, machine: Machine, goal: np.ndarray | None) -> np.ndarray:
+        """Return the way (ms, `AXES`) of the axes in this cycle, towards ``goal`` or where they go already."""
+        if not np.array_equal(machine.present, self._ahead[1]):  # somebody made it stay
+            self._ahead = np.tile(machine.present, (3, 1))
+        rates = [self.FASTEST[drive] for drive in machine.drives] + [0.3] * (AXES - DRIVES)
+        longest = np.array(rates) * (self._cycle * 1e-3)
+        before, here, there = self._ahead
+        beyond = there + np.clip((there if goal is None else goal) - there, -longest, longest)
+        self._ahead = np.array((here, there, beyond))
+        u = np.linspace(1 / self._cycle, 1, self._cycle)[:, None]
+        slope, next_slope = 0.5 * (there - before), 0.5 * (beyond - here)
+        way = there - here
+        path = (
+            here
+            + u * slope
+            + u**2 * (3 * way - 2 * slope - next_slope)
+            + u**3 * (slope + next_slope - 2 * way)
+        )
+        path[-1] = there
+        return path

@@ -45,7 +45,7 @@ from typing import Final
 import numpy as np
 
 from tests.foreign import modbus_server
-from tests.foreign.machine import AXES, DRIVES, Drive, Machine, Power, Valve, late
+from tests.foreign.machine import DRIVES, Drive, Interpolation, Machine, Power, Valve, late
 from tests.foreign.modbus_server import ILLEGAL_ADDRESS, ILLEGAL_VALUE, Refusal, Server
 
 CYCLE: Final = 50  # ms
@@ -60,8 +60,6 @@ _VALVES: Final = {0: Valve.SHUT, 1: Valve.LEVEL, 2: Valve.FILL, 4: Valve.VENT}
 _START: Final = (1, 1, 0, 0, 0, 0, 7, 5350, 130)  # of the settings
 #: What the registers take; of the others any number.
 _HIGHEST: Final = {2: 2, 3: 2, 4: 4, 5: 4, 6: 9000, 7: 9000, 8: 7, 9: 16000, 10: 400}
-#: By axis: um, N, urad in one second.
-_FASTEST: Final = {Drive.POSITION: 0.3, Drive.FORCE: 60e3, Drive.OFF: 0.0}
 
 
 class State(IntEnum):
@@ -124,9 +122,7 @@ class PlcRig:
         self._request = self._acknowledged = self._counted = 0
         self._since = 0  # ms since it was counted, or since the state began
         self._silent = 0
-        self._ahead = np.zeros(
-            (3, AXES)
-        )  # set-points: where the axes come from, where they are to be, and after that
+        self._interpolation = Interpolation(CYCLE)
         self._publish()
 
     # -- Modbus ------------------------------------------------------------------------------------------------------
@@ -243,27 +239,8 @@ class PlcRig:
         self._in_force = wanted
 
     def _path(self) -> np.ndarray:
-        """Return the way of the axes in this cycle: a cubic through the set-points, of which the last is only ahead."""
-        machine = self.machine
-        if not np.array_equal(machine.present, self._ahead[1]):  # somebody made it stay
-            self._ahead = np.tile(machine.present, (3, 1))
-        rates = [_FASTEST[drive] for drive in machine.drives] + [0.3] * (AXES - DRIVES)
-        longest = np.array(rates) * (CYCLE * 1e-3)
-        before, here, there = self._ahead
-        goal = self._goal() if self.state is State.RUN else there
-        beyond = there + np.clip(goal - there, -longest, longest)
-        self._ahead = np.array((here, there, beyond))
-        u = np.linspace(1 / CYCLE, 1, CYCLE)[:, None]
-        slope, next_slope = 0.5 * (there - before), 0.5 * (beyond - here)
-        way = there - here
-        path = (
-            here
-            + u * slope
-            + u**2 * (3 * way - 2 * slope - next_slope)
-            + u**3 * (slope + next_slope - 2 * way)
-        )
-        path[-1] = there
-        return path
+        """Return the way of the axes in this cycle."""
+        return self._interpolation.path(self.machine, self._goal() if self.state is State.RUN else None)
 
     def _goal(self) -> np.ndarray:
         """Return where the set-points want the axes."""

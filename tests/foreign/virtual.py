@@ -19,6 +19,8 @@ from tests.foreign.can_rig import CYCLE as HALL_CYCLE
 from tests.foreign.can_rig import CanRig
 from tests.foreign.plc_rig import CYCLE as PLC_CYCLE
 from tests.foreign.plc_rig import PlcRig
+from tests.foreign.yard_rig import CYCLE as YARD_CYCLE
+from tests.foreign.yard_rig import UNIT_ID, YardRig
 
 _NS = 1_000_000  # in a millisecond
 FRAME_TIME = 270_000  # ns: of eight bytes at 500 kbit/s
@@ -73,6 +75,24 @@ class VirtualPlc(_Paced):
     def port(self) -> InMemoryModbus:
         """Return a new connection."""
         return InMemoryModbus(lambda request: b"" if self.silent else self.rig.answer(request))
+
+
+class VirtualYard(_Paced):
+    """Rig C, and a port to it."""
+
+    name, transport = "yard_c", "plc"
+    cycle_time = YARD_CYCLE
+
+    def __init__(self, seed: int = 1, **changes: float) -> None:
+        super().__init__()
+        self.rig = YardRig(seed, **changes)
+
+    def cycle(self) -> None:
+        self.rig.cycle()
+
+    def port(self) -> InMemoryModbus:
+        """Return a new connection."""
+        return InMemoryModbus(lambda request: b"" if self.silent else self.rig.answer(request), UNIT_ID)
 
 
 class VirtualHall(_Paced):
