@@ -23,11 +23,11 @@ _SYNONYMS: Final = {
     "acceleration": ("acc", "accel", "accelerometer", "beschleunigung"),
     "cell": ("zelle", "cells", "loadcell", "messdose"),
     "bellows": ("balg",),
-    "auxiliary": ("aux", "chamber", "zusatz", "behaelter"),
+    "auxiliary": ("aux", "chamber", "tank", "zusatz", "behaelter"),
     "supply": ("versorgung", "feed"),
     "platform": ("plattform", "table", "shaker"),
-    "vertical": ("up", "vert", "lift", "senkrecht"),
-    "lateral": ("across", "quer", "shift", "sideways"),
+    "vertical": ("up", "vert", "lift", "heave", "senkrecht"),
+    "lateral": ("across", "quer", "shift", "sway", "sideways"),
     "roll": ("tilt", "wank"),
     "setpoint": ("set", "soll", "demand"),
     "target": ("ziel",),
@@ -52,8 +52,10 @@ _SLOTS: Final = (
     frozenset({"target", "valve", "reservoir"}),
 )
 _FILLERS: Final = frozenset(
-    {"is", "are", "the", "of", "in", "stop", "load", "rig", "nominal", "diameter", "at"}
+    {"is", "are", "the", "of", "in", "stop", "load", "rig", "nominal", "diameter", "at", "spring", "feder"}
 )
+#: What is called so is no reading, where it can be written.
+_SAID_TO_IT: Final = frozenset({"setpoint", "target"})
 #: What a unit says without a word.
 _BY_UNIT: Final = {"Pa": "pressure", "K": "temperature"}
 #: What need not be said: an actuator on one side is a vertical one.
@@ -61,6 +63,9 @@ _IMPLIED: Final = frozenset({"vertical", "mode", "pressure", "temperature"})
 CLEAR: Final = 0.8
 MARGIN: Final = 0.15
 POSSIBLE: Final = 0.3
+#: What can be written is less likely to be a reading; and what tells a setting is hardly what it is written to.
+PERHAPS_READ: Final = 0.9
+TOLD_BACK: Final = 0.75
 
 
 class Match(NamedTuple):
@@ -104,6 +109,8 @@ def score(signal: Signal, point: Point, *, read_back: bool = False) -> float:
     if not (point.written if goes else point.read):
         return 0.0
     fits = _unit_fits(signal, point.unit)
+    if not goes and point.written:
+        fits *= TOLD_BACK if read_back else PERHAPS_READ
     if not fits:
         return 0.0
     wanted, own = _of_signal(signal), _words(point.own)
@@ -115,6 +122,8 @@ def score(signal: Signal, point: Point, *, read_back: bool = False) -> float:
             context -= slot
     has = own | context
     if any(wanted & slot and has & slot and not wanted & has & slot for slot in _SLOTS):
+        return 0.0
+    if not goes and point.written and has & _SAID_TO_IT - wanted:
         return 0.0
     shared = wanted & has
     needed = wanted - (_IMPLIED - has) if len(wanted - _IMPLIED) else wanted

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from astb.skeleton.written_units import unit_of
 from bench_protocol.dbc import DbcError, read_dbc
 from drivers.errors import WiringError
 
@@ -25,6 +26,7 @@ class Point:
     read: bool
     choices: Mapping[str, int] = field(default_factory=dict)
     line: str = ""  #: of ``[transports.NAME.points]``
+    absolute: bool = False  #: a pressure over nothing, where ours are over the atmosphere
 
 
 #: What stands in a DBC in the place of a node that nobody named.
@@ -53,19 +55,13 @@ def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -
             f"{transport}.{name}.{signal.name}",
             signal.name,
             f"{one.coding.name} {signal.comment or ''}",
-            unit_of(signal.unit or ""),
+            unit.name if unit.factor == 1.0 else signal.unit or "",
             written=rig not in senders[name],
             read=not senders[name] or rig in senders[name],
+            absolute=unit.absolute,
             choices={str(text): int(number) for number, text in (signal.choices or {}).items()},
         )
         for name, one in messages.items()
         for signal in one.coding.signals
+        for unit in [unit_of(signal.unit or "")]
     ]
-
-
-_UNITS: Final = {"°c": "degC", "c": "degC", "deg c": "degC", "µm": "um", "μm": "um", "-": ""}
-
-
-def unit_of(text: str) -> str:
-    """Return a unit as we write it, of one as lists and DBCs write it."""
-    return _UNITS.get(text.strip().lower(), text.strip())

@@ -9,7 +9,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
-from astb.skeleton.points import Point, unit_of
+from astb.skeleton.list_words import (
+    ACCESS,
+    COLUMNS,
+    DEVICES,
+    DIGIT,
+    OPEN,
+    ORDERS,
+    READ_BY,
+    TABLES,
+    TYPES,
+    WORDS,
+    WRITING,
+)
+from astb.skeleton.points import Point
+from astb.skeleton.written_units import unit_of
 from bench_protocol.account import Account
 from bench_protocol.input_limits import DESCRIPTION_BYTES, Unfit, check_size
 from bench_records.layout import RecordError
@@ -21,112 +35,6 @@ Counting = Literal["wire", "one", "modicon"]
 
 #: Of an address, whatever it counts from.
 _DIGITS: Final = 12
-_COLUMNS: Final = {
-    "name": (
-        *("name", "names", "signal", "signals", "tag", "tags", "tag name", "label", "variable", "variables", "symbol"),
-        *("signal name", "bezeichnung", "bezeichner", "variablen", "signalname", "datenpunkt", "messgröße", "point"),
-    ),
-    "table": (
-        *("table", "tables", "space", "area", "areas", "kind", "register type", "registertyp", "bereich", "tabelle"),
-        *("registerart", "register", "object type", "art"),
-    ),
-    "address": (
-        *("address", "addresses", "addr", "offset address", "adresse", "adressen", "register address"),
-        *("registeradresse", "modbus address", "modbus adresse", "modbusadresse", "start address", "startadresse"),
-        *("register number", "reg", "register", "registernummer"),
-    ),
-    "type": (
-        *("type", "types", "encoding", "format", "formats", "datatype", "datatypes", "data type", "data types"),
-        *("datentyp", "datentypen", "typ", "datenformat"),
-    ),
-    "scale": (
-        *("scale", "scales", "scaling", "factor", "factors", "resolution", "lsb", "faktor", "faktoren", "skalierung"),
-        *("auflösung", "multiplier", "skalierungsfaktor"),
-    ),
-    "divisor": ("divisor", "divisors", "div", "divider", "scale divisor", "teiler"),
-    "order": (
-        *("word order", "byte order", "wordorder", "byteorder", "endian", "endianness", "wortreihenfolge"),
-        *("bytereihenfolge",),
-    ),
-    "function": ("function", "function code", "functions", "function codes", "fc", "funktion", "funktionscode"),
-    "bit": ("bit", "bit number", "bit no", "bitnummer"),
-    "unit": ("unit", "units", "einheit", "einheiten"),
-    "text": (
-        *("description", "descriptions", "comment", "comments", "text", "meaning", "remark", "remarks"),
-        *("beschreibung", "kommentar", "bemerkung", "bedeutung"),
-    ),
-}  # fmt: skip
-_TABLES: Final = {
-    "input": (
-        *("input", "inputs", "ir", "3x", "3xxxx", "input register", "input registers", "analog input", "ai"),
-        *("eingang", "eingänge", "eingangsregister", "fc4", "fc04"),
-    ),
-    "holding": (
-        *("holding", "holdings", "hr", "4x", "4xxxx", "holding register", "holding registers", "halteregister"),
-        *("haltende register", "fc3", "fc03"),
-    ),
-    "coil": ("coil", "coils", "0x", "0xxxx", "do", "spule", "spulen", "fc1", "fc01"),
-    "discrete": (
-        *("discrete", "discretes", "di", "1x", "1xxxx", "discrete input", "discrete inputs", "contact", "contacts"),
-        *("diskreter eingang", "diskrete eingänge", "digitaleingang", "digitaleingänge", "fc2", "fc02"),
-    ),
-}  # fmt: skip
-#: Columns that make numbers others, but not which: what is in all of their cells if they say nothing, what is right.
-_OPEN: Final = {
-    **dict.fromkeys(
-        ("gain", "gains"), ("1", "it may multiply or divide; a column scale or divisor would be right")
-    ),
-    **dict.fromkeys(
-        ("offset", "value offset", "offset value", "versatz"),
-        (
-            "0",
-            "offset = … of the point in the wiring would be right, and no such column",
-        ),
-    ),
-    **dict.fromkeys(
-        ("decimals", "decimal", "decimal places", "nachkommastellen", "dezimalstellen", "dezimale"),
-        ("0", "it may say how a number is shown or what it is; a column scale, such as 0.1, would be right"),
-    ),
-}
-_DEVICES: Final = (
-    "slave",
-    "slave id",
-    "slaveid",
-    "unit id",
-    "unitid",
-    "device id",
-    "station",
-    "geräteadresse",
-)
-#: The function that reads what another one writes.
-_READ_BY: Final = {"5": "1", "15": "1", "6": "3", "16": "3"}
-#: What a Modicon number begins with.
-_DIGIT: Final = {"coil": "0", "discrete": "1", "input": "3", "holding": "4"}
-_TYPES: Final = {
-    **dict.fromkeys(("bit", "bool", "boolean"), "bit"),
-    **dict.fromkeys(("uint16", "word", "uint", "u16", "unsigned16", "ushort", "unsignedint16"), "uint16"),
-    **dict.fromkeys(("int16", "int", "sint16", "s16", "i16", "signed16", "short", "signedint16"), "int16"),
-    **dict.fromkeys(("uint32", "dword", "udint", "u32", "unsigned32", "ulong", "unsignedint32"), "uint32"),
-    **dict.fromkeys(("int32", "dint", "sint32", "s32", "i32", "signed32", "long", "signedint32"), "int32"),
-    **dict.fromkeys(("uint64", "u64", "ulint", "lword"), "uint64"),
-    **dict.fromkeys(("int64", "s64", "i64", "lint"), "int64"),
-    **dict.fromkeys(("float32", "float", "real", "single", "f32", "real32", "ieee754"), "float32"),
-    **dict.fromkeys(("float64", "double", "lreal", "f64", "real64"), "float64"),
-}
-#: In which order the bytes A (the highest) to D of 32 bits travel: the words, the bytes in each.
-_ORDERS: Final = {
-    "abcd": ("high", "big"),
-    "cdab": ("low", "big"),
-    "badc": ("high", "little"),
-    "dcba": ("low", "little"),
-    "abcdefgh": ("high", "big"),
-    "ghefcdab": ("low", "big"),
-}
-_WORDS: Final = {
-    **{order: order for order in _ORDERS},
-    **dict.fromkeys(("big endian", "be", "msw first", "high word first"), "abcd"),
-    **dict.fromkeys(("word swapped", "word swap", "swapped", "lsw first", "low word first"), "cdab"),
-}
 
 
 @dataclass(frozen=True)
@@ -150,6 +58,7 @@ class _Row:
     function: str
     bit: str
     unit: str
+    access: str
     text: str
 
 
@@ -193,8 +102,23 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
         notes.append("The addresses are taken to count from 1: on the wire each is one less.")
     commas = _comma_in([text for row in rows for text in (row.scale, row.divisor)])
     twice = {name for name, count in Counter(_name(row.name) for row in rows).items() if count > 1}
+    access = _access(path, rows, tables)
+    if any(one is None for one in access.values()):
+        notes.append(
+            "The list does not say of all holding registers and coils whether they are read or written: a column R/W "
+            'would. A reading needs group = "fast".'
+        )
     points = [
-        _point(f"{path}, row {row.line}", transport, row, tables[row.line], counted, twice, commas)
+        _point(
+            f"{path}, row {row.line}",
+            transport,
+            row,
+            tables[row.line],
+            access[row.line],
+            counted,
+            twice,
+            commas,
+        )
         for row in rows
     ]
     return RegisterList(points, notes)
@@ -223,7 +147,7 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], list[str]]:
         if not row["address"] and sum(map(bool, cells)) == 1:
             titles += 1  # of a section
             continue
-        rows.append(_Row(line, *(row.get(key, "") for key in _COLUMNS)))
+        rows.append(_Row(line, *(row.get(key, "") for key in COLUMNS)))
     if titles:
         notes.append(f"Rows with a single cell, taken as titles: {titles}.")
     return rows, notes
@@ -234,11 +158,11 @@ def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequen
     rows = [row for _, row in cells_of(lines, delimiter)]
     for index, name in enumerate(names):
         cells = {row[index] for row in rows if len(row) > index and row[index]}
-        nothing, right = _OPEN.get(_plain(name), ("", ""))
+        nothing, right = OPEN.get(_plain(name), ("", ""))
         if right and cells - {nothing, f"{nothing}.0", f"{nothing},0"}:
             told = min(cells - {nothing})
             raise WiringError(f"{path}: the column {name}, such as {told}, is not read: {right}")
-        if _plain(name) in _DEVICES and len(cells) > 1:
+        if _plain(name) in DEVICES and len(cells) > 1:
             raise WiringError(
                 f"{path}: the column {name} has {', '.join(sorted(cells)[:4])}: a list for each device would be right"
             )
@@ -283,7 +207,7 @@ def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
 def _columns(cells: Sequence[str]) -> dict[str, int]:
     plain = [_plain(cell) for cell in cells]
     found: dict[str, int] = {}
-    for key, names in _COLUMNS.items():
+    for key, names in COLUMNS.items():
         places = [plain.index(name) for name in names if name in plain]
         free = [place for place in places if place not in found.values()]
         if free:
@@ -292,18 +216,50 @@ def _columns(cells: Sequence[str]) -> dict[str, int]:
 
 
 def _table(where: str, row: _Row, rows: Sequence[_Row]) -> str:
-    table = next((one for one, names in _TABLES.items() if _plain(row.table) in names), "")
+    table = next((one for one, names in TABLES.items() if _plain(row.table) in names), "")
     if table:
         return table
     if not row.table and (code := re.match(r"\D*0*(15|16|[1-6])(?!\d)", row.function)):
-        return next(one for one, names in _TABLES.items() if f"fc{_READ_BY.get(code[1], code[1])}" in names)
+        return next(one for one, names in TABLES.items() if f"fc{READ_BY.get(code[1], code[1])}" in names)
     if not row.table and all(not one.table for one in rows):
         if all(re.fullmatch(r"[0134]\d{4,5}", one.address) for one in rows):
-            return next(one for one, digit in _DIGIT.items() if digit == row.address[0])
+            return next(one for one, digit in DIGIT.items() if digit == row.address[0])
         raise WiringError(
             f"{where}: no column table; input, holding, coil or discrete, or addresses such as 30011, say it"
         )
     raise WiringError(f"{where}, column table: {row.table!r} is none of input, holding, coil, discrete")
+
+
+def _access(
+    path: Path, rows: Sequence[_Row], tables: Mapping[int, str]
+) -> dict[int, tuple[bool, bool] | None]:
+    """Return, by line, whether a point can be read, and whether it can be written; None where the list does not say."""
+    codes = {row.line: set(re.findall(r"\d+", row.function.replace("0x", ""))) for row in rows}
+    codes = {line: {code.lstrip("0") for code in found} for line, found in codes.items()}
+    told = any(
+        found & WRITING for found in codes.values()
+    )  # a list that has them somewhere has them where they are
+    #: Where a list keeps readings in tables of their own, what can be written is there to be written.
+    apart = set(tables.values()) & {"input", "discrete"}
+    found: dict[int, tuple[bool, bool] | None] = {}
+    for row in rows:
+        where, table = f"{path}, row {row.line}", tables[row.line]
+        said = ACCESS.get(_plain(row.access)) if row.access else None
+        if row.access and said is None:
+            raise WiringError(f"{where}, column access: {row.access!r} is none of R, W and R/W")
+        if table in ("input", "discrete"):
+            if said is not None and said[1]:
+                raise WiringError(
+                    f"{where}, column access: {row.access!r}, and the table {table} can only be read; holding and "
+                    "coil can be written"
+                )
+            said = True, False
+        elif said is None and told and codes[row.line]:
+            said = True, bool(codes[row.line] & WRITING)
+        elif said is None and ("input" if table == "holding" else "discrete") in apart:
+            said = False, True
+        found[row.line] = said
+    return found
 
 
 def _counting(path: Path, rows: Sequence[_Row], tables: Mapping[int, str]) -> Counting:
@@ -326,7 +282,7 @@ def _counting(path: Path, rows: Sequence[_Row], tables: Mapping[int, str]) -> Co
 
 
 def _is_modicon(address: str, table: str) -> bool:
-    return bool(re.fullmatch(rf"{_DIGIT[table]}(\d{{4}}|\d{{5}})", address)) and int(address[1:]) > 0
+    return bool(re.fullmatch(rf"{DIGIT[table]}(\d{{4}}|\d{{5}})", address)) and int(address[1:]) > 0
 
 
 def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
@@ -386,17 +342,17 @@ def _kind(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
         return "", None
     words = re.sub(r"[-_()\[\],;]+", " ", text.lower())
     order = None
-    for name in sorted(_WORDS, key=len, reverse=True):
+    for name in sorted(WORDS, key=len, reverse=True):
         if re.search(rf"(?<![a-z]){re.escape(name)}(?![a-z])", words):
-            order = _ORDERS[_WORDS[name]]
+            order = ORDERS[WORDS[name]]
             words = re.sub(rf"(?<![a-z]){re.escape(name)}(?![a-z])", " ", words)
             break
     plain = words.replace(" ", "").replace("bits", "").replace("integer", "int")
     plain = plain.replace("bit", "") if plain != "bit" else plain
     plain = re.sub(r"^(16|32|64)(\D+)$", r"\2\1", plain)
-    kind = _TYPES.get(plain)
+    kind = TYPES.get(plain)
     if kind is None:
-        known = ", ".join(dict.fromkeys(_TYPES.values()))
+        known = ", ".join(dict.fromkeys(TYPES.values()))
         raise WiringError(
             f"{where}, column type: {text!r} is none of {known}, with ABCD, CDAB, BADC or DCBA behind"
         )
@@ -404,12 +360,26 @@ def _kind(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
 
 
 def _point(
-    where: str, transport: str, row: _Row, table: str, counting: Counting, twice: set[str], commas: bool
+    where: str,
+    transport: str,
+    row: _Row,
+    table: str,
+    access: tuple[bool, bool] | None,
+    counting: Counting,
+    twice: set[str],
+    commas: bool,
 ) -> Point:
     address = _address(where, row, table, counting)
     scale = _scale(where, row.scale, commas)
     if row.divisor:
         scale /= _scale(where, row.divisor, commas, "divisor")
+    unit = unit_of(row.unit)
+    if unit.factor != 1.0:
+        if scale != 1.0:
+            raise WiringError(
+                f"{where}: the scale is {scale:g}, and the unit {row.unit!r} has one too; one would be right"
+            )
+        scale = unit.factor
     kind, order = _kind(where, f"{row.type} {row.order}".strip())
     name = _name(row.name)
     if not name:
@@ -427,14 +397,16 @@ def _point(
         parts += [f'word_order = "{order[0]}"'] if kind[-2:] != "16" else []
         parts += ['byte_order = "little"'] if order[1] == "little" else []
     parts += [f"scale = {scale:.12g}"] if scale != 1 and words else []
-    parts += ['group = "fast"'] if table == "input" else []
+    read, written = access or (True, True)
+    parts += ['group = "fast"'] if read and not written else []
     return Point(
         f"{transport}.{name}",
         row.name,
         row.text,
-        unit_of(row.unit),
-        written=table in ("holding", "coil"),
-        read=table in ("input", "discrete"),
+        unit.name,
+        written,
+        read,
+        absolute=unit.absolute,
         line=f'"{name}" = {{ {", ".join(parts)} }}',
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -28,8 +28,33 @@ GROUPS: Final = {
         if one.name in _SAID or not one.name.startswith(("rig.", "generator."))
     ],
 }
+#: So much of a description stands behind a candidate.
+_TOLD_MAX: Final = 80
+_READINGS: Final = ("Measurements", "What the rig says of itself")
+_POLLED: Final = 'group = "fast"'
 WANTED: Final = [name for names in GROUPS.values() for name in names]
+_PLC: Final = """\
+[transports.plc]
+kind = "modbus"
+host = "127.0.0.1"
+port = 502
+unit = 1
+word_order = "high"
+# What its manual says of it, if it says so: what counts up, or a coil that is toggled, while somebody commands;
+# that it takes functions 5 and 6 only ("single"), or 15 and 16 only ("multiple"); the most registers of one request.
+# alive = { point = "…", every = "100 ms" }
+# writes = "multiple"
+# request_max = 125
+
+[transports.plc.groups.fast]
+every = "50 ms"
+
+"""
 _CONDUCT: Final = """\
+# Where several bits tell the state, each has a weight, and all that can be together gets a number:
+# "rig.state" = { from = ["plc.ready", "plc.runs", "plc.fault"], value = "ready + 2 * runs + 4 * fault",
+#     choices = { DISABLED = 0, HOLD = 1, ACTIVE = 3, FAULT_DISABLED = [4, 5, 7] } }    (in one line)
+#
 # How the rig is led, once "rig.state" is known:
 # [[conduct.up]]
 # start = ["DISABLED"]
@@ -75,17 +100,16 @@ def skeleton(
             text += "# Once it says so, node = our name keeps us from sending what is the rig's.\n"
         text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
+    rows: list[Point] = []
     if registers is not None:
         listed = read_register_list(registers, counting=counting)
         rows = listed.points
         points += rows
         text += "".join(f"# {note}\n" for note in listed.notes)
-        text += '[transports.plc]\nkind = "modbus"\nhost = "127.0.0.1"\nport = 502\nword_order = "high"\n'
-        text += (
-            '# alive = { point = "…", every = "100 ms" }\n\n[transports.plc.groups.fast]\nevery = "50 ms"\n\n'
-        )
-        text += "[transports.plc.points]\n" + "".join(f"{row.line}\n" for row in rows) + "\n"
+        text += _PLC
     written, told = matches(points)
+    if rows:
+        text += "[transports.plc.points]\n" + "".join(f"{_line(row, written)}\n" for row in rows) + "\n"
     needed = _needed_by()
     text += "[signals]\n"
     for group, names in GROUPS.items():
@@ -93,6 +117,15 @@ def skeleton(
         for name in names:
             text += _entry(TABLE[name], written[name], told.get(name), needed.get(name, ""))
     return text + "\n" + _CONDUCT
+
+
+def _line(row: Point, written: Mapping[str, Match]) -> str:
+    """Return the line of a point, which is polled if a reading comes from it, whatever else may be done with it."""
+    if _POLLED in row.line or all(
+        written[name].clear != row for group in _READINGS for name in GROUPS[group]
+    ):
+        return row.line
+    return f"{row.line.removesuffix(' }')}, {_POLLED} }}"
 
 
 def matches(points: Sequence[Point]) -> tuple[dict[str, Match], dict[str, Match]]:
@@ -143,6 +176,8 @@ def _keys(signal: Signal, point: Point, back: Point | None) -> str:
         parts.append(f'unit = "{point.unit}"')
         if UNITS[point.unit].si == "kg":
             parts.append('calibration = { gain = "9.80665 N/kg" }')
+        if point.absolute and signal.si == "Pa":
+            parts.append('calibration = { offset = "-101.325 kPa" }')
     return ", ".join(parts)
 
 
@@ -151,8 +186,7 @@ def _unit(point: Point) -> str:
 
 
 def _numbers(point: Point) -> str:
-    return (
-        f" ({', '.join(f'{number} {text}' for text, number in point.choices.items())})"
-        if point.choices
-        else ""
-    )
+    """Return which number of a candidate means what, or what a list says of it."""
+    told = ", ".join(f"{number} {text}" for text, number in point.choices.items())
+    told = told or (" ".join(point.context.split()) if point.line else "")
+    return f" ({told[:_TOLD_MAX]})" if told else ""

@@ -143,8 +143,9 @@ def test_divisors_bits_orders_and_functions_are_read(tmp_path):
         "group": "fast",
     }
     assert told["y"] == {"table": "holding", "address": 0, "type": "int16", "scale": 0.1}
-    assert told["lamp"] == {"table": "holding", "address": 2, "bit": 3}
-    assert told["lid"] == {"table": "holding", "address": 2, "bit": 12}
+    # The functions that write stand where they are meant: what has none is only read.
+    assert told["lamp"] == {"table": "holding", "address": 2, "bit": 3, "group": "fast"}
+    assert told["lid"] == {"table": "holding", "address": 2, "bit": 12, "group": "fast"}
     assert "The bits of registers are taken to count from 0, the lowest." in found.notes
 
 
@@ -165,4 +166,42 @@ def test_a_column_that_makes_numbers_others_is_never_passed_over(tmp_path, head,
         read_register_list(path)
     path.write_text("name;table;address;slave id\nx;input;1;1\ny;input;2;2\n")
     with pytest.raises(WiringError, match="the column slave id has 1, 2: a list for each device"):
+        read_register_list(path)
+
+
+@pytest.mark.parametrize(
+    ("head", "read", "write", "both"),
+    [
+        ("R/W", "R", "W", "R/W"),
+        ("Access", "ro", "wo", "rw"),
+        ("access", "read only", "write-only", "Read/Write"),
+        ("Zugriff", "nur lesen", "schreiben", "lesen/schreiben"),
+        ("function", "3", "", "03/16"),
+        ("function code", "FC03", "", "FC03, FC06, FC16"),
+    ],
+)
+def test_who_reads_and_writes_what_is_read(tmp_path, head, read, write, both):
+    path = tmp_path / "list.csv"
+    rows = [f"force;holding;1;{read}", f"push;holding;2;{both}"] + ([f"go;coil;3;{write}"] if write else [])
+    path.write_text("\n".join([f"name;table;address;{head}", *rows]))
+    told = {
+        point.own: (point.read, point.written, "group" in point.line)
+        for point in read_register_list(path).points
+    }
+    assert told.pop("force") == (True, False, True)
+    assert told.pop("push") == (True, True, False)
+    assert told == ({"go": (False, True, False)} if write else {})
+    assert not any("not read" in note for note in read_register_list(path).notes)
+
+
+def test_access_that_cannot_be_is_refused(tmp_path):
+    path = tmp_path / "list.csv"
+    path.write_text("name,table,address,access\nx,holding,1,maybe\n")
+    with pytest.raises(WiringError, match="row 2, column access: 'maybe' is none of R, W and R/W"):
+        read_register_list(path)
+    path.write_text("name,table,address,access\nx,input,1,RW\n")
+    with pytest.raises(WiringError, match="row 2, column access: 'RW', and the table input can only be read"):
+        read_register_list(path)
+    path.write_text("name,table,address,scale,unit\nx,input,1,0.1,0.01 mm\n")
+    with pytest.raises(WiringError, match=r"the scale is 0\.1, and the unit '0\.01 mm' has one too"):
         read_register_list(path)

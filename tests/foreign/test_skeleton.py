@@ -1,5 +1,6 @@
 """A first wiring file: much of what people wrote by hand is found, nothing wrong is filled in, and it can be read."""
 
+import csv
 import tomllib
 from pathlib import Path
 
@@ -10,7 +11,9 @@ from astb.cli import commands
 from astb.skeleton.points import dbc_points
 from astb.skeleton.register_list import register_points
 from astb.skeleton.writing import GROUPS, matches, skeleton
+from astb.skeleton.written_units import WrittenUnit, unit_of
 from bench_protocol.table import TABLE
+from bench_protocol.units import UNITS
 from drivers.errors import WiringError
 from drivers.wiring.description import describe
 from tests.foreign import wiring_file
@@ -23,16 +26,41 @@ def point(entry: dict) -> str:
     return entry.get("from") or entry.get("to") or ""
 
 
+LISTS = {"plant_a": HERE / "plant_a_registers.csv", "yard_c": HERE / "yard_c_registers.csv"}
+
+
+def in_holding_registers(name: str, out: Path) -> Path:
+    """Write the list of a rig that has all its readings in registers and coils, and does not say which they are."""
+    with LISTS[name].open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        row.pop("R/W", None)
+        if "Area" in row:  # behind the readings lies what is written
+            row["Address"] = str(int(row["Address"]) + 1000 * (row["Area"] == "holding"))
+            row["Area"] = "coil" if row["Area"] == "discrete" else "holding"
+    with out.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return out
+
+
 @pytest.mark.parametrize(
-    ("name", "clear", "first"),
-    [("hall_b", 0.8, 0.95), ("plant_a", 0.7, 0.9)],
+    ("name", "unsaid", "clear", "first"),
+    [
+        ("hall_b", False, 0.8, 0.95),
+        ("plant_a", False, 0.7, 0.9),
+        ("plant_a", True, 0.5, 0.75),
+        ("yard_c", False, 0.8, 0.85),
+        ("yard_c", True, 0.6, 0.8),
+    ],
 )
-def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, clear, first, tmp_path):
-    dbc, registers = HERE / "hall_b.dbc", HERE / "plant_a_registers.csv"
-    points = dbc_points(dbc) if name == "hall_b" else register_points(registers)
-    text = skeleton(
-        dbc if name == "hall_b" else None, registers if name == "plant_a" else None, beside=tmp_path
-    )
+def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, unsaid, clear, first, tmp_path):
+    dbc, registers = (HERE / "hall_b.dbc", None) if name == "hall_b" else (None, LISTS[name])
+    if unsaid:
+        registers = in_holding_registers(name, tmp_path / "list.csv")
+    points = dbc_points(dbc) if dbc else register_points(registers)
+    text = skeleton(dbc, registers, beside=tmp_path)
     content = tomllib.loads(text)
     describe(content, tmp_path / "wiring.toml", TABLE)
     right = tomllib.loads(wiring_file(name).read_text())["signals"]
@@ -47,6 +75,11 @@ def test_what_people_wrote_by_hand_is_found_and_nothing_else(name, clear, first,
         if likeliest[one].candidates and likeliest[one].candidates[0][1].name == point(right[one])
     ]
     assert len(hits) >= first * len(known)
+    for one, entry in content[
+        "signals"
+    ].items():  # whoever fills in no more has readings that come by themselves
+        if not dbc and "from" in entry:
+            assert content["transports"]["plc"]["points"][entry["from"].removeprefix("plc.")]["group"], one
 
 
 def test_units_calibration_and_what_tells_settings_are_filled_in(tmp_path):
@@ -143,3 +176,38 @@ def test_units_in_utf8_are_those_that_are_meant(tmp_path):
         )
         told = tomllib.loads(skeleton(path, None, tmp_path))["signals"]["left.bellows_temperature"]
         assert told == {"from": "bus.Gas.TemperaturBalgLinks", "unit": "degC"}
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("psia", WrittenUnit("psi", absolute=True)),
+        ("PSIG", WrittenUnit("psi")),
+        ("bar(a)", WrittenUnit("bar", absolute=True)),
+        ("mbar abs.", WrittenUnit("mbar", absolute=True)),
+        ("kPa abs", WrittenUnit("kPa", absolute=True)),
+        ("[bar g]", WrittenUnit("bar")),
+        ("0.01 mm", WrittenUnit("mm", factor=0.01)),
+        ("1/100 mm", WrittenUnit("mm", factor=0.01)),
+        ("x0,1 °C", WrittenUnit("degC", factor=0.1)),
+        ("deg F", WrittenUnit("degF")),
+        ("µrad", WrittenUnit("urad")),
+        ("MN", WrittenUnit("MN")),
+        ("mN", WrittenUnit("mN")),
+        ("mn", WrittenUnit("mn")),  # which of them, nobody can know
+        ("1/m", WrittenUnit("1/m")),
+        ("4-20 mA", WrittenUnit("4-20 mA")),
+    ],
+)
+def test_units_are_those_that_people_mean(text, unit):
+    assert unit_of(text) == unit
+
+
+def test_every_unit_of_ours_is_itself_and_in_another_case_itself_or_nothing():
+    for name in UNITS:
+        assert unit_of(name).name == name
+        assert unit_of(name.upper()).name in (
+            name,
+            name.upper(),
+            *(one for one in UNITS if one == name.upper()),
+        )
