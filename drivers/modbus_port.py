@@ -28,6 +28,7 @@ from bench_protocol.modbus import (
     FILE_READ_MAX,
     MEANING,
     REGISTERS_READ_MAX,
+    REGISTERS_READ_WRITE_MAX,
     REGISTERS_WRITE_MAX,
 )
 from bench_protocol.units import NS, ms
@@ -254,6 +255,13 @@ class ModbusPort:
         what = self._range("writing holding registers", address, len(values), REGISTERS_WRITE_MAX)
         numbers = in_registers(what, values)
         self._ask(what, lambda: self._client.write_registers(address, numbers, device_id=self._unit))
+
+    def exchange_registers(self, address: int, values: Sequence[int]) -> None:
+        """Write holding registers from ``address`` on, all or none, and read the first of them (FC 23)."""
+        what = self._range("writing holding registers", address, len(values), REGISTERS_READ_WRITE_MAX)
+        numbers = in_registers(what, values)
+        keys = {"read_address": address, "read_count": 1, "write_address": address, "device_id": self._unit}
+        self._ask(what, lambda: self._client.readwrite_registers(values=numbers, **keys))
 
     def identification(self) -> dict[int, bytes]:
         """Return all identification objects by number (FC 43/14): 0 vendor, 1 product, 2 revision, …"""

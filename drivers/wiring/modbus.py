@@ -16,6 +16,7 @@
     # For devices that do not take all that the specification has:
     writes = "any"                # "single": functions 5 and 6 only; "multiple": 15 and 16 only; else found out
                               # "parts": 5 and 6, and numbers of several registers one register after the other
+                              # "combined": registers by function 23, which reads and writes
     request_max = 125             # registers, and 16 times as many bits, that one request may have
     connection = "kept"           # "each": one for each request; "shared": with other transports to the same place
     echo = true                   # false: takes answers that give back another unit or transaction number
@@ -313,7 +314,12 @@ class ModbusTransport:
 
     def _send_stream(self) -> None:
         if values := self._outbox.take():
-            self._outbox.refusal = self._in_background(values, self._outbox.refusal)
+            ordered = sorted(
+                values, key=lambda name: self._points[name].place
+            )  # neighbours go in one request
+            self._outbox.refusal = self._in_background(
+                {name: values[name] for name in ordered}, self._outbox.refusal
+            )
 
     @property
     def refusal(self) -> Refusal | None:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
 #: Which functions a device is written with: 5 and 6, 15 and 16, or what it takes. In parts: 5 and 6, and a number of
-#: several registers one after the other.
-Writes = Literal["any", "single", "multiple", "parts"]
+#: several registers one after the other. Combined: registers by 23, which reads and writes.
+Writes = Literal["any", "single", "multiple", "parts", "combined"]
 #: What is said where a number of several registers has no one request.
 IN_PARTS: Final = (
     "meanwhile it would be another number. A point of one register would be right; if the device takes a number over "

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from bench_protocol.modbus import BITS_WRITE_MAX, ILLEGAL_FUNCTION, REGISTERS_WRITE_MAX
+from bench_protocol.modbus import BITS_WRITE_MAX, ILLEGAL_FUNCTION, REGISTERS_READ_WRITE_MAX
 from drivers.errors import Refused
 from drivers.wiring.modbus_keys import IN_PARTS, Writes
 from drivers.wiring.registers import BITS_PER_REGISTER, RegisterPoint
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
 Coded = list[tuple[RegisterPoint, list[int]]]
+#: Where nothing is said of coils, the device tells by which functions it takes them.
+_FIND_OUT: Final = ("any", "combined")
 Ask = Callable[[Callable[["ModbusPort"], Any]], Any]
 
 
@@ -25,6 +27,7 @@ class Writer:
         self._writes, self._most = writes, request_max
         self._one_register = self._one_coil = writes in ("single", "parts")
         self._many_coils = writes == "multiple"
+        self._combined = writes == "combined"
 
     def write(self, coded: Coded, ask: Ask) -> None:
         """Write points with their words, in the order given."""
@@ -42,16 +45,34 @@ class Writer:
                 self._registers(first.address, words, [point.size for point, _ in run], ask)
 
     def _registers(self, address: int, words: list[int], sizes: list[int], ask: Ask) -> None:
+        if self._combined:
+            ask(lambda port: port.exchange_registers(address, words))
+            return
         if not self._one_register:
             try:
                 ask(lambda port: port.write_registers(address, words))
                 return
             except Refused as refused:
-                if self._writes != "any" or refused.code != ILLEGAL_FUNCTION or max(sizes) > 1:
+                if self._writes != "any" or refused.code != ILLEGAL_FUNCTION:
+                    raise _told(refused, sizes) from None
+                if self._combines(address, words, ask):
+                    return
+                if max(sizes) > 1:
                     raise _told(refused, sizes) from None
         for k, word in enumerate(words):
             ask(partial(_write_one, address + k, word))
         self._one_register = True
+
+    def _combines(self, address: int, words: list[int], ask: Ask) -> bool:
+        """Write registers by function 23, if the device knows that; it is kept to from then on."""
+        try:
+            ask(lambda port: port.exchange_registers(address, words))
+        except Refused as refused:
+            if refused.code != ILLEGAL_FUNCTION:
+                raise
+            return False
+        self._combined = True
+        return True
 
     def _coils(self, address: int, bits: list[bool], ask: Ask) -> None:
         if self._one_coil or (len(bits) == 1 and not self._many_coils):
@@ -60,13 +81,13 @@ class Writer:
                     ask(partial(_write_bit, address + k, bit))
                 return
             except Refused as refused:
-                if self._writes != "any" or refused.code != ILLEGAL_FUNCTION or self._one_coil:
+                if self._writes not in _FIND_OUT or refused.code != ILLEGAL_FUNCTION or self._one_coil:
                     raise
                 self._many_coils = True
         try:
             ask(lambda port: port.write_coils(address, bits))
         except Refused as refused:
-            if self._writes != "any" or refused.code != ILLEGAL_FUNCTION or self._many_coils:
+            if self._writes not in _FIND_OUT or refused.code != ILLEGAL_FUNCTION or self._many_coils:
                 raise
             self._one_coil = True
             self._coils(address, bits, ask)
@@ -90,7 +111,7 @@ class Writer:
         if point.table == "coil":
             limit = min(BITS_WRITE_MAX, BITS_PER_REGISTER * self._most)
         else:
-            limit = min(REGISTERS_WRITE_MAX, self._most)
+            limit = min(REGISTERS_READ_WRITE_MAX, self._most)
         return point.address == last.end and point.end - first.address <= limit
 
 

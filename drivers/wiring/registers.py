@@ -85,6 +85,11 @@ class RegisterPoint:
         return self.address + self.size
 
     @property
+    def place(self) -> tuple[TableName, int, int]:
+        """Where it is, in an order in which neighbours follow each other."""
+        return self.table, self.address, self.size
+
+    @property
     def writable(self) -> bool:
         """Whether anybody but the device can write it."""
         return self.table in _WRITABLE
@@ -277,7 +282,7 @@ def _held(place: str, point: RegisterPoint, code: float) -> float:
 
 def _check_overlaps(where: str, points: Iterable[RegisterPoint]) -> None:
     """WiringError for two points in one place, but for different bits of a word and the word that holds them."""
-    ordered = sorted(points, key=lambda point: (point.table, point.address, point.size))
+    ordered = sorted(points, key=lambda point: point.place)
     for k, point in enumerate(ordered):
         for other in ordered[k + 1 :]:
             if other.table != point.table or other.address >= point.end:
@@ -330,7 +335,7 @@ def spans(points: Iterable[RegisterPoint], gap: int, request_max: int = REGISTER
     Up to ``gap`` registers between two points are read along.
     """
     found: list[Span] = []
-    for point in sorted(points, key=lambda point: (point.table, point.address, point.size)):
+    for point in sorted(points, key=lambda point: point.place):
         limit = (
             request_max if point.table not in _BITS else min(BITS_READ_MAX, BITS_PER_REGISTER * request_max)
         )

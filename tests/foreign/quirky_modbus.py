@@ -91,6 +91,10 @@ class Device:
         return self.refuses(function, address) or None
 
     def _serve(self, function: int, address: int, count: int, rest: bytes) -> bytes:
+        if function == 23:
+            at, many = struct.unpack_from(">HH", rest)
+            self.words["holding"][at : at + many] = struct.unpack_from(f">{many}H", rest, 5)
+            return struct.pack(f">B{count}H", 2 * count, *self.words["holding"][address : address + count])
         if function in (1, 2):
             bits = self.bits["coil" if function == 1 else "discrete"][address : address + count]
             number = sum(bit << k for k, bit in enumerate(bits))

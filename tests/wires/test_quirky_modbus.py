@@ -118,6 +118,31 @@ def test_only_functions_15_and_16(writes):
         assert [one[0] for one in far.log] == [16, 15, 16]
 
 
+@pytest.mark.parametrize("writes", ["any", "combined"])
+def test_only_functions_15_and_23(writes):
+    far = device(functions=(1, 2, 3, 4, 15, 23))
+    with Stand(far, writes=writes) as stand:
+        for k in range(2):
+            far.log.clear()
+            stand.transport.write({"target": 5, "rate": -7, "valve": k, "place": 70000 + k, "start": 1})
+            assert far.words["holding"][20:22] == [5, 0xFFFF & -7]
+            assert far.words["holding"][30:32] == [1, (70000 + k) & 0xFFFF]
+            assert far.words["holding"][40] == 8
+            assert far.bits["coil"][3] == bool(k)
+        assert [one[0] for one in far.log] == [23, 15, 23, 3, 23], "once known, nothing else is tried"
+
+
+def test_set_points_that_are_neighbours_go_in_one_request_whatever_their_order():
+    far = device()
+    with Stand(far) as stand:
+        stand.transport.begin()
+        far.log.clear()
+        stand.transport.stream({"place": 70000, "rate": 7, "target": 5}, stand.clock.now())
+        stand.wait(0.03)
+    assert [one for one in far.log if one[0] == 16] == [(16, 20, 2), (16, 30, 2)]
+    assert far.words["holding"][20:22] == [5, 7]
+
+
 # -- how much it is asked at once --------------------------------------------------------------------------------------
 
 
