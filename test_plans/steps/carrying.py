@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from bench_protocol.rates import DISABLE_AFTER
 from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
-from drivers.errors import BenchTimeout, Refused, RigFault
+from drivers.errors import BenchTimeout, NotAvailable, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty
 from test_plans.analysis.geometry import WEIGHT
 from test_plans.analysis.readings import CHAMBERS, HEIGHTS
@@ -35,6 +35,9 @@ CARRYING: Final = (
 #: What holds the bolster sideways, and what lets it go where the springs want it.
 HELD_SIDEWAYS: Final = ("lateral.control", "lateral.displacement", "lateral.displacement_setpoint")
 FREE_SIDEWAYS: Final = ("lateral.control", "lateral.force", "lateral.force_setpoint")
+#: Between each bellows and its auxiliary chamber, through which all air of a spring comes and goes.
+CHAMBER_VALVES: Final = tuple(f"air.{side}_reservoir" for side in SIDES)
+OPEN: Final = 1.0
 ARM_WITHIN: Final = 10 * s
 LIFT_RATE: Final = 40 * mm / s
 FILL_WITHIN: Final = 60 * s
@@ -63,9 +66,21 @@ LET_OFF_WITHIN: Final = DISABLE_AFTER + 20 * s
 
 
 def power_up(run: Run) -> None:
-    """Bring the bench to ACTIVE."""
+    """Bring the bench to ACTIVE, with its chambers joined and the differential pressure valve connected."""
     with run.phase("power up"):
         run.bench.arm(within=ARM_WITHIN)
+        join(run, *CHAMBER_VALVES)
+        try:
+            join(run, "air.dpv")
+        except NotAvailable as lacking:
+            run.say(f"{lacking}; it stays so")
+
+
+def join(run: Run, *valves: str) -> None:
+    """Open those of the ``valves`` that are not known to be open; what a rig begins with nobody can know."""
+    settings = run.bench.settings
+    shut = [name for name in valves if run.bench.has(name) and settings.known(name) != OPEN]
+    settings.write(dict.fromkeys(shut, OPEN))
 
 
 def make_safe(run: Run) -> None:
@@ -93,6 +108,7 @@ def depressurise(run: Run) -> None:
         if bench.rig.state in LIVE_STATES:
             if bench.vertical.control != "force":
                 bench.vertical.control = "force"
+            join(run, *CHAMBER_VALVES)
             bench.air.vent(tolerance=RESIDUAL_PRESSURE, within=VENT_WITHIN)
             return
         if not springs_are_empty(bench):
