@@ -20,10 +20,6 @@ from bench_sim.model.effects import (
     discharge_reynolds,
     dpv_leak,
     emergency_compliance,
-    force_gain,
-    force_lag,
-    force_latency,
-    force_offset,
     fractional,
     frame_compliance,
     friction,
@@ -38,19 +34,19 @@ from bench_sim.model.effects import (
     pipe_inertia,
     platen_inertia,
     pressure_drift,
-    pressure_gain,
-    pressure_lag,
-    pressure_latency,
-    pressure_offset,
     quantisation,
     sample_and_hold,
+    sensor_gain,
+    sensor_lag,
+    sensor_latency,
+    sensor_offset,
 )
 from bench_sim.model.effects.effect import Effect
 
 #: Every effect by its name, in the order of the families.
 CATALOGUE: Final[Mapping[str, Effect]] = MappingProxyType(
     {
-        module.EFFECT.name: module.EFFECT
+        effect.name: effect
         for module in (
             # rubber
             maxwell,
@@ -77,17 +73,13 @@ CATALOGUE: Final[Mapping[str, Effect]] = MappingProxyType(
             leveling_delay,
             dpv_leak,
             # sensor
-            force_lag,
-            pressure_lag,
-            force_gain,
-            pressure_gain,
-            force_offset,
-            pressure_offset,
+            sensor_lag,
+            sensor_gain,
+            sensor_offset,
             pressure_drift,
             crosstalk,
             # acquisition
-            force_latency,
-            pressure_latency,
+            sensor_latency,
             clock_skew,
             sample_and_hold,
             quantisation,
@@ -98,5 +90,6 @@ CATALOGUE: Final[Mapping[str, Effect]] = MappingProxyType(
             coupling,
             emergency_compliance,
         )
+        for effect in getattr(module, "EFFECTS", None) or (module.EFFECT,)
     }
 )
