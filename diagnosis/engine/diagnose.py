@@ -50,7 +50,7 @@ from diagnosis.engine.suspects import suspects
 from diagnosis.engine.threads import aside
 from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.verdict import Judgement, final, judge
-from diagnosis.engine.wording import cause, rivals, scores, sentence
+from diagnosis.engine.wording import cause, further, rivals, scores, sentence
 from diagnosis.finding import Finding, NextRun, NextSensor, Provenance, Suspect, Verdict
 
 
@@ -137,7 +137,13 @@ def _finding(
     return Finding(
         verdict=verdict,
         sentence=sentence(
-            verdict, accepted, others, nearest, judgement.unknowns, left, judgement.screened.screening
+            verdict,
+            accepted,
+            others,
+            nearest,
+            judgement.unknowns,
+            left,
+            further(judgement.screened.screening),
         ),
         causes=causes,
         threshold=screening.threshold,

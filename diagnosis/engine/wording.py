@@ -143,11 +143,11 @@ def sentence(
     suspects: Sequence[Suspect],
     unknowns: Sequence[Unknown],
     left: Remainder,
-    screening: Screening,
+    also: str = "",
 ) -> str:
     """Say the verdict in a few sentences, for whoever reads nothing else: what it is, what it gains, what is left.
 
-    ``screening`` has the scores that are left beside what was found.
+    ``also`` is what may be there beside the named causes.
     """
     titles = {c.effect: c.title for c in causes}
     said = SENTENCES[verdict].format(
@@ -164,7 +164,7 @@ def sentence(
         parts.append(_gained(left))
     if verdict is not Verdict.UNRESOLVED:
         parts += [_worth(one) for one in causes]
-        parts += [_further(screening)] if causes else []
+        parts += [also] if causes else []
     return " ".join(part for part in parts if part)
 
 
@@ -208,8 +208,8 @@ def _gained(left: Remainder) -> str:
     return f"{what}, {change}{': not every cause of it was found' if left.large else ''}."
 
 
-def _further(screening: Screening) -> str:
-    """Say of what else still has a score above the threshold; "" if nothing has."""
+def further(screening: Screening) -> str:
+    """Say what else still has a score above the threshold; "" if nothing has."""
     first, *others = [*screening.exceeding, None]
     if first is None:
         return ""
