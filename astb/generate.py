@@ -246,7 +246,8 @@ def effects_page() -> str:
         "What a simulated rig can have and a diagnosis can name. The first quantity of each is its amplitude: at 0\n"
         "the effect is absent to the last bit, and the bench is smooth in it from there. *Usual* is the size of an\n"
         "ordinary fault, and of a shape its middle; both are chosen by us unless the source says otherwise. The terms\n"
-        "of the equations, assumptions and literature stand in `bench_sim/model/effects`, a file each; what sensors do alike is one.\n",
+        "of the equations, assumptions and literature stand in `bench_sim/model/effects`, a file each; what sensors\n"
+        "do alike is one.\n",
         file=out,
     )
     for family in dict.fromkeys(effect.family for effect in CATALOGUE.values()):

@@ -120,8 +120,8 @@ def _finding(
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
     verdict = final(judgement.verdict, left, len(alike))
-    told = config.with_gain and role == "report"
-    gain = compare(before, after, floors, seed=config.seed) if told else Comparison()
+    reported = config.with_gain and role == "report"
+    gain = compare(before, after, floors, seed=config.seed) if reported else Comparison()
     covariance = widened(named, judgement.screened.tests)
     accepted = [
         cause(a, hypotheses[a.effect], intervals(hypotheses[a.effect], named, covariance), left)
@@ -133,18 +133,10 @@ def _finding(
     nearest: list[Suspect] = []
     if verdict is Verdict.UNRESOLVED:
         nearest = suspects(judgement.dismissed, found, accepted, hypotheses, config.ambiguous)
-    screening = found.steps[0].screening
+    screening, beyond = found.steps[0].screening, judgement.screened.screening
     return Finding(
         verdict=verdict,
-        sentence=sentence(
-            verdict,
-            accepted,
-            others,
-            nearest,
-            judgement.unknowns,
-            left,
-            further(judgement.screened.screening),
-        ),
+        sentence=sentence(verdict, accepted, others, nearest, judgement.unknowns, left, further(beyond)),
         causes=causes,
         threshold=screening.threshold,
         alpha=config.alpha,
@@ -155,7 +147,7 @@ def _finding(
         scores=scores(found),
         gains=gain.gains,
         coverage=gain.coverage,
-        not_seen=unseen(judgement.screened.screening, named.linearisation, [c.effect for c in accepted]),
+        not_seen=unseen(beyond, named.linearisation, [c.effect for c in accepted]),
         next_runs=next_runs,
         next_sensors=next_sensors,
         shifts=shifts(best, extended, covariance if extended is named else widened(extended, ())),

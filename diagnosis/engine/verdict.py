@@ -21,8 +21,8 @@ The verdict follows from what remains, and none is forced:
 * else `named`.
 
 What is left on unseen runs may still change it (`final`, from `remainder.py`): `no effect` and a plain `named` are for
-what reaches the noise, what leaves most of the error in every channel is not named at all, and between both the runs that nothing was
-fitted to choose among rivals (`undecided.py`).
+what reaches the noise, what leaves most of the error in every channel is not named at all, and between both the runs
+that nothing was fitted to choose among rivals (`undecided.py`).
 """
 
 from __future__ import annotations
