@@ -284,7 +284,7 @@ def wiring_of(rig: RigFile, path: Path) -> "Description":
 
     if isinstance(rig.wiring, str):
         return read_description(place_of(PACKAGE, rig.wiring, path.parent), TABLE)
-    return describe(rig.wiring, path, TABLE, "wiring")
+    return describe(rig.wiring, path, TABLE, "wiring", whole=True)
 
 
 def answers(rig: RigFile) -> bool:

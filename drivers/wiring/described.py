@@ -39,7 +39,7 @@ from drivers.wiring.points import LOOK, Points
 from drivers.wiring.settings import PointSettings
 from drivers.wiring.sources import Sources
 from drivers.wiring.streaming import Streaming, by_transport
-from drivers.wiring.transports import open_transport
+from drivers.wiring.transports import open_all
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort
@@ -59,21 +59,14 @@ def open_described(rig: str, description: Description, ports: Ports | None = Non
     ``ports``, by transport, open a CAN or Modbus port in the place of the one described: in memory, say. WiringError
     for what a transport cannot be, or does not have.
     """
-    where = description.where
-    transports = {}
-    for name, table in description.transports.items():
-        port = (ports or {}).get(name)
-        try:
-            transports[name] = open_transport(
-                name,
-                table,
-                where.parent,
-                functions=description.functions,
-                port=port,
-                streamed=by_transport(one.point for one in description.setpoints.values()).get(name, ()),
-            )
-        except WiringError as error:
-            raise WiringError(f"{where}: {error}") from error
+    transports = open_all(
+        description.where,
+        description.transports,
+        description.points,
+        functions=description.functions,
+        ports=ports,
+        streamed=by_transport(one.point for one in description.setpoints.values()),
+    )
     return DescribedWiring(rig, description, transports, ports)
 
 

@@ -7,7 +7,7 @@ the transport's own: `drivers.wiring.transports` reads it. docs/reference/wiring
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
@@ -17,22 +17,23 @@ import msgspec
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.wires import Table
-from bench_protocol.words import STATES
 from drivers.errors import WiringError
-from drivers.wiring.contract import Capabilities, Conduct, Order, Step
-from drivers.wiring.conversion import Choices, Conversion, Line, conversion, quantity
+from drivers.wiring.contract import Capabilities
+from drivers.wiring.conversion import Conversion, Line, conversion, quantity
 from drivers.wiring.expression import Combine, expression
-from drivers.wiring.file_keys import SignalEntry, StepTable, WiringFile
+from drivers.wiring.file_keys import SignalEntry, WiringFile
 from drivers.wiring.keys import AllAtOnce, convert, duration, meant
-from drivers.wiring.lines import PLAYED, Description, Greetings, PlayerLimits, Reading, SettingTarget, Target
+from drivers.wiring.leading import READ, Leading
+from drivers.wiring.lines import PLAYED, Description, PlayerLimits, Reading, SettingTarget, Target
+from drivers.wiring.transports import open_all
 from drivers.wiring.user_functions import functions_file, user_function
+from drivers.wiring.written import order_names, plain_number, si_value
 
 #: The package with the files of the wirings that come with the bench.
 PACKAGE: Final = "wirings"
 #: A rig rounds what it is told: by so much of the range of a setting may what it reads back differ.
 _ROUNDED: Final = 0.001
 _NOT_MENTIONED: Final = "the wiring does not mention it"
-_READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
 
 
 def read_description(path: Path, table: Table) -> Description:
@@ -43,51 +44,26 @@ def read_description(path: Path, table: Table) -> Description:
         raise WiringError(f"wiring file {path} cannot be read: {error.strerror}") from None
     except Unfit as error:
         raise WiringError(f"wiring file {path} {error}") from None
-    return describe(content, path, table)
+    return describe(content, path, table, whole=True)
 
 
-def describe(content: Mapping[str, Any], where: Path, table: Table, under: str = "") -> Description:
-    """Return what the keys ``content`` say, which stand in the file ``where`` (``under`` a key of it)."""
+def describe(
+    content: Mapping[str, Any], where: Path, table: Table, under: str = "", *, whole: bool = False
+) -> Description:
+    """Return what the keys ``content`` say, which stand in the file ``where`` (``under`` a key of it).
+
+    What is wrong is told at once; if it is to be the ``whole``, with what its transports cannot be and do not have.
+    """
     head = f"{where}: {under}." if under else f"{where}: "
     keys = convert(head.rstrip(".: "), content, WiringFile)
-    return _Reader(keys, where, head, table).read()
-
-
-def si_value(where: str, signal: Signal, given: object) -> float:
-    """Return what a file gives a signal (a choice, "5 bar", a number of what has no unit) in SI; WiringError."""
-    if isinstance(given, str) and signal.choices:
-        if given not in signal.choices:
-            raise WiringError(
-                f"{where} = {given!r} is no choice of {signal.name}; {meant(given, signal.choices)}"
-            )
-        return float(signal.choices.index(given))
-    if isinstance(given, str):
-        value = quantity(where, given, signal.si)
-    else:
-        value = plain_number(where, given)
-        if signal.unit != "1":
-            raise WiringError(
-                f'{where} = {given!r} has no unit; right would be such as "{given} {signal.unit}"'
-            )
-    if not signal.low <= value <= signal.high or (signal.choices and value != round(value)):
-        raise WiringError(f"{where} = {given!r} is out of the range of {signal.name}: {signal.range_text()}")
-    return value
-
-
-def plain_number(where: str, given: object) -> float:
-    """Return a number of the rig's own; WiringError for anything else."""
-    if isinstance(given, bool) or (isinstance(given, int | float) and math.isfinite(given)):
-        return float(given)
-    raise WiringError(f"{where} = {given!r} is no number of the rig's")
-
-
-def order_names(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield names with their dots, and what they are given: TOML reads an unquoted dot as a table in a table."""
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from order_names(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
+    reader = _Reader(keys, where, head, table)
+    with AllAtOnce() as wrong:
+        with wrong.next():
+            return reader.read()
+        if whole:
+            with wrong.next():
+                open_all(where, keys.transports, reader.points, functions=reader.functions)
+    raise AssertionError("something was wrong")
 
 
 class _Reader:
@@ -95,9 +71,9 @@ class _Reader:
 
     def __init__(self, keys: WiringFile, where: Path, head: str, table: Table) -> None:
         self._keys, self._where, self._head, self._table = keys, where, head, table
-        self._points: list[tuple[str, str, bool]] = []
+        self.points: list[tuple[str, str, bool]] = []
         self._written: dict[str, str] = {}
-        self._functions = functions_file(f"{head}functions", keys.functions, where.parent)
+        self.functions = functions_file(f"{head}functions", keys.functions, where.parent)
         self._readings: dict[str, Reading] = {}
         self._setpoints: dict[str, Target] = {}
         self._settings: dict[str, SettingTarget] = {}
@@ -113,21 +89,30 @@ class _Reader:
         for name in keys.transports:
             if not name.isidentifier():
                 raise WiringError(f"{head}transports.{name}: a name is one word of letters, digits and _")
-        entries = self._entries()
-        player = None if keys.capabilities.generator else self._player()
         with AllAtOnce() as wrong:
+            entries: dict[str, tuple[str, Any]] = {}
+            with wrong.next():
+                self._find_entries(entries)
             for name, (where, given) in entries.items():
                 with wrong.next():
                     self._signal(where, self._table[name], convert(where, given, SignalEntry))
-        for signal in self._table.signals:
-            if signal.name not in entries and not (player and signal.name.startswith(PLAYED)):
-                self._absent[signal.name] = _NOT_MENTIONED
-        identity = {}
-        for point, value in order_names(keys.identity):
-            self._point(f"{head}identity", point, written=False)
-            identity[point] = plain_number(f"{head}identity.{point}", value)
-        latency = duration(f"{head}latency", keys.latency) if keys.latency else 0.0
-        conduct = self._conduct()
+            player = None
+            with wrong.next():
+                player = None if keys.capabilities.generator else self._player()
+            for signal in self._table.signals:
+                if signal.name not in entries and not (player and signal.name.startswith(PLAYED)):
+                    self._absent.setdefault(signal.name, _NOT_MENTIONED)
+            with wrong.next():
+                identity = self._identity()
+            with wrong.next():
+                latency = duration(f"{head}latency", keys.latency) if keys.latency else 0.0
+            leading = Leading(
+                head, keys.conduct, self._table, keys.transports, self._readings, self._absent, self._point
+            )
+            with wrong.next():
+                conduct = leading.conduct()
+            with wrong.next():
+                greetings = leading.greetings()
         capabilities = Capabilities(
             generator=keys.capabilities.generator,
             pace={"m": player.speed, "rad": player.roll_rate, "N": player.force_rate} if player else {},
@@ -142,17 +127,24 @@ class _Reader:
             keys.transports,
             capabilities,
             conduct,
-            self._greetings(),
+            greetings,
             player,
             identity,
-            self._functions,
+            self.functions,
             self._readings,
             self._setpoints,
             self._settings,
             self._actions,
             self._absent,
-            tuple(self._points),
+            tuple(self.points),
         )
+
+    def _identity(self) -> dict[str, float]:
+        where, found = f"{self._head}identity", {}
+        for point, value in order_names(self._keys.identity):
+            self._point(where, point, written=False)
+            found[point] = plain_number(f"{where}.{point}", value)
+        return found
 
     def _remembered(self) -> dict[str, str]:
         """Return a note of the settings that no point reads back."""
@@ -161,33 +153,35 @@ class _Reader:
 
     def _digest(self) -> str:
         digest = sha256(msgspec.json.encode(msgspec.to_builtins(self._keys), order="deterministic"))
-        if self._functions is not None:
-            digest.update(self._functions.read_bytes())
+        if self.functions is not None:
+            digest.update(self.functions.read_bytes())
         return digest.hexdigest()
 
     # -- signals -------------------------------------------------------------------------------------------------
 
-    def _entries(self) -> dict[str, tuple[str, Any]]:
-        """Return the lines under ``[signals]`` by signal: where they stand, and what they say."""
-        found: dict[str, tuple[str, Any]] = {}
-        played = () if self._keys.capabilities.generator else PLAYED
-        for key, given in self._keys.signals.items():
-            nested = "." not in key and isinstance(given, Mapping)
-            for name, entry in (
-                {f"{key}.{sub}": one for sub, one in given.items()} if nested else {key: given}
-            ).items():
-                where = f'{self._head}signals."{name}"'
-                if name not in self._table.index:
-                    raise WiringError(f"{where} is no signal; {meant(name, self._table.index)}")
-                if name in found:
-                    raise WiringError(f"{where} is there twice; one line for a signal is right")
-                if played and name.startswith(played):
-                    raise WiringError(
-                        f"{where} is not the rig's: the bench answers for it, as the rig has no generator; "
-                        "right is no such line, or capabilities.generator = true"
-                    )
-                found[name] = where, entry
-        return found
+    def _find_entries(self, found: dict[str, tuple[str, Any]]) -> None:
+        """Add to ``found`` the lines under ``[signals]`` by signal: where they stand, and what they say."""
+        with AllAtOnce() as wrong:
+            for key, given in self._keys.signals.items():
+                nested = "." not in key and isinstance(given, Mapping)
+                lines = {f"{key}.{sub}": one for sub, one in given.items()} if nested else {key: given}
+                for name, entry in lines.items():
+                    with wrong.next():
+                        found[name] = self._entry(name, found), entry
+
+    def _entry(self, name: str, others: Collection[str]) -> str:
+        """Return where the line of a signal stands; WiringError for one that the file must not have."""
+        where = f'{self._head}signals."{name}"'
+        if name not in self._table.index:
+            raise WiringError(f"{where} is no signal; {meant(name, self._table.index)}")
+        if name in others:
+            raise WiringError(f"{where} is there twice; one line for a signal is right")
+        if not self._keys.capabilities.generator and name.startswith(PLAYED):
+            raise WiringError(
+                f"{where} is not the rig's: the bench answers for it, as the rig has no generator; "
+                "right is no such line, or capabilities.generator = true"
+            )
+        return where
 
     def _signal(self, where: str, signal: Signal, entry: SignalEntry) -> None:
         if entry.absent:
@@ -197,7 +191,7 @@ class _Reader:
             self._absent[signal.name] = entry.absent
             return
         _refuse_wrong_keys(where, signal, entry)
-        if signal.kind in _READ:
+        if signal.kind in READ:
             self._readings[signal.name] = self._reading(where, signal, entry)
         elif signal.kind is Kind.SETPOINT:
             point = self._target(where, signal, entry.target)
@@ -297,110 +291,14 @@ class _Reader:
             )
         if name not in transports:
             raise WiringError(f"{key} = {point!r}: there is no transport {name!r}; {meant(name, transports)}")
-        self._points.append((key, point, written))
+        self.points.append((key, point, written))
 
     def _function(self, where: str, name: str, arguments: int) -> Combine:
-        if self._functions is None:
+        if self.functions is None:
             raise WiringError(
                 f'{where} = {name!r}: the key functions is missing; right is functions = "FILE.py"'
             )
-        return user_function(where, self._functions, name, arguments)
-
-    # -- conduct -------------------------------------------------------------------------------------------------
-
-    def _conduct(self) -> Conduct:
-        where, table = f"{self._head}conduct", self._keys.conduct
-        states = self._states()
-        for state in table.at_rest:
-            self._state(f"{where}.at_rest", state, states)
-        return Conduct(
-            self._steps(f"{where}.up", table.up, states),
-            self._steps(f"{where}.reset", table.reset, states),
-            self._orders(f"{where}.rest", table.rest),
-            tuple(table.at_rest),
-        )
-
-    def _greetings(self) -> Greetings:
-        """Return what the wiring says by itself: points, and actions of the table."""
-        found = []
-        for key in ("open", "close", "apply"):
-            where, tables = f"{self._head}conduct.{key}", getattr(self._keys.conduct, key)
-            orders = self._orders(where, tables)
-            for name in (name for order in orders for name in order.values):
-                if name in self._table.index and self._table[name].kind is not Kind.ACTION:
-                    raise WiringError(
-                        f"{where}: {name} is a {self._table[name].kind}; right are points and actions"
-                    )
-            found.append(orders)
-        return Greetings(*found)
-
-    def _states(self) -> Sequence[str]:
-        """Return the states that the rig reports."""
-        reading = self._readings.get("rig.state")
-        if reading is None:
-            conduct = self._keys.conduct
-            if conduct.up or conduct.reset or conduct.rest:
-                raise WiringError(
-                    f'{self._head}conduct leads the rig from state to state, and signals."rig.state" is missing or '
-                    "absent; right is where the rig tells its state"
-                )
-            return ()
-        assert isinstance(reading.conversion, Choices), "a state is a choice"
-        return [STATES[number] for number in reading.conversion.numbers]
-
-    def _state(self, where: str, state: str, states: Sequence[str]) -> None:
-        if state not in STATES:
-            raise WiringError(f"{where}: {state!r} is no state of a bench; {meant(state, STATES)}")
-        if state not in states:
-            raise WiringError(
-                f'{where}: the rig never reports {state}: signals."rig.state".choices has {", ".join(states)}'
-            )
-
-    def _steps(self, where: str, tables: Sequence[Any], states: Sequence[str]) -> tuple[Step, ...]:
-        steps = []
-        for number, given in enumerate(tables, 1):
-            place = f"{where}[{number}]"
-            table = convert(place, given, StepTable)
-            for key, names in (("start", table.start), ("end", table.end)):
-                if not names:
-                    raise WiringError(f"{place}.{key} is empty; right is one state or several")
-                for state in names:
-                    self._state(f"{place}.{key}", state, states)
-            steps.append(
-                Step(
-                    tuple(table.start),
-                    self._orders(f"{place}.orders", table.orders),
-                    tuple(table.end),
-                    self._orders(f"{place}.prepare", table.prepare),
-                    table.bumpless,
-                    self._orders(f"{place}.afterwards", table.afterwards),
-                    duration(f"{place}.within", table.within) if table.within else None,
-                )
-            )
-        return tuple(steps)
-
-    def _orders(self, where: str, tables: Sequence[Mapping[str, Any]]) -> tuple[Order, ...]:
-        return tuple(
-            Order(
-                {name: self._ordered(f"{where}[{number}]", name, value) for name, value in order_names(given)}
-            )
-            for number, given in enumerate(tables, 1)
-        )
-
-    def _ordered(self, where: str, name: str, given: Any) -> float:
-        """Return the SI value that an order gives ``name``, a signal or a point of the rig's own."""
-        if name not in self._table.index:
-            if name.partition(".")[0] not in self._keys.transports:
-                known = [*self._table.index, *(f"{transport}." for transport in self._keys.transports)]
-                raise WiringError(f"{where}: {name!r} is neither a signal nor a point; {meant(name, known)}")
-            self._point(where, name, written=True)
-            return plain_number(f"{where}.{name}", given)
-        signal = self._table[name]
-        if signal.kind in _READ:
-            raise WiringError(f"{where}: {name} is a {signal.kind} and cannot be ordered")
-        if name in self._absent:
-            raise WiringError(f"{where}: the rig has no {name}: {self._absent[name]}")
-        return si_value(f"{where}.{name}", signal, given)
+        return user_function(where, self.functions, name, arguments)
 
     def _player(self) -> PlayerLimits:
         table, where = self._keys.player, f"{self._head}player"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Final, Self, TypeVar, get_args
 
@@ -27,6 +27,14 @@ class AliveKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     every: str
 
 
+class SeveralWrong(WiringError):
+    """More than one line cannot be right: what is wrong with each."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__(f"{LINE_BREAK.join(lines)}{LINE_BREAK}({len(lines)} lines are wrong)")
+        self.lines = list(lines)
+
+
 class AllAtOnce:
     """Gathers what is wrong with many lines, so that whoever mends a file hears it all in one run:
 
@@ -44,16 +52,16 @@ class AllAtOnce:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None and self._told:
-            more = f"{LINE_BREAK}({len(self._told)} lines are wrong)" if len(self._told) > 1 else ""
-            raise WiringError(LINE_BREAK.join(self._told) + more) from None
+            raise SeveralWrong(self._told) if len(self._told) > 1 else WiringError(self._told[0]) from None
 
     @contextmanager
-    def next(self) -> Iterator[None]:
-        """Let the lines after one that is wrong be read, too."""
+    def next(self, where: str = "") -> Iterator[None]:
+        """Let the lines after one that is wrong be read, too; what is wrong begins with ``where``."""
         try:
             yield
         except WiringError as error:
-            self._told.append(str(error))
+            lines = error.lines if isinstance(error, SeveralWrong) else [str(error)]
+            self._told += [f"{where}{line}" for line in lines]
 
 
 def meant(word: str, words: Iterable[str]) -> str:

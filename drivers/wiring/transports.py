@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from drivers.errors import WiringError
 from drivers.wiring.contract import Transport
-from drivers.wiring.keys import meant
+from drivers.wiring.keys import AllAtOnce, meant
+from drivers.wiring.points import Points
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
 KINDS: Final = ("can", "modbus", "modbus_rtu", "opcua")
+#: Those whose points are all listed in the file.
+_LISTING: Final = ("modbus", "modbus_rtu", "opcua")
 
 
 def open_transport(
@@ -55,6 +58,53 @@ def open_transport(
 
         return OpcUaTransport(name, table)
     return _own(name, kind, table, where)
+
+
+def open_all(
+    where: Path,
+    tables: Mapping[str, Mapping[str, Any]],
+    points: Iterable[tuple[str, str, bool]],
+    *,
+    functions: Path | None = None,
+    ports: Mapping[str, Callable[[], CanPort | ModbusPort]] | None = None,
+    streamed: Mapping[str, Collection[str]] | None = None,
+) -> dict[str, Transport]:
+    """Return all transports of the file ``where``, by name, not yet connected.
+
+    ``points`` are those that its lines name: key, TRANSPORT.POINT, and whether it is written. WiringError for all that
+    the transports cannot be, and for all points that they do not have.
+    """
+    found: dict[str, Transport] = {}
+    with AllAtOnce() as wrong:
+        for name, table in tables.items():
+            with wrong.next(f"{where}: "):
+                found[name] = open_transport(
+                    name,
+                    table,
+                    where.parent,
+                    functions=functions,
+                    port=(ports or {}).get(name),
+                    streamed=(streamed or {}).get(name, ()),
+                )
+        known = Points(found)
+        for key, point, written in points:
+            name = point.partition(".")[0]
+            with wrong.next():
+                if name in found:
+                    known.require(key, point, writable=written)
+                else:
+                    _require_listed(key, point, tables[name])
+    return found
+
+
+def _require_listed(key: str, point: str, table: Mapping[str, Any]) -> None:
+    """WiringError for a point that a transport, which cannot be for another reason, would not have either."""
+    transport, _, name = point.partition(".")
+    listed = table.get("points")
+    if table.get("kind") in _LISTING and isinstance(listed, Mapping) and name not in listed:
+        raise WiringError(
+            f"{key} = {point!r}: transports.{transport} has no point {name!r}; {meant(name, listed)}"
+        )
 
 
 def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transport:

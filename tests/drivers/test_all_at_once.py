@@ -4,10 +4,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm
 from drivers.errors import WiringError
+from drivers.wiring.described import open_described
 from drivers.wiring.description import describe
 from drivers.wiring.registers import read_points
 from tests.drivers.test_description import GOOD
@@ -26,6 +29,59 @@ def test_all_lines_that_are_wrong_are_told_in_one_run():
     for signal in ("left.height", "air.left_mode", "left.bellows_pressure"):
         assert said.count(f'hall.toml: signals."{signal}"') == 1
     assert said.endswith("(3 lines are wrong)")
+
+
+WRONG: list[tuple[str, str, str]] = [
+    ('unit = "mm", sign = -1', 'unit = "bar"', 'signals."left.height".unit'),
+    (
+        '"lateral.force" =',
+        '"lateral.farce" =',
+        'signals."lateral.farce" is no signal',
+    ),
+    ('latency = "100 ms"', 'latency = "100"', "latency = '100' is not a time"),
+    ('{ "plc.device" = 4711 }', '{ "plc.device" = "no" }', "identity.plc.device = 'no'"),
+    ('at_rest = ["DISABLED", "ESTOP"]', 'at_rest = ["DISABLED", "IDLE"]', "'IDLE' is no state of a bench"),
+    ('start = ["HOLD"]', 'start = ["HELD"]', "conduct.up[2].start: 'HELD' is no state"),
+    (
+        'rest = [{ "plc.command" = 0 }]',
+        'rest = [{ "plx.command" = 0 }]',
+        "'plx.command' is neither a signal nor",
+    ),
+    ("{ plc.command = 1 }", '{ plc.command = "one" }', "conduct.up[1].orders[1].plc.command = 'one'"),
+    ("{ DISABLED = [0, 1]", "{ DISABLE = [0, 1]", "'DISABLE' is no choice of rig.state"),
+    ('kind = "can"', 'kind = "can "', "transports.bus: kind = 'can ' is no transport"),
+    ('type = "int16", address = 3', 'type = "int17", address = 3', "mode: type = 'int17'"),
+    ('lateral = { table = "holding"', 'laterall = { table = "holding"', "has no point 'lateral'"),
+]
+POINTS = """kind = "modbus"
+host = "127.0.0.1"
+[transports.plc.points]
+device = { table = "input", address = 0 }
+state = { table = "input", address = 1 }
+left_height = { table = "input", address = 2 }
+f1 = { table = "input", address = 3 }
+f2 = { table = "input", address = 4 }
+mode_active = { table = "input", address = 5 }
+mode = { table = "holding", type = "int16", address = 3 }
+lateral = { table = "holding", address = 4 }
+command = { table = "holding", address = 6 }
+"""
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.sets(st.sampled_from(WRONG), min_size=1))
+def test_whatever_is_wrong_in_a_file_is_told_in_one_run(wrong):
+    text = GOOD.replace('kind = "modbus"\n', POINTS)
+    for right, becomes, _ in wrong:
+        assert right in text
+        text = text.replace(right, becomes)
+    with pytest.raises(WiringError) as told:
+        description = describe(tomllib.loads(text), Path("hall.toml"), TABLE, whole=True)
+        open_described("hall", description)
+    said = str(told.value)
+    assert [words for *_, words in wrong if words not in said] == []
+    assert "transports.bus: " in said, "it has neither a DBC nor messages"
+    assert "is missing" not in said, "what only follows from another line is not told"
 
 
 def test_all_points_that_are_wrong_are_told_in_one_run():

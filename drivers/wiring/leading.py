@@ -1,0 +1,148 @@
+"""How a rig is led, of the lines of its wiring: steps, orders, and what is said on coming and going."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Final, Protocol
+
+from bench_protocol.signals import Kind
+from bench_protocol.wires import Table
+from bench_protocol.words import STATES
+from drivers.errors import WiringError
+from drivers.wiring.contract import Conduct, Order, Step
+from drivers.wiring.conversion import Choices
+from drivers.wiring.file_keys import ConductTable, StepTable
+from drivers.wiring.keys import AllAtOnce, convert, duration, meant
+from drivers.wiring.lines import Greetings, Reading
+from drivers.wiring.written import order_names, plain_number, si_value
+
+#: What a rig tells, and nobody orders.
+READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
+
+
+class NotePoint(Protocol):
+    """Takes down that the line ``key`` names a point; WiringError for one that cannot be."""
+
+    def __call__(self, key: str, point: str, *, written: bool) -> None: ...
+
+
+class Leading:
+    """Reads ``[conduct]``: its ``keys``, in the file that ``head`` names, of a rig with these readings."""
+
+    def __init__(
+        self,
+        head: str,
+        keys: ConductTable,
+        table: Table,
+        transports: Collection[str],
+        readings: Mapping[str, Reading],
+        absent: Mapping[str, str],
+        point: NotePoint,
+    ) -> None:
+        self._head, self._keys, self._table, self._transports = head, keys, table, transports
+        self._readings, self._absent, self._point = readings, absent, point
+
+    def conduct(self) -> Conduct:
+        """Return how the rig is led; WiringError for all steps and orders that cannot be."""
+        where, table = f"{self._head}conduct", self._keys
+        states = self._states()
+        with AllAtOnce() as wrong:
+            for state in table.at_rest:
+                with wrong.next():
+                    self._state(f"{where}.at_rest", state, states)
+            with wrong.next():
+                up = self._steps(f"{where}.up", table.up, states)
+            with wrong.next():
+                reset = self._steps(f"{where}.reset", table.reset, states)
+            with wrong.next():
+                rest = self._orders(f"{where}.rest", table.rest)
+        return Conduct(up, reset, rest, tuple(table.at_rest))
+
+    def greetings(self) -> Greetings:
+        """Return what the wiring says by itself: points, and actions of the table."""
+        found = []
+        for key in ("open", "close", "apply"):
+            where, tables = f"{self._head}conduct.{key}", getattr(self._keys, key)
+            orders = self._orders(where, tables)
+            for name in (name for order in orders for name in order.values):
+                if name in self._table.index and self._table[name].kind is not Kind.ACTION:
+                    raise WiringError(
+                        f"{where}: {name} is a {self._table[name].kind}; right are points and actions"
+                    )
+            found.append(orders)
+        return Greetings(*found)
+
+    def _states(self) -> Sequence[str]:
+        """Return the states that the rig reports; all, if the line of its state is wrong and told to be."""
+        reading = self._readings.get("rig.state")
+        if reading is None and "rig.state" not in self._absent:
+            return STATES
+        if reading is None:
+            conduct = self._keys
+            if conduct.up or conduct.reset or conduct.rest:
+                raise WiringError(
+                    f'{self._head}conduct leads the rig from state to state, and signals."rig.state" is missing or '
+                    "absent; right is where the rig tells its state"
+                )
+            return ()
+        assert isinstance(reading.conversion, Choices), "a state is a choice"
+        return [STATES[number] for number in reading.conversion.numbers]
+
+    def _state(self, where: str, state: str, states: Sequence[str]) -> None:
+        if state not in STATES:
+            raise WiringError(f"{where}: {state!r} is no state of a bench; {meant(state, STATES)}")
+        if state not in states:
+            raise WiringError(
+                f'{where}: the rig never reports {state}: signals."rig.state".choices has {", ".join(states)}'
+            )
+
+    def _steps(self, where: str, tables: Sequence[Any], states: Sequence[str]) -> tuple[Step, ...]:
+        steps = []
+        with AllAtOnce() as wrong:
+            for number, given in enumerate(tables, 1):
+                with wrong.next():
+                    steps.append(self._step(f"{where}[{number}]", given, states))
+        return tuple(steps)
+
+    def _step(self, place: str, given: Any, states: Sequence[str]) -> Step:
+        table = convert(place, given, StepTable)
+        for key, names in (("start", table.start), ("end", table.end)):
+            if not names:
+                raise WiringError(f"{place}.{key} is empty; right is one state or several")
+            for state in names:
+                self._state(f"{place}.{key}", state, states)
+        return Step(
+            tuple(table.start),
+            self._orders(f"{place}.orders", table.orders),
+            tuple(table.end),
+            self._orders(f"{place}.prepare", table.prepare),
+            table.bumpless,
+            self._orders(f"{place}.afterwards", table.afterwards),
+            duration(f"{place}.within", table.within) if table.within else None,
+        )
+
+    def _orders(self, where: str, tables: Sequence[Mapping[str, Any]]) -> tuple[Order, ...]:
+        orders = []
+        with AllAtOnce() as wrong:
+            for number, given in enumerate(tables, 1):
+                values: dict[str, float] = {}
+                for name, value in order_names(given):
+                    with wrong.next():
+                        values[name] = self._ordered(f"{where}[{number}]", name, value)
+                orders.append(Order(values))
+        return tuple(orders)
+
+    def _ordered(self, where: str, name: str, given: Any) -> float:
+        """Return the SI value that an order gives ``name``, a signal or a point of the rig's own."""
+        if name not in self._table.index:
+            if name.partition(".")[0] not in self._transports:
+                known = [*self._table.index, *(f"{transport}." for transport in self._transports)]
+                raise WiringError(f"{where}: {name!r} is neither a signal nor a point; {meant(name, known)}")
+            self._point(where, name, written=True)
+            return plain_number(f"{where}.{name}", given)
+        signal = self._table[name]
+        if signal.kind in READ:
+            raise WiringError(f"{where}: {name} is a {signal.kind} and cannot be ordered")
+        if name in self._absent:
+            raise WiringError(f"{where}: the rig has no {name}: {self._absent[name]}")
+        return si_value(f"{where}.{name}", signal, given)

@@ -1,0 +1,49 @@
+"""What the lines of a wiring give a signal or a point: a choice, a value with its unit, a number of the rig's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from bench_protocol.signals import Signal
+from drivers.errors import WiringError
+from drivers.wiring.conversion import quantity
+from drivers.wiring.keys import meant
+
+
+def si_value(where: str, signal: Signal, given: object) -> float:
+    """Return what a file gives a signal (a choice, "5 bar", a number of what has no unit) in SI; WiringError."""
+    if isinstance(given, str) and signal.choices:
+        if given not in signal.choices:
+            raise WiringError(
+                f"{where} = {given!r} is no choice of {signal.name}; {meant(given, signal.choices)}"
+            )
+        return float(signal.choices.index(given))
+    if isinstance(given, str):
+        value = quantity(where, given, signal.si)
+    else:
+        value = plain_number(where, given)
+        if signal.unit != "1":
+            raise WiringError(
+                f'{where} = {given!r} has no unit; right would be such as "{given} {signal.unit}"'
+            )
+    if not signal.low <= value <= signal.high or (signal.choices and value != round(value)):
+        raise WiringError(f"{where} = {given!r} is out of the range of {signal.name}: {signal.range_text()}")
+    return value
+
+
+def plain_number(where: str, given: object) -> float:
+    """Return a number of the rig's own; WiringError for anything else."""
+    if isinstance(given, bool) or (isinstance(given, int | float) and math.isfinite(given)):
+        return float(given)
+    raise WiringError(f"{where} = {given!r} is no number of the rig's")
+
+
+def order_names(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield names with their dots, and what they are given: TOML reads an unquoted dot as a table in a table."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from order_names(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
