@@ -43,7 +43,7 @@ def test_who_was_away_too_long_learns_what_became_of_the_bench(memory, taken):
     with pytest.raises(NotCommander, match="was silent for too long"):
         bench.rig.nominal_preload = 145e3
     memory.clock.sleep_until(memory.clock.now() + NS)
-    assert "own commands" in bench.strangers()
+    assert "no longer accepts this commander's commands" in bench.strangers()
     assert "somebody else" not in bench.describe()
     if taken:
         assert other.rig.state in ("FAULT_DISABLED", "DISABLED")
