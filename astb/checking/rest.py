@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from bench_protocol.signals import Group, Signal
+from bench_protocol.signals import Group, Kind, Signal
 from bench_protocol.table_signals import BY_GROUP
 from bench_protocol.units import ATMOSPHERE, K, bar, kN, mbar, mm, mrad
 from bench_protocol.words import SIDES
@@ -51,7 +51,7 @@ def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest
         signal = signals[name]
         if math.isnan(value):
             found[name] = "the rig has no value"
-        elif not signal.low - signal.step <= value <= signal.high + signal.step and not signal.choices:
+        elif not (signal.choices or _unset(signal, value) or _in_range(signal, value)):
             found[name] = f"out of its range, {signal.range_text()}{_guess(signal, value)}"
         elif at_rest and signal.group is not None and not _fits(signal.group, value):
             band = _AT_REST[signal.group]
@@ -62,6 +62,16 @@ def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest
         for name, doubt in _together(means, signals).items():
             found.setdefault(name, doubt)
     return found
+
+
+def _in_range(signal: Signal, value: float) -> bool:
+    """Whether a rig that rounds can mean a value of the signal's range by it."""
+    return signal.low - signal.step <= value <= signal.high + signal.step
+
+
+def _unset(signal: Signal, value: float) -> bool:
+    """Whether a rig has 0 where an absolute pressure is set: nobody has set it since the power came."""
+    return signal.kind is Kind.SETTING and signal.si == "Pa" and abs(value + ATMOSPHERE) <= signal.step
 
 
 def _fits(group: Group, value: float) -> bool:

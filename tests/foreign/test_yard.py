@@ -8,15 +8,21 @@ from types import SimpleNamespace
 
 import pytest
 
+from astb.checking.examining import examine
+from astb.checking.moving import move_each
+from astb.checking.report import Verdict
+from astb.listening import Listening
 from astb.skeleton.writing import skeleton
 from bench_protocol.dimensions import read_dimensions
 from bench_protocol.table import TABLE
+from bench_protocol.units import bar
 from bench_records.result import Outcome
 from drivers.bench import Bench
 from drivers.errors import LinkLost, Refused
 from drivers.modbus_port import InMemoryModbus
 from drivers.wiring.described import open_described
-from drivers.wiring.description import describe
+from drivers.wiring.description import describe, read_description
+from drivers.wiring.listening import listening
 from test_plans import steps
 from test_plans.discovery import plans
 from test_plans.execution import execute
@@ -101,6 +107,26 @@ def test_chambers_that_are_shut_at_power_up_are_joined_before_air_comes_and_goes
     bench.air.isolate_reservoirs()
     steps.depressurise(run)
     assert bench.air.left_reservoir == bench.air.right_reservoir == "on"
+
+
+def test_what_nobody_has_set_since_power_up_is_no_doubt(tmp_path):
+    virtual = VirtualYard(seed=1)
+    description = read_description(HERE / "yard_c_wiring.toml", TABLE)
+    wiring = open_described("yard_c", listening(description), {"plc": virtual.port})
+    with Listening(wiring, virtual.clock, 1.0) as one:
+        report = examine(one)
+    assert report.doubtful == []
+    target = next(line for line in report.signals if line.name == "air.left_target")
+    assert target.value == pytest.approx(-1.01325 * bar)
+
+
+@pytest.mark.slow
+def test_each_axis_moves_as_the_list_says_and_it_is_built_as_its_file_says(bench):
+    lines = move_each(bench)
+    assert [f"{one.what}: {one.found}" for one in lines if one.verdict is not Verdict.FINE] == []
+    assert {"bolster mass, by its inertia", "spring half spacing, by rolling on the stops"} <= {
+        one.what for one in lines
+    }
 
 
 @pytest.mark.slow

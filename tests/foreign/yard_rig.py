@@ -12,7 +12,7 @@ The lamps tell the state. "enable" starts the pump when it is pressed while noth
 lets the actuators follow, from where they are. "stop" ends all. A button that is held for more than two seconds is
 jammed, and trips. "heartbeat" has to change once in 600 ms from "enable" on, else it trips: the actuators hold for 3 s,
 then it locks out, as after any other fault: it lets the air off and goes into its safe position. "acknowledge" puts the
-lamps of a trip or a lockout out. Valves are closed at power-up and drives off; targets, shims and plates are kept.
+lamps of a trip or a lockout out. At power-up all that can be written is 0, but for shims and plates, which are fitted.
 """
 
 import asyncio
@@ -48,14 +48,14 @@ _DRIVES: Final = {0: Drive.OFF, 1: Drive.POSITION, 2: Drive.FORCE}
 _VALVES: Final = {0: Valve.SHUT, 1: Valve.LEVEL, 2: Valve.FILL, 3: Valve.VENT}
 _SIDES: Final = ("left", "right")
 _BUTTONS: Final = ("enable", "run", "stop", "acknowledge")
-#: Settings, and what they are when it is delivered; what is in force stands in a row of its own.
+#: Settings, and what they are at power-up; what is in force stands in a row of its own.
 _SETTINGS: Final = {
     "vertical_drive": 0.0,
     "lateral_drive": 0.0,
     "left_valve": 0.0,
     "right_valve": 0.0,
-    "left_target": 14.696,
-    "right_target": 14.696,
+    "left_target": 0.0,
+    "right_target": 0.0,
     "shim_preload": 53500.0,
     "orifice": 13.0,
 }
