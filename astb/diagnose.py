@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from astb.menu import experiments
 from diagnosis.contracts import Dataset, DiagnosisError, Role, Simulator
-from diagnosis.finding import Cause, Estimate, Finding, decimals
+from diagnosis.finding import Cause, Estimate, Finding, Provenance, decimals
 from test_plans.plans.screening import SCREENING
 from test_plans.plans.separating import MENU
 
@@ -263,6 +263,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
         line(f"doubtful: {doubt}", "yellow")
     line(finding.sentence, "bold")
     line(f"  model: {finding.provenance.simulator}")
+    line(f"  {_roles(finding.provenance)}")
     for cause in finding.causes:
         line(f"  {_cause(cause)}")
     for rival in finding.ambiguous_with:
@@ -278,6 +279,16 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
         for sensor in finding.next_sensors[:1]:
             line(f"  what would decide: {sensor.sentence}")
     line(f"  report: {out / REPORT}")
+
+
+def _roles(of: Provenance) -> str:
+    """Say which runs the model was fitted to, which chose its causes, and which tell the gain."""
+    roles = {"fitted to": of.fit, "causes selected on": of.select, "gain measured on": of.report}
+    return "; ".join(f"{what} {_runs(names)}" for what, names in roles.items() if names)
+
+
+def _runs(names: Sequence[str], most: int = 4) -> str:
+    return ", ".join(names) if len(names) <= most else f"{len(names)} runs"
 
 
 def _cause(cause: Cause) -> str:

@@ -62,8 +62,8 @@ def test_the_page_does_what_it_says(page: Path) -> None:
     (said,) = re.findall(r"```\n(There is dry friction.*?)```", text, flags=re.DOTALL)
     sentence, *rest = said.splitlines()
     assert done.stdout.startswith(sentence.partition(" On runs")[0])
-    assert [line for line in rest if "(95 %:" in line] == [
-        line for line in done.stdout.splitlines() if line.startswith("  friction")
+    assert [line for line in rest if "(95 %:" in line or "fitted to" in line] == [
+        line for line in done.stdout.splitlines() if line.startswith(("  friction", "  fitted to"))
     ]
     assert next(line.split(maxsplit=1)[1] for line in done.stderr.splitlines()) == "read the data"
     finding = Finding.from_json((page / "runs" / "mine" / "finding.json").read_bytes())
