@@ -33,6 +33,13 @@ def bridge(values: Array) -> Array:
     return np.interp(index, index[known], values[known])
 
 
+def gaps_in(values: Array) -> list[tuple[int, int]]:
+    """Return (start, stop) of each stretch of NaN between numbers in ``values`` (n,)."""
+    known = np.flatnonzero(np.isfinite(values))
+    ends = np.flatnonzero(np.diff(known) > 1)
+    return [(int(known[i]) + 1, int(known[i + 1])) for i in ends]
+
+
 def reversals(x: Array, least: float) -> NDArray[np.intp]:
     """Return the indices of the turning points of ``x`` (n,) between which it moves by at least ``least``."""
     turns: list[int] = []

@@ -26,7 +26,7 @@ from diagnosis.contracts import (
     Simulator,
 )
 from diagnosis.engine.contract_check import check_contract
-from diagnosis.systems.cutting import bridge, pieces_by_length, pieces_by_reversals, resample
+from diagnosis.systems.cutting import bridge, gaps_in, pieces_by_length, pieces_by_reversals, resample
 from diagnosis.systems.map_doubts import map_doubts
 from diagnosis.systems.map_file import (
     Column,
@@ -71,8 +71,8 @@ def read_mapped(
         raise DiagnosisError(f"{where}: neither a map nor a simulator says what its columns are")
     given = channels_of(mapping, system, where)
     simulator = system.simulator(settings_of(mapping, system, where), given)
-    reader = _Reader(mapping, system, _described(simulator, given, where), where)
     accounts = {path: Account() for path in paths}
+    reader = _Reader(mapping, system, _described(simulator, given, where), where, accounts)
 
     def table_of(path: Path) -> dict[str, Series]:
         found = frames and frames(path, mapping.frames, where.parent, mapping.columns, accounts[path])
@@ -135,6 +135,7 @@ class _Reader:
     system: System
     channels: tuple[Channel, ...]
     where: Path
+    accounts: Mapping[Path, Account]
 
     def ambient(self, path: Path | None) -> float:
         """Return the pressure of the air around in Pa, for one file or for all."""
@@ -191,8 +192,18 @@ class _Reader:
             si = _in_si(series.values, column, signals[name], ambient, key)
             values[name] = resample(series.times, si, grid, gaps[name])
         for signal in self.system.inputs:
-            if signal.name in values and not np.isfinite(values[signal.name]).any():
+            if signal.name not in values:
+                continue
+            if not np.isfinite(values[signal.name]).any():
                 raise DiagnosisError(f"{path}: column {signal.name} has no numbers in the part that counts")
+            if holes := gaps_in(values[signal.name]):
+                start, stop = max(holes, key=lambda hole: hole[1] - hole[0])
+                many = "a gap" if len(holes) == 1 else f"{len(holes)} gaps, the longest"
+                lasts = (stop - start) * (grid[1] - grid[0])
+                self.accounts[path].take(
+                    f"{signal.name} has {many} of {lasts:.3g} s at {grid[start]:.6g} s; the simulation is driven by a "
+                    "straight line there, which may look like an error of the model"
+                )
         return grid, values
 
 
