@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import misfit
 from bench_protocol.named_files import named_files
+from drivers.wiring.astb_keys import Can, Modbus
 
-Port = Annotated[int, Meta(ge=1, le=65535)]
 #: The package with the files of the rigs that come with the bench, and the folder with those of whoever stands there.
 PACKAGE: Final = "rigs"
 #: The rig that commands take without being told: it simulates in real time.
@@ -24,22 +24,6 @@ SEED_MAX: Final = 2**32 - 1
 
 class RigFileError(ValueError):
     """The rig file does not say what is needed, or says what nobody understands."""
-
-
-class Can(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Where the CAN bus of the rig is."""
-
-    bus: str = "auto"  #: auto | tcp | the name of a SocketCAN interface
-    host: str = "127.0.0.1"
-    port: Port = 29536  #: of the hub, for tcp
-
-
-class Modbus(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Where the Modbus/TCP server of the rig is."""
-
-    host: str = "127.0.0.1"
-    port: Port = 15020
-    unit: Annotated[int, Meta(ge=0, le=255)] = 1
 
 
 class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):

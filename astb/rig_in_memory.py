@@ -13,7 +13,7 @@ from bench_sim.rig.faults.insertion import Wires
 from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 if TYPE_CHECKING:
     from bench_sim.rig.rig import Rig
@@ -70,7 +70,7 @@ class RigInMemory:
         """
         port = self.can()
         can = port if faults is None else FaultyCan(port, faults, seed, outward=outward)
-        bench = Bench(OwnWiring(can, self.modbus(latency), absent=absent), self.clock)
+        bench = Bench(own_wiring(can, self.modbus(latency), absent=absent), self.clock)
         bench.dimensions = ordinary()
         return bench
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from astb.exit_codes import MISUSE
 from astb.rig_file import RigFile, RigFileError, Simulation, read
-from bench_protocol.clock import Clock, RealClock, hurry_process, wall_time_ns
+from bench_protocol.clock import Clock, RealClock, hurry_process
 from bench_protocol.named_files import place_of
 from bench_protocol.system import require_linux
 from bench_protocol.table import TABLE
@@ -203,7 +203,7 @@ def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[
 
     hurry_process()
     clock = RealClock()
-    with contextlib.closing(open_wiring(rig, path, clock)) as wiring:
+    with contextlib.closing(open_wiring(rig, path)) as wiring:
         bench = Bench(wiring, clock)
         simulation = rig.simulation
         if simulation:
@@ -220,22 +220,11 @@ def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[
             yield Session(bench, clock, False, parameters, known, described, bus)
 
 
-def open_wiring(rig: RigFile, path: Path, clock: RealClock) -> "Wiring":
-    """Return the wiring of ``rig``, whose file is ``path``; WiringError or LinkLost if it cannot be."""
-    if rig.wiring:
-        from drivers.wiring.described import open_described
+def open_wiring(rig: RigFile, path: Path) -> "Wiring":
+    """Return the wiring of ``rig``, whose file is ``path``, not yet connected; WiringError if it cannot be."""
+    from drivers.wiring.described import open_described
 
-        return open_described(rig.name, wiring_of(rig, path))
-    from drivers.can_port import open_can
-    from drivers.modbus_port import open_modbus
-    from drivers.wiring.own import OwnWiring
-
-    with contextlib.ExitStack() as stack:
-        modbus = open_modbus(rig.modbus.host, rig.modbus.port, unit=rig.modbus.unit)
-        stack.callback(modbus.close)
-        can = open_can(rig.can.bus, host=rig.can.host, port=rig.can.port)
-        stack.pop_all()
-    return OwnWiring(can, modbus, wall_time_ns() - clock.now())
+    return open_described(rig.name if rig.wiring else "the rig", wiring_of(rig, path))
 
 
 def describe_rig(bench: "Bench", rig: RigFile, path: Path) -> None:
@@ -280,8 +269,13 @@ def instruments_of(rig: RigFile, path: Path) -> "Instruments":
 
 def wiring_of(rig: RigFile, path: Path) -> "Description":
     """Return the description of the wiring of ``rig``, whose file is ``path``; WiringError if it cannot be."""
-    from drivers.wiring.description import PACKAGE, describe, read_description
+    from msgspec import to_builtins
 
+    from drivers.wiring.description import PACKAGE, describe, read_description
+    from drivers.wiring.own import own_description
+
+    if not rig.wiring:
+        return own_description(can=to_builtins(rig.can), modbus=to_builtins(rig.modbus))
     if isinstance(rig.wiring, str):
         return read_description(place_of(PACKAGE, rig.wiring, path.parent), TABLE)
     return describe(rig.wiring, path, TABLE, "wiring", whole=True)

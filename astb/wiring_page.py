@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
-from drivers.wiring import can, modbus, opcua
+from drivers.wiring import astb, can, modbus, opcua
 from drivers.wiring.conversion import Calibration
 from drivers.wiring.file_keys import (
     CapabilitiesTable,
@@ -122,6 +122,10 @@ is asked beyond that the rig does not have.
 **A signal that is `absent`**, or that the file does not mention, is refused with the reason when somebody asks for it.
 A choice that has no number is one that the rig does not have.
 
+**A transport of kind `astb`** carries the signals themselves: all that the file has no line for. Such a file is
+`wirings/astb.toml`, which a rig file without `wiring` takes. A line goes before it: `absent`, or points of another
+transport.
+
 **Units** are those that people write (`mm`, `bar`, `kN`, `degC`, …), and must be of the signal's quantity; a
 calibration may lead from another one: `gain = "9.80665 N/kg"` from kilograms to newtons. Beyond the ends of a
 calibration's table its outer lines go on.
@@ -151,7 +155,12 @@ _TABLES: Final = (
     ("`[conduct]`", ConductTable),
     ("`[[conduct.up]]` and `[[conduct.reset]]`", StepTable),
 )
-_TRANSPORTS: Final = (("Modbus/TCP", modbus), ("CAN", can), ("OPC UA", opcua))
+_TRANSPORTS: Final = (
+    ("Modbus/TCP", modbus),
+    ("CAN", can),
+    ("OPC UA", opcua),
+    ("A rig that speaks our table", astb),
+)
 _OWN: Final = """\
 ### One of your own
 

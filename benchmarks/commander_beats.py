@@ -22,8 +22,8 @@ from drivers.can_port import PythonCanPort, open_can
 from drivers.commander import Commander
 from drivers.memory import Faults, FaultyCan
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.own import OwnWiring
-from drivers.wiring.own_can import AUTONOMY
+from drivers.wiring.astb_can import AUTONOMY
+from drivers.wiring.own import own_wiring
 
 SECONDS, QUICK_SECONDS = 20, 4
 WARM_UP: Final = 1 * s
@@ -137,7 +137,7 @@ def main(port: str, plan: str, way: str) -> None:
     bus: PythonCanPort | FaultyCan = open_can("tcp", port=int(port))
     if way == "interpreted":
         bus = FaultyCan(bus, Faults(), 0)  # without a fault: what it wraps is written to by Python only
-    commander = Commander(OwnWiring(bus, InMemoryModbus(lambda request: b"")), RealClock())
+    commander = Commander(own_wiring(bus, InMemoryModbus(lambda request: b"")), RealClock())
     commander.start()
     print("streaming", flush=True)
     ended = threading.Event()

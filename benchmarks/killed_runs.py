@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.can_codec import Decoder
-from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.clock import RealClock
 from bench_protocol.frames import Block
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
@@ -37,7 +37,7 @@ from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.errors import BenchError
 from drivers.modbus_port import open_modbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 from test_plans.discovery import plans
 from test_plans.plan import Plan
 
@@ -162,8 +162,7 @@ class Killer:
         """Reset the rig, which holds since its commander is gone."""
         can, modbus = self._ports
         clock = RealClock()
-        epoch = wall_time_ns() - clock.now()
-        bench = Bench(OwnWiring(open_can("tcp", port=can), open_modbus("127.0.0.1", modbus), epoch), clock)
+        bench = Bench(own_wiring(open_can("tcp", port=can), open_modbus("127.0.0.1", modbus)), clock)
         try:
             bench.connect(within=10 * s)
             bench.reset()

@@ -140,6 +140,6 @@ def _late(modbus: ModbusPort, seconds: float) -> tuple[float, float]:
 
 
 def _counts(modbus: ModbusPort) -> dict[str, float]:
-    from drivers.wiring.own_modbus import OwnRegisters
+    from drivers.wiring.astb_modbus import AstbRegisters
 
-    return OwnRegisters(TABLE, modbus).read([one.signal for one in LATENESS_BINS])
+    return AstbRegisters(TABLE, modbus).read([one.signal for one in LATENESS_BINS])

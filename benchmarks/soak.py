@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from bench_protocol.can_codec import Decoder, Tally
-from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.clock import RealClock
 from bench_protocol.frames import Block
 from bench_protocol.rates import FAST_RATE
 from bench_protocol.table import TABLE
@@ -30,8 +30,8 @@ from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.errors import BenchError
 from drivers.modbus_port import open_modbus
-from drivers.wiring.own import OwnWiring
-from drivers.wiring.own_modbus import OwnRegisters
+from drivers.wiring.astb_modbus import AstbRegisters
+from drivers.wiring.own import own_wiring
 
 POLLERS: Final = 4
 POLL: Final = 0.05  # s
@@ -83,7 +83,7 @@ class Soak:
     def poll(self, port: int) -> None:
         """Read everything over Modbus, and compare the signal with what came on CAN about then."""
         modbus = open_modbus("127.0.0.1", port, timeout=2.0)
-        registers, step = OwnRegisters(TABLE, modbus), TABLE[SIGNAL].step
+        registers, step = AstbRegisters(TABLE, modbus), TABLE[SIGNAL].step
         while not self.stop.wait(POLL):
             value = registers.snapshot()[SIGNAL]
             time.sleep(0.1)  # the frame of the same sample may still be on its way
@@ -166,7 +166,7 @@ def soak(minutes: float) -> tuple[Soak, list[float]]:
         stack.callback(listener.close)
         listener.subscribe(seen.witness.hear)
         port = open_modbus("127.0.0.1", modbus, timeout=2.0)
-        bench = Bench(OwnWiring(open_can("tcp", port=can), port, wall_time_ns() - clock.now()), clock)
+        bench = Bench(own_wiring(open_can("tcp", port=can), port), clock)
         bench.connect(within=10 * s)
         tasks = [(seen.poll, modbus)] * POLLERS + [(seen.command, bench), (seen.break_and_mend, modbus)]
         threads = [threading.Thread(target=task, args=(given,), daemon=True) for task, given in tasks]

@@ -26,7 +26,7 @@ from benchmarks.cuts import (
     give_up,
 )
 from drivers.bench import Bench
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 #: Between an empty bench and the full car on its springs.
 PRESSURES: Final = (0.5 * bar, 5.6 * bar)
@@ -48,14 +48,14 @@ class VirtualCuts:
         """Return how long the bench took to hold, and to be safe (s)."""
         memory, clock = self._memory, self._memory.clock
         can, modbus = memory.can(), memory.modbus()
-        bench = Bench(OwnWiring(can, modbus), clock)
+        bench = Bench(own_wiring(can, modbus), clock)
         bench.connect()
         self._load(bench)
         hole = Hole()
         self._witness.start(clock.now())
         if kind in (KILLED, STOPPED):
             bench.commander.stop()
-            bench.wiring.watchdog.stop()
+            bench.wiring.direct.watchdog.stop()
         if kind in (KILLED, CAN_CLOSED, BOTH_CLOSED):
             can.close()
         if kind in (KILLED, MODBUS_CLOSED, BOTH_CLOSED):
@@ -63,7 +63,7 @@ class VirtualCuts:
         if kind == CAN_HOLE:
             memory.bus.add(hole)
         if kind == MODBUS_HOLE:
-            bench.wiring.watchdog.stop()
+            bench.wiring.direct.watchdog.stop()
         if kind == ESTOP:
             memory.rig.press_estop()
         if kind == POWER:
@@ -76,7 +76,7 @@ class VirtualCuts:
         if kind == CAN_HOLE:
             memory.bus.remove(hole)
         bench.commander.stop()
-        bench.wiring.watchdog.stop()
+        bench.wiring.direct.watchdog.stop()
         can.close()
         modbus.close()
         memory.rig.release_estop()

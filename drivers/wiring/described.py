@@ -6,8 +6,10 @@ import contextlib
 import math
 import threading
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -15,7 +17,8 @@ from bench_protocol.clock import Clock
 from bench_protocol.modbus import DEVICE_FAILURE
 from bench_protocol.units import NS, ms
 from bench_protocol.words import STATES
-from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotAvailable, Refused, WiringError
+from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
+from drivers.wiring.astb import AstbTransport
 from drivers.wiring.contract import (
     Capabilities,
     Conduct,
@@ -32,10 +35,11 @@ from drivers.wiring.contract import (
     Transport,
     refuse_absent,
 )
+from drivers.wiring.direct import Direct, Nothing
 from drivers.wiring.lines import Description
 from drivers.wiring.listening import listening
 from drivers.wiring.player import Player
-from drivers.wiring.points import LOOK, Points
+from drivers.wiring.points import Points
 from drivers.wiring.settings import PointSettings
 from drivers.wiring.sources import Sources
 from drivers.wiring.streaming import Streaming, by_transport
@@ -45,7 +49,7 @@ if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
-    Ports = Mapping[str, Callable[[], CanPort | ModbusPort]]
+    Ports = Mapping[str, Callable[[], CanPort | ModbusPort | tuple[CanPort, ModbusPort]]]
 
 #: What the player says of itself comes with every beat of the set-points; ten of them may be late.
 _PLAYED_STALE: Final = round(200 * ms * NS)
@@ -67,14 +71,19 @@ def open_described(rig: str, description: Description, ports: Ports | None = Non
         ports=ports,
         streamed=by_transport(one.point for one in description.setpoints.values()),
     )
-    return DescribedWiring(rig, description, transports, ports)
+    direct: Direct | None = None
+    if name := description.direct:
+        opener: Any = (ports or {}).get(name)
+        direct = AstbTransport(name, description.transports[name], description.table, opener)
+    return DescribedWiring(rig, description, transports, direct, ports)
 
 
 class DescribedWiring:
     """The wiring of ``rig`` as ``description`` has it, over ``transports`` by name, which it closes.
 
-    ``ports`` are those that its transports open in the place of the described ones. WiringError for a point that a
-    transport does not have, or that cannot be written.
+    What no line is for goes by way of ``direct``, the transport that carries signals, if there is one. ``ports`` are
+    those that its transports open in the place of the described ones. WiringError for a point that a transport does not
+    have, or that cannot be written.
     """
 
     def __init__(
@@ -82,23 +91,30 @@ class DescribedWiring:
         rig: str,
         description: Description,
         transports: Mapping[str, Transport],
+        direct: Direct | None = None,
         ports: Ports | None = None,
     ) -> None:
         self.rig, self.table = rig, description.table
-        self._ports = ports
+        self.direct: Direct = direct or Nothing(rig)
+        self._carried, self._ports = description.carried, ports
         self._description, self._transports = description, dict(transports)
         self._points = Points(self._transports)
         for key, point, written in description.points:
             self._points.require(key, point, writable=written)
         self.absent: Mapping[str, str] = description.absent
-        self.capabilities: Capabilities = description.capabilities
+        can = description.capabilities
+        self.capabilities: Capabilities = replace(
+            self.direct.capabilities,
+            generator=can.generator,
+            pace={**self.direct.capabilities.pace, **can.pace},
+            latency=can.latency,
+            notes=can.notes,
+        )
         self.conduct: Conduct = description.conduct
         self.played: Collection[str] = description.played
-        self.remembered: Collection[str] = [
-            name for name, one in description.settings.items() if one.fixed is None and not one.read
-        ]
+        self.remembered: Collection[str] = description.remembered
         self.given: Mapping[str, float] = {}
-        self.failure: BenchError | None = None
+        self._failure: BenchError | None = None
         limits = description.player
         self._player = Player(rig, self.table, limits, self.absent) if limits else None
         self._sources = Sources(description, self._points.stale)
@@ -116,22 +132,30 @@ class DescribedWiring:
 
     @property
     def outlet(self) -> Outlet:
-        """Where set-points go: `send`."""
-        return self
+        """Where set-points go: to who keeps the beat itself if all of them are his, else `send`."""
+        alone = not self._description.setpoints and self._player is None
+        return (alone and self.direct.outlet) or self
+
+    @property
+    def failure(self) -> BenchError | None:
+        """Why commands no longer count."""
+        return self._failure or self.direct.failure
 
     # -- coming and going ----------------------------------------------------------------------------------------
 
     def open(self, clock: Clock, hear: Hear, lost: OnLost, *, within: float) -> None:
-        self._clock, self._hear, self.failure = clock, hear, None
+        self._clock, self._hear, self._failure = clock, hear, None
         self._streaming.open()
         deadline = clock.now() + round(within * NS)
         told = threading.Lock()  # held for good by the first connection that is lost
 
         def on_lost(name: str, reason: str) -> None:
             if told.acquire(blocking=False):
-                lost(f"{name}: {reason}")
+                lost(f"{name}: {reason}" if name else reason)
 
         try:
+            self.direct.connect(clock, partial(on_lost, ""))
+            self._agree()
             for name, transport in self._transports.items():
                 left = max(deadline - clock.now(), 0) / NS
                 transport.connect(clock, partial(on_lost, name), within=left)
@@ -140,17 +164,42 @@ class DescribedWiring:
             if self._description.greetings.open:
                 self.begin()
             self._say(self._description.greetings.open)
-            self.given = self._read_given(clock, deadline)
+            self.given = {**self.given, **self._read_given(clock, deadline)}
+            self.direct.hear(self._ear(hear), self.table.index.keys() - self._carried)
             for name, transport in self._transports.items():
                 transport.subscribe(partial(self._accept, f"{name}."))
-            for name, transport in self._transports.items():
-                if transport.period > 0:
-                    self._await_news(name, transport, clock, deadline, within)
+            self._points.await_news(self.rig, clock, deadline, within)
             self._settings.await_told(clock, deadline)
             self._tell_player(clock.now())
         except BaseException:
             self.close()
             raise
+
+    def _agree(self) -> None:
+        """Do without what the rig's own table lacks, and say so."""
+        self.given = self.direct.given
+        lacking = {name: why for name, why in self.direct.absent.items() if name in self._carried}
+        if lacking:
+            self._carried -= lacking.keys()
+            self.absent = {**self.absent, **lacking}
+            self.freshness[[self.table.index[name] for name in lacking]] = 0
+        if self.direct.differs:
+            notes = {**self.capabilities.notes, "identity": self.direct.differs}
+            self.capabilities = replace(self.capabilities, notes=notes)
+
+    def _ear(self, hear: Hear) -> Hear:
+        """Return who hears what is carried: ``hear`` alone, unless the state has to be known here as well."""
+        if self._player is None and not self._description.setpoints:
+            return hear
+        state = self.table.index["rig.state"]
+
+        def heard(times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
+            told = values[rows == state]
+            if told.size:
+                self._active = bool(told[-1] == _ACTIVE)
+            hear(times, rows, values, fresh)
+
+        return heard
 
     def listening(self) -> DescribedWiring:
         """Return a wiring that only listens, over transports of its own."""
@@ -164,14 +213,7 @@ class DescribedWiring:
                 self._say(self._description.greetings.close)
         for transport in reversed(self._transports.values()):
             transport.close()
-
-    def _await_news(
-        self, name: str, transport: Transport, clock: Clock, deadline: int, within: float
-    ) -> None:
-        while math.isinf(transport.alive()):
-            if clock.now() >= deadline:
-                raise LinkLost(f"{self.rig} is silent: nothing came on transport {name} within {within:g} s")
-            clock.sleep_until(min(deadline, clock.now() + LOOK))
+        self.direct.close()
 
     def _read_given(self, clock: Clock, deadline: int) -> dict[str, float]:
         targets = {name: one for name, one in self._description.setpoints.items() if one.given}
@@ -199,7 +241,7 @@ class DescribedWiring:
             try:
                 samples = self._sources.samples(prefix, time, points)
             except Exception as error:  # a user's function: the thread that receives must outlive it
-                self.failure = self.failure or Misuse(
+                self._failure = self._failure or Misuse(
                     f"what comes from {self.rig} could not be made signals of, with the functions of "
                     f"{self._description.functions}: {error!r}"
                 )
@@ -225,7 +267,7 @@ class DescribedWiring:
 
     @property
     def commanded(self) -> bool:
-        return self._streaming.commanded
+        return self._streaming.commanded or self.direct.commands
 
     def begin(self) -> None:
         if self._clock is not None:
@@ -239,29 +281,34 @@ class DescribedWiring:
             if self._player is not None:
                 offsets = self._player.advance(time, active=self._active)
                 self._tell_player(time)
-        active = self._active or "rig.state" not in self._description.readings
-        self.failure = self.failure or self._streaming.send(values, offsets, time, active=active)
+        active = self._active or "rig.state" not in {*self._description.readings, *self._carried}
+        self._failure = self._failure or self._streaming.send(values, offsets, time, active=active)
+        if self.direct.outlet is not None:
+            for row, offset in offsets.items():
+                signal = self.table.signals[row]
+                values[row] = min(max(values[row] + offset, signal.low), signal.high)
+            self.direct.outlet.send(values, time)
 
     def is_own(self, port: int, token: float) -> bool:
-        """Return False: no description says how a rig tells who commands it."""
-        return False
+        return self.direct.is_own(port, token)
 
-    def silent(self) -> NoReturn:
-        raise NotAvailable(f"{self.rig} is not known to notice that its commander is silent")
+    def silent(self) -> AbstractContextManager[None]:
+        return self.direct.silent()
 
-    def read_file(self, file: int, record: int, count: int) -> NoReturn:
-        raise NotAvailable(f"{self.rig} is not known to keep files")
+    def read_file(self, file: int, record: int, count: int) -> list[int]:
+        return self.direct.read_file(file, record, count)
 
     def identity(self) -> str:
-        """Return the points that the rig was recognized by."""
-        told = self._description.identity
-        if not told:
-            return "not told: the wiring has no [identity], so any rig with these points would do"
-        return ", ".join(f"{point} = {value:g}" for point, value in told.items())
+        """Return the points, or the table of signals, that the rig was recognized by."""
+        points = [f"{point} = {value:g}" for point, value in self._description.identity.items()]
+        told = "; ".join(filter(None, (", ".join(points), self.direct.identity())))
+        return told or "not told: the wiring has no [identity], so any rig with these points would do"
 
     def source(self, name: str) -> str:
-        """Return the points of a signal."""
+        """Return the points of a signal, or where the table has it."""
         told = self._description
+        if name in self._carried:
+            return self.direct.source(name)
         if name in told.readings:
             return ", ".join(told.readings[name].points)
         if name in told.settings:
@@ -289,15 +336,25 @@ class DescribedWiring:
         self.begin()
         played = {name: value for name, value in values.items() if name in self._description.played}
         self._refuse_under_program(values)
-        self._settings.write(
-            {name: value for name, value in values.items() if name not in played}, self._clock
-        )
+        carried = {name: value for name, value in values.items() if name in self._carried}
+        others = {name: value for name, value in values.items() if name not in {*played, *carried}}
+        before = self.direct.read(list(carried)) if carried and others else {}
+        if carried:
+            self.direct.write(carried)
+        try:
+            self._settings.write(others, self._clock)
+        except (BenchError, ValueError):
+            if before:
+                self.direct.write(before)
+            raise
         if played and self._player is not None:
             self._player.write(played)
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         refuse_absent(self, *names)
         told = self._player.told() if self._player is not None else {}
+        if carried := [name for name in names if name in self._carried]:
+            told = {**told, **self.direct.read(carried)}
         sources = {name: self._points_of(name) for name in names if name not in told}
         numbers = self._points.read(point for points in sources.values() for point in points)
         found = {}
@@ -315,6 +372,9 @@ class DescribedWiring:
         self.begin()
         if self._player is not None and name in self._description.played:
             self._play(name)
+            return
+        if name in self._carried:
+            self.direct.act(name)
             return
         point, numbers = self._description.actions[name]
         for number in numbers:
@@ -372,6 +432,9 @@ class DescribedWiring:
 
     def _freshness(self) -> Ints:
         limits = np.zeros(len(self.table.signals), np.int64)
+        if (carried := self.direct.freshness) is not None:
+            rows = [self.table.index[name] for name in self._carried]
+            limits[rows] = carried[rows]
         for name, limit in self._sources.limits.items():
             limits[self.table.index[name]] = limit
         if self._player is not None:

@@ -18,6 +18,7 @@ from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.wires import Table
 from drivers.errors import WiringError
+from drivers.wiring.astb_keys import KIND
 from drivers.wiring.contract import Capabilities
 from drivers.wiring.conversion import Conversion, Line, conversion, quantity
 from drivers.wiring.expression import Combine, expression
@@ -82,13 +83,7 @@ class _Reader:
 
     def read(self) -> Description:
         keys, head = self._keys, self._head
-        if not keys.transports:
-            raise WiringError(
-                f"{head}transports is empty; a rig is reached by [transports.NAME] with its kind"
-            )
-        for name in keys.transports:
-            if not name.isidentifier():
-                raise WiringError(f"{head}transports.{name}: a name is one word of letters, digits and _")
+        direct = self._direct()
         with AllAtOnce() as wrong:
             entries: dict[str, tuple[str, Any]] = {}
             with wrong.next():
@@ -99,9 +94,13 @@ class _Reader:
             player = None
             with wrong.next():
                 player = None if keys.capabilities.generator else self._player()
-            for signal in self._table.signals:
-                if signal.name not in entries and not (player and signal.name.startswith(PLAYED)):
-                    self._absent.setdefault(signal.name, _NOT_MENTIONED)
+            unsaid = [
+                signal.name
+                for signal in self._table.signals
+                if signal.name not in entries and not (player and signal.name.startswith(PLAYED))
+            ]
+            if not direct:
+                self._absent = dict.fromkeys(unsaid, _NOT_MENTIONED) | self._absent
             with wrong.next():
                 identity = self._identity()
             with wrong.next():
@@ -137,7 +136,28 @@ class _Reader:
             self._actions,
             self._absent,
             tuple(self.points),
+            direct,
+            frozenset(unsaid if direct else ()),
         )
+
+    def _direct(self) -> str:
+        """Return the name of the transport that carries what no line is for; "" if there is none."""
+        transports = self._keys.transports
+        if not transports:
+            raise WiringError(
+                f"{self._head}transports is empty; a rig is reached by [transports.NAME] with its kind"
+            )
+        for name in transports:
+            if not name.isidentifier():
+                raise WiringError(
+                    f"{self._head}transports.{name}: a name is one word of letters, digits and _"
+                )
+        names = [name for name, table in transports.items() if table.get("kind") == KIND]
+        if len(names) > 1:
+            raise WiringError(
+                f"{self._head}transports: {' and '.join(names)} are of kind {KIND}; a rig has one table, and one of it"
+            )
+        return "".join(names)
 
     def _identity(self) -> dict[str, float]:
         where, found = f"{self._head}identity", {}
@@ -291,6 +311,10 @@ class _Reader:
             )
         if name not in transports:
             raise WiringError(f"{key} = {point!r}: there is no transport {name!r}; {meant(name, transports)}")
+        if transports[name].get("kind") == KIND:
+            raise WiringError(
+                f"{key} = {point!r}: {name} is of kind {KIND}, and carries signals instead of points; right is no line"
+            )
         self.points.append((key, point, written))
 
     def _function(self, where: str, name: str, arguments: int) -> Combine:

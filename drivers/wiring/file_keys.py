@@ -66,6 +66,9 @@ class ConductTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     reset: list[dict[str, Any]] = []  #: steps out of a fault
     rest: list[dict[str, Any]] = []  #: orders that bring the rig to rest from any state
     at_rest: list[str] = []  #: states in which it is at rest
+    air: dict[
+        str, str
+    ] = {}  #: by state, where it is known: the springs' air is "let off", "shut in" or "as ordered"
     open: list[dict[str, Any]] = []  #: orders when the bench has connected: points and actions
     close: list[dict[str, Any]] = []  #: the same before it disconnects
     apply: list[dict[str, Any]] = []  #: the same after settings have been written: where a rig stages them

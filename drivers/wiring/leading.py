@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, get_args
 
 from bench_protocol.signals import Kind
 from bench_protocol.wires import Table
-from bench_protocol.words import STATES
+from bench_protocol.words import STATES, AirFate
 from drivers.errors import WiringError
 from drivers.wiring.contract import Conduct, Order, Step
 from drivers.wiring.conversion import Choices
@@ -18,6 +18,7 @@ from drivers.wiring.written import order_names, plain_number, si_value
 
 #: What a rig tells, and nobody orders.
 READ: Final = (Kind.MEASUREMENT, Kind.STATUS, Kind.INTERLOCK)
+_FATES: Final[tuple[AirFate, ...]] = get_args(AirFate)
 
 
 class NotePoint(Protocol):
@@ -56,7 +57,11 @@ class Leading:
                 reset = self._steps(f"{where}.reset", table.reset, states)
             with wrong.next():
                 rest = self._orders(f"{where}.rest", table.rest)
-        return Conduct(up, reset, rest, tuple(table.at_rest))
+            air: dict[str, AirFate] = {}
+            for state, given in table.air.items():
+                with wrong.next():
+                    air[state] = self._fate(f"{where}.air", state, given, states)
+        return Conduct(up, reset, rest, tuple(table.at_rest), air)
 
     def greetings(self) -> Greetings:
         """Return what the wiring says by itself: points, and actions of the table."""
@@ -95,6 +100,14 @@ class Leading:
             raise WiringError(
                 f'{where}: the rig never reports {state}: signals."rig.state".choices has {", ".join(states)}'
             )
+
+    def _fate(self, where: str, state: str, given: str, states: Sequence[str]) -> AirFate:
+        """Return what becomes of the air in a state."""
+        self._state(where, state, states)
+        for fate in _FATES:
+            if fate == given:
+                return fate
+        raise WiringError(f"{where}.{state} = {given!r} is none of it; {meant(given, _FATES)}")
 
     def _steps(self, where: str, tables: Sequence[Any], states: Sequence[str]) -> tuple[Step, ...]:
         steps = []

@@ -106,6 +106,8 @@ class Description:
     points: tuple[
         tuple[str, str, bool], ...
     ]  #: every point that is named: its key, itself, whether it is written
+    direct: str = ""  #: the transport of kind astb, if there is one
+    carried: frozenset[str] = frozenset()  #: the signals that it carries: all that no line is for
 
     @cached_property
     def played(self) -> frozenset[str]:
@@ -115,3 +117,8 @@ class Description:
             for signal in self.table.signals
             if self.player is not None and signal.name.startswith(PLAYED)
         )
+
+    @cached_property
+    def remembered(self) -> tuple[str, ...]:
+        """The settings that no point tells."""
+        return tuple(name for name, one in self.settings.items() if one.fixed is None and not one.read)

@@ -8,7 +8,7 @@ from typing import Final
 
 from bench_protocol.clock import Clock
 from bench_protocol.units import NS, ms
-from drivers.errors import WiringError
+from drivers.errors import LinkLost, WiringError
 from drivers.wiring.contract import Transport
 from drivers.wiring.streaming import by_transport
 
@@ -50,6 +50,14 @@ class Points:
             if not any(map(math.isnan, told.values())) or clock.now() >= deadline:
                 return told
             clock.sleep_until(min(deadline, clock.now() + LOOK))
+
+    def await_news(self, rig: str, clock: Clock, deadline: int, within: float) -> None:
+        """Wait until something has come on every transport on which it comes by itself; LinkLost at the deadline."""
+        for name, transport in self._transports.items():
+            while transport.period > 0 and math.isinf(transport.alive()):
+                if clock.now() >= deadline:
+                    raise LinkLost(f"{rig} is silent: nothing came on transport {name} within {within:g} s")
+                clock.sleep_until(min(deadline, clock.now() + LOOK))
 
     def write(self, points: Mapping[str, float]) -> None:
         """Write points, those of one transport at once, in the order given."""

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from drivers.errors import WiringError
+from drivers.wiring.astb_keys import KIND, AstbKeys
 from drivers.wiring.contract import Transport
-from drivers.wiring.keys import AllAtOnce, meant
+from drivers.wiring.keys import AllAtOnce, convert, meant
 from drivers.wiring.points import Points
 
 if TYPE_CHECKING:
     from drivers.can_port import CanPort
     from drivers.modbus_port import ModbusPort
 
-KINDS: Final = ("can", "modbus", "modbus_rtu", "opcua")
+KINDS: Final = ("can", "modbus", "modbus_rtu", "opcua", KIND)
 #: Those whose points are all listed in the file.
 _LISTING: Final = ("modbus", "modbus_rtu", "opcua")
 
@@ -66,10 +67,10 @@ def open_all(
     points: Iterable[tuple[str, str, bool]],
     *,
     functions: Path | None = None,
-    ports: Mapping[str, Callable[[], CanPort | ModbusPort]] | None = None,
+    ports: Mapping[str, Callable[[], Any]] | None = None,
     streamed: Mapping[str, Collection[str]] | None = None,
 ) -> dict[str, Transport]:
-    """Return all transports of the file ``where``, by name, not yet connected.
+    """Return all transports of the file ``where`` that have points, by name, not yet connected.
 
     ``points`` are those that its lines name: key, TRANSPORT.POINT, and whether it is written. WiringError for all that
     the transports cannot be, and for all points that they do not have.
@@ -78,6 +79,9 @@ def open_all(
     with AllAtOnce() as wrong:
         for name, table in tables.items():
             with wrong.next(f"{where}: "):
+                if table.get("kind") == KIND:
+                    convert(f"transports.{name}", table, AstbKeys)
+                    continue
                 found[name] = open_transport(
                     name,
                     table,

@@ -17,7 +17,7 @@ from bench_protocol.words import ACTUATORS, CONTROL_MODES, REASONS, STATES
 from drivers.bench import Bench
 from drivers.memory import Faults, FaultyCan, InMemoryCan
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 STEP = 5_000_000
 #: What this peer gives to everybody who takes the lease.
@@ -252,7 +252,7 @@ class World:
         self.clock.attach(lambda until: self.can.deliver(self.peer.advance(until)))
         port = self.can if faults is None else FaultyCan(self.can, faults, seed)
         self.modbus = InMemoryModbus(self.peer.answer)
-        self.bench = Bench(OwnWiring(port, self.modbus), self.clock)
+        self.bench = Bench(own_wiring(port, self.modbus), self.clock)
 
     def pass_time(self, seconds: float) -> None:
         """Let time pass without the bench looking."""

@@ -9,9 +9,9 @@ from bench_protocol.messages import TOKEN, Protection
 from bench_protocol.registers import ACTIVE_BLOCK
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.table import TABLE
+from drivers.wiring import own
 from drivers.wiring.contract import Order, Step
 from drivers.wiring.lines import PLAYED
-from drivers.wiring.own import CONDUCT
 
 #: The CRC takes the data id exclusive-or the token, which the Control message carries.
 FUNCTIONS = """
@@ -34,6 +34,7 @@ def own_description(directory: Path, *, generator: bool = True) -> dict[str, Any
 
     Without ``generator`` the rig's is not mentioned, and the bench plays its waves.
     """
+    conduct = own.own_description().conduct
     (directory / "astb.dbc").write_text(dbc())
     (directory / "own.py").write_text(FUNCTIONS)
     bus = {
@@ -59,10 +60,11 @@ def own_description(directory: Path, *, generator: bool = True) -> dict[str, Any
         },
         "capabilities": {"generator": generator},
         "conduct": {
-            "up": [_step(step) for step in CONDUCT.up],
-            "reset": [_step(step) for step in CONDUCT.reset],
-            "rest": [_order(order) for order in CONDUCT.rest],
-            "at_rest": list(CONDUCT.at_rest),
+            "up": [_step(step) for step in conduct.up],
+            "reset": [_step(step) for step in conduct.reset],
+            "rest": [_order(order) for order in conduct.rest],
+            "at_rest": list(conduct.at_rest),
+            "air": dict(conduct.air),
             "open": [{"plc.modbus.lease": 1}],
             "close": [{"plc.modbus.lease": 0}],
             "apply": [{"action.apply": 1}],

@@ -26,8 +26,8 @@ from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.setpoints import Setpoints
 from drivers.wire import Wire
-from drivers.wiring.own import OwnWiring
-from drivers.wiring.own_can import AUTONOMY
+from drivers.wiring.astb_can import AUTONOMY
+from drivers.wiring.own import own_wiring
 
 FRAMES = st.lists(
     st.builds(
@@ -66,7 +66,7 @@ class Peer:
         self.port = InMemoryCan(lambda block: pytest.fail("Python must not be asked"))
         self.port.wire = self.wire = Wire.on(self.near.fileno(), lines=True)
         silent = InMemoryModbus(lambda request: b"")
-        self.commander = Commander(OwnWiring(self.port, silent), RealClock())
+        self.commander = Commander(own_wiring(self.port, silent), RealClock())
         self._parser = Parser(sender="a test")
 
     def waiting(self):

@@ -19,12 +19,12 @@ from drivers.commander import BEAT, Commander  # noqa: E402
 from drivers.errors import LinkLost, Misuse, Refused  # noqa: E402
 from drivers.memory import InMemoryCan  # noqa: E402
 from drivers.modbus_port import InMemoryModbus  # noqa: E402
-from drivers.wiring.own import OwnWiring  # noqa: E402
+from drivers.wiring.own import own_wiring  # noqa: E402
 
 
-def own_wiring(port):
+def wiring_on(port):
     """Return our wiring with a silent Modbus, which the stream does not need."""
-    return OwnWiring(port, InMemoryModbus(lambda request: b""))
+    return own_wiring(port, InMemoryModbus(lambda request: b""))
 
 
 class Line:
@@ -33,7 +33,7 @@ class Line:
     def __init__(self):
         self.clock, self.blocks = VirtualClock(), []
         self.port = InMemoryCan(self.blocks.append)
-        self.commander = Commander(own_wiring(self.port), self.clock)
+        self.commander = Commander(wiring_on(self.port), self.clock)
 
     def beats(self, count):
         self.clock.sleep_until(self.clock.now() + count * BEAT)
@@ -187,7 +187,7 @@ def test_a_stall_makes_no_set_point_jump():
         if len(blocks) == 10:
             clock.sleep_until(clock.now() + NS // 4)
 
-    commander = Commander(own_wiring(InMemoryCan(send)), clock)
+    commander = Commander(wiring_on(InMemoryCan(send)), clock)
     name = "lateral.displacement_setpoint"
     commander.set(name, 0.0)
     commander.start()
@@ -206,7 +206,7 @@ def test_a_stall_makes_no_set_point_jump():
 def test_in_real_time_many_threads_may_command_while_the_beats_keep_time():
     clock, stamps = RealClock(), []
     port = InMemoryCan(lambda block: stamps.append((int(block["time"][0]), clock.now())))
-    commander = Commander(own_wiring(port), clock)
+    commander = Commander(wiring_on(port), clock)
     commander.start()
 
     def pester(name):
@@ -255,7 +255,7 @@ def test_set_points_wait_for_a_beat_that_holds_the_gate():
 def test_whatever_ends_the_stream_is_told(monkeypatch, error):
     """A transport of somebody's own may raise anything; in a thread nobody would hear of it."""
     clock, port = VirtualClock(), InMemoryCan(lambda block: None)
-    wiring = own_wiring(port)
+    wiring = wiring_on(port)
     commander = Commander(wiring, clock)
 
     def fail(values, time):

@@ -22,7 +22,7 @@ from bench_sim.parameters import load
 from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.errors import MapMismatch, NotAvailable
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 from test_plans.execution import execute
 from test_plans.plan import plan
 from test_plans.run import Nobody
@@ -84,7 +84,7 @@ class Stand:
     def __init__(self, known: Table) -> None:
         self.rig = Rig(load(), seed=1)
         self.memory = RigInMemory(self.rig)
-        self.wiring = OwnWiring(self.memory.can(), self.memory.modbus(), table=known)
+        self.wiring = own_wiring(self.memory.can(), self.memory.modbus(), table=known)
         self.heard: dict[str, float] = {}
         self.table = known
 

@@ -15,9 +15,9 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm, s
 from drivers.bench import Bench
 from drivers.errors import Refused
+from drivers.wiring.astb_can import AstbEar
 from drivers.wiring.described import open_described
 from drivers.wiring.description import describe
-from drivers.wiring.own_can import OwnEar
 from test_plans.execution import execute
 from tests.drivers.own_as_file import own_description
 
@@ -64,7 +64,7 @@ def test_a_description_of_our_own_rig_arms_moves_and_disarms_it(memory, describe
 
 def test_both_wirings_hear_the_same(memory, described):
     heard = {"own": [], "file": []}
-    own = OwnEar(
+    own = AstbEar(
         TABLE, memory.clock, 0, lambda t, rows, v, _: heard["own"].extend(zip(t, rows, v, strict=True))
     )
     with described as bench:

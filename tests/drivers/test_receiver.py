@@ -16,8 +16,8 @@ from drivers.errors import Misuse, Stale
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
 from drivers.receiver import Capture, Receiver
-from drivers.wiring.own import OwnWiring
-from drivers.wiring.own_can import OwnEar
+from drivers.wiring.astb_can import AstbEar
+from drivers.wiring.own import own_wiring
 
 HEIGHT, PRESSURE = TABLE.index["left.height"], TABLE.index["left.bellows_pressure"]
 MS = 1_000_000
@@ -28,8 +28,8 @@ class Heard(Receiver):
 
     def __init__(self, clock, epoch=0):
         silent = InMemoryModbus(lambda request: b"")
-        super().__init__(OwnWiring(InMemoryCan(lambda block: None), silent), clock)
-        ear = OwnEar(TABLE, clock, epoch, self.hear)
+        super().__init__(own_wiring(InMemoryCan(lambda block: None), silent), clock)
+        ear = AstbEar(TABLE, clock, epoch, self.hear)
         self.accept, self.tally = ear.accept, ear.tally
 
 

@@ -11,7 +11,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import bar, mm
 from drivers.errors import LinkLost, MapMismatch, Misuse, NotCommander, Refused
-from drivers.wiring.own_modbus import from_words, single, to_words
+from drivers.wiring.astb_modbus import from_words, single, to_words
 
 SETTINGS = TABLE.of_kind(Kind.SETTING)
 WRITES = (5, 6, 15, 16, 22, 23)
@@ -93,7 +93,7 @@ def test_nothing_to_write_sends_nothing(world):
 
 def test_a_block_is_read_as_one_snapshot(world):
     world.peer.values["left.height"] = 12 * mm
-    snapshot = world.bench.wiring.registers.snapshot()
+    snapshot = world.bench.wiring.direct.registers.snapshot()
     assert snapshot["left.height"] == pytest.approx(12 * mm)
     assert set(snapshot) == {r.name for r in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS)} & {
         r.signal for r in TABLE.registers if r.space == "input"
@@ -112,10 +112,10 @@ def test_a_block_torn_by_a_new_step_is_read_again_and_not_for_ever(world, monkey
         return words
 
     monkeypatch.setattr(peer, "read_input", tearing)
-    assert world.bench.wiring.registers.snapshot()["left.height"] == 0
+    assert world.bench.wiring.direct.registers.snapshot()["left.height"] == 0
     torn[0] = 1000
     with pytest.raises(LinkLost, match="3 reads in a row"):
-        world.bench.wiring.registers.snapshot()
+        world.bench.wiring.direct.registers.snapshot()
     assert torn[0] == 997
 
 

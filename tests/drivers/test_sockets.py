@@ -15,7 +15,7 @@ from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.errors import LinkLost
 from drivers.modbus_port import open_modbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 pytestmark = pytest.mark.real_time
 HEIGHT = TABLE.index["left.height"]
@@ -47,7 +47,7 @@ def live(make_world):
 
         ticking = clock.every(5_000_000, tick)
         can = open_can("tcp", host="127.0.0.1", port=servers.can_port)
-        bench = Bench(OwnWiring(can, open_modbus("127.0.0.1", servers.modbus_port), start), clock)
+        bench = Bench(own_wiring(can, open_modbus("127.0.0.1", servers.modbus_port)), clock)
         bench.connect()
         yield peer, servers, bench
         bench.close()
@@ -69,7 +69,7 @@ def test_nothing_is_lost_while_the_plan_computes(live):
     assert capture.times("left.height").size >= 0.8 * 200
     times = np.concatenate([t[r == HEIGHT] for t, r in heard])
     assert set(np.diff(times).tolist()) == {5_000_000}
-    assert bench.wiring.tally()["lost"] == 0
+    assert bench.wiring.direct.tally()["lost"] == 0
     bench.vertical.preload(1 * kN, 2 * kN, rate=20 * kN)
     assert bench.vertical_right.force == pytest.approx(2 * kN, abs=0.5 * kN)
     assert peer.state == "ACTIVE"

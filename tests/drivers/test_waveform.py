@@ -20,7 +20,7 @@ from drivers.commander import BEAT, Commander
 from drivers.errors import LinkLost, Misuse, NotAvailable, RigFault
 from drivers.memory import InMemoryCan
 from drivers.modbus_port import InMemoryModbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 from test_plans.steps import carrying
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
@@ -44,7 +44,7 @@ def decoded(blocks, message, signal):
 )
 def test_every_beat_of_it_is_on_the_wire_once_and_exact_to_half_a_step(knots, step, lead):
     clock, blocks = VirtualClock(), []
-    commander = Commander(OwnWiring(InMemoryCan(blocks.append), InMemoryModbus(lambda _: b"")), clock)
+    commander = Commander(own_wiring(InMemoryCan(blocks.append), InMemoryModbus(lambda _: b"")), clock)
     commander.set_all(BASE)
     commander.start()
     clock.sleep_until(lead * BEAT)

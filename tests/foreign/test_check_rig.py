@@ -20,7 +20,7 @@ from drivers.bench import Bench
 from drivers.errors import LinkLost
 from drivers.wiring.described import open_described
 from drivers.wiring.description import read_description
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 from tests.foreign import wiring_file
 from tests.foreign.virtual import VirtualHall, VirtualPlc
 
@@ -58,7 +58,7 @@ def test_our_rig_is_sound_and_its_commander_notices_nothing():
     memory = RigInMemory(Rig(load(), seed=1))
     with memory.bench() as bench:
         bench.arm()
-        with Listening(OwnWiring(memory.can(), memory.modbus()), memory.clock, WITHIN) as one:
+        with Listening(own_wiring(memory.can(), memory.modbus()), memory.clock, WITHIN) as one:
             report = examine(one)
         assert bench.state == "ACTIVE"
         assert bench.rig.strangers == 0

@@ -12,8 +12,8 @@ from bench_sim.rig.rig import Rig
 from bench_sim.rig.safe_position import EMPTY, Grip
 from bench_sim.rig.states import COMMAND_VALID, TRANSITIONS, Event
 from drivers.errors import Refused
-from drivers.wiring import own_refusals
-from drivers.wiring.own_refusals import Told, why_action
+from drivers.wiring import astb_refusals
+from drivers.wiring.astb_refusals import Told, why_action
 
 EVENTS = {
     "power_on": Event.POWER_ON,
@@ -50,13 +50,13 @@ def test_an_action_is_said_to_be_for_the_states_that_know_it(name, state):
 
 
 def test_the_pressures_are_those_of_the_rig():
-    assert (own_refusals.EMPTY, own_refusals.FLANGE) == (EMPTY, _FLANGE_PRESSURE)
+    assert (astb_refusals.EMPTY, astb_refusals.FLANGE) == (EMPTY, _FLANGE_PRESSURE)
     names = {signal.name for signal in TABLE.of_kind(Kind.MEASUREMENT) if "_pressure" in signal.name}
-    assert set(own_refusals._CHAMBERS) == names
+    assert set(astb_refusals._CHAMBERS) == names
 
 
 def test_power_that_cannot_come_on_names_the_mains(bench):
-    rig = bench.wiring.can._memory.rig
+    rig = bench.wiring.direct.can._memory.rig
     rig.set_mains(there=False)
     wait(bench, 0.1)
     with pytest.raises(Refused, match="the mains are off; switch them on first"):
@@ -66,7 +66,7 @@ def test_power_that_cannot_come_on_names_the_mains(bench):
 
 
 def test_shims_that_cannot_be_changed_name_what_holds_the_bolster(bench):
-    rig = bench.wiring.can._memory.rig
+    rig = bench.wiring.direct.can._memory.rig
 
     def refusal(setting="nominal_preload", value=145 * kN):
         with pytest.raises(Refused) as caught:

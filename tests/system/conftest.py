@@ -19,7 +19,7 @@ from astb.cli import main as astb_main
 from astb.rig_in_memory import RigInMemory
 from astb.run import undisturbed
 from bench_protocol.can_codec import Decoder
-from bench_protocol.clock import RealClock, VirtualClock, wall_time_ns
+from bench_protocol.clock import RealClock, VirtualClock
 from bench_protocol.frames import Block, join
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS
@@ -29,7 +29,7 @@ from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.can_port import CanPort, has_interface, open_can
 from drivers.modbus_port import ModbusPort, open_modbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 ASTB = [sys.executable, "-m", "astb"]
 ROOT = Path(__file__).parents[2]
@@ -75,7 +75,6 @@ class Site:
 
     transport: str
     clock: VirtualClock | RealClock
-    epoch = 0
     #: Whether all of this shares one processor on which a frame costs milliseconds.
     slow = os.environ.get("WITH_VCAN") == "uml"
     #: Whether the rig can tell who sent a CAN frame, and that he is gone: a bus without connections does not.
@@ -93,7 +92,7 @@ class Site:
 
     def bench(self) -> Bench:
         """Return a bench, not yet connected."""
-        return Bench(OwnWiring(self.can(), self.modbus(), self.epoch), self.clock)
+        return Bench(own_wiring(self.can(), self.modbus()), self.clock)
 
     def shared(self) -> Bench:
         """Return a connected bench that tests use one after the other: arming takes a second of real time."""
@@ -178,7 +177,6 @@ class LiveSite(Site):
 
     def __init__(self, transport: str, rig: RigProcess) -> None:
         self.transport, self.rig, self.clock = transport, rig, RealClock()
-        self.epoch = wall_time_ns() - self.clock.now()
         self.connections = transport == "tcp"
         self._opened: list[CanPort] = []
 
@@ -190,7 +188,7 @@ class LiveSite(Site):
 
     def close_others(self) -> None:
         """Close what a test that failed has left open: each ear costs the next tests time."""
-        kept = [] if self._shared is None else [self._shared.wiring.can]
+        kept = [] if self._shared is None else [self._shared.wiring.direct.can]
         for port in self._opened:
             if port not in kept:
                 port.close()

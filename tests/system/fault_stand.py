@@ -71,7 +71,7 @@ class Stand:
             self.bench.wait(20 * s)  # what was pressed in cools down
 
     def tally(self, what: str) -> int:
-        return self.bench.wiring.tally()[what]
+        return self.bench.wiring.direct.tally()[what]
 
 
 def seen(function: Callable[[Stand], None]) -> Callable[[Stand], None]:

@@ -10,7 +10,7 @@ from astb.rig_file import SimulatedCan, Simulation
 from astb.rig_in_memory import RigInMemory
 from astb.run import undisturbed
 from astb.session import build_rig, bus_stages, virtual_session
-from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.clock import RealClock
 from bench_protocol.frames import Block, join
 from bench_protocol.table import TABLE
 from bench_protocol.units import mm, ms
@@ -19,7 +19,7 @@ from bench_sim.rig.registers import BUS_NOTE
 from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.modbus_port import ModbusPort, open_modbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 ROOM = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
 BIT = 2000  # ns, at 500 kbit/s
@@ -45,12 +45,11 @@ def assert_one_after_the_other(heard: Block, slack: int) -> None:
 def test_over_sockets_frames_come_one_after_the_other_and_the_bench_arms(start_rig) -> None:
     rig = start_rig(*ROOM, "--bit-rate", "500k")
     clock = RealClock()
-    epoch = wall_time_ns() - clock.now()
     listener = open_can("tcp", port=rig.can_port)
     blocks: list[Block] = []
     listener.subscribe(blocks.append)
     modbus = open_modbus("127.0.0.1", rig.modbus_port, timeout=2.0)
-    with undisturbed(), Bench(OwnWiring(open_can("tcp", port=rig.can_port), modbus, epoch), clock) as bench:
+    with undisturbed(), Bench(own_wiring(open_can("tcp", port=rig.can_port), modbus), clock) as bench:
         bench.arm()
         bench.wait(0.3)
         load, errors = told(modbus)

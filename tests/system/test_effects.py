@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from astb.exit_codes import FAIL, MISUSE, PASS
-from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.clock import RealClock
 from bench_protocol.units import bar, s
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
@@ -15,7 +15,7 @@ from bench_sim.parameters.model_file import Model, write_model
 from drivers.bench import Bench
 from drivers.can_port import open_can
 from drivers.modbus_port import open_modbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 ANYWHERE = ("--can", "tcp", "--can-port", "0", "--modbus-port", "0")
 VIRTUAL = 'name = "virtual"\ntime = "virtual"\n[simulation]\n'
@@ -42,7 +42,7 @@ def test_a_leak_is_seen_over_sockets(start_rig):
         stack.callback(modbus.close)
         can = open_can("tcp", port=rig.can_port)
         stack.callback(can.close)
-        bench = Bench(OwnWiring(can, modbus, wall_time_ns() - clock.now()), clock)
+        bench = Bench(own_wiring(can, modbus), clock)
         stack.callback(bench.close)
         bench.connect()
         bench.arm()

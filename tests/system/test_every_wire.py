@@ -246,7 +246,7 @@ def test_a_burst_reaches_everybody_in_order_and_disturbs_nobody(site, armed):
     numbers = [int.from_bytes(bytes(f["data"]), "big") for f in frames[frames["id"] == 0x700]]
     assert numbers == list(range(len(numbered)))
     assert armed.rig.state == "ACTIVE"
-    tally = armed.wiring.tally()
+    tally = armed.wiring.direct.tally()
     assert tally["unknown"] >= len(numbered)
     assert tally["lost"] == 0
 
@@ -254,15 +254,15 @@ def test_a_burst_reaches_everybody_in_order_and_disturbs_nobody(site, armed):
 def test_a_setting_out_of_range_changes_nothing(site, armed):
     """Straight into the registers, past the drivers' own checks."""
     register = next(r for r in TABLE.registers if r.signal == "air.left_target" and r.space == "holding")
-    before = armed.wiring.modbus.read_holding(register.address, 2)
+    before = armed.wiring.direct.modbus.read_holding(register.address, 2)
     words = np.array([15 * bar], ">f4").view(">u2").tolist()
     with pytest.raises(Refused) as refused:
-        armed.wiring.modbus.write_registers(register.address, words)
+        armed.wiring.direct.modbus.write_registers(register.address, words)
     assert refused.value.code == 3
     with pytest.raises(Refused) as refused:
-        armed.wiring.modbus.write_registers(register.address, words[:1])
+        armed.wiring.direct.modbus.write_registers(register.address, words[:1])
     assert refused.value.code == 3, "half of a 32-bit value"
-    assert armed.wiring.modbus.read_holding(register.address, 2) == before
+    assert armed.wiring.direct.modbus.read_holding(register.address, 2) == before
     with pytest.raises(ValueError, match=r"air\.left_target = 15 bar .* 0 to 9 bar"):
         armed.air.left_target = 15 * bar
 
@@ -282,7 +282,7 @@ def test_arming_and_disarming_walk_through_the_states(site, bench):
     assert states[states.index("DISABLED") :] == [*up, "HOLD", "AIR_HIGH", "DISABLED"]
     assert bench.rig.reason == "disabled by the commander"
     assert bench.rig.rejected_commands == rejected
-    assert bench.wiring.tally()["lost"] == bench.wiring.tally()["repeated"] == 0
+    assert bench.wiring.direct.tally()["lost"] == bench.wiring.direct.tally()["repeated"] == 0
 
 
 def test_a_commander_that_vanishes_leaves_the_bench_in_hold(site, bench):
@@ -291,8 +291,8 @@ def test_a_commander_that_vanishes_leaves_the_bench_in_hold(site, bench):
     with site.listening() as heard:
         site.wait(100 * ms)
         bench.commander.stop()
-        bench.wiring.can.close()
-        bench.wiring.modbus.close()
+        bench.wiring.direct.can.close()
+        bench.wiring.direct.modbus.close()
         site.wait(300 * ms)
     last, emergency = heard.positions("Control")[-1], heard.positions("Emergency")
     assert heard.states()[:2] == ["ACTIVE", "FAULT_HOLD"]
@@ -307,7 +307,7 @@ def test_a_closed_modbus_connection_of_the_commander_holds_at_once(site, bench):
     bench.arm()
     with site.listening() as heard:
         site.wait(60 * ms)
-        bench.wiring.modbus.close()
+        bench.wiring.direct.modbus.close()
         site.wait(60 * ms)
     assert bench.rig.reason == "commander disconnected"
     assert heard.states() == ["ACTIVE", "FAULT_HOLD"]
@@ -316,7 +316,7 @@ def test_a_closed_modbus_connection_of_the_commander_holds_at_once(site, bench):
 def test_there_is_one_commander(site, bench):
     bench.arm()
     second = site.bench()
-    token = bench.wiring.registers.holder()
+    token = bench.wiring.direct.registers.holder()
     with pytest.raises(NotCommander, match=f"token {token}"):
         second.connect()
     intruder = site.modbus()
@@ -335,7 +335,7 @@ def test_there_is_one_commander(site, bench):
     assert bench.rig.state == "ACTIVE", "that the second one left is no news"
     bench.close()
     with site.bench() as successor:
-        assert successor.wiring.registers.holder() not in (0, token)
+        assert successor.wiring.direct.registers.holder() not in (0, token)
 
 
 def test_nothing_is_read_that_has_not_come(site):
@@ -345,7 +345,7 @@ def test_nothing_is_read_that_has_not_come(site):
     assert bench.rig.state == "unknown"
     bench.connect()
     assert not math.isnan(bench.left.height)
-    bench.wiring.can.close()
+    bench.wiring.direct.can.close()
     site.wait(150 * ms)
     assert math.isnan(bench.left.height)
     assert bench.sample("left.height").quality == "stale"

@@ -9,7 +9,7 @@ from bench_records.result import Outcome
 from drivers.bench import Bench
 from drivers.errors import RigFault
 from drivers.memory import Faults, FaultyCan
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 from test_plans.discovery import plans
 from test_plans.execution import execute
 
@@ -36,7 +36,7 @@ def through(site):
 
     def connect(faults: Faults, seed: int = 1) -> Bench:
         port = FaultyCan(site.can(), faults, seed)
-        benches.append(Bench(OwnWiring(port, site.modbus(), site.epoch), site.clock))
+        benches.append(Bench(own_wiring(port, site.modbus()), site.clock))
         benches[-1].connect()
         return benches[-1]
 
@@ -60,7 +60,7 @@ def test_procedures_work_through_a_bad_link(site, through):
     assert bench.average("lateral.displacement", over=200 * ms) == pytest.approx(4 * mm, abs=0.2 * mm)
     bench.disarm()
     assert bench.rig.state == "DISABLED"
-    tally = bench.wiring.tally()
+    tally = bench.wiring.direct.tally()
     assert tally["lost"] > 0
     assert tally["repeated"] > 0
 
@@ -68,7 +68,7 @@ def test_procedures_work_through_a_bad_link(site, through):
 @pytest.mark.slow
 def test_a_whole_plan_gives_its_verdict_through_a_bad_link(memory_site, tmp_path):
     site = memory_site()
-    with Bench(OwnWiring(FaultyCan(site.can(), BAD, seed=1), site.modbus()), site.clock) as bench:
+    with Bench(own_wiring(FaultyCan(site.can(), BAD, seed=1), site.modbus()), site.clock) as bench:
         bench.dimensions = ordinary()
         result = execute(plans()["aw0"], bench, tmp_path)
     assert result.verdict is Outcome.PASS, [str(c) for c in result.checks if c.verdict != "pass"]
@@ -80,13 +80,13 @@ def test_the_rig_holds_when_most_commands_are_lost(site, through):
     bench = through(Faults())
     bench.arm()
     bench.lateral.move_to(2 * mm, rate=20 * mm / s)
-    bench.wiring.can._outward._faults = Faults(lose=0.9)
+    bench.wiring.direct.can._outward._faults = Faults(lose=0.9)
     with pytest.raises(RigFault, match="reason: command late"):
         bench.wait(3 * s)
     with bench.despite_faults():  # the fault may be seen in the one tick of FAULT_REACTION
         bench.wait_for(lambda: bench.rig.state in ("FAULT_HOLD", "FAULT_DISABLED"), within=200 * ms)
     assert bench.emergency.code == 0x8130
-    bench.wiring.can._outward._faults = Faults()
+    bench.wiring.direct.can._outward._faults = Faults()
     bench.arm()
     assert bench.rig.state == "ACTIVE"
 
@@ -111,7 +111,7 @@ def test_the_seed_decides_what_goes_wrong(memory_site):
 
     def samples(seed: int) -> bytes:
         site, heard = memory_site(), []
-        with Bench(OwnWiring(FaultyCan(site.can(), BAD, seed), site.modbus()), site.clock) as bench:
+        with Bench(own_wiring(FaultyCan(site.can(), BAD, seed), site.modbus()), site.clock) as bench:
             bench.receiver.sink = lambda *columns: heard.extend(column.tobytes() for column in columns)
             bench.arm()
             bench.platform.move_to(vertical=4 * mm)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.can_codec import Encoder
-from bench_protocol.clock import RealClock, wall_time_ns
+from bench_protocol.clock import RealClock
 from bench_protocol.registers import LEASE_ADDRESS
 from bench_protocol.table import TABLE
 from bench_protocol.units import ms, s
@@ -20,7 +20,7 @@ from drivers.can_port import open_can
 from drivers.commander import BEAT
 from drivers.errors import BenchError, LinkLost, NotCommander
 from drivers.modbus_port import open_modbus
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 
 MODBUS_PLACES, CAN_PLACES = 64, 32
 on_tcp = pytest.mark.parametrize("site", ["tcp"], indirect=True)
@@ -64,7 +64,7 @@ def proxied(site) -> Iterator[tuple[Bench, Proxy]]:
     site.close_shared()
     proxy = Proxy(site.rig.modbus_port)
     modbus = open_modbus("127.0.0.1", proxy.port, timeout=0.5)
-    bench = Bench(OwnWiring(site.can(), modbus, site.epoch), site.clock)
+    bench = Bench(own_wiring(site.can(), modbus), site.clock)
     try:
         bench.connect()
         yield bench, proxy
@@ -112,11 +112,10 @@ def test_the_commander_gets_in_though_idle_connections_fill_both_doors(start_rig
     """A rig of its own: who fills the doors of the shared one meets its other guests."""
     rig = start_rig()
     clock = RealClock()
-    epoch = wall_time_ns() - clock.now()
 
     def connected() -> Bench:
         modbus = open_modbus("127.0.0.1", rig.modbus_port, timeout=2.0)
-        return Bench(OwnWiring(open_can("tcp", port=rig.can_port), modbus, epoch), clock)
+        return Bench(own_wiring(open_can("tcp", port=rig.can_port), modbus), clock)
 
     with crowd(rig.modbus_port, MODBUS_PLACES), crowd(rig.can_port, CAN_PLACES):
         bench = connected()

@@ -15,7 +15,7 @@ from bench_sim.rig.faults.orders import obey
 from bench_sim.rig.rig import Rig
 from drivers.bench import Bench
 from drivers.errors import BenchError
-from drivers.wiring.own import OwnWiring
+from drivers.wiring.own import own_wiring
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary
@@ -65,7 +65,7 @@ class First:
 
 
 def bench_on(memory: RigInMemory, can, modbus) -> Bench:
-    bench = Bench(OwnWiring(can, modbus), memory.clock)
+    bench = Bench(own_wiring(can, modbus), memory.clock)
     bench.instruments, bench.dimensions = ordinary(), dimensions()
     bench.hand = SimulatedHand(
         lambda order: json.loads(obey(memory.rig.faults, json.dumps(order).encode(), nullcontext()))
@@ -105,7 +105,7 @@ def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple
                 first.mute()
         first.over = True
         first.bench.commander.stop()
-        first.bench.wiring.watchdog.stop()
+        first.bench.wiring.direct.watchdog.stop()
         if "SIGSTOP" not in loss.name:
             with suppress(BenchError, KeyboardInterrupt):
                 first.bench.close()
@@ -142,7 +142,7 @@ class Stand:
                     return execute(plan, bench, folder).reason
                 finally:
                     bench.commander.stop()
-                    bench.wiring.watchdog.stop()
+                    bench.wiring.direct.watchdog.stop()
         except Reached:
             return ""
         except BenchError as error:  # what `astb run` tells where a bench cannot be connected

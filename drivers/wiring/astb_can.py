@@ -48,7 +48,7 @@ def stale_limits(table: Table) -> Ints:
     return limits
 
 
-class OwnEar:
+class AstbEar:
     """Decodes what our rig sends, and tells it to whoever hears.
 
     ``epoch`` (ns) is subtracted from the time stamps of the frames to make them times of ``clock``. With an epoch the
@@ -99,7 +99,7 @@ class OwnEar:
             return {kind.name.lower(): int(self._decoder.tally[kind]) for kind in Tally}
 
 
-class OwnOutlet:
+class AstbOutlet:
     """Sends the protected command messages, one block per beat.
 
     In real time the stream goes on while the interpreter is held by what computes, for ``AUTONOMY`` at most

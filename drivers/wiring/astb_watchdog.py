@@ -9,7 +9,7 @@ from bench_protocol.units import NS, ms, s
 from drivers.errors import BenchError
 
 if TYPE_CHECKING:
-    from drivers.wiring.own_modbus import OwnRegisters
+    from drivers.wiring.astb_modbus import AstbRegisters
 
 #: The rig holds the bench when it has heard no write for so long.
 WATCHDOG: Final = 1 * s
@@ -23,7 +23,7 @@ class WatchdogFeeder:
     When that fails, ``failure`` keeps the reason and the feeding ends: the rig then does what is right.
     """
 
-    def __init__(self, registers: OwnRegisters) -> None:
+    def __init__(self, registers: AstbRegisters) -> None:
         self._registers = registers
         self._task: Task | None = None
         self.failure: BenchError | None = None

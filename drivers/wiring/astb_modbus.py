@@ -25,7 +25,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.units import ms
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotCommander, Refused
-from drivers.wiring.own_refusals import Told, why_action, why_settings
+from drivers.wiring.astb_refusals import Told, why_action, why_settings
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
@@ -64,7 +64,7 @@ def other_map(map_hash: int, agreed: int, why: str = "") -> MapMismatch | None:
     )
 
 
-class OwnRegisters:
+class AstbRegisters:
     """Writes settings all or none, triggers actions, and reads what does not travel on CAN."""
 
     def __init__(self, table: Table, port: ModbusPort) -> None:
