@@ -1,34 +1,20 @@
 """How the model's functions are compiled: ahead of use, cached, with the arithmetic of the plain-Python twin."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib.resources import files
-from typing import Any
+from importlib.resources.abc import Traversable
+from typing import Any, Final
 
 from bench_protocol.rates import TICK_RATE
 from bench_protocol.system.binding import cached, protocol_sources
 
-#: The modules of the rig that the compiled tick contains beside its own.
-OF_THE_TICK = (
-    "black_box",
-    "commands",
-    "controls",
-    "faults/in_tick",
-    "heartbeat",
-    "limits",
-    "pacing",
-    "ring",
-    "safe_position",
-    "setpoints",
-)
 
-
-def _source_digest() -> str:
+def digest_of(sources: Iterable[Traversable]) -> str:
+    """Return what changes when one of the ``sources`` does, or the protocol or the model, which all others contain."""
     digest = hashlib.sha256()
-    # The rig's tick contains the codec, the model and what stands beside it in the rig.
-    sources = [*protocol_sources(), *files("bench_sim.model").iterdir()]
-    sources += [files("bench_sim.rig") / f"{name}.py" for name in OF_THE_TICK]
-    for source in sorted(sources, key=lambda entry: entry.name):
+    everything = [*protocol_sources(), *files("bench_sim.model").iterdir(), *sources]
+    for source in sorted(everything, key=lambda entry: entry.name):
         if source.name.endswith(".py"):
             digest.update(source.name.encode())
             digest.update(source.read_bytes())
@@ -36,46 +22,49 @@ def _source_digest() -> str:
     return digest.hexdigest()
 
 
-_DIGEST = _source_digest()
+class Compiler:
+    """Compiles functions that are compiled anew when a source changes that stands in its ``digest``.
 
-
-def _compile(function: Callable[..., Any], **options: Any) -> Any:
-    return cached(function, _DIGEST, fastmath=False, error_model="numpy", **options)
-
-
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a term or a helper, and copy it into its callers; it must not make arrays.
-
-    With ``NUMBA_DISABLE_JIT=1`` the function stays plain Python: the same equations, the model's oracle.
+    With ``NUMBA_DISABLE_JIT=1`` functions stay plain Python: the same equations, the model's oracle.
     """
-    # Without numba's runtime no array is counted: counting costs five times the arithmetic of a small term.
-    return _compile(function, _nrt=False, forceinline=True)
+
+    def __init__(self, digest: str) -> None:
+        self.digest = digest
+
+    def compiled(self, function: Callable[..., Any]) -> Any:
+        """Compile a term or a helper, and copy it into its callers; it must not make arrays."""
+        # Without numba's runtime no array is counted: counting costs five times the arithmetic of a small term.
+        return self._compile(function, _nrt=False, forceinline=True)
+
+    def within(self, function: Callable[..., Any]) -> Any:
+        """As `compiled`, for a helper around a right-hand side: compiled only as a part of each of its callers.
+
+        On its own it would be compiled with everything that the right-hand side contains, and that once more.
+        """
+        return self._compile(function, _nrt=False, inline="always")
+
+    def once(self, function: Callable[..., Any]) -> Any:
+        """As `compiled`, for what is large and called from several places: compiled once and called.
+
+        numba compiles it with what its first caller has: called by a `compiled` function, it is copied all the same.
+        """
+        return self._compile(function, _nrt=False)
+
+    def entry(self, function: Callable[..., Any]) -> Any:
+        """As `compiled`, for the few functions that make their own working arrays and call the others."""
+        return self._compile(function)
+
+    def parallel(self, function: Callable[..., Any]) -> Any:
+        """As `entry`, for long calculations that several threads do at once: Python goes on meanwhile.
+
+        The rig's tick is not one: to get Python back it would have to wait for whoever has it then.
+        """
+        return self._compile(function, nogil=True)
+
+    def _compile(self, function: Callable[..., Any], **options: Any) -> Any:
+        return cached(function, self.digest, fastmath=False, error_model="numpy", **options)
 
 
-def compiled_within(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for a helper around a right-hand side: compiled only as a part of each of its callers.
-
-    On its own it would be compiled with everything that the right-hand side contains, and that once more.
-    """
-    return _compile(function, _nrt=False, inline="always")
-
-
-def compiled_once(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for what is large and called from several places: compiled once and called.
-
-    numba compiles it with what its first caller has: called by a `compiled` function, it is copied all the same.
-    """
-    return _compile(function, _nrt=False)
-
-
-def compiled_entry(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for the few functions that make their own working arrays and call the others."""
-    return _compile(function)
-
-
-def compiled_parallel(function: Callable[..., Any]) -> Any:
-    """As `compiled_entry`, for long calculations that several threads do at once: Python goes on meanwhile.
-
-    The rig's tick is not one: to get Python back it would have to wait for whoever has it then.
-    """
-    return _compile(function, nogil=True)
+_MODEL: Final = Compiler(digest_of(()))
+compiled, compiled_within, compiled_once = _MODEL.compiled, _MODEL.within, _MODEL.once
+compiled_entry, compiled_parallel = _MODEL.entry, _MODEL.parallel

@@ -13,7 +13,7 @@ from bench_protocol.system.bell import ring
 from bench_protocol.system.calls import SPEC_WORDS, lock_mutex, now, sleep_until, unlock_mutex
 from bench_protocol.table import TABLE
 from bench_protocol.units import NS, ms
-from bench_sim.model.compiled import compiled
+from bench_sim.rig.compiled import compiled
 from bench_sim.rig.controls import TICK_NS, Happened
 
 #: After a stall this long the readers get this much time first.

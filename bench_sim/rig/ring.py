@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from bench_protocol.frames import FRAME, Block
 from bench_protocol.system.calls import enter_gate, leave_gate
-from bench_sim.model.compiled import compiled, compiled_entry
+from bench_sim.rig.compiled import compiled, compiled_entry
 
 _WRITTEN: Final = 0
 _READ: Final = 1

@@ -79,7 +79,7 @@ def private(tree: ast.Module) -> set[str]:
 
 def knows_numba(tree: ast.Module) -> bool:
     """Whether a file imports numba, or something from where its functions are compiled."""
-    homes = ("numba", "bench_protocol.system.binding", "bench_sim.model.compiled")
+    homes = ("numba", "bench_protocol.system.binding", "bench_sim.model.compiled", "bench_sim.rig.compiled")
     return any(
         (isinstance(node, ast.Import) and any(one.name.split(".")[0] == "numba" for one in node.names))
         or (isinstance(node, ast.ImportFrom) and (node.module or "").startswith(homes))
