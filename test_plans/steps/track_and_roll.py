@@ -11,10 +11,11 @@ import numpy.typing as npt
 
 from bench_protocol.units import Hz, kN, s
 from bench_protocol.words import SIDES
-from test_plans.analysis import Samples, first_harmonic
+from test_plans.analysis import Samples, first_harmonic, without_lag
 from test_plans.analysis.geometry import ACTUATORS, LASERS, Rig, actuator_moment, roll_of
-from test_plans.analysis.readings import GENERATOR
+from test_plans.analysis.readings import GENERATOR, HEIGHTS
 from test_plans.check_names import CheckName
+from test_plans.description import lag_of, lags
 from test_plans.loads import Load
 from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN
 from test_plans.steps.of_the_bench import MASS, check_roll_stiffness, of_the_stated_mass, stated
@@ -56,7 +57,9 @@ def track_excitation(run: Run) -> None:
     """Move the platform as a track would, a unilateral cosine of 5 mm, under constant preload; look at the bolster."""
     bench = run.bench
     if not run.can(
-        PASSED_ON, PEAK, needs=(*_TRACK, *GENERATOR, "platform.vertical_setpoint", "generator.axis")
+        PASSED_ON,
+        PEAK,
+        needs=(*_TRACK, *GENERATOR, "platform.vertical_setpoint", "generator.axis", *lags(HEIGHTS)),
     ) or not stated(run, MASS, PASSED_ON, PEAK):
         return
     with run.phase("unilateral cosine"):
@@ -88,10 +91,10 @@ def _answer(
     platform = values["platform.vertical"] - values["platform.vertical"][0]
     spring = 0.5 * (values["left.height"] + values["right.height"])
     bolster = platform + spring - spring[0]
-    response, excitation = (
-        first_harmonic(times[steady], motion[steady], TRACK_FREQUENCY) for motion in (bolster, platform)
+    compressed, excitation = (
+        first_harmonic(times[steady], motion[steady], TRACK_FREQUENCY) for motion in (spring, platform)
     )
-    ratio = response / excitation
+    ratio = 1 + without_lag(compressed, lag_of(rig, *HEIGHTS), TRACK_FREQUENCY) / excitation
     alike = of_the_stated_mass(ratio, rig, mass)
     return abs(alike), float(bolster.max()) * (1 + abs(alike)) / (1 + abs(ratio))
 
