@@ -3,6 +3,7 @@
 import re
 import struct
 import tomllib
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,6 +28,7 @@ from test_plans import steps
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.run import Run
+from test_plans.steps.shaking import LATERAL, LOOP_FREQUENCY, shake
 from tests.foreign.virtual import VirtualYard
 from tests.foreign.yard_rig import LIST, UNIT_ID, YardRig
 
@@ -88,13 +90,20 @@ def test_its_device_takes_functions_15_16_and_23_and_no_others_and_answers_as_un
         InMemoryModbus(rig.answer, 1).read_holding(100, 2)
 
 
+@contextmanager
+def bench_on(content):
+    """A bench on the rig by a wiring with this content."""
+    virtual = VirtualYard(seed=1)
+    description = describe(content, HERE / "yard_c_wiring.toml", TABLE)
+    with Bench(open_described("yard_c", description, {"plc": virtual.port}), virtual.clock) as one:
+        one.dimensions = read_dimensions("yard_c_dimensions.toml", HERE)
+        yield one
+
+
 @pytest.fixture
 def bench(tmp_path):
     """A bench on the rig by the wiring that the list and the page make."""
-    virtual = VirtualYard(seed=1)
-    description = describe(filled_in(skeleton(None, LIST, tmp_path)), HERE / "yard_c_wiring.toml", TABLE)
-    with Bench(open_described("yard_c", description, {"plc": virtual.port}), virtual.clock) as one:
-        one.dimensions = read_dimensions("yard_c_dimensions.toml", HERE)
+    with bench_on(filled_in(skeleton(None, LIST, tmp_path))) as one:
         yield one
 
 
@@ -127,6 +136,20 @@ def test_each_axis_moves_as_the_list_says_and_it_is_built_as_its_file_says(bench
     assert {"bolster mass, by its inertia", "spring half spacing, by rolling on the stops"} <= {
         one.what for one in lines
     }
+
+
+@pytest.mark.slow
+def test_a_controller_that_stands_still_between_set_points_makes_no_triangle(tmp_path, monkeypatch):
+    monkeypatch.setattr("test_plans.steps.shaking.TRIES", 1)
+    for stream, told in (("20 ms", 0), ("50 ms", 1)):
+        content = filled_in(skeleton(None, LIST, tmp_path))
+        content["transports"]["plc"]["stream"] = stream
+        with bench_on(content) as made:
+            run = Run(made, SimpleNamespace(event=lambda *_, **__: None), dimensions=made.dimensions)
+            made.arm()
+            made.lateral.move_to(0.0)
+            shake(run, "lateral", LOOP_FREQUENCY, LATERAL, "triangle")
+        assert ["none of 1 was a triangle" in one for one in run.warnings] == [True] * told
 
 
 @pytest.mark.slow

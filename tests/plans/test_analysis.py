@@ -176,6 +176,16 @@ def test_what_is_no_sine_is_told_whatever_the_drift(part, drift, phase):
     assert distortion(t, motion, 1.0) == pytest.approx(part, rel=0.03, abs=1e-9)
 
 
+@given(part=st.floats(0.0, 0.1), drift=st.floats(-5, 5), phase=st.floats(0, tau))
+def test_what_is_no_triangle_is_told_whatever_the_drift(part, drift, phase):
+    t = grid(2.0)
+    pure = 2 / np.pi * np.arcsin(np.sin(tau * t + phase))
+    motion = 3.0 + drift * t + 5.0 * (pure + part * np.sqrt(2 / 3) * np.sin(4 * tau * t))
+    assert distortion(t, motion, 1.0, "triangle") == pytest.approx(part, rel=0.1, abs=1e-3)
+    assert distortion(t, np.sin(tau * t + phase), 1.0, "triangle") > 0.05
+    assert distortion(t, motion, 1.0) > 0.1
+
+
 def test_a_stall_of_the_set_points_is_no_sine():
     t = grid(5 / 3)
     late = np.where((t > 0.8) & (t < 0.85), 0.8, t)
