@@ -1,4 +1,4 @@
-"""Our own wiring is one among others: written as a file it leads the same rig through the same plan."""
+"""Our own protocol as points of a bus and of a PLC, decoded by no code of ours: the same rig, the same plan."""
 
 from pathlib import Path
 
