@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from bench_protocol.clock import Clock, VirtualClock, wall_time_ns
@@ -62,7 +63,6 @@ class AstbTransport:
         ] = {}  #: signals that the rig's table has not, or elsewhere, with the reasons
         self.given: Mapping[str, float] = {}
         self.commands = False  #: whether it has the lease
-        self._ports: tuple[CanPort, ModbusPort] | None = None
         self._ear: AstbEar | None = None
         self._map_hash = table.map_hash
         self._clock: Clock
@@ -80,39 +80,34 @@ class AstbTransport:
             stack.pop_all()
         return bus, port
 
-    def _join(self) -> tuple[CanPort, ModbusPort]:
-        if self._ports is None:
-            self._ports = can, modbus = self._opener()
-            self._outlet = AstbOutlet(self._table, can)
-            self._registers = AstbRegisters(self._table, modbus)
-            self._watchdog = WatchdogFeeder(self._registers)
-        return self._ports
+    @cached_property
+    def _ports(self) -> tuple[CanPort, ModbusPort]:
+        return self._opener()
 
-    @property
+    @cached_property
     def can(self) -> CanPort:
-        return self._join()[0]
+        """The port of the bus."""
+        return self._ports[0]
 
-    @property
+    @cached_property
     def modbus(self) -> ModbusPort:
-        return self._join()[1]
+        """The port of the PLC."""
+        return self._ports[1]
 
-    @property
+    @cached_property
     def outlet(self) -> AstbOutlet:
         """Where set-points go."""
-        self._join()
-        return self._outlet
+        return AstbOutlet(self._table, self.can)
 
-    @property
+    @cached_property
     def registers(self) -> AstbRegisters:
         """The rig's Modbus map."""
-        self._join()
-        return self._registers
+        return AstbRegisters(self._table, self.modbus)
 
-    @property
+    @cached_property
     def watchdog(self) -> WatchdogFeeder:
         """What lets the rig know that its commander lives."""
-        self._join()
-        return self._watchdog
+        return WatchdogFeeder(self.registers)
 
     @property
     def freshness(self) -> Ints:
@@ -127,7 +122,7 @@ class AstbTransport:
         told = math.nan if self._ear is None else self._ear.map_hash
         if not math.isnan(told) and (differs := other_map(int(told), self._map_hash)):
             return differs
-        failure = None if self._ports is None else self._watchdog.failure
+        failure = self.watchdog.failure if self.commands else None
         if failure is None or isinstance(failure, NotCommander):
             return failure
         return LinkLost(f"the rig's watchdog cannot be fed: {failure}")
@@ -140,7 +135,6 @@ class AstbTransport:
         Who only listens does neither. Every answer of Modbus is bounded by its port.
         """
         self._clock, self._lost = clock, lost
-        self._join()
         self._agree(self.registers.probe())
         if not self._keys.commands:
             return
@@ -169,9 +163,8 @@ class AstbTransport:
 
     def close(self) -> None:
         """Let go of the lease and of both connections. Harmless when repeated."""
-        if self._ports is None:
+        if "_ports" not in self.__dict__:  # nothing was opened
             return
-        can, modbus = self._ports
         try:
             self.watchdog.stop()
             if self.commands:
@@ -179,8 +172,8 @@ class AstbTransport:
                     self.registers.return_lease()
         finally:
             self.commands = False
-            can.close()
-            modbus.close()
+            self.can.close()
+            self.modbus.close()
 
     @contextmanager
     def silent(self) -> Iterator[None]:

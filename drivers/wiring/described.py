@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -130,7 +130,7 @@ class DescribedWiring:
         self._active = self._greeted = False
         self._setpoints: Floats = np.full(len(self.table.signals), np.nan)
 
-    @property
+    @cached_property
     def outlet(self) -> Outlet:
         """Where set-points go: to who keeps the beat itself if all of them are his, else `send`."""
         alone = not self._description.setpoints and self._player is None
