@@ -248,7 +248,7 @@ def test_a_run_that_the_link_blocked_is_done_again(tmp_path, monkeypatch):
     silenced(monkeypatch, 1)
     log, seen, _ = loop(tmp_path, [NAMED])
     assert [step.outcome for step in log.steps] == ["blocked", "pass"]
-    assert "once more" in log.steps[1].why
+    assert "repeated" in log.steps[1].why
     assert seen == [["02-look"]], "what is diagnosed is the whole run alone"
     assert log.ended == "a verdict was reached: named"
 
