@@ -7,6 +7,7 @@ from astb.readers_page import table
 #: Where the tests are whose names the rows have.
 _MODULES = {
     "quirky_modbus": "tests.wires.test_quirky_modbus",
+    "modbus_serial_lines": "tests.wires.test_modbus_serial_lines",
     "transport_opcua": "tests.wires.test_transport_opcua",
     "strange_frames": "tests.drivers.test_strange_frames",
     "stamps": "tests.drivers.test_stamps",
