@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from astb.rig_in_memory import RigInMemory
-from bench_protocol.rates import TICK
-from bench_protocol.units import Hz, mbar, mm, s
+from bench_protocol.units import NS, Hz, mbar, mm, s
 from bench_records.conformity import coverage_factor
 from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import load
-from bench_sim.rig.rig import Rig
+from bench_sim.rig.controls import TICK_NS
 from test_plans import steps
 from test_plans.analysis import Stiffness, dynamic_stiffness
 from test_plans.analysis.geometry import cells_under
@@ -19,13 +17,12 @@ from test_plans.loads import AW0
 from test_plans.plans.leveling import _took
 from test_plans.run import Run
 from test_plans.steps.shaking import SAMPLE_RATE, VERTICAL, generator_cycles, spring_motion
+from tests.plans.truth import Ideal
 
 FREQUENCY, AMPLITUDE, CYCLES = 2 * Hz, 5 * mm, 5
 #: What tells a swing, and what a time: the pressure rises by 0.07 bar while the bolster goes down.
 PISTON, PRESSURE = "vertical_left.displacement", "left.auxiliary_pressure"
 RISE, DOWN, RATE = 70 * mbar, 15 * mm, 15 * mm / s
-#: A sample of the fast messages, in ticks.
-SAMPLE = round(1 / SAMPLE_RATE / TICK)
 
 
 class Unrecorded:
@@ -40,23 +37,8 @@ class Rigs:
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
-        self.rig = Rig(load("astb"), seed=seed)
-        self.truth: dict[int, np.ndarray] | None = None
-        self.ticks = 0
-        self.memory = RigInMemory(self.rig, self._run)
-        self.bench = self.memory.bench()
-
-    def _run(self, ticks):
-        if self.truth is None:
-            self.ticks += ticks
-            return self.rig.run(ticks)
-        blocks = []
-        for _ in range(ticks):
-            blocks.append(self.rig.run(1))
-            self.ticks += 1
-            if self.ticks % SAMPLE == 0:
-                self.truth[self.ticks // SAMPLE] = self.rig.plant.ideal().copy()
-        return np.concatenate(blocks)
+        self.ideal = Ideal(load("astb"), seed, every=1)
+        self.rig, self.bench = self.ideal.rig, self.ideal.bench
 
     def begin(self) -> None:
         self.bench.connect()
@@ -79,14 +61,16 @@ class Rigs:
 
     def looked_at(self):
         """Return what was measured of pressure, height, stiffness, a swing, a time and a drift, and what is true."""
-        bench, run, found, self.truth = self.bench, self.run, {}, {}
+        bench, run, found = self.bench, self.run, {}
         names = {"pressure": "left.bellows_pressure", "height": "left.height"}
+        begun = bench.clock.now()
         mean = bench.averages(*names.values(), over=steps.AVERAGE_OVER)
-        ideal = np.mean(list(self.truth.values()), axis=0)
+        at = np.arange(begun, bench.clock.now(), TICK_NS)
+        ideal = {name: self.ideal.at(name, at).mean() for name in (*names.values(), PRESSURE)}
         for what, name in names.items():
             found[what] = (
                 run.measured(lambda m, name=name: m[name], mean, averaged=10),
-                ideal[sensor_of(name)],
+                ideal[name],
             )
         times, values, exact = self._sine()
 
@@ -101,7 +85,7 @@ class Rigs:
         found |= {"stiffness": (K, true.storage), "damping": (c, true.damping)}
         rms = run.measured(lambda m: m[PISTON].std(), values)
         found["rms"] = rms, exact[PISTON].std()
-        found["time"] = self._time(ideal[sensor_of(PRESSURE)] + RISE)
+        found["time"] = self._time(ideal[PRESSURE] + RISE)
         later, values_later, exact_later = self._sine()
         found["drift"] = (
             run.measured(
@@ -110,7 +94,6 @@ class Rigs:
             stiffness(exact_later, later, (0.0, 0.0)).storage / true.storage - 1,
         )
         self.bench.vertical.move_to(self.home, self.home, rate=RATE)
-        self.truth = None
         return found
 
     def _sine(self):
@@ -123,9 +106,8 @@ class Rigs:
         return times[steady], values, self._exact(capture, times[steady], values)
 
     def _exact(self, capture, times, names):
-        at = np.round((capture.start * 1e-9 + times) * SAMPLE_RATE).astype(int)
-        ideal = np.array([self.truth[k] for k in at])
-        return {name: ideal[:, sensor_of(name)] for name in names if name in ordinary().pieces}
+        at = capture.start + np.round(times * NS)
+        return {name: self.ideal.at(name, at) for name in names if name in ordinary().pieces}
 
     def _time(self, target: float):
         """Return after which time a pressure came to a target while the bolster went down, and after which it did."""

@@ -77,8 +77,9 @@ class Ideal:
     ``known`` is the truth of each value that a plan has measured, by the value.
     """
 
-    def __init__(self, parameters: Parameters, seed: int):
+    def __init__(self, parameters: Parameters, seed: int, every: int = EVERY):
         self.rig, self.exact, self.ticks = Rig(parameters, seed=seed), exact_dimensions(parameters), 0
+        self.every = every
         self.size, self.known = 0, {}
         self.times, self.rows = np.zeros(MOST, np.int64), np.zeros((MOST, len(Sensor)))
         self.memory = RigInMemory(self.rig, self.run)
@@ -90,7 +91,7 @@ class Ideal:
             return self.rig.run(ticks)
         blocks = []
         while ticks > 0:
-            some = min(ticks, EVERY)
+            some = min(ticks, self.every)
             blocks.append(self.rig.run(some))
             self.ticks, ticks = self.ticks + some, ticks - some
             self.times[self.size] = self.ticks * TICK_NS
