@@ -1,7 +1,5 @@
 """Stiffness and damping against frequency (figure 11), with and without the connecting pipe: a plan for each car."""
 
-from typing import Final
-
 from bench_protocol.units import s
 from test_plans import steps
 from test_plans.analysis.geometry import DRIVEN
@@ -30,25 +28,17 @@ def _frequency_sweep(run: Run, load: str) -> None:
     frequency_sweep(run, run.specimen.load(load))
 
 
-frequency_sweep_aw0: Final = plan_under(
-    AW0,
-    _frequency_sweep,
-    "frequency_sweep_aw0",
-    setup=steps.carry(AW0),
-    teardown=leave_as_built,
-    lasts=370 * s,
-    needs=(*steps.CARRYING, *LATERAL_WAVES, *VERTICAL_WAVES, *PLATES_AND_PIPE, *DRIVEN),
-    requires=on_the_bench(AW0),
-    checks=SWEEP_CHECKS,
-)
-frequency_sweep_aw3: Final = plan_under(
-    AW3,
-    _frequency_sweep,
-    "frequency_sweep_aw3",
-    setup=steps.carry(AW3),
-    teardown=leave_as_built,
-    lasts=370 * s,
-    needs=(*steps.CARRYING, *LATERAL_WAVES, *VERTICAL_WAVES, *PLATES_AND_PIPE, *DRIVEN),
-    requires=on_the_bench(AW3),
-    checks=SWEEP_CHECKS,
+frequency_sweep_aw0, frequency_sweep_aw3 = (
+    plan_under(
+        load,
+        _frequency_sweep,
+        name,
+        setup=steps.carry(load),
+        teardown=leave_as_built,
+        lasts=370 * s,
+        needs=(*steps.CARRYING, *LATERAL_WAVES, *VERTICAL_WAVES, *PLATES_AND_PIPE, *DRIVEN),
+        requires=on_the_bench(load),
+        checks=SWEEP_CHECKS,
+    )
+    for load, name in ((AW0, "frequency_sweep_aw0"), (AW3, "frequency_sweep_aw3"))
 )

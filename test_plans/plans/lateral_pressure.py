@@ -29,23 +29,16 @@ def _lateral_pressure(run: Run, load: str) -> None:
     lateral_stiffness_over_pressure(run, load, PARTS[load])
 
 
-lateral_pressure_aw0: Final = plan_under(
-    AW0,
-    _lateral_pressure,
-    "lateral_pressure_aw0",
-    setup=carry_first(AW0, PARTS[AW0]),
-    lasts=320 * s,
-    needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, "rig.nominal_preload"),
-    requires=on_the_bench(AW0),
-    checks=(BY_PRESSURE, SOFTENING),
-)
-lateral_pressure_aw3: Final = plan_under(
-    AW3,
-    _lateral_pressure,
-    "lateral_pressure_aw3",
-    setup=carry_first(AW3, PARTS[AW3]),
-    lasts=370 * s,
-    needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, "rig.nominal_preload"),
-    requires=on_the_bench(AW3),
-    checks=(BY_PRESSURE, SOFTENING),
+lateral_pressure_aw0, lateral_pressure_aw3 = (
+    plan_under(
+        load,
+        _lateral_pressure,
+        name,
+        setup=carry_first(load, PARTS[load]),
+        lasts=lasts,
+        needs=(*steps.CARRYING, *SLOW_LATERAL_WAVES, "rig.nominal_preload"),
+        requires=on_the_bench(load),
+        checks=(BY_PRESSURE, SOFTENING),
+    )
+    for load, name, lasts in ((AW0, "lateral_pressure_aw0", 320 * s), (AW3, "lateral_pressure_aw3", 370 * s))
 )

@@ -35,25 +35,17 @@ def _roll_angle(run: Run, load: str) -> None:
     lateral_stiffness_over_roll(run, run.specimen.load(load), ANGLES[load])
 
 
-roll_angle_aw0: Final = plan_under(
-    AW0,
-    _roll_angle,
-    "roll_angle_aw0",
-    setup=steps.carry(AW0),
-    teardown=leave_connected,
-    lasts=360 * s,
-    needs=(*steps.CARRYING, *POSING, *SLOW_LATERAL_WAVES, *CONNECTIONS),
-    requires=on_the_bench(AW0),
-    checks=ROLL_CHECKS,
-)
-roll_angle_aw3: Final = plan_under(
-    AW3,
-    _roll_angle,
-    "roll_angle_aw3",
-    setup=steps.carry(AW3),
-    teardown=leave_connected,
-    lasts=330 * s,
-    needs=(*steps.CARRYING, *POSING, *SLOW_LATERAL_WAVES, *CONNECTIONS),
-    requires=on_the_bench(AW3),
-    checks=ROLL_CHECKS,
+roll_angle_aw0, roll_angle_aw3 = (
+    plan_under(
+        load,
+        _roll_angle,
+        name,
+        setup=steps.carry(load),
+        teardown=leave_connected,
+        lasts=lasts,
+        needs=(*steps.CARRYING, *POSING, *SLOW_LATERAL_WAVES, *CONNECTIONS),
+        requires=on_the_bench(load),
+        checks=ROLL_CHECKS,
+    )
+    for load, name, lasts in ((AW0, "roll_angle_aw0", 360 * s), (AW3, "roll_angle_aw3", 330 * s))
 )

@@ -1,7 +1,5 @@
 """AW0 and AW3, the empty and the full car: one test instruction, a plan for each."""
 
-from typing import Final
-
 from bench_protocol.units import s
 from test_plans import steps
 from test_plans.loads import AW0, AW3
@@ -42,23 +40,16 @@ def _under_load(run: Run, load: str) -> None:
     steps.check_tightness(run, stated, air)
 
 
-aw0: Final = plan_under(
-    AW0,
-    _under_load,
-    "aw0",
-    setup=steps.carry(AW0),
-    needs=steps.CARRYING,
-    lasts=90 * s,
-    requires=on_the_bench(AW0),
-    checks=steps.UNDER_LOAD,
-)
-aw3: Final = plan_under(
-    AW3,
-    _under_load,
-    "aw3",
-    setup=steps.carry(AW3),
-    needs=steps.CARRYING,
-    lasts=100 * s,
-    requires=on_the_bench(AW3),
-    checks=steps.UNDER_LOAD,
+aw0, aw3 = (
+    plan_under(
+        load,
+        _under_load,
+        name,
+        setup=steps.carry(load),
+        needs=steps.CARRYING,
+        lasts=lasts,
+        requires=on_the_bench(load),
+        checks=steps.UNDER_LOAD,
+    )
+    for load, name, lasts in ((AW0, "aw0", 90 * s), (AW3, "aw3", 100 * s))
 )
