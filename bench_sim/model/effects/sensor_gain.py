@@ -1,18 +1,15 @@
 """Sensor gain: the sensors of one kind read too much in proportion, s_m = (1+g) s."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
-def _change_forces(par: Any, place: int | None, values: Mapping[str, float]) -> None:
-    par.sensor_gain[FORCES] += values["gain"]
-
-
-def _change_pressures(par: Any, place: int | None, values: Mapping[str, float]) -> None:
-    par.sensor_gain[PRESSURES] += values["gain"]
+def _change(sensors: Sequence[int], par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.sensor_gain[sensors] += values["gain"]
 
 
 EFFECTS: Final = (
@@ -22,7 +19,7 @@ EFFECTS: Final = (
         title="wrong gain of load cells and force transducers",
         plain="load cells and force transducers have a wrong gain",
         amplitude=EffectParameter("gain", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.2, high=0.2),
-        change=_change_forces,
+        change=partial(_change, FORCES),
         touches=frozenset({"sensor"}),
         confusers=("pressure_gain",),
         equation="F_m = (1+g) F",
@@ -35,7 +32,7 @@ EFFECTS: Final = (
         title="wrong gain of the pressure transmitters",
         plain="the pressure transmitters have a wrong gain",
         amplitude=EffectParameter("gain", "1", "%", 0.01, nominal=0.0, typical=0.01, low=-0.2, high=0.2),
-        change=_change_pressures,
+        change=partial(_change, PRESSURES),
         touches=frozenset({"sensor"}),
         confusers=("force_gain", "area_slope"),
         equation="p_m = (1+g) p",

@@ -4,19 +4,16 @@ Discretised for inputs along cubics through the samples (`bench_sim.model.sensor
 however short it is against the step.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 from bench_sim.model.effects.channels import FORCES, PRESSURES
 from bench_sim.model.effects.effect import Effect, EffectParameter
 
 
-def _change_forces(par: Any, place: int | None, values: Mapping[str, float]) -> None:
-    par.sensor_lag[FORCES] += values["lag"]
-
-
-def _change_pressures(par: Any, place: int | None, values: Mapping[str, float]) -> None:
-    par.sensor_lag[PRESSURES] += values["lag"]
+def _change(sensors: Sequence[int], par: Any, place: int | None, values: Mapping[str, float]) -> None:
+    par.sensor_lag[sensors] += values["lag"]
 
 
 EFFECTS: Final = (
@@ -26,7 +23,7 @@ EFFECTS: Final = (
         title="load cells and force transducers lag behind",
         plain="load cells and force transducers lag behind",
         amplitude=EffectParameter("lag", "s", "ms", 1e-3, nominal=0.0, typical=5e-3, low=0.0, high=0.1),
-        change=_change_forces,
+        change=partial(_change, FORCES),
         touches=frozenset({"sensor"}),
         confusers=("force_latency", "maxwell", "fractional"),
         equation="τ dF_m/dt + F_m = F",
@@ -39,7 +36,7 @@ EFFECTS: Final = (
         title="pressure transmitters lag behind",
         plain="the pressure transmitters lag behind",
         amplitude=EffectParameter("lag", "s", "ms", 1e-3, nominal=0.0, typical=10e-3, low=0.0, high=0.5),
-        change=_change_pressures,
+        change=partial(_change, PRESSURES),
         touches=frozenset({"sensor"}),
         confusers=("pressure_latency", "sample_and_hold", "pipe_inertia"),
         equation="τ dp_m/dt + p_m = p",
