@@ -314,12 +314,9 @@ class ModbusTransport:
 
     def _send_stream(self) -> None:
         if values := self._outbox.take():
-            ordered = sorted(
-                values, key=lambda name: self._points[name].place
-            )  # neighbours go in one request
-            self._outbox.refusal = self._in_background(
-                {name: values[name] for name in ordered}, self._outbox.refusal
-            )
+            # Neighbours go in one request.
+            ordered = dict(sorted(values.items(), key=lambda one: self._points[one[0]].place))
+            self._outbox.refusal = self._in_background(ordered, self._outbox.refusal)
 
     @property
     def refusal(self) -> Refusal | None:
