@@ -28,11 +28,8 @@ _NAMES: Final = {
     **dict.fromkeys(("°", "deg.", "grad", "degree", "degrees"), "deg"),
     **dict.fromkeys(("-", "none", "n/a"), ""),
 }
-_BY_LOWER: Final = {
-    name.lower(): name
-    for name in UNITS
-    if Counter(one.lower() for one in UNITS)[name.lower()] == 1  # mN and MN are two
-}
+_SPELLED: Final = Counter(name.lower() for name in UNITS)
+_BY_LOWER: Final = {name.lower(): name for name in UNITS if _SPELLED[name.lower()] == 1}  # mN and MN are two
 #: A unit of pressure with what it is over: psia, barg, kPa abs, bar(a), mbar (absolute).
 _OVER: Final = re.compile(
     r"(?P<unit>psi|m?bar|[kM]?Pa)[ _.]*(?P<over>\(?(a|g|abs|absolute?|gauge|ü)\.?\)?)", re.IGNORECASE
