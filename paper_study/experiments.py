@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_protocol.units import mm, s
+from bench_protocol.units import kN, mm, s
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import (
     LATERAL,
@@ -35,6 +35,13 @@ from test_plans.analysis.comfort import (
 WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
 #: Seeds of the winds in which each ride is repeated.
 REALISATIONS: Final = tuple(range(1, 11))
+
+#: Rides beside those of the car as its file describes it: load cases, and what is changed in springs and car. The paper
+#: loads its springs with 53.5 kN, and its car in the ride with 53.7 kN.
+OTHER_RIDES: Final[dict[str, tuple[tuple[str, ...], dict[str, float], dict[str, float]]]] = {
+    "no anti-roll bar": (("AW0", "AW3"), {}, {"anti_roll_stiffness": 0.0}),
+    "53.7 kN": (("AW0",), {"nominal_preload": 53.7 * kN}, {}),
+}
 
 #: The connecting pipe of the bench, and a plate that lets it surge.
 PIPE: Final = {"orifice_diameter": 30 * mm, "pipe_length": 1.5, "pipe_diameter": 50 * mm}
@@ -164,51 +171,36 @@ def lateral_p95(acceleration: Samples, rate: float) -> float:
 
 
 @remembered
-def plant_ride(subject: Subject) -> dict[tuple[str, float], Cell]:
-    """Five minutes on the plant's springs by load case and wind speed (m/s): 10 realisations, 1 if quick."""
+def plant_ride(subject: Subject, other: str = "") -> dict[tuple[str, float], Cell]:
+    """Five minutes on the plant's springs by load case and wind speed (m/s): 10 realisations, 1 if quick.
+
+    ``other`` names one of `OTHER_RIDES`.
+    """
     seeds = (1,) if subject.quick else REALISATIONS
+    loads, springs, car = OTHER_RIDES[other] if other else (tuple(LOADS), {}, {})
     return {
         (load, speed): ride_cell(
             load,
-            subject.parameters(load).record,
-            subject.vehicle.record,
+            subject.parameters(load, **springs).record,
+            subject.vehicle.with_values(**car).record,
             subject.wind,
             speed,
             seeds,
             lateral_p95,
             every=2,
         )
-        for load in LOADS
+        for load in loads
         for speed in WIND_SPEEDS
     }
 
 
 @remembered
-def wind_alone(subject: Subject) -> dict[str, float]:
-    """Return N = 6 a_YP95 at 25 m/s on a straight and level track, by load case: three realisations, 1 if quick."""
-    car = subject.vehicle.with_values(track_shape=0).record
-    seeds = (1,) if subject.quick else (1, 2, 3)
-    return {
-        load: ride_cell(
-            load,
-            subject.parameters(load).record,
-            car,
-            subject.wind,
-            WIND_SPEEDS[-1],
-            seeds,
-            lateral_p95,
-            every=2,
-        )
-        .estimate("weighted", 6.0)
-        .mean
-        for load in LOADS
-    }
+def upper_sway(subject: Subject, load: str, **changes: float) -> NaturalMode:
+    """Return the faster one of the two natural modes in which the upright car moves sideways and rolls.
 
-
-@remembered
-def upper_sway(subject: Subject, load: str) -> NaturalMode:
-    """Return the faster one of the two natural modes in which the upright car moves sideways and rolls."""
-    modes = Vehicle(subject.parameters(load).record, subject.vehicle.record).modes()
+    ``changes`` are to the car.
+    """
+    modes = Vehicle(subject.parameters(load).record, subject.vehicle.with_values(**changes).record).modes()
     return max((m for m in modes if abs(m.shape[1]) < 0.5), key=lambda m: m.frequency)
 
 

@@ -15,7 +15,7 @@ from paper_study import sensitivity
 from paper_study.bench_results import PLANS, BenchResults, gather, measure
 from paper_study.checks.catalogue import CHECKS, select
 from paper_study.checks.evaluation import entry
-from paper_study.experiments import paper_ride, plant_ride
+from paper_study.experiments import OTHER_RIDES, paper_ride, plant_ride
 from paper_study.model_jobs import Curves, confusable, model_jobs
 from paper_study.sensitivity import Indices
 from paper_study.subject import Subject
@@ -42,7 +42,10 @@ IDENTIFIED: Final = "identified.toml"
 
 @dataclass(frozen=True, slots=True)
 class ComfortRow:
-    """One cell of the comfort table: a_y (m/s² rms) and N with half widths of their 95 % intervals (nan: none)."""
+    """One cell of the comfort table: a_y (m/s² rms) and N with half widths of their 95 % intervals (nan: none).
+
+    ``layer`` is "plant", "paper", or of the plant one of `OTHER_RIDES`.
+    """
 
     layer: str
     load: str
@@ -88,6 +91,7 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
     # The rides are one long piece: they come first. Then the bench, for which the next stage waits.
     checked: list[Future[Any]] = [executor.submit(check_group, groups[0], quick)]
     measured = [executor.submit(measure, plan, one, out) for plan in PLANS for one in seeds]
+    checked += [executor.submit(other_rides, name, quick) for name in OTHER_RIDES]
     checked += [executor.submit(check_group, ids, quick) for ids in groups[1:]]
     spread = {
         layer: [executor.submit(sensitivity.evaluate, layer, part) for part in parts]
@@ -168,14 +172,26 @@ def check_group(ids: Sequence[str], quick: bool) -> tuple[dict[int, dict[str, An
     return entries, _rides(subject) if "A27" in ids else []
 
 
+def other_rides(name: str, quick: bool) -> tuple[dict[int, dict[str, Any]], list[ComfortRow]]:
+    """Return no entries, and the cells of the table for one of `OTHER_RIDES`."""
+    return {}, _on_the_plant(Subject(quick=quick), name)
+
+
 def _rides(subject: Subject) -> list[ComfortRow]:
     nan = float("nan")
+    table = _on_the_plant(subject)
+    for (load, speed), (rms, index) in paper_ride(subject).items():
+        table.append(ComfortRow("paper", load, speed, rms, nan, nan, index, nan, nan, nan))
+    return table
+
+
+def _on_the_plant(subject: Subject, other: str = "") -> list[ComfortRow]:
     table = []
-    for (load, speed), cell in plant_ride(subject).items():
+    for (load, speed), cell in plant_ride(subject, other).items():
         a, N = cell.estimate("acceleration"), cell.estimate("weighted", 6.0)
         table.append(
             ComfortRow(
-                "plant",
+                other or "plant",
                 load,
                 speed,
                 a.mean,
@@ -187,8 +203,6 @@ def _rides(subject: Subject) -> list[ComfortRow]:
                 cell.estimate("bump_stop_time").mean,
             )
         )
-    for (load, speed), (rms, index) in paper_ride(subject).items():
-        table.append(ComfortRow("paper", load, speed, rms, nan, nan, index, nan, nan, nan))
     return table
 
 

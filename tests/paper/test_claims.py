@@ -18,14 +18,12 @@ PLANT_ONLY = {f"A{n:02d}" for n in range(1, 31)} - {f"A{n}" for n in (11, 12, 13
 BOTH_LAYERS = {"A11", "A12", "A14", "A15", "A17", "A18", "A19", "A27"} | {f"T{n}" for n in range(1, 12)}
 
 #: What does not hold, and is said not to: the paper's layer has no friction (T2); in the plant the volume falls
-#: aside (T6), coupling is odd in roll (T8), sideways nothing surges (T9), and the track shakes the heavy car more.
+#: aside (T6), coupling is odd in roll (T8), sideways nothing surges (T9).
 DOES_NOT_HOLD = {
     ("T2", "paper"),
     ("T6", "plant"),
     ("T8", "plant"),
     ("T9", "plant"),
-    ("T11", "plant"),
-    ("A27", "plant"),
 }
 
 
@@ -73,16 +71,20 @@ def test_what_holds_and_what_does_not(entries):
     assert failing(entries) == DOES_NOT_HOLD
 
 
+#: a_y in m/s² at 10, 15, 20 and 25 m/s, in the mean of four realisations.
+OF_ANOTHER_IMPLEMENTATION = {"AW0": [0.059, 0.093, 0.138, 0.185], "AW3": [0.053, 0.054, 0.061, 0.070]}
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_more_realisations_say_the_same_as_one_on_the_ride(monkeypatch):
-    """Three; `astb paper` takes ten. What is judged lies far from its limits for either."""
-    monkeypatch.setattr(experiments, "REALISATIONS", (1, 2, 3))
+    """Four; `astb paper` takes ten. What is judged lies far from its limits for either."""
+    monkeypatch.setattr(experiments, "REALISATIONS", (1, 2, 3, 4))
     entries = evaluate_all({"A27", "T11"}, workers=1)
-    assert failing(entries) == {one for one in DOES_NOT_HOLD if one[0] in {"A27", "T11"}}
-    numbers = next(entry for entry in entries if (entry["id"], entry["layer"]) == ("A27", "plant"))["numbers"]
-    assert max(numbers.values()) < 1.0
-    assert numbers["N_AW3_10"] > numbers["N_AW0_10"]
+    assert not failing(entries)
+    numbers = next(entry for entry in entries if (entry["id"], entry["layer"]) == ("T11", "plant"))["numbers"]
+    for load, a in OF_ANOTHER_IMPLEMENTATION.items():
+        assert [numbers[f"a_{load}_{v}"] for v in (10, 15, 20, 25)] == pytest.approx(a, abs=6e-4)
 
 
 @quick
@@ -224,8 +226,9 @@ def of_one_layer(ids, layer, subject):
 
 @pytest.mark.slow
 def test_without_the_track_the_heavy_car_rides_better():
-    """On a level track the wind alone is left, and the heavy car rides better: the plant's A27 is the track's doing."""
-    (found,) = of_one_layer({"A27"}, "plant", Subject(car={"track_shape": 0}, quick=True))
+    """Without an anti-roll bar the plant's A27 fails, and that is the track's doing: the wind alone shakes it less."""
+    car = {"track_shape": 0, "anti_roll_stiffness": 0}
+    (found,) = of_one_layer({"A27"}, "plant", Subject(car=car, quick=True))
     for speed in (10, 15, 20, 25):
         assert found["numbers"][f"N_AW3_{speed}"] < found["numbers"][f"N_AW0_{speed}"]
     assert found["holds"]

@@ -96,11 +96,16 @@ def test_the_car_rings_at_its_modes(vehicle, load_case):
 
 def test_a_high_body_on_a_narrow_base_topples(vehicle):
     """Gravity's term: beyond m g e = roll stiffness the upright car is an unstable equilibrium."""
-    v = vehicle("AW3", LOSSLESS, car={"centre_height": 2.0}, spring_half_spacing=0.3, coupling_sign=0.0)
+
+    def car_of(height, bar=0.0):
+        car = {"centre_height": height, "anti_roll_stiffness": bar}
+        return vehicle("AW3", LOSSLESS, car=car, spring_half_spacing=0.3, coupling_sign=0.0)
+
+    v = car_of(2.0)
     assert np.abs(v.slope()).max() < 1e-9
     assert np.linalg.eigvals(v.jacobian()).real.max() > 0.5
-    upright = vehicle("AW3", LOSSLESS, car={"centre_height": 0.0}, spring_half_spacing=0.3, coupling_sign=0.0)
-    assert np.linalg.eigvals(upright.jacobian()).real.max() < 1e-3
+    for upright in car_of(0.0), car_of(2.0, 940e3):
+        assert np.linalg.eigvals(upright.jacobian()).real.max() < 1e-3
 
 
 def test_friction_that_sticks_stiffens_small_motions(vehicle):
