@@ -22,8 +22,7 @@ from bench_sim.model.paper import dynamic_stiffness as paper_stiffness
 from bench_sim.model.ride import Cell, ride_cell
 from bench_sim.model.vehicle import NaturalMode, Vehicle
 from bench_sim.model.wind import wind_force
-from paper_study.subject import LOADS, Subject, remembered
-from test_plans.analysis.comfort import (
+from paper_study.comfort import (
     Samples,
     block_percentiles,
     lateral_percentiles,
@@ -31,6 +30,7 @@ from test_plans.analysis.comfort import (
     weighting,
     window_rms,
 )
+from paper_study.subject import LOADS, Subject, remembered
 
 WIND_SPEEDS: Final = (10.0, 15.0, 20.0, 25.0)
 #: Seeds of the winds in which each ride is repeated.

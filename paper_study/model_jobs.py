@@ -9,14 +9,14 @@ import numpy.typing as npt
 from bench_protocol.units import Hz, mm
 from paper_study import plant_curves
 from paper_study.bench_results import BenchResults
+from paper_study.identification.spring import Identified
+from paper_study.plans.damping_ratio import PLATES
 from paper_study.subject import LOADS, Subject
-from test_plans.identification.spring import Identified
-from test_plans.plans.damping_ratio import PLATES
-from test_plans.sweeps.frequency import SMALL_FREQUENCIES
-from test_plans.sweeps.offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
-from test_plans.sweeps.pressure import AMPLITUDES
-from test_plans.sweeps.ratio import NATURAL
-from test_plans.sweeps.roll import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
+from paper_study.sweeps.frequency import SMALL_FREQUENCIES
+from paper_study.sweeps.offset import DITHER, DITHER_FREQUENCY, OFFSETS, STAIRS
+from paper_study.sweeps.pressure import AMPLITUDES
+from paper_study.sweeps.ratio import NATURAL
+from test_plans.steps.rolled import ROLL_AMPLITUDE, ROLL_FREQUENCY, ROLL_SHEAR
 
 Floats = npt.NDArray[np.float64]
 Curves = dict[str, npt.NDArray[Any]]

@@ -236,7 +236,7 @@ def _deviation(one: Any) -> tuple[str, ...]:
 
 def _ride_table(study: Study) -> list[dict[str, Any]]:
     """Return one row per wind speed and load, both layers side by side."""
-    from test_plans.analysis.comfort import describe_mean_comfort
+    from paper_study.comfort import describe_mean_comfort
 
     def with_width(value: float, width: float, digits: int) -> str:
         return f"{value:.{digits}f}" + ("" if isnan(width) else f" ± {width:.{digits}f}")

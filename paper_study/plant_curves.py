@@ -20,7 +20,7 @@ from bench_sim.model.experiments import (
 from bench_sim.model.layout import Input
 from bench_sim.model.plant import Plant
 from paper_study.subject import Subject
-from test_plans.sweeps.frequency import PIPE_PLATE
+from paper_study.sweeps.frequency import PIPE_PLATE
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]

@@ -16,11 +16,11 @@ from paper_study.bench_results import PLANS, BenchResults, gather, measure
 from paper_study.checks.catalogue import CHECKS, select
 from paper_study.checks.evaluation import entry
 from paper_study.experiments import OTHER_RIDES, paper_ride, plant_ride
+from paper_study.identification.parameter_file import write_parameters
+from paper_study.identification.spring import Identified, identify
 from paper_study.model_jobs import Curves, confusable, model_jobs
 from paper_study.sensitivity import Indices
 from paper_study.subject import Subject
-from test_plans.identification.parameter_file import write_parameters
-from test_plans.identification.spring import Identified, identify
 
 Floats = npt.NDArray[np.float64]
 

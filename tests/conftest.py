@@ -4,8 +4,10 @@ import gc
 import os
 import pickle
 import signal
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +29,22 @@ TIMED, TIMED_ROOMS = (
 LONG_ROOMS = ("system", "diagnosis", "plans", "hidden", "paper", "model")
 
 
+def complain_of_an_old_environment() -> None:
+    """Refuse an environment that lacks what pyproject.toml offers by now, such as plans of other packages."""
+    offered = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]["entry-points"]
+    for group, points in offered.items():
+        found = {(one.name, one.value) for one in entry_points(group=group)}
+        if lacking := sorted(points.items() - found):
+            raise pytest.UsageError(
+                f"this environment does not have {lacking} of {group}: run `make .venv/.ready`"
+            )
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", "real_time: holds deadlines of real time; in `make test` it goes before what only computes"
     )
+    complain_of_an_old_environment()
     # A suite started with `&` by a script is deaf to Ctrl-C, and so would be every rig and run that it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

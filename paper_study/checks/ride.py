@@ -6,9 +6,9 @@ import numpy as np
 
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import listed
+from paper_study.comfort import weighting
 from paper_study.experiments import WIND_SPEEDS, paper_ride, plant_ride, upper_sway
 from paper_study.subject import LOADS, Subject
-from test_plans.analysis.comfort import weighting
 
 _LIMITS: Final = "a_y and N non-decreasing from 10 to 25 m/s, lower for AW3 at every speed, N < 2"
 T11: Final = Claim(

@@ -6,8 +6,8 @@ from bench_sim.model.paper import amplitude_damping
 from paper_study.comparisons.comparison import ClaimComparison, closed_form_of, largest_deviation, percent
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
-from test_plans.sweeps.frequency import SWEEP_AMPLITUDE
-from test_plans.sweeps.ratio import NATURAL
+from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
+from paper_study.sweeps.ratio import NATURAL
 
 
 def frequency(study: Study) -> list[ClaimComparison]:

@@ -11,10 +11,10 @@ from paper_study.comparisons.comparison import (
     percent,
 )
 from paper_study.laws import closed_stiffness
+from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
 from paper_study.subject import LOADS
-from test_plans.plans.damping_ratio import PLATES
-from test_plans.sweeps.pressure import AMPLITUDES
+from paper_study.sweeps.pressure import AMPLITUDES
 
 
 def pressure(study: Study) -> list[ClaimComparison]:

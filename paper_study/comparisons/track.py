@@ -7,8 +7,8 @@ from bench_protocol.units import mm, ms
 from bench_sim.model.paper import unilateral_cosine
 from paper_study.comparisons.comparison import ClaimComparison
 from paper_study.study import Study
-from test_plans.sweeps.frequency import SWEEP_AMPLITUDE
-from test_plans.sweeps.ratio import NATURAL
+from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
+from paper_study.sweeps.ratio import NATURAL
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,12 +9,12 @@ from bench_protocol.units import mm
 from bench_sim.model.paper import amplitude_damping
 from paper_study.comparisons.comparison import ClaimComparison, entry_of, largest_deviation, percent
 from paper_study.laws import closed_stiffness, fitted_lateral_area
+from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
-from test_plans.plans.damping_ratio import PLATES
-from test_plans.sweeps.frequency import SWEEP_AMPLITUDE
-from test_plans.sweeps.pressure import AMPLITUDES
-from test_plans.sweeps.ratio import NATURAL
+from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
+from paper_study.sweeps.pressure import AMPLITUDES
+from paper_study.sweeps.ratio import NATURAL
 
 Floats = npt.NDArray[np.float64]
 

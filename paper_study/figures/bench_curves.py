@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 from bench_protocol.units import bar, mm
 from paper_study.figures.style import KN_M, MARKERS, ORDERED, draw_points
+from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
-from test_plans.plans.damping_ratio import PLATES
-from test_plans.sweeps.pressure import AMPLITUDES
+from paper_study.sweeps.pressure import AMPLITUDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

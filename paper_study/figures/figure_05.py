@@ -18,7 +18,7 @@ from paper_study.figures.style import (
     panels_of,
 )
 from paper_study.study import Study
-from test_plans.sweeps.ratio import NATURAL
+from paper_study.sweeps.ratio import NATURAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,10 +20,10 @@ from paper_study.figures.style import (
     panels_of,
 )
 from paper_study.laws import closed_stiffness
+from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
-from test_plans.plans.damping_ratio import PLATES
-from test_plans.sweeps.ratio import NATURAL
+from paper_study.sweeps.ratio import NATURAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

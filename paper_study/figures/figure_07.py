@@ -22,9 +22,9 @@ from paper_study.figures.style import (
     label_panel,
     panels_of,
 )
+from paper_study.identification.area_and_volume import shape
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
-from test_plans.identification.area_and_volume import shape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -25,11 +25,11 @@ from paper_study.figures.style import (
     plain_log_ticks,
 )
 from paper_study.laws import closed_stiffness, fitted_lateral_area
+from paper_study.plans.damping_ratio import PLATES
 from paper_study.study import Study
 from paper_study.subject import LOADS
-from test_plans.plans.damping_ratio import PLATES
+from paper_study.sweeps.ratio import NATURAL
 from test_plans.steps.fittings import PLATE
-from test_plans.sweeps.ratio import NATURAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

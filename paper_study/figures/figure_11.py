@@ -28,7 +28,7 @@ from paper_study.laws import SMALL_LOSS
 from paper_study.model_jobs import SWEEPS
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject
-from test_plans.sweeps.frequency import SWEEP_AMPLITUDE
+from paper_study.sweeps.frequency import SWEEP_AMPLITUDE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

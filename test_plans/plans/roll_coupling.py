@@ -17,9 +17,9 @@ from test_plans.steps.carrying import FREE_SIDEWAYS, LATERAL_RATE
 from test_plans.steps.fittings import leave_connected
 from test_plans.steps.of_the_bench import check_roll_stiffness
 from test_plans.steps.poses import COOL, POSING, go_home, take_pose
+from test_plans.steps.rolled import ROLL_SHEAR, RollAngle
 from test_plans.steps.shaking import SAMPLE_RATE, Values, check_band, generator_cycles
 from test_plans.steps.waves import SLOW_LATERAL_WAVES
-from test_plans.sweeps.roll import ROLL_SHEAR, RollAngle
 
 #: Slow, and as far as the load of `aw0` and `aw3` rolls the bolster; friction forgets where it came from in the lead.
 SWING: Final = 10 * mrad

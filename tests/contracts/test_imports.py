@@ -23,7 +23,7 @@ INSIDE = "Inside the rig: shell, then parameters, then model"
 PLANS = "Test plans reach the rig only through drivers"
 REPLAY = "The diagnosis replays the model: it never sees the rig or the drivers"
 DIAGNOSIS = "Inside the diagnosis: systems and report, then engine, then its contracts"
-STUDY = "Inside the paper's study: command, page, pictures, results, checks, experiments"
+STUDY = "Inside the paper's study: command, page, pictures, results, checks, experiments, plans"
 ENGINE = "The engine of the diagnosis reads no files and knows no bench"
 PURE = "The model is pure: no time, no chance, no I/O"
 CLOCK = "One clock: only bench_protocol.clock imports time"
@@ -63,6 +63,7 @@ SABOTAGE = [
     (INSIDE, "bench_sim/newcomer.py", '"""A module that no layer knows."""'),
     (PLANS, "test_plans/__init__.py", "import bench_sim.model"),
     (PLANS, "test_plans/__init__.py", HIDDEN.format("from bench_sim import parameters")),
+    (PLANS, "paper_study/plans/__init__.py", "import bench_sim.model"),
     (REPLAY, "diagnosis/systems/__init__.py", "import bench_sim.rig"),
     (REPLAY, "diagnosis/systems/__init__.py", HIDDEN.format("from drivers import bench")),
     (DIAGNOSIS, "diagnosis/engine/__init__.py", "import diagnosis.systems"),

@@ -5,7 +5,7 @@ from math import inf, pi, sqrt, tau
 import numpy as np
 import pytest
 
-from test_plans.analysis.comfort import (
+from paper_study.comfort import (
     NotARide,
     block_percentiles,
     describe_continuous_comfort,

@@ -12,14 +12,14 @@ import bench_sim.parameters
 from bench_protocol.units import ATMOSPHERE
 from bench_records.result import Outcome, read_result
 from bench_sim.parameters import load
+from paper_study.identification.area_and_volume import fit_area_and_volume, fit_paper_law
+from paper_study.identification.curves import Isolated, Sheared, isolated
+from paper_study.identification.fits import Fit, NotIdentified, fit
+from paper_study.identification.lateral import fit_lateral_stiffness, friction_stiffness, lateral_stiffness
+from paper_study.identification.parameter_file import FittedValue, Known, fitted_values, write_parameters
+from paper_study.identification.spring import FITTED, FITTED_LATERAL, identify
 from test_plans.discovery import plans
 from test_plans.execution import execute
-from test_plans.identification.area_and_volume import fit_area_and_volume, fit_paper_law
-from test_plans.identification.curves import Isolated, Sheared, isolated
-from test_plans.identification.fits import Fit, NotIdentified, fit
-from test_plans.identification.lateral import fit_lateral_stiffness, friction_stiffness, lateral_stiffness
-from test_plans.identification.parameter_file import FittedValue, Known, fitted_values, write_parameters
-from test_plans.identification.spring import FITTED, FITTED_LATERAL, identify
 from test_plans.loads import AW0, AW3
 from test_plans.specimen import ordinary
 

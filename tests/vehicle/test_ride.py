@@ -10,7 +10,7 @@ from bench_sim.model.wind import lateral_force
 from bench_sim.parameters import load
 from bench_sim.parameters.paper import load_paper
 from bench_sim.parameters.vehicle import load_vehicle
-from test_plans.analysis.comfort import lateral_percentiles, mean_comfort, weighted
+from paper_study.comfort import lateral_percentiles, mean_comfort, weighted
 
 LOADS = {case: load("astb", case).record for case in ("AW0", "AW3")}
 WIND = load_paper().wind

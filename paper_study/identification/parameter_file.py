@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.units import FACTORS
-from test_plans.identification.fits import Fit, Floats, NotIdentified
+from paper_study.identification.fits import Fit, Floats, NotIdentified
 
 
 class Known:

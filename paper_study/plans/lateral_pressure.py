@@ -3,13 +3,13 @@
 from typing import Final
 
 from bench_protocol.units import s
+from paper_study.sweeps.pressure import BY_PRESSURE, SOFTENING, carry_first, lateral_stiffness_over_pressure
 from test_plans import steps
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan_under
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.waves import SLOW_LATERAL_WAVES
-from test_plans.sweeps.pressure import BY_PRESSURE, SOFTENING, carry_first, lateral_stiffness_over_pressure
 
 #: Of the car's preload: the shims end at 160 kN.
 PARTS: Final = {AW0: (0.8, 0.9, 1.0, 1.1, 1.2), AW3: (0.897, 0.949, 1.0, 1.051, 1.103)}

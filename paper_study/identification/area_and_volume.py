@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from bench_protocol.units import ATMOSPHERE, N, mm
-from test_plans.identification.curves import Isolated
-from test_plans.identification.fits import PRESSURE_ZERO, Fit, Floats, fit, in_units
-from test_plans.identification.parameter_file import Known
+from paper_study.identification.curves import Isolated
+from paper_study.identification.fits import PRESSURE_ZERO, Fit, Floats, fit, in_units
+from paper_study.identification.parameter_file import Known
 
 #: What a mean over 2 s is good for: the wire's step of 25 N a cell, friction that creeps by a tenth of its 300 N; and
 #: for T/p thermometers in steps of 0.05 K, two of them.

@@ -3,6 +3,7 @@
 from typing import Final
 
 from bench_protocol.units import mm, s
+from paper_study.sweeps.ratio import PLATE_CHECKS, check_damping, damping_over_ratio
 from test_plans import steps
 from test_plans.loads import AW0
 from test_plans.plan import plan
@@ -10,7 +11,6 @@ from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.fittings import PLATES_AND_PIPE, fit_plate, leave_as_built, put_down
 from test_plans.steps.waves import VERTICAL_WAVES
-from test_plans.sweeps.ratio import PLATE_CHECKS, check_damping, damping_over_ratio
 
 PLATES: Final = tuple(d * mm for d in (10.0, 13.0, 16.0, 18.0))
 

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import mm
-from test_plans.identification.fits import Floats, NotIdentified
+from paper_study.identification.fits import Floats, NotIdentified
+from paper_study.sweeps.pressure import AMPLITUDES, SLOW
 from test_plans.loads import Load
 from test_plans.steps.tables import DAMPING, STORAGE
-from test_plans.sweeps.pressure import AMPLITUDES, SLOW
 
 if TYPE_CHECKING:
     from bench_records.curves import Curve

@@ -1,6 +1,7 @@
 """Stiffness and damping against frequency (figure 11), with and without the connecting pipe: a plan for each car."""
 
 from bench_protocol.units import s
+from paper_study.sweeps.frequency import SWEEP_CHECKS, frequency_sweep
 from test_plans import steps
 from test_plans.analysis.geometry import DRIVEN
 from test_plans.loads import AW0, AW3
@@ -9,7 +10,6 @@ from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
 from test_plans.steps.fittings import PLATES_AND_PIPE, leave_as_built
 from test_plans.steps.waves import LATERAL_WAVES, VERTICAL_WAVES
-from test_plans.sweeps.frequency import SWEEP_CHECKS, frequency_sweep
 
 
 def _frequency_sweep(run: Run, load: str) -> None:

@@ -1,6 +1,7 @@
 """Springs at lateral offsets: tangent, secant, effective area and volume (figures 7 and 9)."""
 
 from bench_protocol.units import s
+from paper_study.sweeps.offset import OFFSET_CHECKS, lateral_offsets
 from test_plans import steps
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan
@@ -9,7 +10,6 @@ from test_plans.run import Run
 from test_plans.steps.fittings import CONNECTIONS, leave_connected, put_down
 from test_plans.steps.poses import POSING
 from test_plans.steps.waves import SLOW_LATERAL_WAVES
-from test_plans.sweeps.offset import OFFSET_CHECKS, lateral_offsets
 
 
 @plan(

@@ -3,6 +3,7 @@
 from typing import Final
 
 from bench_protocol.units import rad, s
+from paper_study.sweeps.roll import ROLL_CHECKS, lateral_stiffness_over_roll
 from test_plans import steps
 from test_plans.loads import AW0, AW3
 from test_plans.plan import plan_under
@@ -11,7 +12,6 @@ from test_plans.run import Run
 from test_plans.steps.fittings import CONNECTIONS, leave_connected
 from test_plans.steps.poses import POSING
 from test_plans.steps.waves import SLOW_LATERAL_WAVES
-from test_plans.sweeps.roll import ROLL_CHECKS, lateral_stiffness_over_roll
 
 #: Beyond 0.06 rad the lower spring of the full car would take more than its actuator can give.
 ANGLES: Final = {
