@@ -17,11 +17,11 @@ from bench_sim.model.experiments import (
     first_harmonic,
     impose,
 )
-from bench_sim.model.paper import PaperParameters, diaphragm_stiffness
-from bench_sim.model.paper import dynamic_stiffness as paper_stiffness
 from bench_sim.model.ride import Cell, ride_cell
 from bench_sim.model.vehicle import NaturalMode, Vehicle
 from bench_sim.model.wind import wind_force
+from paper_study.closed_form import PaperParameters, diaphragm_stiffness
+from paper_study.closed_form import dynamic_stiffness as paper_stiffness
 from paper_study.comfort import (
     Samples,
     block_percentiles,

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import mm
-from bench_sim.model.paper import combined, diaphragm_stiffness, layered_stiffness
 from paper_study.bench_results import BenchResults
+from paper_study.closed_form import combined, diaphragm_stiffness, layered_stiffness
 from paper_study.subject import LOADS, Subject
 
 Floats = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from bench_protocol.units import Hz, mm
 from bench_sim.model.experiments import LATERAL, dynamic_stiffness
-from bench_sim.model.paper import (
+from paper_study.closed_form import (
     combined,
     coupling_stiffness,
     diaphragm_stiffness,

@@ -41,15 +41,18 @@ class Entry:
 
 
 def read_toml(
-    name: str | Path, sets: tuple[str, ...], what: str = "parameter set"
+    name: str | Path,
+    sets: tuple[str, ...],
+    what: str = "parameter set",
+    folder: Path = Path(__file__).parent,
 ) -> tuple[Path, dict[str, Any]]:
-    """Return path and content of a file; the name of one of the ``sets`` stands for a file beside this module.
+    """Return path and content of a file; the name of one of the ``sets`` stands for a file in ``folder``.
 
     Raises `ParameterError`.
     """
     path = Path(name)
     if sets and path.suffix != ".toml":
-        path = Path(__file__).parent / f"{name}.toml"
+        path = folder / f"{name}.toml"
     try:
         return path, input_limits.read_toml(path)
     except OSError as error:

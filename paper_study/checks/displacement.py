@@ -6,9 +6,9 @@ import numpy as np
 
 from bench_protocol.units import mm
 from bench_sim.model.algebraic import Algebraic
-from bench_sim.model.paper import diaphragm_stiffness, equivalent_volume, lateral_area
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import falls, listed, within
+from paper_study.closed_form import diaphragm_stiffness, equivalent_volume, lateral_area
 from paper_study.experiments import lateral_secant, moved_aside
 from paper_study.subject import LOADS, Subject
 

@@ -5,9 +5,9 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.units import kN, mm
-from bench_sim.model.paper import combined, diaphragm_stiffness, layered_stiffness
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import falls, listed, near, rises, within
+from paper_study.closed_form import combined, diaphragm_stiffness, layered_stiffness
 from paper_study.experiments import lateral_stiffness, paper_amplitude_stiffness, quasi_static_lateral
 from paper_study.subject import LOADS, Subject
 

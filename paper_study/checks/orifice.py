@@ -5,9 +5,9 @@ from typing import Any, Final
 import numpy as np
 
 from bench_protocol.units import mm
-from bench_sim.model.paper import amplitude_damping, orifice_damping, peak_angular_frequency, peak_ratio
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import falls, listed, maxima, within
+from paper_study.closed_form import amplitude_damping, orifice_damping, peak_angular_frequency, peak_ratio
 from paper_study.experiments import (
     damping,
     damping_peak,

@@ -7,9 +7,9 @@ import numpy as np
 from bench_protocol.units import kN, mm
 from bench_sim.model.algebraic import Algebraic
 from bench_sim.model.experiments import LATERAL, ROLL, ImposedMotion, impose
-from bench_sim.model.paper import roll_factor
 from paper_study.checks.check import CheckOutcome, Claim
 from paper_study.checks.criteria import listed
+from paper_study.closed_form import roll_factor
 from paper_study.experiments import rolled
 from paper_study.subject import LOADS, Subject
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bench_protocol.units import mm
-from bench_sim.model.paper import lateral_area
+from paper_study.closed_form import lateral_area
 from paper_study.comparisons.comparison import ClaimComparison, closed_form_of, percent
 from paper_study.study import Study
 from paper_study.subject import Subject

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench_sim.model.paper import amplitude_damping
+from paper_study.closed_form import amplitude_damping
 from paper_study.comparisons.comparison import ClaimComparison, closed_form_of, largest_deviation, percent
 from paper_study.study import Study
 from paper_study.subject import LOADS, Subject

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import mm, ms
-from bench_sim.model.paper import unilateral_cosine
+from paper_study.closed_form import unilateral_cosine
 from paper_study.comparisons.comparison import ClaimComparison
 from paper_study.study import Study
 from paper_study.sweeps.frequency import SWEEP_AMPLITUDE

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench_protocol.units import mm
-from bench_sim.model.paper import amplitude_damping
+from paper_study.closed_form import amplitude_damping
 from paper_study.comparisons.comparison import ClaimComparison, entry_of, largest_deviation, percent
 from paper_study.laws import closed_stiffness, fitted_lateral_area
 from paper_study.plans.damping_ratio import PLATES

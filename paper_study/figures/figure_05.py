@@ -6,7 +6,7 @@ import numpy as np
 
 from bench_protocol.units import mm
 from bench_records.plots import INK
-from bench_sim.model.paper import unilateral_cosine
+from paper_study.closed_form import unilateral_cosine
 from paper_study.figures.style import (
     DASHED,
     MEASURED,

@@ -6,7 +6,7 @@ import numpy as np
 
 from bench_protocol.units import bar, mm
 from bench_records.plots import SOFT
-from bench_sim.model.paper import orifice_damping
+from paper_study.closed_form import orifice_damping
 from paper_study.figures.bench_curves import damping_points, lateral_points
 from paper_study.figures.style import (
     DASHED,

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from bench_protocol.units import litre, mm
 from bench_records.plots import INK, PALETTE, SOFT
-from bench_sim.model.paper import equivalent_volume, lateral_area
 from paper_study.bench_results import Points
+from paper_study.closed_form import equivalent_volume, lateral_area
 from paper_study.figures.style import (
     COLOUR,
     DASHED,

@@ -6,7 +6,7 @@ import numpy as np
 
 from bench_protocol.units import bar, mm
 from bench_records.plots import INK, SOFT
-from bench_sim.model.paper import roll_factor
+from paper_study.closed_form import roll_factor
 from paper_study.figures.style import (
     COLOUR,
     DASHED,

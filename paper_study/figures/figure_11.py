@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from bench_protocol.units import mm
 from bench_records.plots import PALETTE, SOFT
-from bench_sim.model.paper import amplitude_damping, dynamic_stiffness
+from paper_study.closed_form import amplitude_damping, dynamic_stiffness
 from paper_study.figures.style import (
     COLOUR,
     DASHED,

@@ -3,7 +3,7 @@
 import pytest
 
 from bench_protocol.clock import RealClock
-from bench_sim.parameters.paper import load_paper
+from paper_study.parameters import load_paper
 
 
 @pytest.fixture(scope="session")

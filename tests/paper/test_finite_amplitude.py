@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_protocol.units import Hz, kN, mm
-from bench_sim.model.paper import (
+from paper_study.closed_form import (
     amplitude_damping,
     amplitude_time_constant,
     mass_flow,
     peak_angular_frequency,
     stiffness_step,
 )
-from bench_sim.parameters.paper import load_paper
+from paper_study.parameters import load_paper
 
 PAR = load_paper("paper", "AW0").spring
 

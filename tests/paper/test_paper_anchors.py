@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench_protocol.units import kN, mm
-from bench_sim.model.paper import (
+from paper_study.closed_form import (
     angular_frequency,
     combined,
     coupling_stiffness,

@@ -6,12 +6,12 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from bench_sim.model.paper import PaperParameters, diaphragm_stiffness
 from bench_sim.model.wind import Crosswind
 from bench_sim.parameters import PROVENANCES, ParameterError, load
-from bench_sim.parameters.paper import load_paper
+from paper_study.closed_form import PaperParameters, diaphragm_stiffness
+from paper_study.parameters import load_paper
 
-TEXT = (files("bench_sim.parameters") / "paper.toml").read_text(encoding="utf-8")
+TEXT = (files("paper_study") / "paper.toml").read_text(encoding="utf-8")
 
 
 def test_every_field_has_its_entry():

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench_protocol.units import bar, mm
-from bench_sim.model.paper import (
+from paper_study.closed_form import (
     combined,
     coupled_reaction,
     coupling_stiffness,
@@ -27,7 +27,7 @@ from bench_sim.model.paper import (
     roll_factor,
     torsional_stiffness,
 )
-from bench_sim.parameters.paper import load_paper
+from paper_study.parameters import load_paper
 
 PAR = load_paper("paper", "AW0").spring
 

@@ -23,7 +23,7 @@ from bench_sim.model.wind import (
     spectrum,
     wind_force,
 )
-from bench_sim.parameters.paper import load_paper
+from paper_study.parameters import load_paper
 
 WIND = load_paper().wind
 AT_REST = replace(WIND, train_speed=0.0)

@@ -11,7 +11,7 @@ from bench_protocol.units import FACTORS, Hz, mm
 from bench_records.result import CheckVerdict, Outcome
 from bench_sim.model import wind as oracle
 from bench_sim.parameters import load
-from bench_sim.parameters.paper import load_paper
+from paper_study.parameters import load_paper
 from test_plans.analysis import NotMeasured
 from test_plans.analysis.spectra import SIGMAS_OF_95, spectra
 from test_plans.description import ours

@@ -49,7 +49,7 @@ for package in ({packages}):
 #: What the study of the paper reads beside its modules.
 DATA_OF_THE_PAPER = """
 from importlib.resources import files
-from bench_sim.parameters.paper import load_paper
+from paper_study.parameters import load_paper
 from bench_sim.parameters.vehicle import load_vehicle
 load_paper(), load_vehicle()
 assert (files("paper_study") / "page.html.j2").read_text()

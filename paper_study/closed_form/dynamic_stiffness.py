@@ -6,11 +6,11 @@ without it, it only rises from that of both chambers to that of the diaphragm al
 
 import numpy as np
 
-from bench_sim.model.paper.diaphragm import diaphragm_stiffness
-from bench_sim.model.paper.emergency_spring import combined, layered_stiffness
-from bench_sim.model.paper.orifice_damping import flow_resistance
-from bench_sim.model.paper.parameters import Complex, PaperParameters, Real, Topology
-from bench_sim.model.paper.torsion import roll_factor
+from paper_study.closed_form.diaphragm import diaphragm_stiffness
+from paper_study.closed_form.emergency_spring import combined, layered_stiffness
+from paper_study.closed_form.orifice_damping import flow_resistance
+from paper_study.closed_form.parameters import Complex, PaperParameters, Real, Topology
+from paper_study.closed_form.torsion import roll_factor
 
 
 def reaction_forces(

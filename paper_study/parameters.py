@@ -8,7 +8,6 @@ from typing import Any, Final, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench_sim.model.paper.parameters import PaperParameters
 from bench_sim.model.quantities import Quantity
 from bench_sim.model.wind import Crosswind
 from bench_sim.parameters.loading import (
@@ -22,6 +21,7 @@ from bench_sim.parameters.loading import (
     read_toml,
     unknown,
 )
+from paper_study.closed_form.parameters import PaperParameters
 
 
 def _quantities(kind: type) -> dict[str, Quantity]:
@@ -45,7 +45,7 @@ class PaperSet:
 
     @property
     def spring(self) -> PaperParameters:
-        """The spring, for `bench_sim.model.paper`."""
+        """The spring, for `paper_study.closed_form`."""
         return PaperParameters(**{name: _plain(self.entries[name]) for name in _SPRING})
 
     @property
@@ -82,7 +82,7 @@ def load_paper(name: str | Path = "paper", load_case: str | None = None) -> Pape
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """
-    path, tables = read_toml(name, ("paper",))
+    path, tables = read_toml(name, ("paper",), folder=Path(__file__).parent)
     try:
         return _parse(path.stem, tables, load_case)
     except ParameterError as error:

@@ -1,31 +1,31 @@
-"""The paper's lateral model in closed form: a layer of its own, which never feeds the rig.
+"""The paper's lateral model in closed form, which never feeds the rig.
 
 The paper (doi 10.1177/1687814020930457) fits its formulas to measurements; the plant in `bench_sim.model` follows from
 mass, energy and virtual work instead. The numbers in brackets are the paper's equations where its text fixes them, and
 their place in that order where it does not. Every function broadcasts over arrays; values are SI, ``p`` is absolute.
 """
 
-from bench_sim.model.paper.coupling import coupled_reaction, coupling_stiffness, free_roll_stiffness
-from bench_sim.model.paper.diaphragm import (
+from paper_study.closed_form.coupling import coupled_reaction, coupling_stiffness, free_roll_stiffness
+from paper_study.closed_form.diaphragm import (
     diaphragm_stiffness,
     equivalent_volume,
     lateral_area,
     pressure_gradient,
 )
-from bench_sim.model.paper.dynamic_stiffness import (
+from paper_study.closed_form.dynamic_stiffness import (
     damping_of,
     dynamic_stiffness,
     gas_stiffness,
     reaction_forces,
     surge_frequencies,
 )
-from bench_sim.model.paper.emergency_spring import combined, layered_stiffness
-from bench_sim.model.paper.finite_amplitude import (
+from paper_study.closed_form.emergency_spring import combined, layered_stiffness
+from paper_study.closed_form.finite_amplitude import (
     amplitude_damping,
     amplitude_time_constant,
     peak_angular_frequency,
 )
-from bench_sim.model.paper.orifice_damping import (
+from paper_study.closed_form.orifice_damping import (
     critical_ratio,
     flow_resistance,
     mass_flow,
@@ -37,9 +37,9 @@ from bench_sim.model.paper.orifice_damping import (
     stiffness_step,
     time_constant,
 )
-from bench_sim.model.paper.parameters import PaperParameters, Topology
-from bench_sim.model.paper.torsion import roll_factor, torsional_stiffness
-from bench_sim.model.paper.track import angular_frequency, unilateral_cosine
+from paper_study.closed_form.parameters import PaperParameters, Topology
+from paper_study.closed_form.torsion import roll_factor, torsional_stiffness
+from paper_study.closed_form.track import angular_frequency, unilateral_cosine
 
 __all__ = [
     "PaperParameters",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench_sim.model.paper.parameters import Real
+from paper_study.closed_form.parameters import Real
 
 
 def angular_frequency(speed: Real, wavelength: Real) -> Real:

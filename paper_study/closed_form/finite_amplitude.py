@@ -14,8 +14,8 @@ from math import pi
 
 import numpy as np
 
-from bench_sim.model.paper.orifice_damping import stiffness_step
-from bench_sim.model.paper.parameters import PaperParameters, Real
+from paper_study.closed_form.orifice_damping import stiffness_step
+from paper_study.closed_form.parameters import PaperParameters, Real
 
 
 def amplitude_time_constant(omega: Real, amplitude: Real, d: Real, par: PaperParameters) -> Real:
