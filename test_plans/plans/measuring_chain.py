@@ -10,7 +10,7 @@ import numpy as np
 from bench_protocol.dimensions import across
 from bench_protocol.signals import Group
 from bench_protocol.table_signals import BY_GROUP
-from bench_protocol.units import MN, K, N, kg, kN, m, mbar, minutes, mm, s
+from bench_protocol.units import MN, K, N, kg, kN, m, mbar, minutes, mm, mrad, s
 from bench_protocol.words import SIDES
 from drivers.errors import BenchTimeout, RigFault
 from test_plans import steps
@@ -50,6 +50,9 @@ ZEROS: Final = {
 }
 CELL_ZERO: Final = 200 * N
 PLACE_ZERO: Final = 0.05 * mm
+#: The platform is held where its own transducers read 0, and lasers see the bolster from there.
+PLATFORM_ZERO: Final = 0.02 * mm
+PLATFORM_ROLL_ZERO: Final = 0.05 * mrad
 THERMOMETER_ZERO: Final = 0.1 * K
 #: For noise and the steps of the converters.
 ROOM: Final = 1.1
@@ -107,7 +110,8 @@ CELL_OF_BOLSTER: Final = CheckName(
 )
 LASER_LESS_PISTON: Final = CheckName(
     "{of}",
-    "Laser reading less piston position, with nothing between them: a difference looks like compliance of the frame.",
+    "Laser reading and the platform's own motion, less piston position, with nothing between them: a difference looks "
+    "like compliance of the frame.",
 )
 FROM_THE_MEAN: Final = CheckName(
     "{of}",
@@ -260,8 +264,13 @@ def measuring_chain(
         _check_line(run, names, pushed, _sideways, LATERAL_GAIN)
 
 
-def _zeros(rig: Rig) -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
-    """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit."""
+def _zeros(
+    rig: Rig, has: Callable[[str], bool]
+) -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
+    """Yield what is known without air and force: name, sum of which readings, its value and tolerance (SI), unit.
+
+    The platform counts on a rig that ``has`` readings of it; else it stands still.
+    """
     for group, (tolerance, unit) in ZEROS.items():
         for name in BY_GROUP[group]:
             yield READS_ZERO[group].of(of=name), {name: 1.0}, 0.0, tolerance, unit
@@ -269,7 +278,15 @@ def _zeros(rig: Rig) -> Iterator[tuple[CheckName, dict[str, float], float, float
         yield CELL_OF_BOLSTER.of(of=cell), {cell: 1.0}, rest_load(rig, cell), CELL_ZERO, "N"
     for height, piston in zip(HEIGHTS, PISTONS, strict=True):
         title = LASER_LESS_PISTON.of(of=f"{height} less {piston}")
-        yield title, {height: 1.0, piston: -1.0}, 0.0, 2 * PLACE_ZERO, "mm"
+        sum_of, tolerance = {height: 1.0, piston: -1.0}, 2 * PLACE_ZERO
+        for name, share, zero in (
+            ("platform.vertical", 1.0, PLATFORM_ZERO),
+            ("platform.roll", rig[across(height)], PLATFORM_ROLL_ZERO),
+        ):
+            if has(name):
+                sum_of[name] = share
+                tolerance += abs(share) * zero
+        yield title, sum_of, 0.0, tolerance, "mm"
     share = 1 / len(TEMPERATURES)
     for name in TEMPERATURES:
         away = {one: (one == name) - share for one in TEMPERATURES}
@@ -278,7 +295,7 @@ def _zeros(rig: Rig) -> Iterator[tuple[CheckName, dict[str, float], float, float
 
 def _check_zeros(run: Run) -> None:
     """Check what each transducer reads where its quantity is known."""
-    asked = [zero for zero in _zeros(run.rig) if run.can(zero[0], needs=zero[1])]
+    asked = [zero for zero in _zeros(run.rig, run.bench.has) if run.can(zero[0], needs=zero[1])]
     mean = run.bench.averages(
         *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
     )

@@ -9,7 +9,9 @@ from bench_protocol.table import TABLE
 from bench_protocol.units import MN, mm
 from bench_records.result import CheckVerdict, Outcome
 from bench_sim.model.layout import Sensor
+from bench_sim.parameters import load
 from drivers.errors import BenchTimeout
+from test_plans.description import ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.operator import NoOperator, Script
@@ -77,6 +79,18 @@ def test_places_are_told_as_people_read_them():
     assert TABLE["left.bellows_temperature"].reads(289.97123) == "16.82 °C"
     assert TABLE["left.height"].reads(0.0123456) == "12.35 mm"
     assert TABLE["rig.state"].reads(0.0) == TABLE["rig.state"].show(0.0)
+
+
+def test_zeros_allow_what_any_rig_within_its_data_sheets_reads():
+    """Every corner of all accuracies; the platform is held where its own transducers read 0, so it stands off."""
+    accuracy = load("astb").entries["sensor_accuracy"].value
+    for title, sum_of, _, tolerance, _ in measuring_chain._zeros(ours(), lambda name: True):
+        reach = sum(
+            abs(share) * accuracy[Sensor[name.upper().replace(".", "_")]] for name, share in sum_of.items()
+        )
+        platform = {"platform.vertical", "platform.roll"} & set(sum_of)
+        assert reach <= tolerance * (1 + 1e-9), title
+        assert len(platform) == 2 if ".height less" in title else not platform
 
 
 @slow
