@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, overload
+from typing import TYPE_CHECKING, Any, Final, get_type_hints, overload
 
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN
@@ -125,18 +125,23 @@ def plan(
     return made if main is None else made(main)
 
 
-def plan_under(load: str, main: Callable[[Run, str], None], name: str, **how: Any) -> Plan:
+def plan_under(load: str, main: Callable[..., None], name: str, **how: Any) -> Plan:
     """Make a plan called ``name`` of a function that takes the load, too; the rest as for `plan`.
 
     In its docstring ``{load}`` is the load, ``{car}`` the car that it is of, ``{preload}`` what a spring then carries.
+    What the function takes beside run and load are the plan's parameters.
     """
 
-    def under(run: Run) -> None:
-        main(run, load)
+    def under(run: Run, **given: Value) -> None:
+        main(run, load, **given)
 
     words = {"{load}": load, "{car}": CARS[load], "{preload}": f"{{{load}.preload}}"}
     under.__doc__ = re.sub(r"\{\w+\}", lambda found: words[found[0]], main.__doc__ or "")
     under.__name__, under.__module__ = name, main.__module__
+    of_run, _, *own = inspect.signature(main).parameters.values()
+    under.__signature__ = inspect.Signature([of_run, *own])  # type: ignore[attr-defined]
+    hints = get_type_hints(main, include_extras=True) if own else {}
+    under.__annotations__ = {one.name: hints[one.name] for one in own if one.name in hints}
     return plan(**how)(under)
 
 

@@ -1,0 +1,365 @@
+"""Crosswind and track at once, and roll: the paper's own experiment, a plan for each car."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import ceil, floor, tau
+from typing import Annotated, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import FACTORS, Hz, kN, mm, mrad, ms, s
+from bench_protocol.words import SIDES
+from test_plans import steps
+from test_plans.analysis import NotMeasured, Samples, Stiffness, first_harmonic, without_lag
+from test_plans.analysis.geometry import (
+    ACTUATORS,
+    POSE_SIGNALS,
+    SEEING,
+    WEIGHT,
+    Rig,
+    actuator_moment,
+    bolster_weight,
+    roll_of,
+    shear_of,
+    stop_travel_of,
+)
+from test_plans.analysis.readings import HEIGHTS, PRESSURES, SHEAR_CELLS
+from test_plans.analysis.uncertainty import EVEN
+from test_plans.check_names import CheckName
+from test_plans.description import lag_of, lags
+from test_plans.loads import AW0, AW3, Band, Load
+from test_plans.parameters import Range
+from test_plans.plan import plan_under
+from test_plans.preconditions import on_the_bench
+from test_plans.run import Run
+from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN
+from test_plans.steps.fittings import leave_connected
+from test_plans.steps.of_the_bench import unlike
+from test_plans.steps.shaking import SAMPLE_RATE
+from test_plans.steps.track_and_roll import ROLL_RATE, ROLL_WAIT
+from test_plans.steps.waves import pressure_of
+from test_plans.steps.wind import (
+    GUST_FACTOR,
+    RISE,
+    admittance,
+    fade,
+    gust,
+    on_the_bolster,
+    random_process,
+    side_force,
+    spectrum,
+)
+from test_plans.sweeps.pressure import part_of
+
+Values = Mapping[str, Samples]
+Wind = Literal["steady", "gust", "stochastic"]
+
+TRAIN_SPEED: Final = 100 * FACTORS["km/h"]
+TRACK: Final = ("platform.vertical", "platform.lateral")
+PUSHED: Final = tuple(f"vertical_{side}.force" for side in SIDES)
+READ: Final = (*POSE_SIGNALS, *PUSHED, *TRACK, *SHEAR_CELLS, *PRESSURES)
+STEP: Final = 0.02 * s
+#: With a roll, for which limits of the roll torque are stated: coupling of shear and roll saturates.
+WIND: Final = 5.0
+#: What is faster the host cannot stream.
+FASTEST: Final = 5 * Hz
+BEFORE: Final = 2 * s
+#: The track lasts so long at least, and its first cycles swing in.
+TRACK_LASTS: Final = 10 * s
+LEAD: Final = 1.5 * s
+#: Of the first harmonic of a wind that is not steady: so many pieces tell how much it scatters.
+PIECES: Final = 4
+SCATTER: Final = "wind of other frequencies"
+#: Nobody states how late the platform's transducer is; as late as that of the lateral actuator, but for so much.
+LATE: Final = "lag of the platform's transducer"
+LATE_BY: Final = 0.5 * ms
+#: Every how many samples is kept of a loop.
+KEPT: Final = 10
+
+TRAVEL: Final = CheckName(
+    "largest travel of the bolster",
+    "How far wind and track together move the car sideways: beyond the limit it leans on its bump stop.",
+)
+STIFF: Final = CheckName(
+    "lateral stiffness K'",
+    "Lateral stiffness of the pair while wind, track and roll act at once, as they do under a car.",
+)
+DAMPED: Final = CheckName(
+    "lateral damping c",
+    "What takes the energy out of the sway: with too little of it the car goes on swinging after a gust.",
+)
+ROLLED: Final = CheckName(
+    "roll torque over roll",
+    "The roll torque of the springs over the roll that the wind causes while the track moves them: it keeps the car "
+    "upright.",
+)
+
+
+def excitation(
+    rig: Rig, wind: float, kind: Wind, amplitude: float, frequency: float, draw: int
+) -> tuple[Samples, dict[str, Samples], tuple[float, float]]:
+    """Return times (s), what wind and track add to each set-point (SI), and from when to when the track moves.
+
+    The wind comes within 4 s, stays, and goes again. While it stays, the platform follows the paper's equation (24),
+    z = a (1 − cos ωt)/2, up and sideways.
+    """
+    cycles = ceil(TRACK_LASTS * frequency)
+    track = cycles / frequency
+    count = ceil((track + 2 * RISE) / STEP)
+    times = np.linspace(0.0, count * STEP, count + 1)
+    moves = on_the_bolster(fade(times) * side_force(_wind(times, wind, kind, draw), TRAIN_SPEED), rig)
+    phase = np.clip((times - RISE) * frequency, 0.0, cycles)
+    cosine = 0.5 * amplitude * (1.0 - np.cos(2 * np.pi * phase))
+    cosine[-1] = 0.0
+    return times, {**moves, **dict.fromkeys(TRACK, cosine)}, (RISE, RISE + track)
+
+
+def _wind(times: Samples, wind: float, kind: Wind, draw: int) -> Samples:
+    """Return the wind (m/s) whose mean is ``wind``."""
+    if kind == "gust":
+        return gust(GUST_FACTOR * wind, TRAIN_SPEED, times, 0.5 * float(times[-1]))
+    if kind == "stochastic":
+        f = np.fft.rfftfreq(times.size, times[1])
+        density = spectrum(f, wind, TRAIN_SPEED) * admittance(f, wind, TRAIN_SPEED) * (f <= FASTEST)
+        return wind + random_process(times, density, np.random.default_rng(draw))
+    return np.full_like(times, wind)
+
+
+def take_up(load: str) -> Callable[..., None]:
+    """Return the set-up: the springs carry the load at the asked pressure, shut in and connected, the bolster free."""
+
+    def set_up(run: Run, pressure: float, roll: float) -> None:
+        around = run.specimen.load(load)
+        carried = around if pressure == 1.0 else part_of(run, load, pressure)
+        steps.carry(carried)(run)
+        steps.lock_the_air(run)
+        run.bench.air.connect_dpv()
+        steps.free_the_bolster(run)
+        if roll:
+            _roll(run, around, carried.actuator_force(run.rig), roll)
+
+    return set_up
+
+
+def _roll(run: Run, load: Load, force: float, roll: float) -> None:
+    """Load the two sides unequally, so that the bolster rolls by ``roll`` (rad) as the specimen's file foresees."""
+    left, right = (run.rig[one] for one in ACTUATORS)
+    more = -roll * middle(load.limits.band("roll_stiffness")) / (left - right)
+    with run.phase("roll by unequal preload"):
+        run.bench.vertical.preload(force + more, force - more, rate=ROLL_RATE, within=PRELOAD_WITHIN)
+        run.bench.wait(ROLL_WAIT)
+
+
+def _crosswind_and_track(
+    run: Run,
+    load: str,
+    *,
+    wind: Annotated[float, Range(3.0, 8.0, "m/s")] = WIND,
+    kind: Literal["steady", "gust", "stochastic"] = "steady",
+    amplitude: Annotated[float, Range(5 * mm, 25 * mm, "mm")] = 20 * mm,
+    frequency: Annotated[float, Range(0.5 * Hz, 2.0 * Hz, "Hz")] = 1.2 * Hz,
+    pressure: Annotated[float, Range(0.85, 1.1)] = 1.0,
+    roll: Annotated[float, Range(-10 * mrad, 10 * mrad, "mrad")] = 0.0,
+    draw: Annotated[int, Range(0, 1_000_000)] = 1,
+) -> None:
+    """Crosswind and track at once, {car} car: stiffness, damping and roll torque of the springs.
+
+    The springs carry {preload} each, or as much as `pressure` times their pressure needs; their valves are shut, the
+    differential pressure valve connects them, and the bolster is free in all directions under the preload. With a
+    `roll` other than 0 one side is loaded more and the other less, until the bolster leans by it. A `wind`, steady,
+    with the gust of EN 14067-6, or stochastic with von Kármán's spectrum, rises within 4 s: the lateral actuator pushes
+    with what one bogie bears of it, and the vertical ones add its moment. While it blows, the platform follows a
+    unilateral cosine of `amplitude` and `frequency`, up and sideways together. All five axes follow one time base.
+
+    Good is what the specimen's file says of the way to the bump stop, of the lateral stiffness, over the way by which
+    the springs are sheared and corrected for the pressure, of the lateral damping, and of the roll torque of the
+    springs over the roll that the wind makes.
+    """
+    times, moves, between = excitation(run.rig, wind, kind, amplitude, frequency, draw)
+    with run.phase("wind and track"):
+        with run.bench.capture(*READ) as capture:
+            run.bench.wait(BEFORE)
+            run.bench.waveform.run(times, moves)
+        at, values = capture.aligned(SAMPLE_RATE)
+    _judge(run, run.specimen.load(load), Seen(at - BEFORE, between, frequency), values, roll, wind)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """When samples were taken (s, since the wind began), and when the track moved at which frequency (Hz)."""
+
+    at: Samples
+    between: tuple[float, float]
+    frequency: float
+
+    @property
+    def shaken(self) -> npt.NDArray[np.bool_]:
+        """Which samples belong to whole cycles that have swung in."""
+        lead = ceil(LEAD * self.frequency) / self.frequency
+        return np.asarray((self.at >= self.between[0] + lead) & (self.at < self.between[1]))
+
+    @property
+    def calm(self) -> npt.NDArray[np.bool_]:
+        """Which belong to the second before the wind."""
+        return np.asarray((self.at >= -1 * s) & (self.at < 0.0))
+
+    def pieces(self) -> Iterator[npt.NDArray[np.bool_]]:
+        """Yield which samples belong to each of some pieces of whole cycles, which end with the track."""
+        times = self.at[self.shaken]
+        length = floor((self.between[1] - times[0]) * self.frequency / PIECES + 1e-6) / self.frequency
+        for k in range(PIECES):
+            end = self.between[1] - k * length
+            # One sample more: whole cycles, whatever the frequency.
+            yield np.asarray((self.at >= end - length - 1 / SAMPLE_RATE) & (self.at < end))
+
+    def stiffness(self, which: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Stiffness:
+        """Return the complex lateral stiffness of the pair (N/m): first harmonics of force and shear."""
+
+        def of(series: Samples, *names: str) -> complex:
+            found = first_harmonic(self.at[which], series[which], self.frequency)
+            return without_lag(found, lag_of(rig, *names), self.frequency)
+
+        moved = of(values["lateral.displacement"], "lateral.displacement")
+        moved -= of(values["lateral.force"], "lateral.force") / rig["lateral_frame_stiffness"]
+        above = rig["centre_height"] + rig["lateral_actuator_height"]
+        moved += above * of(roll_of(values, rig) + values["platform.roll"], *HEIGHTS)
+        moved -= of(values["platform.lateral"], "lateral.displacement")  # a transducer of its kind
+        force = -of(np.sum([values[cell] for cell in SHEAR_CELLS], axis=0), *SHEAR_CELLS)
+        return Stiffness(force / moved, self.frequency, abs(moved))
+
+    def leaning(self, rig: Rig, values: Values) -> tuple[float, float]:
+        """Return what the wind made of roll (rad) and roll torque (N·m), the means while the track moves."""
+        roll, torque = (
+            float(one[self.shaken].mean() - one[self.calm].mean())
+            for one in (roll_of(values, rig), roll_torque(values, rig))
+        )
+        return roll, torque
+
+
+def roll_torque(values: Values, rig: Rig) -> Samples:
+    """Return the moment (N·m) about the middle between the top plates that the springs oppose, by the actuators.
+
+    The vertical ones make one, the lateral one pushes above the plates, and the weight of a rolled bolster leans over.
+    """
+    above = rig["centre_height"] + rig["lateral_actuator_height"]
+    roll = roll_of(values, rig) + values["platform.roll"]
+    leaning = bolster_weight(rig) * rig["centre_height"] * roll
+    return np.asarray(actuator_moment(values, rig) - above * values["lateral.force"] + leaning)
+
+
+def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float, wind: float) -> None:
+    """Check what the springs did, ``rolled`` (rad) by unequal preload, and keep their loops."""
+    if not all(np.isfinite(values[name][seen.shaken | seen.calm]).all() for name in READ):
+        raise NotMeasured("samples of wind and track are missing")
+    travel = run.measured(partial(_travel, seen), run.rig, values)
+    clear = load.limits.band("crosswind_and_track.travel", "mm")
+    if (
+        not run.check(TRAVEL, travel, "mm", low=clear.low, high=clear.high)
+        and float(travel) > run.rig["stop_gap"]
+    ):
+        run.lack(
+            [STIFF, DAMPED, ROLLED], "the bolster leaned on its bump stop, which is stiffer than the springs"
+        )
+        return
+
+    def numbers(rig: Rig, read: Values) -> tuple[float, ...]:
+        K = seen.stiffness(seen.shaken, rig, read)
+        roll, torque = seen.leaning(rig, read)
+        return K.storage, K.damping, torque / roll, torque
+
+    stiffness, damping, leans, torque = run.measure(numbers, run.rig, values)
+    K = seen.stiffness(seen.shaken, run.rig, values)
+    pieces = [seen.stiffness(piece, run.rig, values) for piece in seen.pieces()]
+    told = f"sheared by {K.amplitude / mm:.2f} mm at {K.frequency:g} Hz"
+    low, high = _limits(load, "stiffness", K)
+    beyond = pressure_of({name: values[name][seen.shaken] for name in PRESSURES}) - load.fill_pressure
+    more = 2 * middle(load.limits.band("lateral_stiffness_by_pressure")) * beyond
+    stiffness = stiffness.beside(SCATTER, spread([one.storage for one in pieces]))
+    run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
+    low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
+    damping = damping.beside(SCATTER, spread([one.damping for one in pieces]))
+    wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
+    damping = damping.beside(LATE, EVEN * abs(K.value) * wide * LATE_BY, even=True)
+    run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
+    other = unlike(run)
+    if rolled and wind != WIND:
+        other = f"with a roll, its limit holds in a wind of {WIND:g} m/s, not {wind:g}"
+    if other:
+        run.lack([ROLLED], other)
+    else:
+        low, high = load.limits.curve_at("crosswind_and_track.roll_stiffness", rolled, "kN*m/rad")
+        sure = "" if torque.expanded is None else f" ± {torque.expanded / kN:.2g}"
+        roll, _ = seen.leaning(run.rig, values)
+        told = f"roll torque of the pair {torque.value / kN:.2f}{sure} kN·m at {roll / mrad:.2f} mrad"
+        run.check(ROLLED, leans, "kN*m/rad", low=low, high=high, note=told)
+    _keep(run, load, seen, values)
+
+
+def _travel(seen: Seen, rig: Rig, values: Values) -> float:
+    """Return how far the bolster went towards its bump stop at the most (m), without the noise of a sample."""
+    way = stop_travel_of(values, rig) - values["platform.lateral"]
+    return float(np.percentile(np.abs(way - way[seen.calm].mean()), 99.5))
+
+
+def _limits(load: Load, name: str, K: Stiffness) -> tuple[float, float]:
+    """Return the limits at the amplitude of ``K``; beyond the file's places those of the last."""
+    name = f"crosswind_and_track.{name}"
+    places = load.limits.curve(name, "kN/m")
+    return load.limits.curve_at(name, float(np.clip(K.amplitude, min(places), max(places))), "kN/m")
+
+
+def middle(band: Band) -> float:
+    """Return what lies in the middle of limits."""
+    return 0.5 * ((band.low or 0.0) + (band.high or 0.0))
+
+
+def spread(found: list[float]) -> float:
+    """Return the standard uncertainty of the mean of what several pieces tell."""
+    return float(np.std(found, ddof=1)) / len(found) ** 0.5
+
+
+def _keep(run: Run, load: Load, seen: Seen, values: Values) -> None:
+    from bench_records.curves import Axis
+
+    shear = shear_of(values, run.rig) - values["platform.lateral"]
+    force = -np.sum([values[cell] for cell in SHEAR_CELLS], axis=0)
+    roll, torque = roll_of(values, run.rig), roll_torque(values, run.rig)
+    for what, x, y, xs, ys in (
+        ("force over displacement", Axis("displacement", "mm", mm), Axis("force", "kN", kN), shear, force),
+        ("roll torque over roll", Axis("roll", "mrad", mrad), Axis("roll torque", "kN*m", kN), roll, torque),
+    ):
+        along, up = (one - one[seen.calm].mean() for one in (xs, ys))
+        run.loop(load.name, x, y, along[::KEPT], up[::KEPT], group=f"Wind and track: {what}")
+
+
+crosswind_and_track_aw0, crosswind_and_track_aw3 = (
+    plan_under(
+        load,
+        _crosswind_and_track,
+        name,
+        setup=take_up(load),
+        teardown=leave_connected,
+        lasts=lasts,
+        needs=(
+            *steps.CARRYING,
+            *READ,
+            *FREE_SIDEWAYS,
+            *(f"{axis}_setpoint" for axis in TRACK),
+            *(f"{name}_setpoint" for name in PUSHED),
+            *SEEING,
+            *ACTUATORS,
+            *WEIGHT,
+            "spring_half_spacing",
+            "stop_gap",
+            *lags((*HEIGHTS, "lateral.displacement", "lateral.force", *SHEAR_CELLS)),
+        ),
+        requires=on_the_bench(load),
+        checks=(TRAVEL, STIFF, DAMPED, ROLLED),
+    )
+    for load, name, lasts in (
+        (AW0, "crosswind_and_track_aw0", 52 * s),
+        (AW3, "crosswind_and_track_aw3", 60 * s),
+    )
+)
