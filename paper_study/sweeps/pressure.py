@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench_protocol.units import Hz, kN, mm, s
+from bench_protocol.units import Hz, mm, s
 from test_plans import steps
 from test_plans.analysis import Stiffness, straight_line
 from test_plans.analysis.geometry import Rig
 from test_plans.check_names import CheckName
 from test_plans.loads import Load
+from test_plans.steps.carrying import part_of
 from test_plans.steps.fittings import put_down
 from test_plans.steps.poses import go_home
 from test_plans.steps.tables import AMPLITUDE, DAMPING, PRESSURE, STORAGE, keep
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 #: Slow enough for a quasi-static spring, and descending: a small loop settles sooner after a large one.
 SLOW: Final = 0.5 * Hz
 SLOW_LEAD: Final = 6 * s
-#: The steps of the preloads.
-SHIM: Final = 0.5 * kN
 BY_PRESSURE: Final = CheckName(
     "lateral stiffness by pressure at 10 mm",
     "How much the lateral stiffness grows with pressure: it separates the share of the air from that of the rubber.",
@@ -104,11 +103,6 @@ class LateralPressure:
             )
 
         return measure_sines(run, [*self.sines[small], *self.sines[large]], lateral_stiffness, evaluate)
-
-
-def part_of(run: Run, name: str, part: float) -> Load:
-    """Return a load case of ``part`` of the preload of load case ``name``, in whole steps of the shims."""
-    return run.specimen.load_of(name, round(part * run.specimen.load(name).preload / SHIM) * SHIM)
 
 
 def carry_first(name: str, parts: Sequence[float]) -> Callable[[Run], None]:

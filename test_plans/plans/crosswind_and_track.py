@@ -34,7 +34,7 @@ from test_plans.parameters import Range
 from test_plans.plan import plan_under
 from test_plans.preconditions import on_the_bench
 from test_plans.run import Run
-from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN
+from test_plans.steps.carrying import FREE_SIDEWAYS, PRELOAD_WITHIN, part_of
 from test_plans.steps.fittings import leave_connected
 from test_plans.steps.of_the_bench import unlike
 from test_plans.steps.shaking import SAMPLE_RATE
@@ -51,7 +51,6 @@ from test_plans.steps.wind import (
     side_force,
     spectrum,
 )
-from test_plans.sweeps.pressure import part_of
 
 Values = Mapping[str, Samples]
 Wind = Literal["steady", "gust", "stochastic"]

@@ -57,6 +57,8 @@ AVERAGE_OVER: Final = 1 * s
 KEEP_AVERAGE: Final = 0.4 * s
 KEEP_TOLERANCE: Final = 0.1 * bar
 LATERAL_RATE: Final = 2 * kN / s
+#: The steps of the preloads.
+SHIM: Final = 0.5 * kN
 
 VENT_WITHIN: Final = 3 * minutes
 NOT_EMPTY: Final = "the springs are not known to be empty"
@@ -141,6 +143,11 @@ def carry(load: str | Load) -> Callable[[Run], None]:
 def carry_load(run: Run, load: str) -> None:
     """Let both springs carry the load case that the plan's parameter ``load`` names: a set-up."""
     carry(load)(run)
+
+
+def part_of(run: Run, name: str, part: float) -> Load:
+    """Return a load case of ``part`` of the preload of load case ``name``, in whole steps of the shims."""
+    return run.specimen.load_of(name, round(part * run.specimen.load(name).preload / SHIM) * SHIM)
 
 
 def shim(run: Run, load: Load) -> None:

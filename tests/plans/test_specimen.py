@@ -13,7 +13,6 @@ from bench_records.junit import junit
 from bench_records.report import write_report
 from bench_records.result import Outcome, read_result
 from paper_study.plans.lateral_pressure import PARTS
-from paper_study.sweeps.pressure import part_of
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.loads import Band, Limits, SpecimenError
@@ -21,6 +20,7 @@ from test_plans.plan import plan
 from test_plans.plans.leak_down import leak_down
 from test_plans.run import Run
 from test_plans.specimen import ordinary, packaged, read_specimen
+from test_plans.steps.carrying import part_of
 
 TEXT = named_files("specimens")["astb"].read_text(encoding="utf-8")
 
