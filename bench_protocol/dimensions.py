@@ -31,7 +31,9 @@ DIMENSIONS: Final = {
     "spring_half_spacing": "m",
     "centre_height": "m",
     "lateral_actuator_height": "m",
+    "accelerometer_height": "m",
     "column_height": "m",
+    "load_cell_height": "m",
     "stop_gap": "m",
     "vertical_frame_stiffness": "N/m",
     "vertical_frame_damping": "N*s/m",
@@ -44,7 +46,7 @@ DIMENSIONS: Final = {
     "lateral_force_max": "N",
 }
 #: Those that may be negative: heights above a point may lie below it.
-_SIGNED: Final = ("centre_height", "lateral_actuator_height")
+_SIGNED: Final = ("centre_height", "lateral_actuator_height", "accelerometer_height", "load_cell_height")
 #: Table ``across``: how far to the left of the middle a transducer or an actuator stands (m).
 ACROSS: Final = (
     *(f"{side}.height" for side in SIDES),

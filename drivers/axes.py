@@ -89,7 +89,7 @@ class Lateral(Device):
     __slots__ = ()
     force = Reading()  #: N
     displacement = Reading()  #: m
-    acceleration = Reading()  #: m/s² at the centre of the bolster
+    acceleration = Reading()  #: m/s² across the bolster, with what its lean feels of gravity
     force_setpoint = Setpoint()  #: N
     displacement_setpoint = Setpoint()  #: m
     control = ControlMode()  #: "off" | "force" | "displacement"

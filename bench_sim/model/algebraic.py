@@ -39,7 +39,8 @@ class Algebraic(IntEnum):
     ACTUATOR_DISPLACEMENT = 59  #: of the bolster at the actuator, three
     ACTUATOR_SPEED = 62  #: three
     BUMP_STOP = 65
-    LATERAL_ACCELERATION = 66
+    LATERAL_ACCELERATION = 66  #: of the bolster's centre, m/s²
+    ACCELEROMETER = 67  #: what an ideal accelerometer on the bolster reads, m/s²
     LEVELING_FLOW = 68  #: kg/s through the leveling valve into the auxiliary chamber, per side
     ORIFICE_FLOW = 70  #: kg/s from bellows to auxiliary chamber, per side
     DPV_FLOW = 72  #: kg/s from left to right

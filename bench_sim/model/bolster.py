@@ -40,6 +40,17 @@ def stop_force(displacement: float, par: Any) -> float:
 
 
 @compiled
+def felt_acceleration(roll: float, lateral: float, vertical: float, angular: float, par: Any) -> float:
+    """ÿ + (g + z̈)φ − h_m φ̈ in m/s²: what an accelerometer h_m above the bolster's centre reads across the bolster.
+
+    It reads its own acceleration less that of gravity, along an axis that leans with the bolster. Left side up leans
+    that axis up on the left, where the weight is felt as an acceleration to the left, and moves what is above the
+    centre to the right.
+    """
+    return lateral + (par.gravity + vertical) * roll - par.accelerometer_height * angular
+
+
+@compiled
 def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
     """m z̈ = ΣF_z − ΣF_act − m g;  m ÿ = ΣF_y + F_act + F_bs;  J φ̈ = Σ moments.
 
@@ -51,6 +62,13 @@ def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
     dx[State.BOLSTER_VERTICAL_SPEED] = dx[State.BOLSTER_VERTICAL_SPEED] / par.bolster_mass - par.gravity
     dx[State.BOLSTER_ROLL_SPEED] /= par.bolster_inertia
     out[Algebraic.LATERAL_ACCELERATION] = dx[State.BOLSTER_LATERAL_SPEED]
+    out[Algebraic.ACCELEROMETER] = felt_acceleration(
+        x[State.BOLSTER_ROLL],
+        dx[State.BOLSTER_LATERAL_SPEED],
+        dx[State.BOLSTER_VERTICAL_SPEED],
+        dx[State.BOLSTER_ROLL_SPEED],
+        par,
+    )
     for k in range(3):
         dx[State.BOLSTER_LATERAL + k] += x[State.BOLSTER_LATERAL_SPEED + k]
 

@@ -140,6 +140,7 @@ _ELSEWHERE: Final = frozenset(
         "centre_height",
         "actuator_half_spacing",
         "lateral_actuator_height",
+        "accelerometer_height",
         "bump_stop_travel",
         "bump_stop_force",
         "actuator_frequency",

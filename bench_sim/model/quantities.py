@@ -117,6 +117,7 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_each("kg*m2", "bolster_inertia"),
     *_each("m/s2", "gravity"),
     *_each("m", "spring_half_spacing", "centre_height", "actuator_half_spacing", "lateral_actuator_height"),
+    *_each("m", "accelerometer_height"),
     *_each("m", "bump_stop_travel", shape=(BUMP_POINTS,)),
     *_each("N", "bump_stop_force", shape=(BUMP_POINTS,)),
     # actuators and platform

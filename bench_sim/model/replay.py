@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench_sim.model.actuator import bolster_point
 from bench_sim.model.air_spring import air_spring
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
-from bench_sim.model.bolster import stop_force
+from bench_sim.model.bolster import felt_acceleration, stop_force
 from bench_sim.model.compiled import compiled, compiled_once, compiled_parallel
 from bench_sim.model.layout import (
     ACTUATORS,
@@ -123,6 +123,7 @@ def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: An
     difference = (moment - par.bolster_inertia * phi) / par.actuator_half_spacing
     out[Algebraic.BUMP_STOP] = bump
     out[Algebraic.LATERAL_ACCELERATION] = y
+    out[Algebraic.ACCELEROMETER] = felt_acceleration(x[State.BOLSTER_ROLL], y, z, phi, par)
     out[Algebraic.ACTUATOR_FORCE] = 0.5 * (both + difference)
     out[Algebraic.ACTUATOR_FORCE + 1] = 0.5 * (both - difference)
     out[Algebraic.ACTUATOR_FORCE + LATERAL] = lateral

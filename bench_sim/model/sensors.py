@@ -64,7 +64,7 @@ def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
             x, mem, par, j, force, out[Algebraic.ACTUATOR_DISPLACEMENT + j]
         )
     load_cell_term(par, out, values)
-    values[Sensor.LATERAL_ACCELERATION] = out[Algebraic.LATERAL_ACCELERATION]
+    values[Sensor.LATERAL_ACCELERATION] = out[Algebraic.ACCELEROMETER]
     values[Sensor.PLATFORM_VERTICAL] = x[State.PLATFORM_VERTICAL]
     values[Sensor.PLATFORM_LATERAL] = x[State.PLATFORM_LATERAL]
     values[Sensor.PLATFORM_ROLL] = x[State.PLATFORM_ROLL]

@@ -20,7 +20,9 @@ _PARAMETERS: Final = {
             "spring_half_spacing",
             "centre_height",
             "lateral_actuator_height",
+            "accelerometer_height",
             "column_height",
+            "load_cell_height",
             "actuator_frequency",
             "actuator_damping",
         )

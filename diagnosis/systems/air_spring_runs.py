@@ -33,7 +33,8 @@ class PreparedRun:
         self.motion = Motion.through(_motion(experiment, par), experiment.step)
         if "lateral.acceleration" in experiment.inputs:
             # An accelerometer is quieter than the second derivative of a displacement.
-            self.motion = self.motion.accelerated(0, experiment.inputs["lateral.acceleration"])
+            read = experiment.inputs["lateral.acceleration"]
+            self.motion = self.motion.accelerated(0, _of_the_centre(read, self.motion, par))
         #: Whether a leveling valve is connected at any time; else what is known of it changes nothing.
         self.fed = feeds(self.inputs)
         self.supply = (
@@ -86,6 +87,13 @@ class PreparedRun:
     def _traced(self, step: float) -> TracedReplay:
         start = self.experiment.settings.get("start", 0.0)
         return TracedReplay(self._par, self.motion, self.inputs, self.supply, step=step, start=start)
+
+
+def _of_the_centre(read: Array, motion: Motion, par: Any) -> Array:
+    """Return ÿ (n,) of the bolster's centre where its accelerometer ``read`` ÿ + (g + z̈)φ − h_m φ̈."""
+    roll = motion.displacement[:, 2]
+    vertical, angular = motion.acceleration[:, 1], motion.acceleration[:, 2]
+    return read - (par.gravity + vertical) * roll + par.accelerometer_height * angular
 
 
 def given(experiment: Experiment, name: str, default: float | None = None) -> Array:

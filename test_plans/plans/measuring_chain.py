@@ -273,7 +273,13 @@ def _zeros(
     """
     for group, (tolerance, unit) in ZEROS.items():
         for name in BY_GROUP[group]:
-            yield READS_ZERO[group].of(of=name), {name: 1.0}, 0.0, tolerance, unit
+            read = {name: 1.0}
+            if group is Group.ACCELERATION:
+                # It leans with the bolster: gφ is no error of its.
+                left, right = (rig[one] for one in LASERS)
+                lean = rig["gravity"] / (left - right)
+                read |= {"left.height": -lean, "right.height": lean}
+            yield READS_ZERO[group].of(of=name), read, 0.0, tolerance, unit
     for cell in VERTICAL_CELLS:
         yield CELL_OF_BOLSTER.of(of=cell), {cell: 1.0}, rest_load(rig, cell), CELL_ZERO, "N"
     for height, piston in zip(HEIGHTS, PISTONS, strict=True):

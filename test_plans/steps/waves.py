@@ -56,7 +56,13 @@ SLOW_LATERAL_WAVES: Final = (  #: below `SEISMIC`
     *SEEING,
     *lags((*HEIGHTS, "lateral.displacement", "lateral.force", *SHEAR_CELLS)),
 )
-LATERAL_WAVES: Final = (*SLOW_LATERAL_WAVES, _ACCELEROMETER, lag(_ACCELEROMETER))
+LATERAL_WAVES: Final = (
+    *SLOW_LATERAL_WAVES,
+    _ACCELEROMETER,
+    lag(_ACCELEROMETER),
+    "accelerometer_height",
+    "gravity",
+)
 VERTICAL_WAVES: Final = (*_VERTICAL, *GENERATOR, *CELLS, *LASERS, *lags((*HEIGHTS, *VERTICAL_CELLS)))
 
 Values = dict[str, Samples]
@@ -124,7 +130,9 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
         pinned -= of("lateral.force") / rig["lateral_frame_stiffness"]
         X = pinned + (rig["centre_height"] + rig["lateral_actuator_height"]) * roll
     else:
-        centre = -of(_ACCELEROMETER) / (tau * frequency) ** 2
+        # It reads ÿ + gφ − hφ̈: its axis leans with the bolster, and it stands h above the centre.
+        centre = (rig["gravity"] * roll - of(_ACCELEROMETER)) / (tau * frequency) ** 2
+        centre += rig["accelerometer_height"] * roll
         X = centre + rig["centre_height"] * roll
     F = -0.5 * sum(of(cell) for cell in SHEAR_CELLS)
     return Stiffness(F / X, frequency, abs(X))
