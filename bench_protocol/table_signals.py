@@ -91,7 +91,12 @@ MEASUREMENTS: Final = (
     _reading("load_cell.4", 130, Group.VERTICAL_LOAD_CELL, f"Load cell 4: {_UPRIGHT}"),
     _reading("load_cell.5", 132, Group.LATERAL_LOAD_CELL, f"Load cell 5: {_ACROSS}"),
     _reading("load_cell.6", 134, Group.LATERAL_LOAD_CELL, f"Load cell 6: {_ACROSS}"),
-    _reading("lateral.acceleration", 136, Group.ACCELERATION, "Accelerometer on the bolster, across it: where it leans, it reads gravity too"),
+    _reading(
+        "lateral.acceleration",
+        136,
+        Group.ACCELERATION,
+        "Accelerometer across the bolster; its lean reads gravity",
+    ),
     _reading("platform.vertical", 148, Group.PLATFORM_DISPLACEMENT, "Vibration platform, up"),
     _reading("platform.lateral", 150, Group.PLATFORM_DISPLACEMENT, "Vibration platform, left"),
     _reading("platform.roll", 152, Group.PLATFORM_ROLL, "Vibration platform, left side up"),
